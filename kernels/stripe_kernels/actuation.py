@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels that run before and after each physics step: efforts, external wrenches, velocity limits."""
+
+import warp as wp
+
+__all__ = ["apply_effort_targets", "apply_external_wrench", "clamp_velocity"]
+
+
+@wp.kernel(enable_backward=False)
+def apply_effort_targets(
+    effort_target: wp.array[float],
+    velocity_target: wp.array[float],
+    velocity_gain: wp.array[float],
+    effort_limit: wp.array[float],
+    has_actuator: wp.array[wp.bool],
+    joint_f: wp.array[float],
+):
+    """Write the efforts that accompany the solver's drives.
+
+    ``joint_f = clamp(effort_target + velocity_gain * velocity_target, -effort_limit, effort_limit)``; zero where an
+    explicit actuator follows, which adds its own law with the same target as feed-forward.
+
+    Args:
+        effort_target: Effort asked for [N or N m], shape ``(joint_dof_count,)``.
+        velocity_target: Velocity asked for [m/s or rad/s], shape ``(joint_dof_count,)``.
+        velocity_gain: Damping of a drive that follows a position alone [N s/m or N m s/rad], else zero.
+        effort_limit: Largest effort [N or N m], shape ``(joint_dof_count,)``.
+        has_actuator: Whether an explicit actuator drives the degree of freedom, shape ``(joint_dof_count,)``.
+        joint_f: Output, generalized force [N or N m], shape ``(joint_dof_count,)``.
+    """
+    dof = wp.tid()
+    if has_actuator[dof]:
+        joint_f[dof] = 0.0
+    else:
+        effort = effort_target[dof] + velocity_gain[dof] * velocity_target[dof]
+        joint_f[dof] = wp.clamp(effort, -effort_limit[dof], effort_limit[dof])
+
+
+@wp.kernel(enable_backward=False)
+def apply_external_wrench(
+    body_q: wp.array[wp.transform],
+    wrench: wp.array[wp.spatial_vector],
+    in_world: wp.array[wp.bool],
+    body_f: wp.array[wp.spatial_vector],
+):
+    """Write the external wrench of each body, about its centre of mass, in the world frame.
+
+    Args:
+        body_q: Body poses in the world frame [m, rad].
+        wrench: Force and torque about the centre of mass [N, N m], in the frame that ``in_world`` says.
+        in_world: Whether the wrench is given in the world frame; otherwise in the body's.
+        body_f: Output, wrench in the world frame [N, N m].
+    """
+    body = wp.tid()
+    w = wrench[body]
+    if in_world[body]:
+        body_f[body] = w
+    else:
+        q = wp.transform_get_rotation(body_q[body])
+        body_f[body] = wp.spatial_vector(
+            wp.quat_rotate(q, wp.spatial_top(w)), wp.quat_rotate(q, wp.spatial_bottom(w))
+        )
+
+
+@wp.kernel(enable_backward=False)
+def clamp_velocity(limit: wp.array[float], joint_qd: wp.array[float]):
+    """Clamp joint velocities to ``[-limit, limit]`` [m/s or rad/s]; shapes ``(joint_dof_count,)``."""
+    dof = wp.tid()
+    joint_qd[dof] = wp.clamp(joint_qd[dof], -limit[dof], limit[dof])

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Warp kernels that turn what Newton's camera sensor traced (distance, normal, shape) into a picture.
+
+The sensor's rays give geometry; light, shadow, ground pattern, sky and fog are worked out here, once for each sample.
+Colours are linear RGB until :func:`encode` writes sRGB bytes.
+"""
+
+import warp as wp
+
+__all__ = ["SAMPLES", "Look", "gather_bodies", "mark_edges", "resolve_edges", "shade_pixels", "shadow_casters"]
+
+SAMPLES = 4
+"""Rays through a pixel that lies on an edge."""
+
+FAR = wp.constant(1.0e30)
+NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
+
+
+@wp.struct
+class Look:
+    """What is the same for all pixels of a frame."""
+
+    width: wp.int32
+    height: wp.int32
+    tan_x: wp.float32  # half the picture's width and height at distance 1
+    tan_y: wp.float32
+    eye: wp.vec3f
+    right: wp.vec3f
+    up: wp.vec3f
+    back: wp.vec3f
+    to_sun: wp.vec3f
+    sun: wp.vec3f
+    sky: wp.vec3f
+    ground: wp.vec3f
+    horizon: wp.vec3f
+    zenith: wp.vec3f
+    fog_start: wp.float32  # [m]
+    fog_length: wp.float32  # [m], 0: none
+    tile: wp.float32  # side of a square of the ground pattern [m]
+    shadow_size: wp.int32  # texels, 0: no shadows
+    shadow_half: wp.float32  # half the side of the shadow map [m]
+    shadow_start: wp.float32  # from the map's centre towards the sun, where its rays begin [m]
+    shadow_center: wp.vec3f
+    shadow_x: wp.vec3f
+    shadow_y: wp.vec3f
+
+
+@wp.func
+def sample_direction(look: Look, x: float, y: float):
+    """World direction (unit) through the point (x, y) of the picture, in pixels from its upper left corner."""
+    u = (2.0 * x / float(look.width) - 1.0) * look.tan_x
+    v = (1.0 - 2.0 * y / float(look.height)) * look.tan_y
+    return wp.normalize(look.right * u + look.up * v - look.back)
+
+
+@wp.func
+def sample_offset(sample: int):
+    """Where in its pixel a sample lies: four points no two of which share a row or a column."""
+    if sample == 0:
+        return wp.vec2f(0.375, 0.125)
+    if sample == 1:
+        return wp.vec2f(0.875, 0.375)
+    if sample == 2:
+        return wp.vec2f(0.125, 0.625)
+    return wp.vec2f(0.625, 0.875)
+
+
+@wp.func
+def sky_color(look: Look, direction: wp.vec3f):
+    """Colour of the sky in a direction: a gradient from horizon to zenith and a glow around the sun."""
+    height = wp.clamp(direction[2], 0.0, 1.0)
+    blend = 1.0 - (1.0 - height) * (1.0 - height)
+    blend = blend * (1.55 - 0.55 * blend)
+    color = look.horizon + (look.zenith - look.horizon) * blend
+    glow = wp.max(wp.dot(direction, look.to_sun), 0.0)
+    glow = glow * glow
+    glow = glow * glow
+    return color + look.sun * (0.05 * glow * glow)
+
+
+@wp.func
+def checker_integral(x: float):
+    """Integral of the square wave that is +1 on [0, 1) and -1 on [1, 2)."""
+    h = 0.5 * x
+    return 1.0 - wp.abs(2.0 * (h - wp.floor(h)) - 1.0)
+
+
+@wp.func
+def line_integral(x: float, half: float):
+    """Integral of the comb that is 1 within ``half`` of a whole number."""
+    n = wp.floor(x + half)
+    return n * 2.0 * half + wp.min(x + half - n, 2.0 * half)
+
+
+@wp.func
+def ground_pattern(look: Look, point: wp.vec3f, direction: wp.vec3f, normal: wp.vec3f, distance: float):
+    """Brightness factor of the ground: squares and their joints, averaged over the pixel's footprint."""
+    pixel = 2.0 * look.tan_y / float(look.height) * distance
+    slope = wp.max(wp.abs(wp.dot(direction, normal)), 1.0e-3)
+    flat = wp.vec2f(direction[0], direction[1])
+    flat_length = wp.max(wp.length(flat), 1.0e-6)
+    along_x = wp.abs(flat[0]) / flat_length
+    along_y = wp.abs(flat[1]) / flat_length
+    stretch = pixel / slope
+    wx = (along_x * stretch + along_y * pixel) / look.tile + 1.0e-4
+    wy = (along_y * stretch + along_x * pixel) / look.tile + 1.0e-4
+    x = point[0] / look.tile
+    y = point[1] / look.tile
+    cx = (checker_integral(x + 0.5 * wx) - checker_integral(x - 0.5 * wx)) / wx
+    cy = (checker_integral(y + 0.5 * wy) - checker_integral(y - 0.5 * wy)) / wy
+    half = 0.009
+    lx = (line_integral(x + 0.5 * wx, half) - line_integral(x - 0.5 * wx, half)) / wx
+    ly = (line_integral(y + 0.5 * wy, half) - line_integral(y - 0.5 * wy, half)) / wy
+    line = lx + ly - lx * ly
+    return (1.0 + 0.075 * cx * cy) * (1.0 + 0.38 * line)
+
+
+@wp.func
+def shadow_tap(casters: wp.array[wp.float32], size: int, ix: int, iy: int, depth: float):
+    """1 where the caster of texel (ix, iy) is nearer to the sun than ``depth`` [m], else 0; 0 outside the map."""
+    if ix < 0 or iy < 0 or ix >= size or iy >= size:
+        return 0.0
+    if casters[iy * size + ix] < depth:
+        return 1.0
+    return 0.0
+
+
+@wp.func
+def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, normal: wp.vec3f):
+    """Share of the sun that reaches ``point``: shadow-map texels near it, weighted by a smooth bump."""
+    size = look.shadow_size
+    texel = 2.0 * look.shadow_half / float(size)
+    p = point + normal * (2.0 * texel) - look.shadow_center
+    x = (wp.dot(p, look.shadow_x) / look.shadow_half * 0.5 + 0.5) * float(size)
+    y = (0.5 - wp.dot(p, look.shadow_y) / look.shadow_half * 0.5) * float(size)
+    if x < -3.0 or y < -3.0 or x > float(size) + 3.0 or y > float(size) + 3.0:
+        return 1.0
+    depth = look.shadow_start - wp.dot(p, look.to_sun) - 1.5 * texel
+    ix = int(wp.floor(x))
+    iy = int(wp.floor(y))
+    probe = (
+        shadow_tap(casters, size, ix, iy, depth)
+        + shadow_tap(casters, size, ix - 2, iy - 2, depth)
+        + shadow_tap(casters, size, ix + 2, iy - 2, depth)
+        + shadow_tap(casters, size, ix - 2, iy + 2, depth)
+        + shadow_tap(casters, size, ix + 2, iy + 2, depth)
+    )
+    if probe == 0.0:
+        return 1.0
+    if probe == 5.0:
+        return 0.0
+    blocked = 0.0
+    total = 0.0
+    for j in range(-2, 3):
+        fy = (float(iy + j) + 0.5 - y) / 2.6
+        weight_y = wp.max(1.0 - fy * fy, 0.0)
+        for i in range(-2, 3):
+            fx = (float(ix + i) + 0.5 - x) / 2.6
+            weight = weight_y * wp.max(1.0 - fx * fx, 0.0)
+            total += weight
+            blocked += weight * shadow_tap(casters, size, ix + i, iy + j, depth)
+    return 1.0 - blocked / total
+
+
+@wp.func
+def to_linear(c: float):
+    """Linear value of an sRGB value, both 0 to 1 (error below 0.002)."""
+    return c * (c * (c * 0.305306 + 0.682171) + 0.012523)
+
+
+@wp.func
+def shade(
+    look: Look,
+    direction: wp.vec3f,
+    distance: float,
+    shape: wp.uint32,
+    hit_normal: wp.vec3f,
+    packed_albedo: wp.uint32,
+    colors: wp.array[wp.vec3f],
+    is_ground: wp.array[wp.int32],
+    casters: wp.array[wp.float32],
+):
+    """Colour of one sample as it is shown: linear, 0 to 1."""
+    backdrop = sky_color(look, direction)
+    color = backdrop
+    if shape != NO_HIT:
+        ground = wp.bool(False)
+        albedo = wp.vec3f(0.75, 0.75, 0.75)
+        if shape < wp.uint32(colors.shape[0]):
+            albedo = colors[wp.int32(shape)]
+            ground = is_ground[wp.int32(shape)] != 0
+        if packed_albedo != wp.uint32(0):
+            albedo = wp.vec3f(
+                to_linear(float(packed_albedo & wp.uint32(255)) / 255.0),
+                to_linear(float((packed_albedo >> wp.uint32(8)) & wp.uint32(255)) / 255.0),
+                to_linear(float((packed_albedo >> wp.uint32(16)) & wp.uint32(255)) / 255.0),
+            )
+        normal = hit_normal
+        if wp.dot(normal, direction) > 0.0:
+            normal = -normal
+        point = look.eye + direction * distance
+        facing = wp.dot(normal, look.to_sun)
+        lit = wp.max(facing, 0.0)
+        if lit > 0.0 and look.shadow_size > 0:
+            lit = lit * sun_visibility(look, casters, point, normal)
+        upness = 0.5 * normal[2] + 0.5
+        light = look.ground + (look.sky - look.ground) * upness + look.sun * lit
+        if ground:
+            albedo = albedo * ground_pattern(look, point, direction, normal, distance)
+        color = wp.cw_mul(albedo, light)
+        if not ground:
+            half = wp.max(wp.dot(normal, wp.normalize(look.to_sun - direction)), 0.0)
+            gloss = half * half
+            gloss = gloss * gloss
+            gloss = gloss * gloss
+            gloss = gloss * gloss
+            gloss = gloss * gloss
+            rim = 1.0 - wp.max(-wp.dot(normal, direction), 0.0)
+            rim = rim * rim * rim
+            color = color + look.sun * (0.16 * gloss * lit) + look.horizon * (0.16 * rim * upness)
+        if look.fog_length > 0.0:
+            deep = wp.max(distance - look.fog_start, 0.0) / look.fog_length
+            fog = 1.0 - wp.exp(-deep * wp.min(deep, 1.0))
+            color = color + (look.horizon - color) * fog
+    return wp.vec3f(tone(color[0]), tone(color[1]), tone(color[2]))
+
+
+@wp.func
+def tone(c: float):
+    """Compress highlights by Reinhard's curve with a white point (Reinhard et al. 2002, eq. 4)."""
+    x = 1.75 * wp.max(c, 0.0)
+    return wp.min(x * (1.0 + x / 3.2) / (1.0 + x), 1.0)
+
+
+@wp.func
+def encode_channel(c: float):
+    """SRGB byte of a linear value, by square roots (error below 1/255)."""
+    s1 = wp.sqrt(c)
+    s2 = wp.sqrt(s1)
+    s3 = wp.sqrt(s2)
+    x = 0.662002687 * s1 + 0.684122060 * s2 - 0.323583601 * s3 - 0.0225411470 * c
+    return wp.uint8(wp.clamp(x, 0.0, 1.0) * 255.0 + 0.5)
+
+
+@wp.func
+def encode(color: wp.vec3f, pixel: int, picture: wp.array[wp.uint8]):
+    """Write a linear colour as three sRGB bytes."""
+    picture[3 * pixel] = encode_channel(color[0])
+    picture[3 * pixel + 1] = encode_channel(color[1])
+    picture[3 * pixel + 2] = encode_channel(color[2])
+
+
+@wp.kernel(enable_backward=False)
+def gather_bodies(source: wp.array[wp.transformf], index: wp.array[wp.int32], out: wp.array[wp.transformf]):
+    """Copy the poses that ``index`` names: ``out[i] = source[index[i]]``."""
+    i = wp.tid()
+    out[i] = source[index[i]]
+
+
+@wp.kernel(enable_backward=False)
+def shade_pixels(
+    look: Look,
+    depth: wp.array[wp.float32],
+    shape: wp.array[wp.uint32],
+    normal: wp.array[wp.vec3f],
+    albedo: wp.array[wp.uint32],
+    colors: wp.array[wp.vec3f],
+    is_ground: wp.array[wp.int32],
+    casters: wp.array[wp.float32],
+    picture: wp.array[wp.uint8],
+):
+    """Shade one ray through the middle of every pixel. ``albedo`` is empty where no shape has a texture."""
+    pixel = wp.tid()
+    x = pixel % look.width
+    y = pixel // look.width
+    direction = sample_direction(look, float(x) + 0.5, float(y) + 0.5)
+    packed = wp.uint32(0)
+    if albedo.shape[0] > 0:
+        packed = albedo[pixel]
+    color = shade(look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters)
+    encode(color, pixel, picture)
+
+
+@wp.func
+def is_edge(i: int, j: int, shape: wp.array[wp.uint32], normal: wp.array[wp.vec3f]):
+    """Whether two pixels show different surfaces: another shape, or a normal turned by over 45 degrees."""
+    if shape[i] != shape[j]:
+        return True
+    if wp.dot(normal[i], normal[j]) < 0.7:
+        return shape[i] != NO_HIT
+    return False
+
+
+@wp.kernel(enable_backward=False)
+def mark_edges(
+    look: Look,
+    shape: wp.array[wp.uint32],
+    normal: wp.array[wp.vec3f],
+    capacity: wp.int32,
+    count: wp.array[wp.int32],
+    pixels: wp.array[wp.int32],
+    rays: wp.array2d[wp.vec3f],
+):
+    """List the pixels whose neighbours show another surface, and write rays (camera frame) for each of them."""
+    pixel = wp.tid()
+    x = pixel % look.width
+    y = pixel // look.width
+    edge = wp.bool(False)
+    if x > 0:
+        edge = edge or is_edge(pixel, pixel - 1, shape, normal)
+    if x + 1 < look.width and not edge:
+        edge = is_edge(pixel, pixel + 1, shape, normal)
+    if y > 0 and not edge:
+        edge = is_edge(pixel, pixel - look.width, shape, normal)
+    if y + 1 < look.height and not edge:
+        edge = is_edge(pixel, pixel + look.width, shape, normal)
+    if not edge:
+        return
+    slot = wp.atomic_add(count, 0, 1)
+    if slot >= capacity:
+        return
+    pixels[slot] = pixel
+    for sample in range(wp.static(SAMPLES)):
+        offset = sample_offset(sample)
+        u = (2.0 * (float(x) + offset[0]) / float(look.width) - 1.0) * look.tan_x
+        v = (1.0 - 2.0 * (float(y) + offset[1]) / float(look.height)) * look.tan_y
+        rays[slot * wp.static(SAMPLES) + sample, 0] = wp.vec3f(0.0)
+        rays[slot * wp.static(SAMPLES) + sample, 1] = wp.normalize(wp.vec3f(u, v, -1.0))
+
+
+@wp.kernel(enable_backward=False)
+def resolve_edges(
+    look: Look,
+    pixels: wp.array[wp.int32],
+    depth: wp.array[wp.float32],
+    shape: wp.array[wp.uint32],
+    normal: wp.array[wp.vec3f],
+    albedo: wp.array[wp.uint32],
+    colors: wp.array[wp.vec3f],
+    is_ground: wp.array[wp.int32],
+    casters: wp.array[wp.float32],
+    picture: wp.array[wp.uint8],
+):
+    """Shade the samples of each listed pixel and write their mean."""
+    slot = wp.tid()
+    pixel = pixels[slot]
+    x = pixel % look.width
+    y = pixel // look.width
+    total = wp.vec3f(0.0)
+    for sample in range(wp.static(SAMPLES)):
+        i = slot * wp.static(SAMPLES) + sample
+        offset = sample_offset(sample)
+        direction = sample_direction(look, float(x) + offset[0], float(y) + offset[1])
+        packed = wp.uint32(0)
+        if albedo.shape[0] > 0:
+            packed = albedo[i]
+        total += shade(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters)
+    encode(total / float(wp.static(SAMPLES)), pixel, picture)
+
+
+@wp.func
+def caster_distance(i: int, depth: wp.array[wp.float32], shape: wp.array[wp.uint32], is_ground: wp.array[wp.int32]):
+    """Distance of what the ray of texel ``i`` meets, FAR if it is a ground or nothing."""
+    s = shape[i]
+    if s == NO_HIT:
+        return FAR
+    if s < wp.uint32(is_ground.shape[0]) and is_ground[wp.int32(s)] != 0:
+        return FAR
+    return depth[i]
+
+
+@wp.kernel(enable_backward=False)
+def shadow_casters(
+    size: wp.int32,
+    depth: wp.array[wp.float32],
+    shape: wp.array[wp.uint32],
+    is_ground: wp.array[wp.int32],
+    casters: wp.array[wp.float32],
+):
+    """Distance of what casts a shadow, along each ray of the sun; grounds only receive.
+
+    A ray that hits nothing takes over its neighbours' caster, so that things thinner than a texel leave no gaps.
+    """
+    i = wp.tid()
+    x = i % size
+    y = i // size
+    distance = caster_distance(i, depth, shape, is_ground)
+    if distance == FAR and x > 0 and y > 0 and x < size - 1 and y < size - 1:
+        distance = wp.min(
+            wp.min(caster_distance(i - 1, depth, shape, is_ground), caster_distance(i + 1, depth, shape, is_ground)),
+            wp.min(
+                caster_distance(i - size, depth, shape, is_ground),
+                caster_distance(i + size, depth, shape, is_ground),
+            ),
+        )
+    casters[i] = distance

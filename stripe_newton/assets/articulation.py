@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robots, and whatever else has joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import newton
+import torch
+
+from stripe_newton.matching import match_names, match_values
+
+from .articulation_cfg import ArticulationCfg
+from .articulation_data import ArticulationData
+from .asset_base import BoundAsset, EnvIds
+from .binding import place_root, select_layout
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+__all__ = ["Articulation"]
+
+JointIds = Sequence[int] | torch.Tensor | slice | None
+"""Joints by index; ``None`` means all."""
+
+
+class Articulation(BoundAsset):
+    """An articulation in every environment; its state is in :attr:`data`.
+
+    Create it in ``_setup_scene``, or by a field of the scene config. Targets are set by
+    ``set_joint_*_target`` and act from the next physics step until changed.
+    """
+
+    cfg: ArticulationCfg
+    _data: ArticulationData
+
+    def prepare(self, layouts: Any, builder: newton.ModelBuilder) -> None:
+        """Find the articulation and write initial state and actuators onto the builder of one environment.
+
+        Raises:
+            ValueError: everything in the config that does not fit the articulation, at once.
+        """
+        cfg = self.cfg
+        self.layout = layout = select_layout(self, layouts, cfg.articulation_root_prim_path)
+        place_root(builder, layout, cfg.init_state)
+        names, problems = layout.joint_names, []
+        for field, array, rows in (
+            ("joint_pos", builder.joint_q, layout.coords),
+            ("joint_vel", builder.joint_qd, layout.dofs),
+        ):
+            values = getattr(cfg.init_state, field)
+            if not values or not names or (len(rows) != len(names) and set(values) == {".*"}):
+                continue
+            try:
+                for i, value in match_values(values, names, what="joint").items():
+                    array[rows[i]] = value
+            except ValueError as error:
+                problems.append(f"init_state.{field}: {error}")
+        owners: dict[int, str] = {}
+        self._velocity_limits: dict[int, float] = {}
+        for group, actuator in cfg.actuators.items():
+            try:
+                ids = actuator.apply(builder, names, layout.dofs, layout.coords)
+                self._velocity_limits |= actuator.limited_velocities(names)
+            except ValueError as error:
+                problems.append(f"actuators.{group}: {error}")
+                continue
+            twice = [names[i] for i in ids if i in owners]
+            if twice:
+                problems.append(f"actuators.{group}: joint '{twice[0]}' is in group '{owners[ids[0]]}' too")
+            owners.update(dict.fromkeys(ids, group))
+        for coord, dof in zip(layout.coords, layout.dofs, strict=False):
+            builder.joint_target_q[coord] = builder.joint_q[coord]
+            builder.joint_target_qd[dof] = builder.joint_qd[dof]
+        if problems:
+            from stripe_newton.configclass import ConfigError
+
+            raise ConfigError([f"articulation '{cfg.prim_path}': {p}" for p in problems])
+
+    def initialize(self, sim: Simulation) -> None:
+        super().initialize(sim)
+        self._data = ArticulationData(sim, self.layout, self.cfg.soft_joint_pos_limit_factor)
+        self._data.set_defaults(self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device))
+        self._data.default_joint_pos = self._data.joint_pos.clone()
+        self._data.default_joint_vel = self._data.joint_vel.clone()
+        if self._velocity_limits:
+            rows = torch.tensor([self.layout.dofs[i] for i in self._velocity_limits], device=sim.device)
+            values = torch.tensor(list(self._velocity_limits.values()), device=sim.device)
+            sim.per_env(sim.velocity_limit)[:, rows] = values
+            sim.limit_velocities()
+
+    # -- what it is
+
+    @property
+    def data(self) -> ArticulationData:
+        """State of the articulation."""
+        return self._data
+
+    @property
+    def is_fixed_base(self) -> bool:
+        """Whether the root is fixed to the world."""
+        return not self.layout.floating
+
+    @property
+    def num_joints(self) -> int:
+        """Number of degrees of freedom, without those of a free root."""
+        return len(self.layout.joint_names)
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names, one a degree of freedom; a joint with several gives ``name:0``, ``name:1``, ..."""
+        return list(self.layout.joint_names)
+
+    def find_joints(
+        self, name_keys: str | Sequence[str], joint_subset: Sequence[str] | None = None, preserve_order: bool = False
+    ) -> tuple[list[int], list[str]]:
+        """Indices and names of the joints that match regular expressions.
+
+        Args:
+            name_keys: Expressions that must match the whole name.
+            joint_subset: Search among these names alone; indices are then into this list.
+            preserve_order: In the order of the expressions.
+
+        Raises:
+            ValueError: if an expression matches nothing; the message lists what there is.
+        """
+        names = self.layout.joint_names if joint_subset is None else joint_subset
+        return match_names(name_keys, names, preserve_order, f"joint of '{self.cfg.prim_path}'")
+
+    # -- targets
+
+    def set_joint_position_target(self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Position targets [m or rad], shape ``(n, joints)``."""
+        self._assign(self._data.joint_pos_target, target, joint_ids, env_ids)
+
+    def set_joint_velocity_target(self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Velocity targets [m/s or rad/s], shape ``(n, joints)``."""
+        self._assign(self._data.joint_vel_target, target, joint_ids, env_ids)
+
+    def set_joint_effort_target(self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Effort targets [N or N m], shape ``(n, joints)``; they add to the drives."""
+        self._assign(self._data.joint_effort_target, target, joint_ids, env_ids)
+
+    # -- state
+
+    def write_joint_state_to_sim(
+        self, position: torch.Tensor, velocity: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
+        """Set joint positions [m or rad] and velocities [m/s or rad/s], shape ``(n, joints)``."""
+        self.write_joint_position_to_sim(position, joint_ids, env_ids)
+        self.write_joint_velocity_to_sim(velocity, joint_ids, env_ids)
+
+    def write_joint_position_to_sim(self, position: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set joint positions [m or rad], shape ``(n, joints)``."""
+        self._assign(self._data.joint_pos, position, joint_ids, env_ids)
+
+    def write_joint_velocity_to_sim(self, velocity: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set joint velocities [m/s or rad/s], shape ``(n, joints)``; accelerations restart from zero."""
+        self._assign(self._data.joint_vel, velocity, joint_ids, env_ids)
+        self._assign(self._data._previous_vel, velocity, joint_ids, env_ids)
+
+    # -- properties
+
+    def write_joint_stiffness_to_sim(self, stiffness: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set the position gains of the implicit drives [N/m or N m/rad]."""
+        self._change(self._data.joint_stiffness, stiffness, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
+
+    def write_joint_damping_to_sim(self, damping: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set the velocity gains of the implicit drives [N s/m or N m s/rad]."""
+        self._change(self._data.joint_damping, damping, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
+
+    def write_joint_effort_limit_to_sim(self, limits: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set the largest efforts [N or N m]."""
+        self._change(self._data.joint_effort_limits, limits, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
+
+    def write_joint_armature_to_sim(self, armature: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set the inertia added to the joints [kg or kg m^2]."""
+        self._change(self._data.joint_armature, armature, joint_ids, env_ids, "JOINT_DOF_INERTIAL_PROPERTIES")
+
+    def write_joint_friction_coefficient_to_sim(self, friction: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set the Coulomb friction of the joints [N or N m]."""
+        self._change(self._data.joint_friction_coeff, friction, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
+
+    def write_joint_position_limit_to_sim(self, limits: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+        """Set lower and upper limits [m or rad], shape ``(n, joints, 2)``."""
+        self._assign(self._data._lower, limits[..., 0], joint_ids, env_ids)
+        self._change(self._data._upper, limits[..., 1], joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
+
+    # -- episodes
+
+    def reset(self, env_ids: EnvIds = None) -> None:
+        """Remove external forces and bring the targets back to the default joint state."""
+        ids = self.env_indices(env_ids)
+        data = self._data
+        data.joint_pos_target[ids] = data.default_joint_pos[ids]
+        data.joint_vel_target[ids] = data.default_joint_vel[ids]
+        data.joint_effort_target[ids] = 0.0
+        self._clear_wrench(ids)
+
+    def _assign(self, buffer: torch.Tensor, value: Any, joint_ids: JointIds, env_ids: EnvIds) -> None:
+        """``buffer[env_ids, joint_ids] = value``; without ids a plain copy."""
+        if joint_ids is None and env_ids is None:
+            buffer[:] = value
+        elif env_ids is None:
+            buffer[:, joint_ids] = value
+        elif joint_ids is None:
+            buffer[self.env_indices(env_ids)] = value
+        else:
+            columns = torch.arange(buffer.shape[1], device=self.device)[joint_ids]
+            buffer[self.env_indices(env_ids).unsqueeze(1), columns] = value
+
+    def _change(self, buffer: torch.Tensor, value: Any, joint_ids: JointIds, env_ids: EnvIds, flag: str) -> None:
+        self._assign(buffer, value, joint_ids, env_ids)
+        self._sim.refresh_drives()
+        self._sim.notify(newton.ModelFlags[flag])

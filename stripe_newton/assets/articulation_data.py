@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""State of an articulation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+
+from .root_data import RootData
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+    from .layout import Layout
+
+__all__ = ["ArticulationData"]
+
+
+class ArticulationData(RootData):
+    """:class:`RootData` and the joints, one column a degree of freedom, in the order of ``joint_names``.
+
+    A ball joint has four position columns (a quaternion) for its three degrees of freedom.
+    """
+
+    default_joint_pos: torch.Tensor
+    """Positions at the start of an episode [m or rad], shape ``(num_envs, num_joints)``."""
+    default_joint_vel: torch.Tensor
+    """Velocities at the start of an episode [m/s or rad/s], shape ``(num_envs, num_joints)``."""
+
+    def __init__(self, sim: Simulation, layout: Layout, soft_limit_factor: float):
+        super().__init__(sim, layout)
+        coords = slice(layout.coords.start, layout.coords.stop)
+        self._dofs = dofs = slice(layout.dofs.start, layout.dofs.stop)
+        state, model, control = sim.state, sim.model, sim.control
+        self.joint_names = list(layout.joint_names)
+        """Names, one a degree of freedom."""
+        self.body_names = list(layout.body_names)
+        """Names of the bodies, root first."""
+        self.joint_pos = sim.per_env(state.joint_q)[:, coords]
+        """Joint positions [m or rad] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_vel = sim.per_env(state.joint_qd)[:, dofs]
+        """Joint velocities [m/s or rad/s] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_pos_target = sim.per_env(control.joint_target_q)[:, coords]
+        """Position targets [m or rad] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_vel_target = sim.per_env(control.joint_target_qd)[:, dofs]
+        """Velocity targets [m/s or rad/s] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_effort_target = sim.per_env(control.joint_act)[:, dofs]
+        """Effort targets [N or N m] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_stiffness = sim.per_env(model.joint_target_ke)[:, dofs]
+        """Position gains of the implicit drives [N/m or N m/rad] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_damping = sim.per_env(model.joint_target_kd)[:, dofs]
+        """Velocity gains of the implicit drives [N s/m or N m s/rad] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_armature = sim.per_env(model.joint_armature)[:, dofs]
+        """Inertia added to the joints [kg or kg m^2] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_friction_coeff = sim.per_env(model.joint_friction)[:, dofs]
+        """Coulomb friction of the joints [N or N m] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_effort_limits = sim.per_env(model.joint_effort_limit)[:, dofs]
+        """Largest efforts [N or N m] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_vel_limits = sim.per_env(model.joint_velocity_limit)[:, dofs]
+        """Rated speeds [m/s or rad/s] (view), shape ``(num_envs, num_joints)``."""
+        self._lower = sim.per_env(model.joint_limit_lower)[:, dofs]
+        self._upper = sim.per_env(model.joint_limit_upper)[:, dofs]
+        self._soft = soft_limit_factor
+        self._previous_vel = sim.per_env(sim.previous_joint_qd)[:, dofs]
+
+    @property
+    def joint_acc(self) -> torch.Tensor:
+        """Accelerations over the last physics step [m/s^2 or rad/s^2], shape ``(num_envs, num_joints)``."""
+        return (self.joint_vel - self._previous_vel) / self._sim.physics_dt
+
+    @property
+    def joint_pos_limits(self) -> torch.Tensor:
+        """Lower and upper limits [m or rad], shape ``(num_envs, num_joints, 2)``; +-1e10 where there is none."""
+        return torch.stack((self._lower, self._upper), dim=-1)
+
+    @property
+    def default_joint_pos_limits(self) -> torch.Tensor:
+        """:attr:`joint_pos_limits`."""
+        return self.joint_pos_limits
+
+    @property
+    def soft_joint_pos_limits(self) -> torch.Tensor:
+        """Limits narrowed about their middle by ``soft_joint_pos_limit_factor``, shape ``(num_envs, num_joints, 2)``."""
+        middle = 0.5 * (self._lower + self._upper)
+        half = 0.5 * self._soft * (self._upper - self._lower)
+        return torch.stack((middle - half, middle + half), dim=-1)
+
+    @property
+    def soft_joint_vel_limits(self) -> torch.Tensor:
+        """:attr:`joint_vel_limits`, shape ``(num_envs, num_joints)``."""
+        return self.joint_vel_limits
+
+    @property
+    def applied_torque(self) -> torch.Tensor:
+        """Efforts of drives and actuators in the last physics step [N or N m], shape ``(num_envs, num_joints)``.
+
+        What MuJoCo reports, where it is the solver; for the others the law of the drives at the present state.
+        """
+        sim = self._sim
+        other = sim.per_env(sim.control.joint_f)[:, self._dofs]
+        if sim.observables is not None and getattr(sim.observables, "qfrc_actuator", None) is not None:
+            return sim.per_env(sim.observables.qfrc_actuator)[:, self._dofs] + other
+        law = self.joint_stiffness * (self.joint_pos_target - self.joint_pos) - self.joint_damping * self.joint_vel
+        return law.clamp(-self.joint_effort_limits, self.joint_effort_limits) + other

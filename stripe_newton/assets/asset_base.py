@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What articulations, rigid objects and static assets share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.sim.stage import authored_path, current_scene, is_env_path
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+    from .layout import Layout
+
+__all__ = ["AssetBase", "AssetBaseCfg", "AssetInitialStateCfg"]
+
+EnvIds = Sequence[int] | torch.Tensor | slice | None
+"""Environments by index; ``None`` means all."""
+
+
+@configclass
+class AssetInitialStateCfg:
+    """Pose at the start of an episode, in the environment's frame."""
+
+    pos: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
+    """Position of the root [m]; ``None`` keeps the file's."""
+    rot: tuple[float, float, float, float] | None = (0.0, 0.0, 0.0, 1.0)
+    """Orientation of the root, quaternion (x, y, z, w); ``None`` keeps the file's."""
+
+    def problems(self):
+        if self.rot is not None and not 0.99 < sum(x * x for x in self.rot) ** 0.5 < 1.01:
+            yield "rot", f"is {self.rot}, must be a unit quaternion in the order (x, y, z, w)"
+
+
+@configclass
+class AssetBaseCfg:
+    """A static asset: ground, light, obstacle. :class:`ArticulationCfg` and :class:`RigidObjectCfg` derive from it."""
+
+    prim_path: str = MISSING
+    """Where it is authored: ``/World/envs/env_.*/Name`` or ``{ENV_REGEX_NS}/Name`` for one in every environment."""
+    spawn: Any = None
+    """Spawner config; ``None`` if the prim is there already."""
+    init_state: AssetInitialStateCfg = AssetInitialStateCfg()
+    """Pose at the start of an episode."""
+    class_type: Callable[..., Any] | None = None
+    """Class that the scene makes of this config."""
+    collision_group: int = 0
+    """Accepted for compatibility: Newton keeps environments apart, shared assets collide with all."""
+    debug_vis: bool = False
+    """Accepted for compatibility."""
+
+
+class AssetBase:
+    """An asset of the scene under construction.
+
+    The constructor spawns the prim; :meth:`initialize` binds to the model once it is built. A static asset has
+    nothing to bind to.
+    """
+
+    cfg: AssetBaseCfg
+
+    def __init__(self, cfg: Any):
+        cfg.validate()
+        self.cfg = cfg.copy()
+        scene = current_scene()
+        self.path = authored_path(self.cfg.prim_path)
+        if self.cfg.spawn is not None:
+            self.cfg.spawn.func(self.cfg.prim_path, self.cfg.spawn, self.cfg.init_state.pos, self.cfg.init_state.rot)
+        elif not scene.stage.GetPrimAtPath(self.path).IsValid():
+            raise ValueError(
+                f"{type(self).__name__} at '{self.cfg.prim_path}': no prim there and 'spawn' is None; "
+                "set spawn or the path of an existing prim"
+            )
+        scene.builder.register(self)
+
+    @property
+    def in_every_env(self) -> bool:
+        """Whether each environment has one."""
+        return is_env_path(self.path)
+
+    def prepare(self, layouts: Any, builder: Any) -> None:
+        """Write what the config says onto the builder of one environment, before it is replicated."""
+
+    def initialize(self, sim: Simulation) -> None:
+        """Bind to the built model."""
+
+    def reset(self, env_ids: EnvIds = None) -> None:
+        """Forget what belongs to the last episode."""
+
+    def write_data_to_sim(self) -> None:
+        """Hand over what was set since the last step."""
+
+    def update(self, dt: float) -> None:
+        """Take note of a step of ``dt`` seconds."""
+
+
+class BoundAsset(AssetBase):
+    """An asset with bodies, bound to its rows in the model's arrays."""
+
+    layout: Layout
+    _sim: Simulation
+
+    @property
+    def num_instances(self) -> int:
+        """Number of environments."""
+        return self._sim.num_envs
+
+    @property
+    def device(self) -> str:
+        """Device of the simulation."""
+        return self._sim.device
+
+    def env_indices(self, env_ids: EnvIds) -> torch.Tensor:
+        """``env_ids`` as an int64 tensor on the device, shape ``(n,)``."""
+        if env_ids is None:
+            return self._ALL_INDICES
+        if isinstance(env_ids, slice):
+            return self._ALL_INDICES[env_ids]
+        return torch.as_tensor(env_ids, dtype=torch.long, device=self.device)
+
+    def initialize(self, sim: Simulation) -> None:
+        self._sim = sim
+        self._ALL_INDICES = torch.arange(sim.num_envs, device=sim.device)
+
+    # -- root
+
+    def write_root_pose_to_sim(self, root_pose: torch.Tensor, env_ids: EnvIds = None) -> None:
+        """Set the pose of the root link in the world frame.
+
+        Args:
+            root_pose: Position [m] and quaternion (x, y, z, w), shape ``(n, 7)``.
+            env_ids: Environments, default all.
+        """
+        self.layout.write_root_pose(self._sim, root_pose, self.env_indices(env_ids))
+
+    def write_root_velocity_to_sim(self, root_velocity: torch.Tensor, env_ids: EnvIds = None) -> None:
+        """Set the velocity of the root's centre of mass in the world frame.
+
+        Args:
+            root_velocity: Linear [m/s] and angular [rad/s], shape ``(n, 6)``; ignored for a fixed base.
+            env_ids: Environments, default all.
+        """
+        self.layout.write_root_velocity(self._sim, root_velocity, self.env_indices(env_ids))
+
+    def write_root_state_to_sim(self, root_state: torch.Tensor, env_ids: EnvIds = None) -> None:
+        """Set pose and velocity of the root: :meth:`write_root_pose_to_sim`, :meth:`write_root_velocity_to_sim`.
+
+        Args:
+            root_state: Shape ``(n, 13)``.
+            env_ids: Environments, default all.
+        """
+        self.write_root_pose_to_sim(root_state[:, :7], env_ids)
+        self.write_root_velocity_to_sim(root_state[:, 7:], env_ids)
+
+    def write_root_link_velocity_to_sim(self, root_velocity: torch.Tensor, env_ids: EnvIds = None) -> None:
+        """Set the velocity of the root's link origin in the world frame, after its pose.
+
+        Args:
+            root_velocity: Linear [m/s] and angular [rad/s], shape ``(n, 6)``.
+            env_ids: Environments, default all.
+        """
+        from stripe_newton.math import quat_apply
+
+        ids = self.env_indices(env_ids)
+        offset = quat_apply(self.data.root_quat_w[ids], self.data.root_com_offset_b[ids])
+        linear = root_velocity[:, :3] + torch.linalg.cross(root_velocity[:, 3:], offset)
+        self.write_root_velocity_to_sim(torch.cat((linear, root_velocity[:, 3:]), dim=-1), ids)
+
+    # -- bodies
+
+    @property
+    def num_bodies(self) -> int:
+        """Number of bodies."""
+        return len(self.layout.body_names)
+
+    @property
+    def body_names(self) -> list[str]:
+        """Names of the bodies, root first."""
+        return list(self.layout.body_names)
+
+    def find_bodies(self, name_keys: str | Sequence[str], preserve_order: bool = False) -> tuple[list[int], list[str]]:
+        """Indices and names of the bodies that match regular expressions.
+
+        Raises:
+            ValueError: if an expression matches nothing.
+        """
+        from stripe_newton.matching import match_names
+
+        return match_names(name_keys, self.layout.body_names, preserve_order, f"body of '{self.cfg.prim_path}'")
+
+    def set_external_force_and_torque(
+        self,
+        forces: torch.Tensor,
+        torques: torch.Tensor,
+        positions: torch.Tensor | None = None,
+        body_ids: Sequence[int] | slice | None = None,
+        env_ids: EnvIds = None,
+        is_global: bool = False,
+    ) -> None:
+        """Set the wrench that acts on bodies from the next step until the reset or the next call.
+
+        Args:
+            forces: Forces at the centre of mass, or at ``positions`` [N], shape ``(n, bodies, 3)``.
+            torques: Torques [N m], same shape.
+            positions: Points of attack relative to the centre of mass, in the same frame [m], same shape.
+            body_ids: Bodies, default all.
+            env_ids: Environments, default all.
+            is_global: In the world frame; otherwise in the bodies' frames.
+        """
+        sim = self._sim
+        sim.enable_external_wrench()
+        ids = self.env_indices(env_ids).unsqueeze(1)
+        bodies = self.layout.body_rows(body_ids, self.device).unsqueeze(0)
+        if positions is not None:
+            torques = torques + torch.linalg.cross(positions, forces)
+        sim.per_env(sim.external_wrench)[ids, bodies] = torch.cat((forces, torques), dim=-1)
+        sim.per_env(sim.wrench_in_world)[ids, bodies] = is_global
+
+    def _clear_wrench(self, ids: torch.Tensor) -> None:
+        if self._sim.external_wrench is not None:
+            rows = self.layout.body_rows(None, self.device)
+            self._sim.per_env(self._sim.external_wrench)[ids.unsqueeze(1), rows] = 0.0

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``stripe-newton``. Each subcommand is a module with ``run(argv) -> int``, imported when it is called."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from collections.abc import Sequence
+
+from stripe_newton.configclass import ConfigError
+from stripe_newton.rl.errors import CheckpointError
+
+from .errors import UserError
+
+__all__ = ["COMMANDS", "UserError", "main"]
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "list": ("stripe_newton.cli.list_tasks", "show the tasks, one a line"),
+    "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
+    "eval": ("stripe_newton.cli.eval", "measure a trained policy over a number of episodes"),
+    "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
+}
+"""Module and one line of help of each subcommand."""
+
+USER_ERRORS = (UserError, ConfigError, CheckpointError)
+"""What is told in one message, without a traceback."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand.
+
+    Args:
+        argv: the arguments after the program's name; by default those of the process.
+
+    Returns:
+        The exit code: 0; 2 for an error of the user; 130 after Ctrl-C. Any other error is raised.
+    """
+    args = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(args)
+    except USER_ERRORS as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except SystemExit as stop:  # raised by tyro: 0 after --help, 2 after a wrong option, which it has explained
+        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+
+
+def _dispatch(args: list[str]) -> int:
+    from .tasks import import_extra
+
+    args = import_extra(args)
+    if not args or args[0] in ("-h", "--help"):
+        print(_usage())
+        return 0 if args else 2
+    if args[0] not in COMMANDS:
+        near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
+        raise UserError(f"no command '{args[0]}'; {hint}")
+    return importlib.import_module(COMMANDS[args[0]][0]).run(args[1:])
+
+
+def _usage() -> str:
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name:<{width}}  {text}" for name, (_, text) in COMMANDS.items()]
+    return "\n".join(
+        [
+            "usage: stripe-newton COMMAND [options]",
+            "",
+            *lines,
+            "",
+            "stripe-newton COMMAND --help shows the options of a command; stripe-newton train TASK --help also every",
+            "field of that task's configuration. --import MODULE_OR_FILE imports tasks of your own first.",
+        ]
+    )

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What train, eval and play have in common: options, devices, seeds and the configs of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+import tyro
+
+from stripe_newton.configclass import ConfigError, validate
+from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, RunFolder
+
+from .errors import UserError
+from .fields import apply_options, apply_saved, options_of
+from .tasks import find_task, load_cfg, make_env, task_argument
+
+__all__ = [
+    "Configs",
+    "build",
+    "check",
+    "load_configs",
+    "parse",
+    "peek",
+    "set_device",
+    "set_seeds",
+    "task_of",
+    "video_steps",
+]
+
+T = TypeVar("T")
+VIDEO_SECONDS = 10.0
+"""Longest video that is made without being asked for its length."""
+
+
+@dataclass
+class Configs:
+    """The configs of an environment and, for a task that has one, of its agent."""
+
+    env: Any
+    agent: Any
+
+
+def peek(argv: list[str], option: str) -> str | None:
+    """The value of an option that the others depend on, before they are parsed."""
+    for word, following in zip(argv, [*argv[1:], None], strict=True):
+        name, equals, value = word.partition("=")
+        if name == option:
+            return value if equals else following
+    return None
+
+
+def task_of(argv: list[str], command: str, options: type) -> str:
+    """The task that a command's arguments name.
+
+    Raises:
+        UserError: if they name none, or an unknown one.
+        SystemExit: after help, if that is asked for without a task.
+    """
+    task = task_argument(argv)
+    if task is None and {"-h", "--help"} & set(argv):
+        tyro.cli(options, args=["--help"], prog=f"stripe-newton {command}")
+    if task is None:
+        raise UserError(f"{command} needs a task: stripe-newton {command} TASK; 'stripe-newton list' shows all")
+    find_task(task)
+    return task
+
+
+def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_device: bool = False) -> Configs:
+    """The configs of a task, with the values of an earlier run if one is given; its device only if that is wanted."""
+    configs = Configs(load_cfg(task, "env"), load_cfg(task, "agent") if agent else None)
+    if run is not None:
+        saved = run.read_params()
+        if not same_device:
+            saved["env"].get("sim", {}).pop("device", None)
+        leftovers = apply_saved(configs.env, saved["env"], "env")
+        leftovers += apply_saved(configs.agent, saved["agent"], "agent") if agent else []
+        if leftovers:
+            lines = "\n".join(f"  {line}" for line in leftovers)
+            print(f"warning: the task is not what it was when {run.path} was made:\n{lines}", file=sys.stderr)
+    return configs
+
+
+def parse(options: type[T], argv: list[str], command: str, **configs: Any) -> T:
+    """Parse a command's own options and those for the fields of ``configs``, and write the latter into the configs."""
+    nested = {name: type(options_of(cfg, name)) for name, cfg in configs.items()}
+    fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in nested.items()]
+    full = dataclasses.make_dataclass("Args", fields, bases=(options,), namespace={"__doc__": options.__doc__})
+    args: Any = tyro.cli(full, args=argv, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,))
+    for name, cfg in configs.items():
+        apply_options(cfg, getattr(args, name))
+    return args
+
+
+def set_device(env_cfg: Any, requested: str | None) -> None:
+    """Write the device to run on into ``env_cfg``: the requested one, the configured one, the first GPU, or the CPU.
+
+    Raises:
+        UserError: if the requested one is not there.
+    """
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    devices = ["cpu", *(f"cuda:{index}" for index in range(count))]
+    requested = "cuda:0" if requested == "cuda" else requested
+    if requested is not None and requested not in devices:
+        raise UserError(f"--device {requested}: there is no such device, this machine has {', '.join(devices)}")
+    configured = "cuda:0" if env_cfg.sim.device == "cuda" else env_cfg.sim.device
+    if requested is None and configured is not None and configured not in devices:
+        print(f"the configured device {configured} is not there, using {devices[count and 1]}", file=sys.stderr)
+        configured = None
+    env_cfg.sim.device = requested or configured or ("cuda:0" if count else "cpu")
+
+
+def set_seeds(seed: int) -> None:
+    """Seed Python, NumPy and torch."""
+    random.seed(seed)
+    np.random.seed(seed % 2**32)  # noqa: NPY002 (user code may draw from the global generator)
+    torch.manual_seed(seed)
+
+
+def check(configs: Configs) -> None:
+    """Validate both configs.
+
+    Raises:
+        ConfigError: all problems of both, with paths as on the command line.
+    """
+    problems: list[str] = []
+    for name in ("env", "agent"):
+        try:
+            validate(getattr(configs, name))
+        except ConfigError as error:
+            problems += [f"{name}.{problem}" for problem in error.problems]
+    if problems:
+        raise ConfigError(problems)
+
+
+def build(
+    task: str, configs: Configs, log_dir: Path | None = None, render: bool = False, checkpoint: Path | None = None
+) -> OnPolicyRunner:
+    """The environment and the runner of a task, with the policy of ``checkpoint`` if one is given."""
+    env = RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), configs.agent.clip_actions)
+    runner = OnPolicyRunner(env, configs.agent, log_dir)
+    if checkpoint is not None:
+        runner.load(checkpoint, load_cfg={"actor": True})
+    return runner
+
+
+def video_steps(env: RslRlVecEnvWrapper) -> int:
+    """Steps of a video: an episode, but not longer than ``VIDEO_SECONDS``."""
+    return max(1, min(int(env.max_episode_length), round(VIDEO_SECONDS / env.unwrapped.step_dt)))

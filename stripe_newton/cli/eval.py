@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stripe-newton eval``."""
+
+from __future__ import annotations
+
+import json as json_module
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from stripe_newton.rl import RunFolder, evaluate, find_checkpoint
+
+from .common import build, check, load_configs, parse, peek, set_device, set_seeds, task_of
+from .errors import UserError
+
+__all__ = ["EvalArgs", "run"]
+
+
+@dataclass
+class EvalArgs:
+    """Measure a trained policy: mean return and length of a number of whole episodes, without exploration."""
+
+    task: tyro.conf.Positional[str]
+    """The task, one of 'stripe-newton list'."""
+    checkpoint: str
+    """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
+    num_envs: tyro.conf.DisallowNone[int | None] = None
+    """Number of environments; by default those of the training, but no more than episodes."""
+    episodes: int = 100
+    """Number of episodes."""
+    seed: tyro.conf.DisallowNone[int | None] = None
+    """Seed of everything; by default the one of the training."""
+    device: tyro.conf.DisallowNone[str | None] = None
+    """cpu or cuda:N; by default the first GPU where there is one."""
+    json: tyro.conf.DisallowNone[Path | None] = None
+    """File to write the result to."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the command."""
+    task = task_of(argv, "eval", EvalArgs)
+    given = peek(argv, "--checkpoint")
+    checkpoint = find_checkpoint(given) if given else None
+    configs = load_configs(task, RunFolder.of_checkpoint(checkpoint) if checkpoint else None)
+    args = parse(EvalArgs, argv, "eval", env=configs.env)
+    if args.episodes < 1:
+        raise UserError(f"--episodes {args.episodes}: must be at least 1")
+    configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, args.episodes)
+    configs.env.seed = args.seed if args.seed is not None else configs.env.seed
+    set_device(configs.env, args.device)
+    configs.agent.algorithm.num_mini_batches = 1  # nothing is learned, and few environments shall do
+    check(configs)
+    set_seeds(configs.env.seed or 0)
+
+    runner = build(task, configs, checkpoint=checkpoint)
+    try:
+        policy = runner.get_inference_policy(runner.device)
+        result = evaluate(runner.env, policy, args.episodes, task=task, seed=configs.env.seed).to_dict()
+    finally:
+        runner.env.close()
+    for name, value in result.items():
+        print(f"{name:<14}{value:.4g}" if isinstance(value, float) else f"{name:<14}{value}")
+    if args.json is not None:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        args.json.write_text(json_module.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return 0

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stripe-newton list``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import gymnasium
+import tyro
+
+from .tasks import task_ids
+
+__all__ = ["run"]
+
+
+@dataclass
+class ListArgs:
+    """Show the tasks, one a line."""
+
+    json: bool = False
+    """Print a JSON list with what each task is made of."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the command."""
+    args = tyro.cli(ListArgs, args=argv, prog="stripe-newton list")
+    if args.json:
+        print(json.dumps([_describe(task) for task in task_ids()], indent=2))
+    else:
+        print("\n".join(task_ids()))
+    return 0
+
+
+def _describe(task: str) -> dict[str, str]:
+    spec = gymnasium.spec(task)
+    return {"id": task, "env": str(spec.vector_entry_point)} | {
+        name.removesuffix("_entry_point"): str(value)
+        for name, value in spec.kwargs.items()
+        if name.endswith("_entry_point")
+    }

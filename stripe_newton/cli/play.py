@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stripe-newton play``."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+import tyro
+
+from stripe_newton.rl import (
+    Policy,
+    RandomPolicy,
+    RslRlVecEnvWrapper,
+    RunFolder,
+    ZeroPolicy,
+    find_checkpoint,
+    record_video,
+)
+
+from .common import Configs, build, check, load_configs, parse, peek, set_device, set_seeds, task_of, video_steps
+from .errors import UserError
+from .tasks import make_env
+
+__all__ = ["PlayArgs", "run"]
+
+
+@dataclass
+class PlayArgs:
+    """Watch a policy act, in a browser or as a video."""
+
+    task: tyro.conf.Positional[str]
+    """The task, one of 'stripe-newton list'."""
+    checkpoint: tyro.conf.DisallowNone[str | None] = None
+    """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
+    agent: tyro.conf.DisallowNone[Literal["zero", "random"] | None] = None
+    """Actions that are zero or random, in place of a checkpoint."""
+    viewer: tyro.conf.DisallowNone[Literal["viser", "video", "none"] | None] = None
+    """A live view in the browser, a video file, or only numbers; by default viser where it is installed, else video."""
+    num_envs: tyro.conf.DisallowNone[int | None] = None
+    """Number of environments; by default 16 at most."""
+    steps: tyro.conf.DisallowNone[int | None] = None
+    """Stop after so many steps; by default after an episode, and with viser at Ctrl-C."""
+    seed: tyro.conf.DisallowNone[int | None] = None
+    """Seed of everything."""
+    device: tyro.conf.DisallowNone[str | None] = None
+    """cpu or cuda:N; by default the first GPU where there is one."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the command."""
+    task = task_of(argv, "play", PlayArgs)
+    given = peek(argv, "--checkpoint")
+    checkpoint = find_checkpoint(given) if given else None
+    folder = RunFolder.of_checkpoint(checkpoint) if checkpoint else None
+    configs = load_configs(task, folder, agent=checkpoint is not None)
+    args = parse(PlayArgs, argv, "play", env=configs.env)
+    _prepare(args, configs)
+    env, policy = _env_and_policy(task, args, configs, checkpoint)
+    try:
+        if args.viewer == "video":
+            name = f"play_{checkpoint.stem}.mp4" if checkpoint else f"{task}_{args.agent}.mp4"
+            path = (folder.videos if folder else Path("videos")) / name
+            print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
+        elif args.viewer == "viser":
+            _watch(env, policy, args)
+        else:
+            _roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
+    finally:
+        env.close()
+    return 0
+
+
+def _prepare(args: PlayArgs, configs: Configs) -> None:
+    if (args.checkpoint is None) == (args.agent is None):
+        raise UserError("play needs either --checkpoint RUN_OR_FILE or --agent zero|random")
+    if args.steps is not None and args.steps < 1:
+        raise UserError(f"--steps {args.steps}: must be at least 1")
+    if args.viewer is None:
+        args.viewer = "viser" if importlib.util.find_spec("viser") else "video"
+    configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, 16)
+    configs.env.seed = args.seed if args.seed is not None else configs.env.seed
+    set_device(configs.env, args.device)
+    if configs.agent is None:
+        configs.env.validate()
+    else:
+        configs.agent.algorithm.num_mini_batches = 1  # nothing is learned, and few environments shall do
+        check(configs)
+    set_seeds(configs.env.seed or 0)
+
+
+def _env_and_policy(
+    task: str, args: PlayArgs, configs: Configs, checkpoint: Path | None
+) -> tuple[RslRlVecEnvWrapper, Policy]:
+    if checkpoint is not None:
+        runner = build(task, configs, render=args.viewer == "video", checkpoint=checkpoint)
+        return runner.env, runner.get_inference_policy(runner.device)
+    env = RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if args.viewer == "video" else None))
+    return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env)
+
+
+@torch.inference_mode()
+def _watch(env: RslRlVecEnvWrapper, policy: Policy, args: PlayArgs) -> None:
+    """Show the environments live, in real time, until Ctrl-C or for so many steps."""
+    from stripe_newton.viewers import LiveViewer
+
+    try:
+        viewer = LiveViewer(env.unwrapped.sim, list(range(env.num_envs)))
+    except ImportError as error:
+        raise UserError(str(error)) from None
+    print(f"{viewer.url}  (Ctrl-C to stop)", flush=True)
+    obs = env.reset(args.seed)
+    policy.reset()
+    try:
+        step = 0
+        due = time.monotonic()
+        while viewer.is_running() and (args.steps is None or step < args.steps):
+            obs, _, dones, _ = env.step(policy(obs))
+            policy.reset(dones)
+            viewer.update(env.unwrapped.step_dt)
+            step += 1
+            due = max(due + env.unwrapped.step_dt, time.monotonic() - 1.0)
+            time.sleep(max(0.0, due - time.monotonic()))
+    except KeyboardInterrupt:
+        print()
+    finally:
+        viewer.close()
+
+
+@torch.inference_mode()
+def _roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
+    """Act without a picture and print what came of it."""
+    obs = env.reset(seed)
+    policy.reset()
+    total, ended = 0.0, 0
+    for _ in range(steps):
+        obs, rewards, dones, _ = env.step(policy(obs))
+        policy.reset(dones)
+        total += float(rewards.mean())
+        ended += int(dones.sum())
+    print(f"{steps} steps of {env.num_envs} environments: {total / steps:.4g} reward a step, {ended} episodes ended")

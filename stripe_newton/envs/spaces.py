@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Spaces as configs write them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+__all__ = ["to_space"]
+
+
+def to_space(spec: Any) -> spaces.Space:
+    """The gymnasium space that a config means.
+
+    Args:
+        spec: A space; an int n for an unbounded ``Box`` of n numbers; a list of ints for the shape of one;
+            ``{n}`` for ``Discrete(n)``; a list of such sets for ``MultiDiscrete``; a dict or tuple of these.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(spec, spaces.Space):
+        return spec
+    if isinstance(spec, (int, np.integer)) and not isinstance(spec, bool) and spec > 0:
+        return spaces.Box(-np.inf, np.inf, (int(spec),), np.float32)
+    if isinstance(spec, set) and len(spec) == 1:
+        return spaces.Discrete(int(next(iter(spec))))
+    if isinstance(spec, list) and spec and all(isinstance(x, set) and len(x) == 1 for x in spec):
+        return spaces.MultiDiscrete([next(iter(x)) for x in spec])
+    if isinstance(spec, list) and spec and all(isinstance(x, int) and x > 0 for x in spec):
+        return spaces.Box(-np.inf, np.inf, tuple(spec), np.float32)
+    if isinstance(spec, dict) and spec:
+        return spaces.Dict({key: to_space(value) for key, value in spec.items()})
+    if isinstance(spec, tuple) and spec:
+        return spaces.Tuple([to_space(value) for value in spec])
+    raise ValueError(f"{spec!r} is no space; give a number of elements, a list of sizes, or a gymnasium space")

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names by regular expression."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+__all__ = ["match_names", "match_values"]
+
+
+def match_names(
+    expressions: str | Sequence[str], names: Sequence[str], preserve_order: bool = False, what: str = "name"
+) -> tuple[list[int], list[str]]:
+    """Indices and names that fully match any expression.
+
+    Args:
+        expressions: One or several regular expressions.
+        names: The names there are.
+        preserve_order: In the order of the expressions rather than of the names.
+        what: What is named, for the error.
+
+    Raises:
+        ValueError: if an expression matches nothing; the message lists what there is.
+    """
+    keys = [expressions] if isinstance(expressions, str) else list(expressions)
+    found: dict[int, int] = {}
+    missing = []
+    for order, key in enumerate(keys):
+        hits = [i for i, name in enumerate(names) if re.fullmatch(key, name)]
+        if not hits:
+            missing.append(key)
+        for i in hits:
+            found.setdefault(i, order)
+    if missing:
+        wrong = ", ".join(f"'{key}'" for key in missing)
+        raise ValueError(f"{what} expression {wrong} matches nothing; there is: {', '.join(names) or 'nothing'}")
+    ids = sorted(found, key=lambda i: (found[i], i) if preserve_order else (i,))
+    return ids, [names[i] for i in ids]
+
+
+def match_values(
+    values: float | Mapping[str, float], names: Sequence[str], what: str = "name"
+) -> dict[int, float]:
+    """Values by index: one number for all names, or a mapping from expressions to numbers.
+
+    Raises:
+        ValueError: if an expression matches nothing, or two match the same name.
+    """
+    if not isinstance(values, Mapping):
+        return {i: float(values) for i in range(len(names))}
+    out: dict[int, float] = {}
+    source: dict[int, str] = {}
+    for key, value in values.items():
+        for i in match_names(key, names, what=what)[0]:
+            if i in source:
+                raise ValueError(f"{what} '{names[i]}' matches both '{source[i]}' and '{key}': make them exclusive")
+            source[i], out[i] = key, float(value)
+    return out

@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes: what stands where, how it becomes a model, and how it is read and changed."""
+
+from .builder import SceneBuilder
+from .controller import SceneController
+from .interactive_scene import InteractiveScene
+from .interactive_scene_cfg import InteractiveSceneCfg
+from .querier import SceneQuerier
+
+__all__ = ["InteractiveScene", "InteractiveSceneCfg", "SceneBuilder", "SceneController", "SceneQuerier"]

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The constructing face of a scene: from prims to a model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import newton
+import warp as wp
+from pxr import Usd, UsdGeom
+
+from stripe_newton.assets import Articulation, ArticulationCfg, AssetBase, Layout, RigidObject, articulation_layouts
+from stripe_newton.sim.spawners.from_files import FILE_KEY
+from stripe_newton.sim.stage import ENV_0
+from stripe_newton.usd import StageReport, load_stage, read_lights
+
+from .grid import spiral_grid
+
+if TYPE_CHECKING:
+    from .interactive_scene import InteractiveScene
+
+__all__ = ["SceneBuilder"]
+
+
+class SceneBuilder:
+    """Adds assets to a scene under construction, then makes its model.
+
+    Attributes:
+        assets: Every asset of the scene in order of construction.
+        reports: What the importer read and ignored: of one environment, and of what all share.
+        template_root: Prim that is one environment; ``"/"`` for a stage that knows no environments.
+        adopt: Make assets of the articulations that the stage brings.
+    """
+
+    def __init__(self, scene: InteractiveScene):
+        self._scene = scene
+        self.assets: list[AssetBase] = []
+        self.reports: list[StageReport] = []
+        self.template_root = ENV_0
+        self.adopt = False
+        self._closed = False
+
+    # -- adding
+
+    def build_terrain(self, cfg: Any, name: str = "terrain") -> Any:
+        """Add what the environments stand on; it becomes ``scene.terrain``."""
+        self._scene.terrain = self._make(cfg)
+        return self._scene.terrain
+
+    def build_robot(self, name: str, cfg: Any) -> Any:
+        """Add an articulation; it becomes ``scene.articulations[name]``."""
+        self._scene.articulations[name] = self._make(cfg)
+        return self._scene.articulations[name]
+
+    def build_objects(self, objects: Mapping[str, Any]) -> dict[str, Any]:
+        """Add rigid objects and static assets by name; they become ``scene.rigid_objects`` and ``scene.extras``."""
+        made = {name: self._make(cfg) for name, cfg in objects.items()}
+        for name, asset in made.items():
+            (self._scene.rigid_objects if isinstance(asset, RigidObject) else self._scene.extras)[name] = asset
+        return made
+
+    def build_sensors(self, sensors: Mapping[str, Any]) -> dict[str, Any]:
+        """Add sensors by name; they become ``scene.sensors``. They bind to the model after the assets."""
+        made = {name: self._make(cfg) for name, cfg in sensors.items()}
+        self._scene.sensors.update(made)
+        return made
+
+    def _make(self, cfg: Any) -> Any:
+        with self._scene.construction():
+            return (cfg.class_type or AssetBase)(cfg)
+
+    def register(self, asset: AssetBase) -> None:
+        """Take note of an asset that was just spawned.
+
+        Raises:
+            RuntimeError: if the model is built already, or the environments were cloned.
+        """
+        if self._closed or (self._scene.cloned and asset.in_every_env):
+            when = "the scene is built" if self._closed else "'clone_environments' was called"
+            raise RuntimeError(f"'{asset.cfg.prim_path}' comes after {when}: create it before")
+        taken = {a.path for a in self.assets}
+        if asset.path in taken:
+            raise ValueError(f"two assets at '{asset.cfg.prim_path}': give each its own prim_path")
+        self.assets.append(asset)
+
+    # -- making the model
+
+    def build(self) -> None:
+        """Load the stage, write configs onto the environment's builder, replicate it, bind the assets."""
+        scene, sim = self._scene, self._scene.sim
+        if self._closed:
+            raise RuntimeError("the scene is built already")
+        template = sim.new_builder()
+        self._load(template, self.template_root, ())
+        layouts = articulation_layouts(template)
+        if self.adopt:
+            self._adopt(layouts)
+        for asset in self.assets:
+            asset.prepare(layouts, template)
+        static = sim.new_builder()
+        if self.template_root != "/":
+            self._load(static, "/World", ("/World/envs",))
+        self._closed = True
+        sim.lights = read_lights(scene.stage)
+        sim.build(template, static, spiral_grid(scene.cfg.num_envs, scene.cfg.env_spacing))
+        for asset in [*self.assets, *scene.sensors.values()]:
+            asset.initialize(sim)
+
+    def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
+        stage = self._scene.stage
+        files = self._file_prims(stage, root, ignore)
+        report = load_stage(builder, stage, root_path=root, ignore_paths=ignore, solver=self._scene.sim.cfg.solver.kind)
+        for prim, options in files:
+            _import_file(builder, prim, dict(options))
+        self.reports.append(report)
+
+    def _file_prims(self, stage: Usd.Stage, root: str, ignore: tuple[str, ...]) -> list[tuple[Usd.Prim, dict]]:
+        prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(FILE_KEY))
+        inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
+        return [(p, json.loads(p.GetCustomDataByKey(FILE_KEY))) for p in inside]
+
+    def _adopt(self, layouts: list[Layout]) -> None:
+        """Make assets of the articulations and free bodies of a stage that somebody else laid out."""
+        scene = self._scene
+        for layout in layouts:
+            single = layout.floating and len(layout.bodies) == 1
+            family = scene.rigid_objects if single else scene.articulations
+            name = _unique(layout.path.rsplit("/", 1)[-1], scene.keys())
+            family[name] = (_FoundBody if single else _FoundArticulation)(layout)
+            self.assets.append(family[name])
+
+
+def _unique(name: str, taken: list[str]) -> str:
+    number = 1
+    while (candidate := name if number == 1 else f"{name}_{number}") in taken:
+        number += 1
+    return candidate
+
+
+def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> None:
+    """Import the URDF or MJCF file that ``prim`` stands for, with labels below its path."""
+    kind, path = options.pop("format"), options.pop("path")
+    pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
+    position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
+    xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
+    counts = builder.body_count, builder.joint_count, builder.shape_count, builder.articulation_count
+    add = builder.add_urdf if kind == "urdf" else builder.add_mjcf
+    try:
+        add(path, xform=xform, **options)
+    except Exception as error:
+        raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}': {error}") from error
+    if builder.body_count == counts[0]:
+        raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}' has no bodies")
+    labels = (builder.body_label, builder.joint_label, builder.shape_label, builder.articulation_label)
+    for label, start in zip(labels, counts, strict=True):
+        label[start:] = [f"{prim.GetPath()}/{name}" for name in label[start:]]
+    if builder.articulation_count == counts[3] + 1:
+        builder.articulation_label[-1] = str(prim.GetPath())
+
+
+class _Found:
+    """An asset that a stage brings itself: bound to its articulation, nothing is spawned."""
+
+    def __init__(self, layout: Layout):
+        state = ArticulationCfg.InitialStateCfg(pos=None, rot=None, joint_pos=None, joint_vel={})
+        self.cfg = ArticulationCfg(prim_path=layout.path, articulation_root_prim_path="", init_state=state)
+        self.path = layout.path
+        self._found = layout
+    in_every_env = True
+
+
+class _FoundArticulation(_Found, Articulation):
+    pass
+
+
+class _FoundBody(_Found, RigidObject):
+    pass

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A built scene as a USD file that gives the same model again."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import newton
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+
+if TYPE_CHECKING:
+    from .interactive_scene import InteractiveScene
+
+__all__ = ["export_stage"]
+
+_NO_LIMIT = 1.0e9
+"""Efforts and speeds above this are unlimited."""
+
+
+def export_stage(scene: InteractiveScene, path: Path) -> None:
+    """Write ``scene`` to ``path``: see :meth:`InteractiveScene.export`."""
+    sim = scene.sim
+    if sim.model is None:
+        raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
+    stage = Usd.Stage.Open(scene.stage.Flatten())
+    for prim in [p for p in stage.Traverse() if p.IsInstance()]:
+        prim.SetInstanceable(False)  # drives and materials are authored on the prims themselves
+    stage = Usd.Stage.Open(stage.Flatten())
+    builder = sim.template
+    starts = zip(builder.joint_label, builder.joint_type, builder.joint_q_start, builder.joint_qd_start, strict=True)
+    explicit = _explicit_gains(builder)
+    for (label, kind, coord, dof), dims in zip(starts, builder.joint_dof_dim, strict=True):
+        prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
+        if prim and kind in (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC, newton.JointType.D6):
+            _author_joint(prim, builder, coord, dof, dims, explicit)
+    _author_free_roots(stage, builder)
+    _author_default_material(stage, scene)
+    _author_physics_scene(stage, scene)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stage.GetRootLayer().Export(str(path))
+
+
+def _explicit_gains(builder: newton.ModelBuilder) -> dict[int, tuple[float, float]]:
+    """Gains of the explicit PD actuators by degree of freedom."""
+    gains = {}
+    for entry in builder.actuator_entries.values():
+        for dof, arguments in zip(entry.indices, entry.drive_args, strict=True):
+            gains[dof] = arguments.get("kp", 0.0), arguments.get("kd", 0.0)
+    return gains
+
+
+def _author_joint(
+    prim: Usd.Prim, builder: newton.ModelBuilder, coord: int, dof: int, dims: tuple[int, int], explicit: dict[int, tuple[float, float]]
+) -> None:
+    """Author drive, state and passive properties of a joint; UsdPhysics has angles in degrees."""
+    linear, angular = dims
+    single = linear + angular == 1
+    for k in range(linear + angular):
+        i, q = dof + k, coord + k
+        degrees = 180.0 / math.pi if k >= linear else 1.0
+        axis = ("angular" if k >= linear else "linear") if single else _axis_token(builder.joint_axis[i], k >= linear)
+        if builder.joint_target_mode[i] != newton.JointTargetMode.NONE:
+            drive = UsdPhysics.DriveAPI.Apply(prim, axis)
+            drive.CreateTypeAttr("force")
+            drive.CreateStiffnessAttr(builder.joint_target_ke[i] / degrees)
+            drive.CreateDampingAttr(builder.joint_target_kd[i] / degrees)
+            drive.CreateTargetPositionAttr(builder.joint_target_q[q] * degrees)
+            drive.CreateTargetVelocityAttr(builder.joint_target_qd[i] * degrees)
+            if builder.joint_effort_limit[i] < _NO_LIMIT:
+                drive.CreateMaxForceAttr(builder.joint_effort_limit[i])
+        prim.CreateAttribute(f"state:{axis}:physics:position", Sdf.ValueTypeNames.Float).Set(builder.joint_q[q] * degrees)
+        prim.CreateAttribute(f"state:{axis}:physics:velocity", Sdf.ValueTypeNames.Float).Set(builder.joint_qd[i] * degrees)
+        if i in explicit:
+            _author_actuator(prim, single, explicit[i], builder.joint_effort_limit[i])
+    degrees = 180.0 / math.pi if angular else 1.0
+    prim.AddAppliedSchema("NewtonJointAPI")
+    for name, values, factor in (
+        ("armature", builder.joint_armature, 1.0),
+        ("friction", builder.joint_friction, 1.0),
+        ("damping", builder.joint_damping, 1.0 / degrees),
+        ("velocityLimit", builder.joint_velocity_limit, degrees),
+    ):
+        own = set(values[dof : dof + linear + angular])
+        if len(own) > 1:
+            warnings.warn(f"'{prim.GetPath()}': {name} differs between its axes, which USD cannot say; the first is written", stacklevel=4)
+        value = values[dof]
+        if value < _NO_LIMIT:
+            prim.CreateAttribute(f"newton:{name}", Sdf.ValueTypeNames.Float).Set(value * factor)
+
+
+def _axis_token(axis: object, angular: bool) -> str:
+    """``rotX`` and so on, for an axis of a joint with several degrees of freedom."""
+    largest = max(range(3), key=lambda k: abs(axis[k]))
+    return ("rot" if angular else "trans") + "XYZ"[largest]
+
+
+def _author_actuator(prim: Usd.Prim, single: bool, gains: tuple[float, float], limit: float) -> None:
+    if not single:
+        raise ValueError(f"'{prim.GetPath()}' has an explicit actuator and several axes, which USD cannot say")
+    actuator = prim.GetStage().DefinePrim(prim.GetPath().AppendChild("actuator"), "NewtonActuator")
+    actuator.AddAppliedSchema("NewtonPDControlAPI")
+    actuator.AddAppliedSchema("NewtonMaxEffortClampingAPI")
+    actuator.CreateRelationship("newton:targets").SetTargets([prim.GetPath()])
+    for name, value in (("kp", gains[0]), ("kd", gains[1]), ("maxEffort", limit)):
+        actuator.CreateAttribute(f"newton:{name}", Sdf.ValueTypeNames.Float).Set(float(value))
+
+
+def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
+    """Put the root bodies of floating articulations, and what hangs on them, where the configs say."""
+    for joint, kind in enumerate(builder.joint_type):
+        label = builder.body_label[builder.joint_child[joint]]
+        prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
+        if kind != newton.JointType.FREE or builder.joint_parent[joint] != -1 or not prim:
+            continue
+        start = builder.joint_q_start[joint]
+        x, y, z, qx, qy, qz, qw = builder.joint_q[start : start + 7]
+        new = Gf.Matrix4d().SetTransform(Gf.Rotation(Gf.Quatd(qw, qx, qy, qz)), Gf.Vec3d(x, y, z))
+        old = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
+        if Gf.IsClose(new, old, 1.0e-6):
+            continue
+        moved = old.GetInverse() * new
+        bodies = [p for p in stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI)]
+        family = builder.articulation_label[builder.joint_articulation[joint]]
+        for body in bodies:
+            if str(body.GetPath()).startswith((family + "/", label + "/")) or str(body.GetPath()) in (family, label):
+                _move(body, moved)
+
+
+def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
+    xform = UsdGeom.Xformable(prim)
+    world = xform.ComputeLocalToWorldTransform(Usd.TimeCode.Default()) * moved
+    parent = xform.ComputeParentToWorldTransform(Usd.TimeCode.Default())
+    xform.ClearXformOpOrder()
+    xform.AddTransformOp(UsdGeom.XformOp.PrecisionDouble, "start").Set(world * parent.GetInverse())
+
+
+def _author_default_material(stage: Usd.Stage, scene: InteractiveScene) -> None:
+    """Bind the simulation's default material to colliders that have none."""
+    cfg = scene.sim.cfg.physics_material
+    material = UsdShade.Material.Define(stage, "/World/defaultPhysicsMaterial")
+    api = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
+    api.CreateStaticFrictionAttr(cfg.static_friction)
+    api.CreateDynamicFrictionAttr(cfg.dynamic_friction)
+    api.CreateRestitutionAttr(cfg.restitution)
+    if cfg.density is not None:
+        api.CreateDensityAttr(cfg.density)
+    for prim in stage.Traverse():
+        if prim.HasAPI(UsdPhysics.CollisionAPI) and not UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]:
+            UsdShade.MaterialBindingAPI.Apply(prim)
+            UsdShade.MaterialBindingAPI(prim).Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
+
+
+def _author_physics_scene(stage: Usd.Stage, scene: InteractiveScene) -> None:
+    gravity = scene.sim.model.gravity.numpy()[0]
+    magnitude = math.sqrt(float((gravity**2).sum()))
+    found = next((p for p in stage.Traverse() if p.IsA(UsdPhysics.Scene)), None)
+    physics = UsdPhysics.Scene(found) if found else UsdPhysics.Scene.Define(stage, "/World/physicsScene")
+    down = [float(g) / magnitude for g in gravity] if magnitude else (0.0, 0.0, -1.0)
+    physics.CreateGravityDirectionAttr(Gf.Vec3f(*down))
+    physics.CreateGravityMagnitudeAttr(magnitude)

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene of many environments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from pxr import Usd, UsdGeom
+
+from stripe_newton.assets import Articulation, ArticulationCfg, AssetBaseCfg, RigidObject, RigidObjectCfg
+from stripe_newton.configclass import MISSING
+from stripe_newton.sim import Simulation, SimulationCfg
+from stripe_newton.sim.stage import ENV_0, authored_path, scene_context
+from stripe_newton.usd import open_stage
+
+from .builder import SceneBuilder
+from .controller import SceneController
+from .grid import spiral_grid
+from .interactive_scene_cfg import InteractiveSceneCfg
+from .querier import SceneQuerier
+
+if TYPE_CHECKING:
+    from stripe_newton.assets.asset_base import EnvIds
+
+__all__ = ["InteractiveScene"]
+
+
+class InteractiveScene:
+    """Assets and sensors in many environments, on one USD stage, simulated by one model.
+
+    It is authored first, by the fields of its config and by what is created inside :meth:`construction`
+    (``_setup_scene`` of an environment), and then built: ``build`` loads the stage into Newton and replicates it.
+
+    Attributes:
+        stage: The USD stage.
+        sim: The simulation.
+        builder: The constructing face.
+        controller: The changing face.
+        querier: The reading face.
+        articulations: Articulations by name.
+        rigid_objects: Rigid bodies by name.
+        sensors: Sensors by name.
+        extras: Static assets by name.
+        terrain: What :meth:`SceneBuilder.build_terrain` made.
+        env_origins: Origins of the environments in the world frame [m], shape ``(num_envs, 3)``.
+    """
+
+    env_regex_ns = "/World/envs/env_.*"
+    """Prim path expression of all environments."""
+
+    def __init__(self, cfg: InteractiveSceneCfg, sim: Simulation | None = None, stage: Usd.Stage | None = None):
+        """Author the config's assets.
+
+        Args:
+            cfg: The scene; its fields that are asset or sensor configs are spawned in order.
+            sim: Simulation to build, by default a new one with default settings.
+            stage: Stage to add to, by default a new one in memory.
+        """
+        cfg.validate()
+        self.cfg = cfg
+        self.sim = sim or Simulation(SimulationCfg())
+        self.device = self.sim.device
+        self.stage = stage or _new_stage()
+        self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
+        self.articulations: dict[str, Articulation] = {}
+        self.rigid_objects: dict[str, RigidObject] = {}
+        self.sensors: dict[str, Any] = {}
+        self.extras: dict[str, Any] = {}
+        self.terrain: Any = None
+        self.cloned = False
+        self.env_origins = torch.from_numpy(spiral_grid(cfg.num_envs, cfg.env_spacing)).to(self.device)
+        self._add_fields()
+
+    def _add_fields(self) -> None:
+        for name in type(self.cfg).__dataclass_fields__:
+            if name in InteractiveSceneCfg.__dataclass_fields__:
+                continue
+            value = getattr(self.cfg, name)
+            if value is None or value is MISSING:
+                continue
+            if name == "terrain":
+                self.builder.build_terrain(value)
+            elif isinstance(value, ArticulationCfg):
+                self.builder.build_robot(name, value)
+            elif isinstance(value, (RigidObjectCfg, AssetBaseCfg)):
+                self.builder.build_objects({name: value})
+            elif getattr(value, "class_type", None) is not None:
+                self.builder.build_sensors({name: value})
+            else:
+                raise ValueError(f"scene.{name}: {type(value).__name__} is no asset or sensor config")
+
+    @classmethod
+    def from_usd(
+        cls,
+        stage_or_path: str | Path | Usd.Stage,
+        num_envs: int = 1,
+        env_spacing: float = 0.0,
+        sim_cfg: SimulationCfg | None = None,
+    ) -> InteractiveScene:
+        """Import a stage as it is, build it, and find its articulations and rigid bodies.
+
+        A stage that :meth:`export` wrote keeps its environments; of any other the whole is one environment.
+        ``scene.builder.reports`` says what was read and what was ignored.
+
+        Args:
+            stage_or_path: File or open stage.
+            num_envs: Number of copies.
+            env_spacing: Distance between them [m].
+            sim_cfg: Settings; by default those of :class:`SimulationCfg` with the stage's gravity.
+
+        Raises:
+            StageError: if the stage cannot be simulated, with the reason.
+        """
+        stage = open_stage(stage_or_path)
+        cfg = InteractiveSceneCfg(num_envs=num_envs, env_spacing=env_spacing)
+        scene = cls(cfg, Simulation(sim_cfg or SimulationCfg(gravity=None)), stage)
+        scene.builder.adopt = True
+        if not stage.GetPrimAtPath(ENV_0).IsValid():
+            scene.builder.template_root = "/"
+        scene.build()
+        return scene
+
+    # -- construction
+
+    def construction(self) -> AbstractContextManager[None]:
+        """Inside this context spawners and assets add to this scene."""
+        return scene_context(self)
+
+    def clone_environments(self, copy_from_source: bool = False) -> None:
+        """End the authoring of the environment; the others become copies of it when the scene is built.
+
+        Args:
+            copy_from_source: Accepted for compatibility: no prims are copied either way.
+        """
+        self.cloned = True
+
+    def filter_collisions(self, global_prim_paths: Sequence[str] | None = None) -> None:
+        """Keep environments from colliding with each other, which Newton's worlds never do.
+
+        Args:
+            global_prim_paths: Prims that all environments collide with; in Newton those outside the environments.
+
+        Raises:
+            ValueError: for a path without a prim.
+        """
+        for path in global_prim_paths or ():
+            if not self.stage.GetPrimAtPath(authored_path(path)).IsValid():
+                raise ValueError(f"filter_collisions: no prim at '{path}'; give paths of prims in the scene")
+
+    def build(self) -> None:
+        """Make the model: load the stage, replicate the environment, bind the assets."""
+        self.builder.build()
+
+    # -- what is there
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments."""
+        return self.cfg.num_envs
+
+    @property
+    def physics_dt(self) -> float:
+        """Time step of the physics [s]."""
+        return self.sim.physics_dt
+
+    @property
+    def env_prim_paths(self) -> list[str]:
+        """Paths of the environments; only the first is authored."""
+        return [f"/World/envs/env_{i}" for i in range(self.num_envs)]
+
+    @property
+    def env_ns(self) -> str:
+        """Prim above the environments."""
+        return "/World/envs"
+
+    def keys(self) -> list[str]:
+        """Names of everything in the scene."""
+        terrain = ["terrain"] if self.terrain is not None else []
+        return [*terrain, *self.articulations, *self.rigid_objects, *self.sensors, *self.extras]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __getitem__(self, key: str) -> Any:
+        if key == "terrain" and self.terrain is not None:
+            return self.terrain
+        for family in (self.articulations, self.rigid_objects, self.sensors, self.extras):
+            if key in family:
+                return family[key]
+        raise KeyError(f"no '{key}' in the scene; it has {', '.join(self.keys()) or 'nothing'}")
+
+    # -- running
+
+    def reset(self, env_ids: EnvIds = None) -> None:
+        """Clear targets, external forces, sensors and the solver's memory in some environments; states stay."""
+        self.controller.reset_robots(env_ids, to_default=False)
+
+    def write_data_to_sim(self) -> None:
+        """Hand over what was set since the last step."""
+        self.controller.apply_actions()
+
+    def update(self, dt: float) -> None:
+        """Let assets and sensors take note of ``dt`` seconds of physics."""
+        for item in [*self.builder.assets, *self.sensors.values()]:
+            item.update(dt)
+
+    def get_state(self, is_relative: bool = False) -> dict[str, dict[str, dict[str, torch.Tensor]]]:
+        """States of all assets: ``{"articulation" | "rigid_object": {name: get_robot_state(name)}}``."""
+        read = self.querier.get_robot_state
+        return {
+            "articulation": {n: read(n, is_relative) for n in self.articulations},
+            "rigid_object": {n: read(n, is_relative) for n in self.rigid_objects},
+        }
+
+    def reset_to(self, state: dict[str, dict[str, dict[str, torch.Tensor]]], env_ids: EnvIds = None, is_relative: bool = False) -> None:
+        """Bring environments to a state that :meth:`get_state` returned.
+
+        Args:
+            state: What :meth:`get_state` returned, one row for each of ``env_ids``.
+            env_ids: Environments, default all.
+            is_relative: Whether positions are relative to the environments' origins.
+        """
+        self.reset(env_ids)
+        for family in state.values():
+            for name, values in family.items():
+                asset = self[name]
+                rows = asset.env_indices(env_ids)
+                pose = values["root_pose"].clone()
+                if is_relative:
+                    pose[:, :3] += self.env_origins[rows]
+                asset.write_root_pose_to_sim(pose, rows)
+                asset.write_root_velocity_to_sim(values["root_velocity"], rows)
+                if "joint_position" in values:
+                    asset.write_joint_state_to_sim(values["joint_position"], values["joint_velocity"], env_ids=rows)
+        self.sim.forward(self.controller.mask(env_ids))
+
+    def export(self, path: str | Path) -> None:
+        """Write the scene as one self-contained USD file, the drives of its actuators included.
+
+        :meth:`from_usd` opens it again with the same model. A URDF or MJCF asset stays a reference to its file.
+
+        Raises:
+            RuntimeError: if the scene is not built.
+        """
+        from .export import export_stage
+
+        export_stage(self, Path(path))
+
+    def close(self) -> None:
+        """Release the simulation."""
+        self.sim.close()
+
+
+def _new_stage() -> Usd.Stage:
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    UsdGeom.Xform.Define(stage, ENV_0)
+    return stage

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reading face of a scene: states, sensors, contacts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import torch
+import warp as wp
+
+if TYPE_CHECKING:
+    from stripe_newton.assets import Articulation, RigidObject
+
+    from .interactive_scene import InteractiveScene
+
+__all__ = ["SceneQuerier"]
+
+
+class SceneQuerier:
+    """Reads a built scene. What it returns is a copy, unless said otherwise."""
+
+    def __init__(self, scene: InteractiveScene):
+        self._scene = scene
+        self._contact_sensor: Any = None
+
+    def get_robot_state(self, name: str, is_relative: bool = False) -> dict[str, torch.Tensor]:
+        """State of an articulation or rigid object.
+
+        Args:
+            name: Its name in the scene.
+            is_relative: Positions relative to the environments' origins.
+
+        Returns:
+            ``root_pose`` (num_envs, 7), ``root_velocity`` (num_envs, 6), and for an articulation ``joint_position`` and
+            ``joint_velocity`` (num_envs, num_joints); world frame, SI units.
+        """
+        asset = self._asset(name)
+        data = asset.data
+        state = {"root_pose": data.root_pose_w.clone(), "root_velocity": data.root_vel_w.clone()}
+        if is_relative:
+            state["root_pose"][:, :3] -= self._scene.env_origins
+        if name in self._scene.articulations:
+            state["joint_position"] = data.joint_pos.clone()
+            state["joint_velocity"] = data.joint_vel.clone()
+        return state
+
+    def get_sensor_data(self, name: str) -> Any:
+        """Data of a sensor, as the sensor hands it out.
+
+        Raises:
+            KeyError: if there is no such sensor.
+        """
+        if name not in self._scene.sensors:
+            raise KeyError(f"no sensor '{name}'; the scene has {', '.join(self._scene.sensors) or 'none'}")
+        return self._scene.sensors[name].data
+
+    def get_contact_forces(self, name: str) -> torch.Tensor:
+        """Net contact force on each body of an asset after the last step, world frame [N].
+
+        Needs ``SimulationCfg(contact_forces=True)``.
+
+        Returns:
+            Shape ``(num_envs, num_bodies, 3)``.
+
+        Raises:
+            RuntimeError: if contact forces are not exported.
+        """
+        sim = self._scene.sim
+        if not sim.cfg.contact_forces:
+            raise RuntimeError("contact forces are not exported: set 'contact_forces=True' in SimulationCfg")
+        if self._contact_sensor is None:
+            from newton.sensors import SensorContact
+
+            bodies = list(range(sim.model.body_count))
+            with wp.ScopedDevice(sim.device):
+                self._contact_sensor = SensorContact(sim.model, sensing_bodies=bodies, measure_total=True)
+        self._contact_sensor.update(sim.state, sim.contacts, observables=sim.observables)
+        forces = wp.to_torch(self._contact_sensor.total_force).view(sim.num_envs, -1, 3)
+        return forces[:, self._asset(name).layout.bodies].clone()
+
+    def _asset(self, name: str) -> Articulation | RigidObject:
+        assets = {**self._scene.articulations, **self._scene.rigid_objects}
+        if name not in assets:
+            raise KeyError(f"no articulation or rigid object '{name}'; the scene has {', '.join(assets) or 'none'}")
+        return assets[name]

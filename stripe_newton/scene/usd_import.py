@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stages that others wrote, read into a Newton ``ModelBuilder`` or refused with one clear reason."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import newton
+import numpy as np
+from newton import GeoType
+from newton.solvers import SolverMuJoCo
+from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
+from pxr import Usd, UsdGeom, UsdPhysics
+
+from .report import StageReport
+from .report_build import build_report
+from .usd_checks import BuilderStart, check_builder, check_stage
+from .usd_extras import read_lights, read_semantics
+from .usd_prepare import Ignored, prepare
+from .usd_stage import StageError, asset_prim, open_stage, stage_name, walk
+
+__all__ = ["StageError", "asset_prim", "inspect_stage", "load_stage", "read_lights", "read_semantics"]
+
+
+def load_stage(
+    builder: newton.ModelBuilder,
+    stage: str | Path | Usd.Stage,
+    *,
+    root_path: str = "/",
+    ignore_paths: Sequence[str] = (),
+    solver: str = "mujoco",
+    allow_static: bool = True,
+) -> StageReport:
+    """Read the rigid bodies, joints, shapes and sites of a stage into ``builder``, in SI units and Z up.
+
+    Labels in the builder are prim paths. Every body ends in an articulation: free bodies get a free joint, whose
+    coordinates are the body's world pose. Newton sets ``builder.gravity`` from the stage's first PhysicsScene; a
+    stage without one leaves it. The given stage is not changed.
+
+    Args:
+        builder: Where to. MuJoCo's custom attributes are registered on it, if they are not yet.
+        stage: A file, or an open stage.
+        root_path: Prim to load from; a PhysicsScene and materials outside it count too.
+        ignore_paths: Regular expressions; prims whose path starts with a match, and what is below, are left out.
+        solver: ``"mujoco"`` refuses joints that ``SolverMuJoCo`` does not take; any other name skips that check.
+        allow_static: Take a stage of static colliders, or of nothing but visible shapes.
+
+    Raises:
+        StageError: the stage cannot be simulated. What ``builder`` then holds is unspecified.
+    """
+    opened = open_stage(stage)
+    name, ignore = stage_name(opened), tuple(ignore_paths)
+    check_stage(opened, root_path, ignore, solver, allow_static, name)
+    prepared, rows = prepare(opened, root_path, ignore)
+    start = BuilderStart(builder)
+    if solver == "mujoco" or not any(a.namespace == "mujoco" for a in builder.custom_attributes.values()):
+        SolverMuJoCo.register_custom_attributes(builder)
+    with _heard(rows):
+        try:
+            result = builder.add_usd(
+                prepared,
+                root_path=root_path,
+                ignore_paths=list(ignore),
+                schema_resolvers=[SchemaResolverNewton(), SchemaResolverMjc(), SchemaResolverPhysx()],
+                load_sites=True,
+                load_visual_shapes=True,
+                skip_mesh_approximation=not _can_approximate(),
+            )
+        except (ValueError, RuntimeError, NotImplementedError, KeyError, ImportError) as error:
+            reason = f"Newton does not read it: {str(error) or type(error).__name__}"
+            raise StageError(name, _first_path(str(error), prepared), reason) from error
+    _unmirror_meshes(builder, start.shape)
+    _articulate_single_joints(builder, start.joint, rows)
+    check_builder(builder, start, solver, name)
+    if not _can_approximate():
+        rows.extend(_unapproximated(prepared, root_path, ignore))
+    scene = result["physics_scene_path"]
+    return build_report(builder, start, opened, prepared, root_path, ignore, rows, name, scene)
+
+
+def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> StageReport:
+    """What is in a stage, read as :func:`load_stage` reads it.
+
+    Raises:
+        StageError: the stage cannot be simulated.
+    """
+    builder = newton.ModelBuilder()
+    report = load_stage(builder, path, solver=solver, allow_static=False)
+    report.ignored.extend(_moved_bodies(builder))
+    return report
+
+
+def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]]:
+    """Bodies whose authored pose is not the one their joints' frames and initial positions give."""
+    model = builder.finalize(device="cpu")
+    state = model.state()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    for label, authored, simulated in zip(builder.body_label, builder.body_q, state.body_q.numpy(), strict=True):
+        pose = np.array(authored, dtype=np.float32)
+        moved = float(np.linalg.norm(pose[:3] - simulated[:3]))
+        turned = 2.0 * float(np.arccos(min(1.0, abs(float(pose[3:] @ simulated[3:])))))
+        if moved > 1e-3 or turned > 1e-2:
+            what = f"its joints put it {moved:.3g} m and {np.degrees(turned):.3g} degrees from there"
+            yield label, "authored pose", what
+
+
+def _can_approximate() -> bool:
+    """Whether Newton can make hulls and boxes of meshes itself; without, MuJoCo makes a hull of every mesh."""
+    return importlib.util.find_spec("scipy") is not None
+
+
+def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
+    for prim in walk(stage, root_path, ignore):
+        if prim.IsA(UsdGeom.Mesh) and prim.HasAPI(UsdPhysics.MeshCollisionAPI):
+            kind = UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get()
+            if kind not in (None, "none", "convexHull"):
+                yield str(prim.GetPath()), f"approximation {kind}", "scipy is not installed: a convex hull is used"
+
+
+@contextmanager
+def _heard(rows: Ignored) -> Iterator[None]:
+    """Gather what Newton warns of, by ``warnings`` or by its log, as rows of the report."""
+    handler = _ListHandler()
+    logger = logging.getLogger("newton")
+    logger.addHandler(handler)
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            yield
+    finally:
+        logger.removeHandler(handler)
+    texts = [str(w.message) for w in caught if not issubclass(w.category, (ImportWarning, ResourceWarning))]
+    rows.extend(("", "warning of Newton", text) for text in dict.fromkeys([*texts, *handler.texts]))
+
+
+class _ListHandler(logging.Handler):
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.texts.append(record.getMessage())
+
+
+def _first_path(text: str, stage: Usd.Stage) -> str:
+    """The first prim path that an error text names."""
+    for word in text.replace("'", " ").replace('"', " ").replace(",", " ").split():
+        word = word.rstrip(".:;")
+        if word.startswith("/") and len(word) > 1 and stage.GetPrimAtPath(word):
+            return word
+    return ""
+
+
+def _unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
+    """Bake negative scales of meshes into their vertices: the MuJoCo solver refuses them."""
+    for shape in range(first, builder.shape_count):
+        scale = np.array(builder.shape_scale[shape], dtype=np.float32)
+        mesh = builder.shape_source[shape]
+        if builder.shape_type[shape] not in (GeoType.MESH, GeoType.CONVEX_MESH) or (scale >= 0.0).all():
+            continue
+        faces = np.array(mesh.indices, dtype=np.int32).reshape(-1, 3)
+        if np.prod(np.sign(scale)) < 0.0:
+            faces = faces[:, ::-1]
+        mirrored = newton.Mesh(
+            np.array(mesh.vertices) * np.sign(scale),
+            faces.reshape(-1).copy(),
+            normals=None if mesh.normals is None else np.array(mesh.normals) * np.sign(scale),
+            uvs=mesh.uvs,
+            compute_inertia=False,
+            is_solid=mesh.is_solid,
+            maxhullvert=mesh.maxhullvert,
+            color=mesh.color,
+            opacity=mesh.opacity,
+            texture=mesh.texture,
+            roughness=mesh.roughness,
+            metallic=mesh.metallic,
+        )
+        builder.shape_source[shape] = mirrored
+        builder.shape_scale[shape] = tuple(float(s) for s in np.abs(scale))
+
+
+def _articulate_single_joints(builder: newton.ModelBuilder, first: int, rows: Ignored) -> None:
+    """Make an articulation of a body that hangs on the world by one joint.
+
+    OpenUSD's parser reports such an articulation without its body, so Newton leaves the joint out of every articulation
+    and its forward kinematics would skip it.
+    """
+    children = {builder.joint_child[j] for j in range(first, builder.joint_count) if builder.joint_articulation[j] >= 0}
+    for joint in range(first, builder.joint_count):
+        child = builder.joint_child[joint]
+        if builder.joint_articulation[joint] < 0 and builder.joint_parent[joint] == -1 and child not in children:
+            children.add(child)
+            builder.add_articulation([joint], label=builder.joint_label[joint])
+            rows.append((builder.joint_label[joint], "joint without articulation", "made an articulation of one body"))
+    _sort_articulations(builder)
+
+
+def _sort_articulations(builder: newton.ModelBuilder) -> None:
+    """Put articulations in the order of their joints, which ``finalize`` asks for."""
+    order = sorted(range(builder.articulation_count), key=lambda a: builder.articulation_start[a])
+    if order == list(range(len(order))):
+        return
+    for name in ("articulation_start", "articulation_end", "articulation_label", "articulation_world"):
+        values = getattr(builder, name)
+        values[:] = [values[a] for a in order]
+    new = {old: index for index, old in enumerate(order)}
+    for joint, articulation in enumerate(list(builder.joint_articulation)):
+        builder.joint_articulation[joint] = new.get(articulation, articulation)
+    for attribute in builder.custom_attributes.values():
+        if attribute.frequency == newton.Model.AttributeFrequency.ARTICULATION and isinstance(attribute.values, dict):
+            attribute.values = {new[a]: value for a, value in attribute.values.items()}

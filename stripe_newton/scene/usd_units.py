@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stage in other units than metres and kilograms, rewritten in SI.
+
+Newton reads lengths and masses as they are authored. A stage in centimetres is therefore copied (flattened) and each
+authored value of a known physical dimension is multiplied. The up axis is left alone: Newton rotates by itself.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
+
+__all__ = ["stage_units", "to_si"]
+
+# Exponents (length, mass) of a quantity; time and angle need no conversion.
+_LENGTH, _MASS, _FORCE, _TORQUE, _DENSITY = (1, 0), (0, 1), (1, 1), (2, 1), (-3, 1)
+_LINEAR_GAIN, _ANGULAR_GAIN, _INERTIA = (0, 1), (2, 1), (2, 1)
+
+_BY_NAME: list[tuple[re.Pattern[str], tuple[int, int]]] = [
+    (re.compile(pattern), dimension)
+    for pattern, dimension in (
+        (r"xformOp:(translate|transform)(:.*)?", _LENGTH),
+        (r"(points|extent|velocities|widths|positions)", _LENGTH),
+        (r"physics:(localPos[01]|centerOfMass|velocity|gravityMagnitude|minDistance|maxDistance)", _LENGTH),
+        (r"physics:mass", _MASS),
+        (r"physics:density", _DENSITY),
+        (r"physics:diagonalInertia", _INERTIA),
+        (r"physics:breakForce", _FORCE),
+        (r"physics:breakTorque", _TORQUE),
+        (r"limit:(trans[XYZ]|distance):physics:(low|high)", _LENGTH),
+        (r"drive:(linear|trans[XYZ]):physics:target(Position|Velocity)", _LENGTH),
+        (r"drive:(linear|trans[XYZ]):physics:(stiffness|damping)", _LINEAR_GAIN),
+        (r"drive:(linear|trans[XYZ]):physics:maxForce", _FORCE),
+        (r"drive:(angular|rot[XYZ]):physics:(stiffness|damping)", _ANGULAR_GAIN),
+        (r"drive:(angular|rot[XYZ]):physics:maxForce", _TORQUE),
+        (r"state:linear:physics:(position|velocity)", _LENGTH),
+        (r"physxLimit:(linear|trans[XYZ]):(stiffness|damping)", _LINEAR_GAIN),
+        (r"physxLimit:(angular|rot[XYZ]):(stiffness|damping)", _ANGULAR_GAIN),
+        (r"physxCollision:(contactOffset|restOffset)", _LENGTH),
+        (r"newton:(contactMargin|contactGap|shellThickness)", _LENGTH),
+        (r"newton:inertia", _INERTIA),
+    )
+]
+_BY_TYPE: dict[str, dict[str, tuple[int, int]]] = {
+    "PhysicsPrismaticJoint": {
+        "physics:lowerLimit": _LENGTH,
+        "physics:upperLimit": _LENGTH,
+        "physxJoint:armature": _MASS,
+        "newton:armature": _MASS,
+        "physxJoint:maxJointVelocity": _LENGTH,
+        "newton:velocityLimit": _LENGTH,
+        "newton:friction": _FORCE,
+        "newton:damping": _LINEAR_GAIN,
+        "newton:limitStiffness": _LINEAR_GAIN,
+        "newton:limitDamping": _LINEAR_GAIN,
+    },
+    "PhysicsRevoluteJoint": {
+        "physxJoint:armature": _INERTIA,
+        "newton:armature": _INERTIA,
+        "newton:friction": _TORQUE,
+        "newton:damping": _ANGULAR_GAIN,
+        "newton:limitStiffness": _ANGULAR_GAIN,
+        "newton:limitDamping": _ANGULAR_GAIN,
+    },
+}
+# Shapes whose size is in the schema: unauthored, it is this many stage units.
+_SHAPE_SIZES: dict[str, dict[str, float]] = {
+    "Cube": {"size": 2.0},
+    "Sphere": {"radius": 1.0},
+    "Cylinder": {"radius": 1.0, "height": 2.0},
+    "Capsule": {"radius": 0.5, "height": 1.0},
+    "Cone": {"radius": 1.0, "height": 2.0},
+    "Plane": {"width": 2.0, "length": 2.0},
+}
+
+
+def stage_units(stage: Usd.Stage) -> tuple[float, float]:
+    """Metres and kilograms a unit of the stage. Unauthored metadata counts as SI, as Newton has it."""
+    metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else 1.0
+    authored = UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage)
+    return metres, (UsdPhysics.GetStageKilogramsPerUnit(stage) if authored else 1.0)
+
+
+def to_si(stage: Usd.Stage) -> Usd.Stage:
+    """The stage itself where it is in metres and kilograms, else a flattened copy that is."""
+    metres, kilograms = stage_units(stage)
+    if math.isclose(metres, 1.0) and math.isclose(kilograms, 1.0):
+        return stage
+    layer = stage.Flatten()
+    prims: list[Sdf.PrimSpec] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, lambda path: _collect(layer, path, prims))
+    for prim in prims:
+        _add_shape_sizes(prim)
+        for attribute in list(prim.attributes):
+            dimension = _dimension(prim.typeName, attribute.name)
+            if dimension is not None:
+                factor = metres ** dimension[0] * kilograms ** dimension[1]
+                _scale_attribute(layer, attribute, factor)
+    converted = Usd.Stage.Open(layer, Usd.Stage.LoadAll)
+    UsdGeom.SetStageMetersPerUnit(converted, 1.0)
+    UsdPhysics.SetStageKilogramsPerUnit(converted, 1.0)
+    return converted
+
+
+def _collect(layer: Sdf.Layer, path: Sdf.Path, prims: list[Sdf.PrimSpec]) -> None:
+    if path.IsPrimPath() and path != Sdf.Path.absoluteRootPath:
+        prims.append(layer.GetPrimAtPath(path))
+
+
+def _add_shape_sizes(prim: Sdf.PrimSpec) -> None:
+    for name, size in _SHAPE_SIZES.get(prim.typeName, {}).items():
+        if name not in prim.attributes:
+            Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Double).default = size
+
+
+def _dimension(type_name: str, name: str) -> tuple[int, int] | None:
+    if name in _SHAPE_SIZES.get(type_name, {}):
+        return _LENGTH
+    if name in _BY_TYPE.get(type_name, {}):
+        return _BY_TYPE[type_name][name]
+    return next((dimension for pattern, dimension in _BY_NAME if pattern.fullmatch(name)), None)
+
+
+def _scale_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, factor: float) -> None:
+    for time in layer.ListTimeSamplesForPath(attribute.path):
+        value = layer.QueryTimeSample(attribute.path, time)
+        layer.SetTimeSample(attribute.path, time, _scaled(value, factor))
+    if attribute.HasDefaultValue():
+        attribute.default = _scaled(attribute.default, factor)
+
+
+def _scaled(value: object, factor: float) -> object:
+    if isinstance(value, (Gf.Matrix4d, Gf.Matrix4f)):
+        matrix = type(value)(value)
+        for column in range(3):
+            matrix[3, column] = matrix[3, column] * factor
+        return matrix
+    if isinstance(value, (int, float)):
+        return value * factor
+    if type(value).__name__.endswith("Array"):
+        make: Callable[..., object] = getattr(Vt, type(value).__name__).FromNumpy
+        numbers = np.array(value)
+        return make(np.ascontiguousarray(numbers * factor, dtype=numbers.dtype))
+    return type(value)(*(component * factor for component in value))  # type: ignore[attr-defined]

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulation: Newton's model, states and solver, stepped as a CUDA graph."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import newton
+import numpy as np
+import torch
+import warp as wp
+
+from stripe_kernels.actuation import apply_effort_targets, apply_external_wrench, clamp_velocity
+
+from .simulation_cfg import SimulationCfg
+
+if TYPE_CHECKING:
+    from stripe_newton.usd import Light
+
+__all__ = ["Simulation", "resolve_device"]
+
+
+def resolve_device(name: str | None) -> str:
+    """``"cpu"`` or ``"cuda:N"`` for a device as a config names it.
+
+    Raises:
+        ValueError: for a device that this machine does not have.
+    """
+    count = wp.get_cuda_device_count()
+    if name is None:
+        return "cuda:0" if count else "cpu"
+    if name == "cpu":
+        return name
+    index = int(name.partition(":")[2] or 0)
+    if index >= count:
+        have = ", ".join(["cpu", *(f"cuda:{i}" for i in range(count))])
+        raise ValueError(f"device '{name}': this machine has {have}")
+    return f"cuda:{index}"
+
+
+class Simulation:
+    """Owns model, state, control, contacts and solver, and the graph that steps them.
+
+    A scene builds it by :meth:`build`; several may live in one process, on different devices. ``state`` is one
+    object for life: every view of its arrays stays valid.
+
+    Attributes:
+        cfg: The settings.
+        device: ``"cpu"`` or ``"cuda:N"``.
+        num_envs: Number of environments, each a Newton world.
+        template: Builder of one environment, at the origin.
+        static: Builder of what all environments share.
+        env_origins: Origin of each environment in the world frame [m], shape ``(num_envs, 3)``.
+        lights: Lights of the scene, for rendering.
+        build_s: Seconds that :meth:`build` took.
+    """
+
+    def __init__(self, cfg: SimulationCfg):
+        cfg.validate()
+        wp.config.quiet = True
+        self.cfg = cfg
+        self.device = resolve_device(cfg.device)
+        self.num_envs = 0
+        self.lights: list[Light] = []
+        self.model: newton.Model | None = None
+        self.build_s = 0.0
+        self.roots_moved = False
+        """Set by whoever moved the frame that a fixed base is fixed to; the solver is told before the next step."""
+        self._graphs: dict[int, wp.Graph] = {}
+
+    @property
+    def physics_dt(self) -> float:
+        """Time step of the physics [s]."""
+        return float(self.cfg.dt)
+
+    def new_builder(self) -> newton.ModelBuilder:
+        """An empty builder with the solver's attributes and the default material of the settings."""
+        builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
+        self.cfg.solver.register(builder)
+        material = self.cfg.physics_material
+        builder.default_shape_cfg.mu = material.dynamic_friction
+        builder.default_shape_cfg.restitution = material.restitution
+        if material.density is not None:
+            builder.default_shape_cfg.density = material.density
+        if self.cfg.gravity is not None:
+            builder.gravity = wp.vec3(*self.cfg.gravity)
+        return builder
+
+    def build(self, template: newton.ModelBuilder, static: newton.ModelBuilder, env_origins: np.ndarray) -> None:
+        """Replicate ``template`` at ``env_origins`` beside ``static`` and make the solver.
+
+        Args:
+            template: One environment at the origin.
+            static: What all environments share; it may hold no bodies.
+            env_origins: Origins in the world frame [m], shape ``(num_envs, 3)``.
+        """
+        start = time.perf_counter()
+        if static.body_count:
+            raise ValueError(
+                f"rigid body '{static.body_label[0]}' stands outside the environments: "
+                "only static colliders may be shared, put it below '/World/envs/env_.*'"
+            )
+        self.template, self.static, self.env_origins = template, static, np.asarray(env_origins, dtype=np.float32)
+        self.num_envs = len(env_origins)
+        builder = self.new_builder()
+        builder.add_builder(static)
+        builder.gravity = static.gravity if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
+        template.gravity = template.gravity if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
+        identity = wp.quat_identity()
+        builder.replicate(
+            template, self.num_envs, xforms=[wp.transform(wp.vec3(*map(float, o)), identity) for o in self.env_origins]
+        )
+        with wp.ScopedDevice(self.device):
+            self.model = builder.finalize(device=self.device)
+            self.solver = self.cfg.solver.create(self.model)
+            self._allocate()
+        self.forward()
+        self.build_s = time.perf_counter() - start
+
+    def _allocate(self) -> None:
+        model = self.model
+        self.state = model.state()
+        self._next = None if self.cfg.solver.in_place else model.state()
+        self.control = model.control()
+        self._actuator_states = [(a.state(), a.state()) if a.is_stateful() else (None, None) for a in model.actuators]
+        dofs = model.joint_dof_count
+        self.explicit = wp.zeros(dofs, dtype=wp.bool)
+        """Degrees of freedom that an explicit actuator drives, shape ``(joint_dof_count,)``."""
+        for actuator in model.actuators:
+            wp.to_torch(self.explicit)[torch.from_numpy(actuator.effort_indices.numpy().astype(np.int64))] = True
+        self.velocity_gain = wp.zeros(dofs, dtype=float)
+        """Damping of the drives that follow a position alone, which their velocity target is fed forward with."""
+        self.refresh_drives()
+        self.velocity_limit = wp.full(dofs, value=float("inf"), dtype=float)
+        """Velocity limits that are enforced after each step, shape ``(joint_dof_count,)``."""
+        self.external_wrench: wp.array | None = None
+        """External wrenches about the centres of mass, shape ``(body_count,)``, once one was set."""
+        self.previous_joint_qd = wp.clone(self.state.joint_qd)
+        """Joint velocities before the last step, for accelerations."""
+        self._world_mask = wp.zeros(self.num_envs + 1, dtype=wp.bool)
+        self._articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
+        self._collide()
+        self._observe()
+
+    def _collide(self) -> None:
+        self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(self.model)
+        self.contacts = self.pipeline.contacts() if self.pipeline else None
+
+    def _observe(self) -> None:
+        """Allocate what the solver reports beyond the state."""
+        wanted = {"qfrc_actuator", "overflow"} & set(self.solver.supported_observables)
+        if self.cfg.contact_forces:
+            if "contact_f" not in self.solver.supported_observables:
+                raise ValueError(f"contact_forces: {type(self.solver).__name__} does not report them, use MuJoCoSolverCfg")
+            wanted.add("contact_f")
+            if self.contacts is None:
+                self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
+        self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
+
+    # -- stepping
+
+    def step(self, substeps: int = 1) -> None:
+        """Advance the physics by ``substeps`` time steps: one graph launch on a GPU.
+
+        The first call of each number of substeps runs eagerly and records the graph.
+        """
+        if self.roots_moved:
+            self.roots_moved = False
+            self.notify(newton.ModelFlags.JOINT_PROPERTIES)
+        graph = self._graphs.get(substeps)
+        if graph is not None:
+            wp.capture_launch(graph)
+            return
+        with wp.ScopedDevice(self.device):
+            self._run(substeps)
+            if self.device != "cpu" and self.cfg.use_cuda_graph:
+                self._graphs[substeps] = self._capture(lambda: self._run(substeps))
+
+    def _capture(self, function: Callable[[], None]) -> wp.Graph:
+        collecting = gc.isenabled()
+        gc.disable()  # a collection during capture may free device memory, which breaks the capture
+        try:
+            with wp.ScopedCapture(device=self.device) as capture:
+                function()
+        finally:
+            if collecting:
+                gc.enable()
+        return capture.graph
+
+    def recapture(self) -> None:
+        """Record the graphs anew at the next step; for whoever replaced an array that they read."""
+        self._graphs.clear()
+
+    def _run(self, substeps: int) -> None:
+        for index in range(substeps):
+            if index == substeps - 1:
+                wp.copy(self.previous_joint_qd, self.state.joint_qd)
+            self._substep()
+
+    def _substep(self) -> None:
+        model, state, control, dt = self.model, self.state, self.control, self.physics_dt
+        if model.joint_dof_count:
+            wp.launch(
+                apply_effort_targets,
+                dim=model.joint_dof_count,
+                inputs=[
+                    control.joint_act,
+                    control.joint_target_qd,
+                    self.velocity_gain,
+                    model.joint_effort_limit,
+                    self.explicit,
+                ],
+                outputs=[control.joint_f],
+            )
+        for actuator, (current, following) in zip(model.actuators, self._actuator_states, strict=True):
+            actuator.step(state, control, current, following, dt=dt)
+            if current is not None:
+                current.assign(following)
+        if self.external_wrench is not None:
+            wp.launch(
+                apply_external_wrench,
+                dim=model.body_count,
+                inputs=[state.body_q, self.external_wrench, self.wrench_in_world],
+                outputs=[state.body_f],
+            )
+        if self.pipeline is not None:
+            self.pipeline.collide(state, self.contacts)
+        following_state = state if self._next is None else self._next
+        self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
+        if self._next is not None:
+            state.assign(self._next)
+            if not self.cfg.solver.reduced_coordinates:
+                newton.eval_ik(model, state, state.joint_q, state.joint_qd)
+        if self._limits_velocity:
+            wp.launch(clamp_velocity, dim=model.joint_dof_count, inputs=[self.velocity_limit], outputs=[state.joint_qd])
+            newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+
+    _limits_velocity = False
+
+    def limit_velocities(self) -> None:
+        """Enforce :attr:`velocity_limit` from the next step on."""
+        self._limits_velocity = True
+        self.recapture()
+
+    def enable_external_wrench(self) -> None:
+        """Allocate :attr:`external_wrench` and apply it from the next step on."""
+        if self.external_wrench is None:
+            with wp.ScopedDevice(self.device):
+                self.external_wrench = wp.zeros(self.model.body_count, dtype=wp.spatial_vector)
+                self.wrench_in_world = wp.zeros(self.model.body_count, dtype=wp.bool)
+            self.recapture()
+
+    # -- state
+
+    def forward(self, env_mask: torch.Tensor | None = None) -> None:
+        """Make body poses and velocities follow the joints.
+
+        Args:
+            env_mask: Environments to update, bool, shape ``(num_envs,)``. Default: all.
+        """
+        mask = None
+        if env_mask is not None and self.num_envs:
+            mask = self._articulation_mask
+            wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
+        newton.eval_fk(self.model, self.state.joint_q, self.state.joint_qd, self.state, mask=mask)
+
+    def clear_solver(self, env_mask: torch.Tensor) -> None:
+        """Forget what the solver carries from step to step (warm start, activations) in the given environments.
+
+        Without it a world that once became non-finite would stay so.
+
+        Args:
+            env_mask: bool, shape ``(num_envs,)``.
+        """
+        wp.to_torch(self._world_mask)[:-1] = env_mask
+        with wp.ScopedDevice(self.device):
+            self.solver.reset(self.state, world_mask=self._world_mask, flags=0)
+        for actuator, (current, _) in zip(self.model.actuators, self._actuator_states, strict=True):
+            if current is not None:
+                per_env = env_mask.repeat_interleave(actuator.num_actuators // self.num_envs)
+                current.reset(wp.from_torch(per_env.contiguous(), dtype=wp.bool))
+
+    def refresh_drives(self) -> None:
+        """Take over changed drive gains: a drive that follows a position gets its velocity target as feed-forward.
+
+        ``ke (q* - q) - kd qd + kd qd*`` is the law of a drive that follows both, without a second actuator.
+        """
+        mode, damping = wp.to_torch(self.model.joint_target_mode), wp.to_torch(self.model.joint_target_kd)
+        wp.to_torch(self.velocity_gain)[:] = torch.where(mode == int(newton.JointTargetMode.POSITION), damping, 0.0)
+
+    def notify(self, flags: newton.ModelFlags | int) -> None:
+        """Tell the solver which properties of the model were changed in place."""
+        with wp.ScopedDevice(self.device):
+            self.solver.notify_model_changed(flags)
+
+    def per_env(self, array: wp.array, shared: int = 0) -> torch.Tensor:
+        """A zero-copy view of a flat array, one row an environment: shape ``(num_envs, count, ...)``.
+
+        Args:
+            array: Array of the model, state or control.
+            shared: Number of entries that all environments share; they come first and are left out.
+        """
+        return wp.to_torch(array)[shared:].unflatten(0, (self.num_envs, -1))
+
+    def close(self) -> None:
+        """Release graphs, solver and model."""
+        self._graphs.clear()
+        self.model = None
+        self.solver = None

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solvers by configuration. Every field is an argument of the Newton solver it names; ``None`` leaves its default."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from stripe_newton.configclass import configclass
+
+if TYPE_CHECKING:
+    import newton
+
+__all__ = [
+    "FeatherstoneSolverCfg",
+    "KaminoSolverCfg",
+    "MuJoCoSolverCfg",
+    "SemiImplicitSolverCfg",
+    "SolverCfg",
+    "XPBDSolverCfg",
+]
+
+
+@configclass
+class SolverCfg:
+    """Base of the solver configs."""
+
+    solver_class: ClassVar[str] = ""
+    """Name of the class in :mod:`newton.solvers`."""
+
+    reduced_coordinates: ClassVar[bool] = True
+    """Whether a step writes ``joint_q`` and ``joint_qd``; if not they are recovered from the bodies after it."""
+
+    in_place: ClassVar[bool] = False
+    """Whether ``step(state, state, ...)`` is sound, so that no second state is needed."""
+
+    def register(self, builder: newton.ModelBuilder) -> None:
+        """Declare the solver's custom attributes, so that importers fill them."""
+        solver = self._class()
+        if hasattr(solver, "register_custom_attributes"):
+            solver.register_custom_attributes(builder)
+
+    def create(self, model: newton.Model) -> newton.solvers.SolverBase:
+        """Make the solver for ``model``."""
+        return self._class()(model, **self.arguments())
+
+    def arguments(self) -> dict[str, Any]:
+        """The keyword arguments given to the solver: those that are not ``None``."""
+        fields = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self))
+        return {name: value for name, value in fields if value is not None}
+
+    @property
+    def kind(self) -> str:
+        """The solver's name in lower case: ``"mujoco"``, ``"xpbd"``, ..."""
+        return self.solver_class.removeprefix("Solver").lower()
+
+    @property
+    def finds_contacts(self) -> bool:
+        """Whether the solver detects collisions itself; if not, Newton's collision pipeline does."""
+        return False
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        for name, value in self.arguments().items():
+            if isinstance(value, float) and not math.isfinite(value):
+                yield name, f"is {value}, must be finite"
+            elif name.endswith(("iterations", "njmax", "nconmax")) and isinstance(value, int) and value < 0:
+                yield name, f"is {value}, must not be negative"
+
+    def _class(self) -> Any:
+        import newton
+
+        return getattr(newton.solvers, self.solver_class)
+
+
+@configclass
+class MuJoCoSolverCfg(SolverCfg):
+    """MuJoCo Warp, the default: generalized coordinates, implicit drives, its own collision detection."""
+
+    solver_class: ClassVar[str] = "SolverMuJoCo"
+    in_place: ClassVar[bool] = True
+
+    separate_worlds: bool | None = None
+    """Map each Newton world to a MuJoCo world. Default: yes."""
+    njmax: int | None = None
+    """Constraints a world has room for. Default: estimated from the initial state."""
+    njmax_nnz: int | None = None
+    """Non-zeros of the sparse constraint Jacobian a world has room for."""
+    nconmax: int | None = None
+    """Contact points a world has room for. Default: estimated from the initial state."""
+    iterations: int | None = None
+    """Solver iterations. MuJoCo's default is 100."""
+    ls_iterations: int | None = None
+    """Line search iterations. MuJoCo's default is 50."""
+    ccd_iterations: int | None = None
+    """Iterations of convex collision detection."""
+    sdf_iterations: int | None = None
+    """Iterations of signed distance collision detection."""
+    sdf_initpoints: int | None = None
+    """Starting points of signed distance collision detection."""
+    solver: str | None = None
+    """``"newton"`` (default) or ``"cg"``."""
+    integrator: str | None = None
+    """``"implicitfast"`` (default), ``"euler"``, ``"implicit"``, ``"rk4"`` or ``"discrete"``."""
+    cone: str | None = None
+    """Friction cone: ``"pyramidal"`` (default) or ``"elliptic"``."""
+    jacobian: str | None = None
+    """``"auto"`` (default), ``"dense"`` or ``"sparse"``."""
+    impratio: float | None = None
+    """Ratio of frictional to normal constraint impedance."""
+    tolerance: float | None = None
+    """Residual at which the solver stops."""
+    ls_tolerance: float | None = None
+    """Residual at which the line search stops."""
+    ccd_tolerance: float | None = None
+    """Tolerance of convex collision detection."""
+    density: float | None = None
+    """Density of the medium [kg/m^3], for drag and lift."""
+    viscosity: float | None = None
+    """Viscosity of the medium [Pa s]."""
+    wind: tuple[float, float, float] | None = None
+    """Velocity of the medium [m/s]."""
+    magnetic: tuple[float, float, float] | None = None
+    """Global magnetic flux."""
+    use_mujoco_cpu: bool = False
+    """Use MuJoCo's C implementation; steps the first world only, for debugging."""
+    enable_multiccd: bool | None = None
+    """Up to four contact points for a pair of convex shapes."""
+    enable_sleeping: bool | None = None
+    """Let resting bodies sleep (GPU only)."""
+    nvmax: int | None = None
+    """Active degrees of freedom a world has room for while sleeping is enabled."""
+    sleep_tolerance: float | None = None
+    """Velocity below which a body may sleep."""
+    disable_contacts: bool | None = None
+    """Compute no contacts."""
+    disable_sensors: bool | None = None
+    """Compute no MuJoCo sensors."""
+    save_to_mjcf: str | None = None
+    """Write the MuJoCo model to this file."""
+    use_mujoco_contacts: bool = True
+    """MuJoCo's collision detection; otherwise Newton's pipeline."""
+    use_speculative_contacts: bool = False
+    """Bound the closing speed of separated contacts (needs Newton's pipeline)."""
+    include_sites: bool = True
+    """Export sites to MuJoCo."""
+    skip_visual_only_geoms: bool = True
+    """Leave visual shapes out of the MuJoCo model."""
+    strict_capacity: bool = False
+    """Raise when Newton's contact buffer is larger than MuJoCo's."""
+    kinematic_switchable_roots: bool = False
+    """Give every root an inactive weld, so that bodies can be made kinematic while running."""
+
+    @property
+    def finds_contacts(self) -> bool:
+        return self.use_mujoco_contacts
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        choices = {
+            "solver": ("newton", "cg"),
+            "integrator": ("implicitfast", "euler", "implicit", "rk4", "discrete"),
+            "cone": ("pyramidal", "elliptic"),
+            "jacobian": ("auto", "dense", "sparse"),
+        }
+        for name, allowed in choices.items():
+            value = getattr(self, name)
+            if value is not None and value not in allowed:
+                yield name, f"is '{value}', must be one of {', '.join(allowed)}"
+
+
+@configclass
+class FeatherstoneSolverCfg(SolverCfg):
+    """Featherstone's articulated bodies with penalty contacts, differentiable."""
+
+    solver_class: ClassVar[str] = "SolverFeatherstone"
+
+    angular_damping: float | None = None
+    """Damping of angular velocity."""
+    update_mass_matrix_interval: int | None = None
+    """Steps between updates of the mass matrix."""
+    use_tile_gemm: bool | None = None
+    """Use Warp's tile operators (a kernel is compiled for each articulation size)."""
+    fuse_cholesky: bool | None = None
+    """Fuse the decomposition into the inertia kernel (with ``use_tile_gemm``)."""
+
+
+@configclass
+class XPBDSolverCfg(SolverCfg):
+    """Extended position-based dynamics, in maximal coordinates."""
+
+    solver_class: ClassVar[str] = "SolverXPBD"
+    reduced_coordinates: ClassVar[bool] = False
+
+    iterations: int | None = None
+    """Constraint iterations a step."""
+    joint_linear_relaxation: float | None = None
+    """Relaxation of linear joint corrections."""
+    joint_angular_relaxation: float | None = None
+    """Relaxation of angular joint corrections."""
+    joint_linear_compliance: float | None = None
+    """Compliance of linear joint constraints [m/N]."""
+    joint_angular_compliance: float | None = None
+    """Compliance of angular joint constraints [rad/(N m)]."""
+    rigid_contact_relaxation: float | None = None
+    """Relaxation of contact corrections."""
+    rigid_contact_restitution_iterations: int | None = None
+    """Outer iterations of the restitution solve."""
+    rigid_contact_con_weighting: bool | None = None
+    """Divide a body's correction by its number of contacts."""
+    angular_damping: float | None = None
+    """Damping of angular velocity [1/s]."""
+    enable_restitution: bool | None = None
+    """Apply restitution."""
+
+
+@configclass
+class SemiImplicitSolverCfg(SolverCfg):
+    """Semi-implicit Euler in maximal coordinates with spring joints and penalty contacts, differentiable."""
+
+    solver_class: ClassVar[str] = "SolverSemiImplicit"
+    reduced_coordinates: ClassVar[bool] = False
+
+    angular_damping: float | None = None
+    """Damping of angular velocity."""
+    joint_attach_ke: float | None = None
+    """Stiffness that holds joints together."""
+    joint_attach_kd: float | None = None
+    """Damping that holds joints together."""
+    joint_mimic_ke: float | None = None
+    """Stiffness of mimic joints."""
+    joint_mimic_kd: float | None = None
+    """Damping of mimic joints."""
+
+
+@configclass
+class KaminoSolverCfg(SolverCfg):
+    """Kamino: constrained rigid bodies with kinematic loops, in maximal coordinates."""
+
+    solver_class: ClassVar[str] = "SolverKamino"
+    reduced_coordinates: ClassVar[bool] = False
+
+    dynamics_solver: str | None = None
+    """``"padmm"`` (default), ``"dvi"`` or ``"lox"``."""
+    sparse_jacobian: bool | None = None
+    """Sparse Jacobian."""
+    sparse_dynamics: bool | None = None
+    """Sparse dynamics."""
+    use_collision_detector: bool | None = None
+    """Kamino's own collision detection."""
+    use_fk_solver: bool | None = None
+    """Solve forward kinematics for consistent resets of loops."""
+    integrator: str | None = None
+    """``"euler"`` (default) or ``"moreau"``."""
+    rotation_correction: str | None = None
+    """``"twopi"`` (default), ``"continuous"`` or ``"none"``."""
+    angular_velocity_damping: float | None = None
+    """Damping of angular velocity."""
+
+    @property
+    def finds_contacts(self) -> bool:
+        return bool(self.use_collision_detector)
+
+    def create(self, model: newton.Model) -> newton.solvers.SolverBase:
+        solver = self._class()
+        return solver(model, config=solver.Config.from_model(model, **self.arguments()))

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Assets from files: USD by reference, URDF and MJCF through Newton's importers, and the ground plane."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stripe_newton.configclass import MISSING, configclass
+
+from . import schemas
+from .materials import PreviewSurfaceCfg, RigidBodyMaterialCfg, bind_material
+from .spawner_cfg import Orientation, RigidObjectSpawnerCfg, SpawnerCfg, Translation, finish, place
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+__all__ = [
+    "GroundPlaneCfg",
+    "MjcfFileCfg",
+    "UrdfFileCfg",
+    "UsdFileCfg",
+    "spawn_from_mjcf",
+    "spawn_from_urdf",
+    "spawn_from_usd",
+    "spawn_ground_plane",
+]
+
+FILE_KEY = "stripeNewton:file"
+"""Custom data of a prim that stands for a URDF or MJCF file: JSON with ``format``, ``path`` and the importer's options."""
+
+
+def _existing(path: str, field: str) -> Path:
+    file = Path(path).expanduser()
+    if not file.is_file():
+        raise FileNotFoundError(f"{field} '{path}': no such file; give the path of an existing file")
+    return file.resolve()
+
+
+def spawn_from_usd(
+    prim_path: str, cfg: UsdFileCfg, translation: Translation = None, orientation: Orientation = None
+) -> Usd.Prim:
+    """Reference a USD file at ``prim_path`` and set the properties that ``cfg`` names on the prims it brings."""
+    from pxr import UsdGeom, UsdShade
+
+    from stripe_newton.scene.usd_import import asset_prim
+    from stripe_newton.sim.stage import authored_path, current_stage
+
+    file = _existing(cfg.usd_path, "usd_path")
+    prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
+    prim.GetReferences().AddReference(str(file), asset_prim(str(file), cfg.source_prim_path))
+    for name, variant in (cfg.variants or {}).items():
+        variants = prim.GetVariantSets()
+        if not variants.HasVariantSet(name) or variant not in variants.GetVariantSet(name).GetVariantNames():
+            known = {n: variants.GetVariantSet(n).GetVariantNames() for n in variants.GetNames()}
+            raise ValueError(f"'{file}' has no variant {name}={variant}; it has {known or 'no variants'}")
+        variants.GetVariantSet(name).SetVariantSelection(variant)
+    if cfg.visual_material is not None:
+        material = cfg.visual_material.func(f"{prim.GetPath()}/{cfg.visual_material_path}", cfg.visual_material)
+        UsdShade.MaterialBindingAPI.Apply(prim)
+        UsdShade.MaterialBindingAPI(prim).Bind(UsdShade.Material(material), UsdShade.Tokens.strongerThanDescendants)
+    _set_properties(prim, cfg)
+    place(prim, translation, orientation, cfg.scale)
+    return finish(prim, cfg)
+
+
+def _set_properties(prim: Usd.Prim, cfg: UsdFileCfg) -> None:
+    """Modify what is there; instanced subtrees are expanded first, as USD edits no prim inside an instance."""
+    from pxr import Usd
+
+    changes = (
+        (cfg.rigid_props, schemas.modify_rigid_body_properties),
+        (cfg.mass_props, schemas.modify_mass_properties),
+        (cfg.articulation_props, schemas.modify_articulation_root_properties),
+        (cfg.joint_drive_props, schemas.modify_joint_drive_properties),
+        (cfg.collision_props, schemas.modify_collision_properties),
+    )
+    if cfg.collision_props is not None:
+        while instances := [p for p in Usd.PrimRange(prim) if p.IsInstance()]:
+            for instance in instances:
+                instance.SetInstanceable(False)
+    for props, modify in changes:
+        if props is not None:
+            modify(prim, props)
+
+
+def _spawn_file(prim_path: str, cfg: Any, kind: str, translation: Translation, orientation: Orientation) -> Usd.Prim:
+    from pxr import UsdGeom
+
+    from stripe_newton.sim.stage import authored_path, current_stage
+
+    prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
+    options = {"format": kind, "path": str(_existing(cfg.asset_path, "asset_path")), **cfg.importer_options()}
+    prim.SetCustomDataByKey(FILE_KEY, json.dumps(options))
+    place(prim, translation, orientation)
+    return finish(prim, cfg)
+
+
+def spawn_from_urdf(
+    prim_path: str, cfg: UrdfFileCfg, translation: Translation = None, orientation: Orientation = None
+) -> Usd.Prim:
+    """Author a prim that stands for a URDF file, imported when the model is built."""
+    return _spawn_file(prim_path, cfg, "urdf", translation, orientation)
+
+
+def spawn_from_mjcf(
+    prim_path: str, cfg: MjcfFileCfg, translation: Translation = None, orientation: Orientation = None
+) -> Usd.Prim:
+    """Author a prim that stands for an MJCF file, imported when the model is built."""
+    return _spawn_file(prim_path, cfg, "mjcf", translation, orientation)
+
+
+def spawn_ground_plane(
+    prim_path: str, cfg: GroundPlaneCfg, translation: Translation = None, orientation: Orientation = None
+) -> Usd.Prim:
+    """Author an infinite ground plane: a ``UsdGeom.Plane`` collider with a physics material, facing +Z."""
+    from pxr import Gf, UsdGeom, UsdPhysics
+
+    from stripe_newton.sim.stage import authored_path, current_stage
+
+    path = authored_path(prim_path)
+    root = UsdGeom.Xform.Define(current_stage(), path).GetPrim()
+    plane = UsdGeom.Plane.Define(current_stage(), f"{path}/CollisionPlane")
+    plane.CreateAxisAttr("Z")
+    plane.CreateWidthAttr(float(cfg.size[0]))
+    plane.CreateLengthAttr(float(cfg.size[1]))
+    if cfg.color is not None:
+        plane.CreateDisplayColorAttr([Gf.Vec3f(*cfg.color)])
+    UsdPhysics.CollisionAPI.Apply(plane.GetPrim())
+    bind_material(plane.GetPrim(), cfg.physics_material.func(f"{path}/physicsMaterial", cfg.physics_material), "physics")
+    place(root, translation, orientation)
+    return finish(root, cfg)
+
+
+@configclass
+class UsdFileCfg(RigidObjectSpawnerCfg):
+    """A USD file, referenced into the scene."""
+
+    func: Callable[..., Any] = spawn_from_usd
+    """Function that authors the prim."""
+    usd_path: str = MISSING
+    """The file."""
+    source_prim_path: str | None = None
+    """Prim of the file to reference. Default: its default prim, else the one root prim with physics."""
+    scale: tuple[float, float, float] | None = None
+    """Scale of the asset."""
+    variants: dict[str, str] | None = None
+    """Variant selections by variant set."""
+    articulation_props: schemas.ArticulationRootPropertiesCfg | None = None
+    """Changes to the articulation root."""
+    joint_drive_props: schemas.JointDrivePropertiesCfg | None = None
+    """Changes to the joint drives."""
+    visual_material: PreviewSurfaceCfg | None = None
+    """Looks, in place of the file's."""
+    visual_material_path: str = "material"
+    """Path of the visual material below the prim."""
+
+
+@configclass
+class _ImporterCfg(SpawnerCfg):
+    """What the URDF and MJCF importers share."""
+
+    asset_path: str = MISSING
+    """The file."""
+    fix_base: bool | None = None
+    """Fix the root body to the world; ``None``: as the file says."""
+    scale: float = 1.0
+    """Scale of the asset."""
+    self_collision: bool = True
+    """Whether bodies of the asset collide with each other."""
+    merge_fixed_joints: bool = False
+    """Merge bodies that fixed joints connect."""
+    articulation_props: schemas.ArticulationRootPropertiesCfg | None = None
+    """Only ``enabled_self_collisions`` and ``fix_root_link`` apply; they override the fields above."""
+    rigid_props: schemas.RigidBodyPropertiesCfg | None = None
+    """PhysX properties; accepted for compatibility."""
+    activate_contact_sensors: bool = False
+    """Accepted for compatibility: every body can be sensed."""
+
+    def importer_options(self) -> dict[str, Any]:
+        """Keyword arguments of Newton's importer."""
+        fixed, collide = self.fix_base, self.self_collision
+        if self.articulation_props is not None:
+            props = self.articulation_props
+            fixed = props.fix_root_link if props.fix_root_link is not None else fixed
+            collide = props.enabled_self_collisions if props.enabled_self_collisions is not None else collide
+        return {
+            "floating": None if fixed is None else not fixed,
+            "scale": self.scale,
+            "enable_self_collisions": collide,
+            "collapse_fixed_joints": self.merge_fixed_joints,
+        }
+
+
+@configclass
+class UrdfFileCfg(_ImporterCfg):
+    """A URDF file, imported by Newton."""
+
+    func: Callable[..., Any] = spawn_from_urdf
+    """Function that authors the prim."""
+    parse_visuals_as_colliders: bool = False
+    """Collide with the visual geometry."""
+
+    def importer_options(self) -> dict[str, Any]:
+        return {**super().importer_options(), "parse_visuals_as_colliders": self.parse_visuals_as_colliders}
+
+
+@configclass
+class MjcfFileCfg(_ImporterCfg):
+    """An MJCF file, imported by Newton."""
+
+    func: Callable[..., Any] = spawn_from_mjcf
+    """Function that authors the prim."""
+    ignore_names: list[str] = ["floor", "ground"]
+    """Geometries and bodies left out, by name: the file's own ground."""
+
+    def importer_options(self) -> dict[str, Any]:
+        return {**super().importer_options(), "ignore_names": self.ignore_names}
+
+
+@configclass
+class GroundPlaneCfg(SpawnerCfg):
+    """An infinite ground plane."""
+
+    func: Callable[..., Any] = spawn_ground_plane
+    """Function that authors the plane."""
+    color: tuple[float, float, float] | None = (0.27, 0.29, 0.31)
+    """Colour (linear RGB)."""
+    size: tuple[float, float] = (100.0, 100.0)
+    """Extent authored in the stage [m]; for physics the plane has no end."""
+    physics_material: RigidBodyMaterialCfg = RigidBodyMaterialCfg()
+    """Friction and restitution."""

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Properties of bodies, articulations, colliders and drives, authored on prims as UsdPhysics and PhysX schemas.
+
+Fields that only PhysX has (sleeping, solver iterations, depenetration speed, ...) are written to the stage,
+so that they are kept, and ignored by Newton's solvers; each such field says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from stripe_newton.configclass import configclass
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+__all__ = [
+    "ArticulationRootPropertiesCfg",
+    "CollisionPropertiesCfg",
+    "JointDrivePropertiesCfg",
+    "MassPropertiesCfg",
+    "RigidBodyPropertiesCfg",
+    "define_articulation_root_properties",
+    "define_collision_properties",
+    "define_mass_properties",
+    "define_rigid_body_properties",
+    "modify_articulation_root_properties",
+    "modify_collision_properties",
+    "modify_joint_drive_properties",
+    "modify_mass_properties",
+    "modify_rigid_body_properties",
+]
+
+
+@configclass
+class RigidBodyPropertiesCfg:
+    """Properties of a rigid body; ``None`` leaves what the prim says."""
+
+    rigid_body_enabled: bool | None = None
+    """Whether the body is simulated."""
+    kinematic_enabled: bool | None = None
+    """Whether its motion is prescribed."""
+    disable_gravity: bool | None = None
+    """PhysX only; Newton reads gravity for the whole world."""
+    linear_damping: float | None = None
+    """PhysX only [1/s]."""
+    angular_damping: float | None = None
+    """PhysX only [1/s]."""
+    max_linear_velocity: float | None = None
+    """PhysX only [m/s]."""
+    max_angular_velocity: float | None = None
+    """PhysX only [deg/s]."""
+    max_depenetration_velocity: float | None = None
+    """PhysX only [m/s]."""
+    max_contact_impulse: float | None = None
+    """PhysX only."""
+    enable_gyroscopic_forces: bool | None = None
+    """PhysX only; Newton's solvers always include them."""
+    retain_accelerations: bool | None = None
+    """PhysX only."""
+    solver_position_iteration_count: int | None = None
+    """PhysX only."""
+    solver_velocity_iteration_count: int | None = None
+    """PhysX only."""
+    sleep_threshold: float | None = None
+    """PhysX only."""
+    stabilization_threshold: float | None = None
+    """PhysX only."""
+
+
+@configclass
+class ArticulationRootPropertiesCfg:
+    """Properties of an articulation; ``None`` leaves what the prim says."""
+
+    articulation_enabled: bool | None = None
+    """Whether the bodies form an articulation."""
+    enabled_self_collisions: bool | None = None
+    """Whether bodies of the articulation collide with each other."""
+    fix_root_link: bool | None = None
+    """Add (``True``) or remove (``False``) the fixed joint between world and root body."""
+    solver_position_iteration_count: int | None = None
+    """PhysX only."""
+    solver_velocity_iteration_count: int | None = None
+    """PhysX only."""
+    sleep_threshold: float | None = None
+    """PhysX only."""
+    stabilization_threshold: float | None = None
+    """PhysX only."""
+
+
+@configclass
+class CollisionPropertiesCfg:
+    """Properties of a collider; ``None`` leaves what the prim says."""
+
+    collision_enabled: bool | None = None
+    """Whether the shape collides."""
+    contact_offset: float | None = None
+    """Distance at which contacts are found [m]."""
+    rest_offset: float | None = None
+    """Distance that contacts keep [m]."""
+    torsional_patch_radius: float | None = None
+    """PhysX only [m]."""
+    min_torsional_patch_radius: float | None = None
+    """PhysX only [m]."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.contact_offset is not None and self.rest_offset is not None and self.contact_offset < self.rest_offset:
+            yield "contact_offset", f"is {self.contact_offset}, must not be less than rest_offset {self.rest_offset}"
+
+
+@configclass
+class MassPropertiesCfg:
+    """Mass of a body; ``None`` leaves what the prim says."""
+
+    mass: float | None = None
+    """Mass [kg]; it overrides the density."""
+    density: float | None = None
+    """Density [kg/m^3]."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        for name in ("mass", "density"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                yield name, f"is {value}, must be positive and finite"
+
+
+@configclass
+class JointDrivePropertiesCfg:
+    """Drives of all joints below a prim; ``None`` leaves what the prims say."""
+
+    drive_type: str | None = None
+    """``"force"`` or ``"acceleration"``."""
+    max_effort: float | None = None
+    """Limit of the drive [N or N m]."""
+    max_velocity: float | None = None
+    """Velocity limit [m/s or rad/s]."""
+    stiffness: float | None = None
+    """Position gain [N/m or N m/rad]."""
+    damping: float | None = None
+    """Velocity gain [N s/m or N m s/rad]."""
+
+
+_PHYSX_NAMES = {
+    "disable_gravity": "physxRigidBody:disableGravity",
+    "linear_damping": "physxRigidBody:linearDamping",
+    "angular_damping": "physxRigidBody:angularDamping",
+    "max_linear_velocity": "physxRigidBody:maxLinearVelocity",
+    "max_angular_velocity": "physxRigidBody:maxAngularVelocity",
+    "max_depenetration_velocity": "physxRigidBody:maxDepenetrationVelocity",
+    "max_contact_impulse": "physxRigidBody:maxContactImpulse",
+    "enable_gyroscopic_forces": "physxRigidBody:enableGyroscopicForces",
+    "retain_accelerations": "physxRigidBody:retainAccelerations",
+    "enabled_self_collisions": "physxArticulation:enabledSelfCollisions",
+    "contact_offset": "physxCollision:contactOffset",
+    "rest_offset": "physxCollision:restOffset",
+    "torsional_patch_radius": "physxCollision:torsionalPatchRadius",
+    "min_torsional_patch_radius": "physxCollision:minTorsionalPatchRadius",
+}
+
+
+def define_rigid_body_properties(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
+    """Make ``prim`` a rigid body."""
+    from pxr import UsdPhysics
+
+    UsdPhysics.RigidBodyAPI.Apply(prim)
+    _set_rigid_body(prim, cfg)
+
+
+def modify_rigid_body_properties(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
+    """Set the properties of every rigid body at and below ``prim``."""
+    from pxr import UsdPhysics
+
+    for body in _having(prim, UsdPhysics.RigidBodyAPI):
+        _set_rigid_body(body, cfg)
+
+
+def _set_rigid_body(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
+    from pxr import UsdPhysics
+
+    api = UsdPhysics.RigidBodyAPI(prim)
+    if cfg.rigid_body_enabled is not None:
+        api.CreateRigidBodyEnabledAttr(cfg.rigid_body_enabled)
+    if cfg.kinematic_enabled is not None:
+        api.CreateKinematicEnabledAttr(cfg.kinematic_enabled)
+    _set_physx(prim, cfg, "PhysxRigidBodyAPI", "physxRigidBody")
+
+
+def define_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPropertiesCfg) -> None:
+    """Make ``prim`` an articulation root."""
+    from pxr import UsdPhysics
+
+    UsdPhysics.ArticulationRootAPI.Apply(prim)
+    modify_articulation_root_properties(prim, cfg)
+
+
+def modify_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPropertiesCfg) -> None:
+    """Set the properties of every articulation root at and below ``prim``."""
+    from pxr import Sdf, UsdPhysics
+
+    for root in list(_having(prim, UsdPhysics.ArticulationRootAPI)):
+        _set_physx(root, cfg, "PhysxArticulationAPI", "physxArticulation")
+        if cfg.enabled_self_collisions is not None:
+            root.AddAppliedSchema("NewtonArticulationRootAPI")
+            root.CreateAttribute("newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool).Set(cfg.enabled_self_collisions)
+        if cfg.fix_root_link is not None:
+            _fix_root_link(root, cfg.fix_root_link)
+        if cfg.articulation_enabled is False:
+            root.RemoveAPI(UsdPhysics.ArticulationRootAPI)
+
+
+def _fix_root_link(root: Usd.Prim, fixed: bool) -> None:
+    from pxr import Gf, Usd, UsdGeom, UsdPhysics
+
+    to_world = [
+        UsdPhysics.Joint(p)
+        for p in Usd.PrimRange(root)
+        if p.IsA(UsdPhysics.FixedJoint)
+        and not (UsdPhysics.Joint(p).GetBody0Rel().GetTargets() and UsdPhysics.Joint(p).GetBody1Rel().GetTargets())
+    ]
+    for joint in to_world:
+        joint.CreateJointEnabledAttr(fixed)
+    if to_world or not fixed:
+        return
+    body = next(_having(root, UsdPhysics.RigidBodyAPI), None)
+    if body is None:
+        raise ValueError(f"fix_root_link: articulation '{root.GetPath()}' has no rigid body to fix")
+    joint = UsdPhysics.FixedJoint.Define(root.GetStage(), body.GetPath().AppendChild("root_joint"))
+    joint.CreateBody1Rel().SetTargets([body.GetPath()])
+    pose = UsdGeom.Xformable(body).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
+    joint.CreateLocalPos0Attr(Gf.Vec3f(pose.ExtractTranslation()))
+    joint.CreateLocalRot0Attr(Gf.Quatf(pose.ExtractRotationQuat()))
+    joint.CreateLocalPos1Attr(Gf.Vec3f(0.0))
+    joint.CreateLocalRot1Attr(Gf.Quatf(1.0))
+
+
+def define_collision_properties(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
+    """Make ``prim`` a collider."""
+    from pxr import UsdPhysics
+
+    UsdPhysics.CollisionAPI.Apply(prim)
+    _set_collision(prim, cfg)
+
+
+def modify_collision_properties(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
+    """Set the properties of every collider at and below ``prim``."""
+    from pxr import UsdPhysics
+
+    for collider in _having(prim, UsdPhysics.CollisionAPI):
+        _set_collision(collider, cfg)
+
+
+def _set_collision(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
+    from pxr import UsdPhysics
+
+    if cfg.collision_enabled is not None:
+        UsdPhysics.CollisionAPI(prim).CreateCollisionEnabledAttr(cfg.collision_enabled)
+    _set_physx(prim, cfg, "PhysxCollisionAPI", "physxCollision")
+
+
+def define_mass_properties(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
+    """Give ``prim`` a mass or density."""
+    from pxr import UsdPhysics
+
+    UsdPhysics.MassAPI.Apply(prim)
+    _set_mass(prim, cfg)
+
+
+def modify_mass_properties(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
+    """Set mass or density of every body at and below ``prim`` that has a mass of its own."""
+    from pxr import UsdPhysics
+
+    for body in _having(prim, UsdPhysics.MassAPI):
+        _set_mass(body, cfg)
+
+
+def _set_mass(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
+    from pxr import UsdPhysics
+
+    api = UsdPhysics.MassAPI(prim)
+    if cfg.mass is not None:
+        api.CreateMassAttr(cfg.mass)
+    if cfg.density is not None:
+        api.CreateDensityAttr(cfg.density)
+
+
+def modify_joint_drive_properties(prim: Usd.Prim, cfg: JointDrivePropertiesCfg) -> None:
+    """Set the drive of every revolute and prismatic joint at and below ``prim``; UsdPhysics has angles in degrees."""
+    from pxr import Sdf, Usd, UsdPhysics
+
+    for joint in Usd.PrimRange(prim):
+        angular = joint.IsA(UsdPhysics.RevoluteJoint)
+        if not angular and not joint.IsA(UsdPhysics.PrismaticJoint):
+            continue
+        per_unit = math.pi / 180.0 if angular else 1.0
+        drive = UsdPhysics.DriveAPI.Apply(joint, "angular" if angular else "linear")
+        if cfg.drive_type is not None:
+            drive.CreateTypeAttr(cfg.drive_type)
+        if cfg.max_effort is not None:
+            drive.CreateMaxForceAttr(cfg.max_effort)
+        if cfg.stiffness is not None:
+            drive.CreateStiffnessAttr(cfg.stiffness * per_unit)
+        if cfg.damping is not None:
+            drive.CreateDampingAttr(cfg.damping * per_unit)
+        if cfg.max_velocity is not None:
+            joint.AddAppliedSchema("NewtonJointAPI")
+            joint.CreateAttribute("newton:velocityLimit", Sdf.ValueTypeNames.Float).Set(cfg.max_velocity / per_unit)
+
+
+def _having(prim: Usd.Prim, api: Any) -> Iterator[Usd.Prim]:
+    from pxr import Usd
+
+    return (p for p in Usd.PrimRange(prim) if p.HasAPI(api))
+
+
+def _set_physx(prim: Usd.Prim, cfg: Any, schema: str, prefix: str) -> None:
+    """Author the PhysX attributes that ``cfg`` sets; a type is chosen from the value's."""
+    from pxr import Sdf
+
+    types = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, float: Sdf.ValueTypeNames.Float}
+    for name in type(cfg).__dataclass_fields__:
+        value = getattr(cfg, name)
+        usd_name = _PHYSX_NAMES.get(name)
+        if usd_name is None and name.startswith(("solver_", "sleep_", "stabilization_")):
+            head, *rest = name.split("_")
+            usd_name = f"{prefix}:{head}{''.join(map(str.capitalize, rest))}"
+        if value is None or usd_name is None:
+            continue
+        prim.AddAppliedSchema(schema)
+        prim.CreateAttribute(usd_name, types[type(value)]).Set(value)

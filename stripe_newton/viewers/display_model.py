@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A small model made only to be looked at: the static scene and copies of a few environments, in one world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from stripe_kernels.picture import gather_bodies
+
+__all__ = ["DisplayModel"]
+
+_COLLIDE = int(newton.ShapeFlags.COLLIDE_SHAPES) | int(newton.ShapeFlags.COLLIDE_PARTICLES)
+_GROUND_TYPES = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
+_PALETTE = ((0.905, 0.892, 0.865), (0.890, 0.460, 0.240), (0.245, 0.345, 0.455))
+_STATIC_COLOR = (0.62, 0.60, 0.57)
+_GROUND_COLOR = (0.66, 0.69, 0.72)
+_LEVEL_WITHOUT_COLOR = 0.18  # linear grey that Newton's USD import gives to what has no material
+
+
+class DisplayModel:
+    """Copies of chosen environments of a simulation in one world, kept in their current pose.
+
+    Attributes:
+        model: The display model, on the simulation's device.
+        state: Its state; :meth:`update` fills it.
+        roots: Index in the display state of each copy's first body, shape (number of copies,).
+        colors: Linear RGB of each shape, shape (shape_count, 3).
+        is_ground: Whether each shape is a plane, shape (shape_count,).
+        textured: Whether a shape carries a texture.
+
+    Args:
+        sim: A simulation with ``template, static, env_origins, state, num_envs, device``.
+        env_ids: Which environments to copy.
+        floor: Add a floor below everything when the static scene is empty.
+        recolor: Replace colours that the stage did not author.
+
+    Raises:
+        IndexError: An environment that the simulation does not have.
+    """
+
+    def __init__(self, sim: Any, env_ids: Sequence[int], floor: bool = True, recolor: bool = True):
+        env_ids = [int(i) for i in env_ids]
+        wrong = [i for i in env_ids if not 0 <= i < sim.num_envs]
+        if wrong or not env_ids:
+            raise IndexError(f"env_ids: got {wrong or env_ids}, expected some of 0 to {sim.num_envs - 1}")
+        self._sim = sim
+        template, static = sim.template, sim.static
+        builder = newton.ModelBuilder()
+        builder.begin_world()
+        builder.add_builder(static)
+        first_shape, first_body = builder.shape_count, builder.body_count
+        for i in env_ids:
+            origin = wp.vec3(*(float(x) for x in sim.env_origins[i]))
+            builder.add_builder(template, xform=wp.transform(origin, wp.quat_identity()))
+        self._local = _local_bounds(builder)
+        self._static_shapes = first_shape
+        self.body_count = template.body_count
+        index = np.concatenate([np.arange(i * self.body_count, (i + 1) * self.body_count) for i in env_ids])
+        self._index = wp.array(index, dtype=wp.int32, device=sim.device)
+        self._first_body = first_body
+        self.roots = first_body + self.body_count * np.arange(len(env_ids))
+        self._shape_body = np.asarray(builder.shape_body, dtype=int)
+        self._shape_xform = np.asarray([list(x) for x in builder.shape_transform], dtype=float).reshape(-1, 7)
+        self._moves = np.append(np.tile(~_welded_to_world(template), len(env_ids)), False)  # [-1]: the world itself
+        if first_body:
+            self._moves = np.concatenate([np.zeros(first_body, dtype=bool), self._moves])
+        types = np.asarray(builder.shape_type, dtype=int)
+        if floor and not _has_ground(static, template):
+            heights = self._corners(self._pose(sim))[..., 2]
+            builder.add_ground_plane(height=float(heights.min(initial=0.0, where=np.isfinite(heights))) - 1e-3)
+            types = np.asarray(builder.shape_type, dtype=int)
+        builder.end_world()
+        if recolor:
+            _recolor(builder, first_shape, first_body, self.body_count, len(env_ids), template)
+        builder.shape_flags = [int(f) & ~_COLLIDE for f in builder.shape_flags]
+        if template.shape_count:
+            _keep_one_ground(builder, first_shape, template.shape_count)
+        self.is_ground = types == int(newton.GeoType.PLANE)
+        self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
+        self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
+        self.model = builder.finalize(device=sim.device, skip_all_validations=True)
+        self.state = self.model.state()
+        self.body_q = np.zeros((0, 7))
+        self.update()
+
+    def update(self) -> np.ndarray:
+        """Take over the simulation's body poses and refit what the rays are traced against.
+
+        Returns:
+            Poses of the display model's bodies on the host, (x, y, z, qx, qy, qz, qw), shape (bodies, 7).
+        """
+        if self.body_count:
+            out = self.state.body_q[self._first_body :]
+            args = [self._sim.state.body_q, self._index, out]
+            wp.launch(gather_bodies, dim=len(self._index), inputs=args, device=self.model.device)
+            self.body_q = self.state.body_q.numpy()
+        if self.model.shape_count:
+            self.model.bvh_refit_shapes(self.state)
+        return self.body_q
+
+    def bounds(self) -> np.ndarray:
+        """Corners of the boxes around what a picture should show [m].
+
+        That is the shapes that can move, and of those that cannot (a rail, a base) what lies near them; where nothing
+        moves, every shape of the environment but its ground.
+
+        Returns:
+            Points in the world frame, shape (n, 3).
+        """
+        corners = self._corners(self.body_q)
+        shown = np.isfinite(corners).all(axis=(1, 2))
+        own = shown & (np.arange(len(shown)) >= self._static_shapes)
+        moving = own & self._moves[self._shape_body]
+        if not moving.any():
+            return corners[own if own.any() else shown].reshape(-1, 3)
+        points = corners[moving].reshape(-1, 3)
+        low, high = points.min(axis=0), points.max(axis=0)
+        around = 1.3 * float((high - low).max())
+        held = corners[own & ~moving]
+        near = ((held.max(axis=1) >= low - around) & (held.min(axis=1) <= high + around)).all(axis=1)
+        return np.concatenate([points, np.clip(held[near], low - around, high + around).reshape(-1, 3)])
+
+    def _pose(self, sim: Any) -> np.ndarray:
+        if not self.body_count:
+            return np.zeros((0, 7))
+        return np.concatenate([np.zeros((self._first_body, 7)), sim.state.body_q.numpy()[self._index.numpy()]])
+
+    def _corners(self, body_q: np.ndarray) -> np.ndarray:
+        """Corners of each shape's box [m], world frame, shape (shapes, 8, 3); not finite where nothing shows."""
+        pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
+        corners = np.where(pick[None], self._local[:, None, 1], self._local[:, None, 0])
+        with np.errstate(invalid="ignore"):
+            corners = _transform(self._shape_xform[:, None], corners)
+            on_body = self._shape_body >= 0
+            if on_body.any():
+                corners[on_body] = _transform(body_q[self._shape_body[on_body]][:, None], corners[on_body])
+        return corners
+
+
+def _has_ground(static: newton.ModelBuilder, template: newton.ModelBuilder) -> bool:
+    return static.shape_count > 0 or any(int(t) in _GROUND_TYPES for t in template.shape_type)
+
+
+def _keep_one_ground(builder: newton.ModelBuilder, first: int, count: int) -> None:
+    """Hide endless planes that coincide with the first copy's, shapes ``first`` to ``first + count``.
+
+    Each would slow every ray, and the two would flicker.
+    """
+    for i in range(first + count, builder.shape_count):
+        endless = int(builder.shape_type[i]) == int(newton.GeoType.PLANE) and not any(builder.shape_scale[i][:2])
+        if endless and int(builder.shape_body[i]) < 0:
+            mine, its = (_plane(builder.shape_transform[k]) for k in (i, first + (i - first) % count))
+            if np.abs(mine - its).max() < 1e-4:
+                builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
+
+
+def _plane(xform: wp.transform) -> np.ndarray:
+    """Normal and offset [m] of the plane z = 0 of a frame, shape (4,)."""
+    pose = np.asarray(list(xform), dtype=float)
+    normal = _transform(pose, np.array([0.0, 0.0, 1.0])) - pose[:3]
+    return np.append(normal, normal @ pose[:3])
+
+
+def _transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (..., 3) moved by poses (..., 7)."""
+    xyz, w = pose[..., 3:6], pose[..., 6:7]
+    cross = 2.0 * np.cross(xyz, points)
+    return points + w * cross + np.cross(xyz, cross) + pose[..., :3]
+
+
+def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
+    """Lower and upper corner of each shape in its own frame, shape (shapes, 2, 3); infinite: not shown, or a ground."""
+    kinds = newton.GeoType
+    bounds = np.full((builder.shape_count, 2, 3), np.inf)
+    for i, (kind, scale, source) in enumerate(zip(builder.shape_type, builder.shape_scale, builder.shape_source)):
+        if not int(builder.shape_flags[i]) & int(newton.ShapeFlags.VISIBLE) or int(kind) in _GROUND_TYPES:
+            continue
+        a, b, c = (float(s) for s in scale)
+        vertices = getattr(source, "vertices", None)
+        if vertices is not None and len(vertices):
+            points = np.asarray(vertices, dtype=float) * (a, b, c)
+            bounds[i] = points.min(axis=0), points.max(axis=0)
+            continue
+        half = {
+            kinds.SPHERE: (a, a, a),
+            kinds.CAPSULE: (a, a, a + b),
+            kinds.CYLINDER: (a, a, b),
+            kinds.CONE: (a, a, b),
+        }.get(kind, (a, b, c))
+        bounds[i] = -np.asarray(half), np.asarray(half)
+    return bounds
+
+
+def _recolor(
+    builder: newton.ModelBuilder, first_shape: int, first_body: int, bodies: int, copies: int, template: Any
+) -> None:
+    """Colours for shapes without an authored one: by a body's place in its chain."""
+    ranks = _body_ranks(template)
+    for i in range(builder.shape_count):
+        if not _is_default(builder.shape_color[i], builder.shape_type[i]):
+            continue
+        body = int(builder.shape_body[i])
+        if int(builder.shape_type[i]) in _GROUND_TYPES:
+            color = _GROUND_COLOR
+        elif body < first_body or i < first_shape:
+            color = _STATIC_COLOR
+        else:
+            color = _PALETTE[ranks[(body - first_body) % bodies]]
+        builder.shape_color[i] = color
+
+
+def _welded_to_world(template: newton.ModelBuilder) -> np.ndarray:
+    """Whether fixed joints alone lead from the world to a body, shape (body_count,)."""
+    welded = np.zeros(template.body_count, dtype=bool)
+    fixed = int(newton.JointType.FIXED)
+    joints = [
+        (int(p), int(c))
+        for k, p, c in zip(template.joint_type, template.joint_parent, template.joint_child)
+        if int(k) == fixed
+    ]
+    for _ in joints:
+        for parent, child in joints:
+            welded[child] |= parent < 0 or welded[parent]
+    return welded
+
+
+def _body_ranks(template: newton.ModelBuilder) -> list[int]:
+    """Palette index of each body: 0 for what carries others, 1 for the next to last of a chain, 2 for the last.
+
+    Bodies welded together count as one; a body that is alone gets 1.
+    """
+    joints = [
+        (int(k), int(p), int(c)) for k, p, c in zip(template.joint_type, template.joint_parent, template.joint_child)
+    ]
+    welded = int(newton.JointType.FIXED)
+    group = list(range(template.body_count))
+    for kind, parent, child in joints:
+        if kind == welded and parent >= 0:
+            old, new = group[child], group[parent]
+            group = [new if g == old else g for g in group]
+    height = dict.fromkeys(group, 0)
+    links = [(group[p], group[c]) for k, p, c in joints if k != welded and p >= 0 and group[p] != group[c]]
+    for _ in range(template.body_count):
+        before = dict(height)
+        for parent, child in links:
+            height[parent] = min(max(height[parent], height[child] + 1), template.body_count)
+        if height == before:
+            break
+    alone = set(group) - {g for link in links for g in link}
+    return [1 if g in alone else max(2 - height[g], 0) for g in group]
+
+
+def _default_colors() -> np.ndarray:
+    """SRGB of what Newton gives to shapes nobody coloured, shape (n, 3)."""
+    probe = newton.ModelBuilder()
+    for _ in range(24):
+        probe.add_shape_sphere(-1)
+    probe.add_ground_plane()
+    grey = newton.utils.color_linear_to_srgb((_LEVEL_WITHOUT_COLOR,) * 3)
+    return np.unique(np.array([*probe.shape_color, grey]), axis=0)
+
+
+_DEFAULTS: list[np.ndarray] = []
+
+
+def _is_default(color: Any, kind: Any) -> bool:
+    if not _DEFAULTS:
+        _DEFAULTS.append(_default_colors())
+    return bool(np.abs(_DEFAULTS[0] - np.asarray(color, dtype=float)).max(axis=1).min() < 2e-3)

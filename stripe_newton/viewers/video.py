@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames to files: MP4 videos that browsers play, and images. Both appear under their name only when complete."""
+
+from __future__ import annotations
+
+import os
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+__all__ = ["VideoWriter", "save_image"]
+
+_CODECS = ("libx264", "libopenh264", "h264_videotoolbox")
+
+
+class VideoWriter:
+    """Writes an H.264 video (MP4, yuv420p, ready to stream) frame by frame; PyAV brings the encoder with it.
+
+    ::
+
+        with VideoWriter("run/videos/last.mp4", fps=30) as video:
+            for _ in range(150):
+                video.add(renderer.render())
+
+    The first frame sets the size. H.264 needs even numbers: an odd width or height is made even by repeating the
+    last column or row. The file is written beside its final place and renamed at the end; if the block is left by an
+    exception nothing remains.
+
+    Args:
+        path: File to write; its folder is made if need be, a file of that name is replaced.
+        fps: Frames a second.
+        crf: Quality, 0 (lossless) to 51; lower is larger.
+
+    Raises:
+        ValueError: ``fps`` is not positive, or ``path`` does not end in ``.mp4``.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], fps: float, crf: int = 20):
+        self.path = Path(path)
+        if not 0 < fps <= 1000:
+            raise ValueError(f"VideoWriter: fps is {fps}, expected a number over 0 and up to 1000")
+        if self.path.suffix.lower() != ".mp4":
+            raise ValueError(f"VideoWriter: '{self.path}' must end in .mp4")
+        self._fps, self._crf = Fraction(fps).limit_denominator(1001), crf
+        self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self._container: Any = None
+        self._stream: Any = None
+        self._shape: tuple[int, ...] = ()
+        self._closed = False
+        self.frame_count = 0
+
+    def __enter__(self) -> VideoWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.discard()
+
+    def add(self, frame: np.ndarray) -> None:
+        """Append a frame: RGB, uint8, shape (height, width, 3), the same for every frame.
+
+        Raises:
+            ValueError: Another type or shape.
+            RuntimeError: The video is closed, or no H.264 encoder is installed.
+        """
+        import av
+
+        if self._closed:
+            raise RuntimeError(f"VideoWriter: '{self.path}' is closed; no frame can be added")
+        frame = _checked(frame)
+        if self._container is None:
+            self._open(frame.shape)
+        elif frame.shape != self._shape:
+            raise ValueError(f"VideoWriter: frame has shape {frame.shape}, the first one had {self._shape}")
+        height, width = frame.shape[:2]
+        if height % 2 or width % 2:
+            frame = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+        picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
+        picture.pts = self.frame_count
+        self._container.mux(self._stream.encode(picture))
+        self.frame_count += 1
+
+    def close(self) -> None:
+        """Finish the file and give it its name. A second call does nothing.
+
+        Raises:
+            ValueError: No frame was added.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        if self._container is None:
+            raise ValueError(f"VideoWriter: '{self.path}' was closed without a frame; add at least one")
+        try:
+            self._container.mux(self._stream.encode(None))
+            self._container.close()
+            os.replace(self._partial, self.path)
+        finally:
+            self._partial.unlink(missing_ok=True)
+
+    def discard(self) -> None:
+        """Drop what was written; no file remains."""
+        self._closed = True
+        if self._container is not None:
+            self._container.close()
+            self._partial.unlink(missing_ok=True)
+
+    def _open(self, shape: tuple[int, ...]) -> None:
+        import av
+
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        codec = next((c for c in _CODECS if c in av.codecs_available), None)
+        if codec is None:
+            raise RuntimeError(f"VideoWriter: PyAV {av.__version__} has no H.264 encoder; reinstall it: pip install av")
+        self._shape = shape
+        self._container = av.open(str(self._partial), mode="w", format="mp4", options={"movflags": "+faststart"})
+        options = {"crf": str(self._crf), "preset": "veryfast"} if codec == "libx264" else {}
+        self._stream = self._container.add_stream(codec, rate=self._fps, options=options)
+        self._stream.height, self._stream.width = shape[0] + shape[0] % 2, shape[1] + shape[1] % 2
+        self._stream.pix_fmt = "yuv420p"
+
+
+def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
+    """Write an RGB image, uint8 (height, width, 3); the ending of ``path`` chooses the format (png, jpg, webp).
+
+    Raises:
+        ValueError: Another type or shape, or an unknown ending.
+    """
+    from PIL import Image
+
+    path = Path(path)
+    kinds = Image.registered_extensions()
+    if path.suffix.lower() not in kinds:
+        raise ValueError(f"save_image: '{path}' has no image ending; use .png, .jpg or .webp")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        Image.fromarray(_checked(frame)).save(partial, format=kinds[path.suffix.lower()])
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _checked(frame: np.ndarray) -> np.ndarray:
+    if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+        got = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+        raise ValueError(f"frame: got {got}, expected a NumPy array, uint8, shape (height, width, 3)")
+    return frame

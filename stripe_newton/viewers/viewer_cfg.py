@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a picture of an environment shows, from where, and how large."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from stripe_newton.configclass import configclass
+
+__all__ = ["ORIGIN_TYPES", "ViewerCfg"]
+
+ORIGIN_TYPES = ("world", "env", "asset_root")
+"""What ``eye`` and ``lookat`` may be measured from."""
+
+
+@configclass
+class ViewerCfg:
+    """The camera of ``env.render()`` and of the videos that training and playing write."""
+
+    eye: tuple[float, float, float] | None = None
+    """Camera position [m], relative to ``origin_type``. None: the environment is framed automatically."""
+
+    lookat: tuple[float, float, float] | None = None
+    """Point in the middle of the picture [m], relative to ``origin_type``. Set it together with ``eye``."""
+
+    origin_type: str = "env"
+    """What ``eye`` and ``lookat`` are measured from: ``"world"``, ``"env"`` (the origin of environment ``env_index``)
+    or ``"asset_root"`` (the root body of ``asset_name`` in environment ``env_index``: the camera follows it, without
+    turning with it)."""
+
+    asset_name: str | None = None
+    """The asset that ``origin_type="asset_root"`` follows: a name in its prim path, such as ``"Robot"``, in any case.
+    None: the environment's first asset."""
+
+    env_index: int = 0
+    """The environment shown, when the caller names no others."""
+
+    resolution: tuple[int, int] = (640, 360)
+    """Width and height of the picture [px]. Videos need even numbers."""
+
+    fov: float = 35.0
+    """Vertical field of view [deg]."""
+
+    azimuth: float | None = None
+    """Automatic framing: direction in which the camera stands, about +Z from +X [deg]. None: -55, or for what is long
+    and thin, 25 off the perpendicular of its long side."""
+
+    elevation: float = 13.0
+    """Automatic framing: height of the camera over the horizon [deg]."""
+
+    margin: float = 1.35
+    """Automatic framing: how much wider the picture is than what it must show."""
+
+    follow: bool = True
+    """Automatic framing: move with robots that are not bolted down, when they walk away."""
+
+    follow_time: float = 8.0
+    """Over how many frames the followed robot's motion is smoothed; 0 follows rigidly."""
+
+    anti_aliasing: bool = True
+    """Smooth outlines: pixels on an edge are traced four times more. Costs about a quarter of a frame."""
+
+    shadows: bool = True
+    """Soft shadows of the sun."""
+
+    shadow_resolution: int = 256
+    """Side of the shadow map [px], whose rays are traced for every frame; smaller gives softer shadows."""
+
+    fog: float = 1.0
+    """How strongly distance fades into the horizon; 0 switches it off."""
+
+    floor: bool = True
+    """Draw a floor under a scene that has no ground of its own."""
+
+    recolor: bool = True
+    """Give shapes for which the stage has no colour one of a small palette, by body."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """Pairs of a field and what is wrong with it, for :meth:`validate`."""
+        for name in ("eye", "lookat"):
+            value = getattr(self, name)
+            if value is not None and not _numbers(value, 3):
+                yield name, f"got {value!r}, expected three numbers (x, y, z) in metres, or None"
+        if (self.eye is None) != (self.lookat is None):
+            missing, given = ("eye", "lookat") if self.eye is None else ("lookat", "eye")
+            yield missing, f"is None while {given} is set; give both, or neither for automatic framing"
+        elif self.eye is not None and self.lookat is not None and tuple(self.eye) == tuple(self.lookat):
+            yield "lookat", f"is the same point as eye, {tuple(self.eye)}; the camera needs a direction"
+        if self.origin_type not in ORIGIN_TYPES:
+            yield "origin_type", f"got {self.origin_type!r}, expected one of {', '.join(map(repr, ORIGIN_TYPES))}"
+        if not _numbers(self.resolution, 2) or any(int(n) != n or not 16 <= n <= 8192 for n in self.resolution):
+            yield "resolution", f"got {self.resolution!r}, expected (width, height), whole numbers from 16 to 8192"
+        if isinstance(self.env_index, bool) or not isinstance(self.env_index, int) or self.env_index < 0:
+            yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
+        for name, low, high in _RANGES:
+            value = getattr(self, name)
+            if value is None and name == "azimuth":
+                continue
+            if not _numbers((value,), 1) or not low <= value <= high:
+                yield name, f"got {value!r}, expected a number from {low:g} to {high:g}"
+
+
+_RANGES = (
+    ("fov", 5.0, 120.0),
+    ("azimuth", -360.0, 360.0),
+    ("elevation", -80.0, 89.0),
+    ("margin", 0.5, 10.0),
+    ("follow_time", 0.0, 1000.0),
+    ("shadow_resolution", 32, 4096),
+    ("fog", 0.0, 100.0),
+)
+
+
+def _numbers(value: Any, count: int) -> bool:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != count:
+        return False
+    return all(isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < 1e9 for v in value)

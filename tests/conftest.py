@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all tests share: a quiet Warp, a working folder of their own, the device to run on, no GPU tests without GPU."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def has_cuda() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    gpu_items = [item for item in items if item.get_closest_marker("gpu")]
+    if gpu_items and not has_cuda():
+        for item in gpu_items:
+            item.add_marker(pytest.mark.skip(reason="needs an NVIDIA GPU"))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def quiet_warp() -> None:
+    """No report of kernel compilation between the lines of the tests."""
+    import warp as wp
+
+    wp.config.quiet = True
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch) -> None:
+    """What a test writes without saying where lands in a temporary folder, not in the source tree."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def device(request) -> str:
+    """The device to run on: the CPU, and with ``-m gpu`` the first GPU."""
+    return request.param
