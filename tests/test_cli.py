@@ -26,8 +26,7 @@ ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def _one_thread():
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield

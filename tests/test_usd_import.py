@@ -565,3 +565,24 @@ def test_what_is_ignored_is_said():
         ("/World/j", "physics:breakForce"),
         ("/World/j", "acceleration drive"),
     }
+
+
+def test_units_that_look_wrong_are_said(tmp_path):
+    part = Usd.Stage.CreateNew(str(tmp_path / "part.usda"))
+    UsdGeom.SetStageMetersPerUnit(part, 0.01)
+    part.SetDefaultPrim(UsdGeom.Xform.Define(part, "/World").GetPrim())
+    part.GetRootLayer().Save()
+    stage = new_stage()
+    add_body(stage, "/World/a")
+    UsdGeom.Xform.Define(stage, "/World/part").GetPrim().GetReferences().AddReference(str(tmp_path / "part.usda"))
+    UsdPhysics.Scene.Define(stage, "/World/scene").CreateGravityMagnitudeAttr(981.0)
+    what = {row[1]: row[2] for row in load(stage)[1].ignored}
+    assert "0.01 m a unit" in what["metersPerUnit"]
+    assert "981 m/s^2" in what["gravityMagnitude"]
+
+
+def test_mesh_approximations_without_scipy(monkeypatch):
+    monkeypatch.setattr("stripe_newton.scene.usd_import._can_approximate", lambda: False)
+    builder, report = load(PACKAGE / "tests/assets/cube_cylinder.usda")
+    assert builder.body_mass[0] > 0.0
+    assert any(row[1].startswith("approximation ") for row in report.ignored)

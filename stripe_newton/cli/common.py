@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 import tyro
+import warp as wp
 
 from stripe_newton.configclass import ConfigError, validate
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, RunFolder
@@ -24,6 +25,7 @@ from .tasks import find_task, load_cfg, make_env, task_argument
 __all__ = [
     "Configs",
     "build",
+    "build_env",
     "check",
     "load_configs",
     "parse",
@@ -143,11 +145,23 @@ def build(
     task: str, configs: Configs, log_dir: Path | None = None, render: bool = False, checkpoint: Path | None = None
 ) -> OnPolicyRunner:
     """The environment and the runner of a task, with the policy of ``checkpoint`` if one is given."""
-    env = RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), configs.agent.clip_actions)
-    runner = OnPolicyRunner(env, configs.agent, log_dir)
+    runner = OnPolicyRunner(build_env(task, configs, render), configs.agent, log_dir)
     if checkpoint is not None:
         runner.load(checkpoint, load_cfg={"actor": True})
     return runner
+
+
+def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvWrapper:
+    """The wrapped environment of a task, able to render if that is wanted."""
+    wp.config.log_level = wp.LOG_WARNING  # not a line for every kernel
+    print(
+        f"{task}: building {configs.env.scene.num_envs} environments on {configs.env.sim.device}"
+        " (the first time kernels are compiled, which takes minutes)",
+        file=sys.stderr,
+        flush=True,
+    )
+    clip = None if configs.agent is None else configs.agent.clip_actions
+    return RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), clip)
 
 
 def video_steps(env: RslRlVecEnvWrapper) -> int:

@@ -34,8 +34,8 @@ def run(argv: list[str]) -> int:
 
 def _describe(task: str) -> dict[str, str]:
     spec = gymnasium.spec(task)
-    return {"id": task, "env": str(spec.vector_entry_point)} | {
-        name.removesuffix("_entry_point"): str(value)
-        for name, value in spec.kwargs.items()
-        if name.endswith("_entry_point")
+    creator = spec.vector_entry_point
+    configs = {name: str(value) for name, value in spec.kwargs.items() if name.endswith("_entry_point")}
+    return {"id": task, "env": creator if isinstance(creator, str) else str(getattr(creator, "env", creator))} | {
+        name.removesuffix("_entry_point"): value for name, value in configs.items()
     }

@@ -22,9 +22,20 @@ from stripe_newton.rl import (
     record_video,
 )
 
-from .common import Configs, build, check, load_configs, parse, peek, set_device, set_seeds, task_of, video_steps
+from .common import (
+    Configs,
+    build,
+    build_env,
+    check,
+    load_configs,
+    parse,
+    peek,
+    set_device,
+    set_seeds,
+    task_of,
+    video_steps,
+)
 from .errors import UserError
-from .tasks import make_env
 
 __all__ = ["PlayArgs", "run"]
 
@@ -99,7 +110,7 @@ def _env_and_policy(
     if checkpoint is not None:
         runner = build(task, configs, render=args.viewer == "video", checkpoint=checkpoint)
         return runner.env, runner.get_inference_policy(runner.device)
-    env = RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if args.viewer == "video" else None))
+    env = build_env(task, configs, render=args.viewer == "video")
     return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env)
 
 

@@ -60,7 +60,6 @@ def run(argv: list[str]) -> int:
     _apply_shortcuts(args, configs)
     check(configs)
     set_seeds(configs.agent.seed)
-    print(f"{task}: building {configs.env.scene.num_envs} environments on {configs.env.sim.device}", flush=True)
     if folder is None:
         folder = RunFolder.create(args.log_dir, configs.agent.experiment_name or task, configs.agent.run_name)
     try:

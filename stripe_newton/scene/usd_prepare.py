@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pxr import Sdf, Usd, UsdPhysics
 
 from .usd_stage import StageError, api_schemas, stage_name, walk
-from .usd_units import stage_units, to_si
+from .usd_units import mixed_units, stage_units, to_si
 
 __all__ = ["Ignored", "prepare"]
 
@@ -34,7 +34,7 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     """
     name, ignore = stage_name(stage), tuple(ignore)
     metres, kilograms = stage_units(stage)
-    rows: Ignored = []
+    rows: Ignored = mixed_units(stage)
     converted = to_si(stage)
     if converted is not stage:
         rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-__all__ = ["stage_units", "to_si"]
+__all__ = ["mixed_units", "stage_units", "to_si"]
 
 # Exponents (length, mass) of a quantity; time and angle need no conversion.
 _LENGTH, _MASS, _FORCE, _TORQUE, _DENSITY = (1, 0), (0, 1), (1, 1), (2, 1), (-3, 1)
@@ -83,6 +83,25 @@ def stage_units(stage: Usd.Stage) -> tuple[float, float]:
     metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else 1.0
     authored = UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage)
     return metres, (UsdPhysics.GetStageKilogramsPerUnit(stage) if authored else 1.0)
+
+
+def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
+    """``(path, what, why)`` where units look wrong: files of other units referenced as they are, odd gravity.
+
+    USD does not rescale what it references; the scale has to be authored where the reference is.
+    """
+    metres, rows = stage_units(stage)[0], []
+    for layer in stage.GetUsedLayers():
+        other = layer.pseudoRoot.GetInfo("metersPerUnit") if layer.pseudoRoot.HasInfo("metersPerUnit") else metres
+        if not math.isclose(other, metres):
+            why = f"{layer.identifier} has {other:g} m a unit, the stage {metres:g}: references are not rescaled"
+            rows.append(("/", "metersPerUnit", why))
+    for prim in stage.Traverse():
+        magnitude = UsdPhysics.Scene(prim).GetGravityMagnitudeAttr().Get() if prim.IsA(UsdPhysics.Scene) else None
+        if magnitude is not None and magnitude * metres > 100.0:
+            why = f"is {magnitude * metres:g} m/s^2: are lengths in other units than metersPerUnit {metres:g} says?"
+            rows.append((str(prim.GetPath()), "gravityMagnitude", why))
+    return rows
 
 
 def to_si(stage: Usd.Stage) -> Usd.Stage:

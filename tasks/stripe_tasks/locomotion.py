@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run forward: what the ant and the humanoid share.
+
+Observations and rewards are those that Isaac Gym's, gymnasium's and Isaac Lab's ant and humanoid have in common: the
+torso's motion in its own frame, its direction to a far target, the joints, the last actions; rewards for progress to
+the target, facing it and staying up, costs for effort, power and joints at their limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from stripe_newton.assets import Articulation, ArticulationCfg
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
+from stripe_newton.math import euler_xyz_from_quat, normalize, quat_apply, quat_apply_inverse, scale_transform, wrap_to_pi
+from stripe_newton.scene import InteractiveSceneCfg
+from stripe_newton.sim import (
+    DistantLightCfg,
+    DomeLightCfg,
+    GroundPlaneCfg,
+    MuJoCoSolverCfg,
+    RigidBodyMaterialCfg,
+    SimulationCfg,
+    spawn_ground_plane,
+)
+
+__all__ = ["LocomotionEnv", "LocomotionEnvCfg"]
+
+
+@configclass
+class LocomotionEnvCfg(DirectRLEnvCfg):
+    """Episodes of 15 s at 60 Hz, with physics at 120 Hz."""
+
+    decimation: int = 2
+    episode_length_s: float = 15.0
+    sim: SimulationCfg = SimulationCfg(
+        dt=1.0 / 120.0, render_interval=2, solver=MuJoCoSolverCfg(iterations=20, ls_iterations=10)
+    )
+    scene: InteractiveSceneCfg = InteractiveSceneCfg(num_envs=4096, env_spacing=4.0)
+    ground: GroundPlaneCfg = GroundPlaneCfg(
+        physics_material=RigidBodyMaterialCfg(static_friction=1.0, dynamic_friction=1.0)
+    )
+    robot: ArticulationCfg = MISSING
+    joint_gears: dict[str, float] = MISSING
+    """Effort for an action of one, by joint-name expression [N m]."""
+    action_scale: float = 1.0
+    """Factor on all gears."""
+    target_distance: float = 1000.0
+    """Where the target lies on the world's x axis [m]."""
+    heading_weight: float = 0.5
+    """Weight of facing the target."""
+    up_weight: float = 0.1
+    """Reward a step for being upright."""
+    alive_reward: float = 0.5
+    """Reward a step for not having fallen."""
+    death_cost: float = -2.0
+    """Reward for falling, in place of all others."""
+    actions_cost: float = 0.005
+    """Cost of the squared actions."""
+    power_cost: float = 0.05
+    """Cost of action times joint velocity."""
+    at_limit_cost: float = 1.0
+    """Cost for each joint near a limit."""
+    joint_vel_scale: float = 0.2
+    """Factor on the observed joint velocities."""
+    ang_vel_scale: float = 1.0
+    """Factor on the observed angular velocity."""
+    termination_height: float = MISSING
+    """Height of the torso below which an episode ends [m]."""
+
+
+class LocomotionEnv(DirectRLEnv):
+    """Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to the
+    target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions."""
+
+    cfg: LocomotionEnvCfg
+
+    def __init__(self, cfg: LocomotionEnvCfg, render_mode: str | None = None, **kwargs):
+        super().__init__(cfg, render_mode, **kwargs)
+        gears = torch.zeros(self.robot.num_joints, device=self.device)
+        for expression, gear in cfg.joint_gears.items():
+            gears[self.robot.find_joints(expression)[0]] = gear
+        self._efforts = cfg.action_scale * gears
+        self._target = self.scene.env_origins.clone()
+        self._target[:, 0] += cfg.target_distance
+        self._up = torch.tensor([0.0, 0.0, 1.0], device=self.device).expand(self.num_envs, 3)
+        self._forward = self.robot.data.FORWARD_VEC_B
+        self.potentials = torch.zeros(self.num_envs, device=self.device)
+        self.prev_potentials = torch.zeros(self.num_envs, device=self.device)
+
+    def _setup_scene(self) -> None:
+        self.robot = Articulation(self.cfg.robot)
+        self.scene.articulations["robot"] = self.robot
+        spawn_ground_plane("/World/ground", self.cfg.ground)
+        self.scene.clone_environments(copy_from_source=False)
+        dome, sun = DomeLightCfg(intensity=2000.0, color=(0.75, 0.75, 0.75)), DistantLightCfg(intensity=2500.0)
+        dome.func("/World/Light", dome)
+        sun.func("/World/Sun", sun, orientation=(0.29, 0.21, 0.1, 0.93))
+
+    def _pre_physics_step(self, actions: torch.Tensor) -> None:
+        self.actions = actions.clamp(-1.0, 1.0)
+
+    def _apply_action(self) -> None:
+        self.robot.set_joint_effort_target(self._efforts * self.actions)
+
+    def _relations(self) -> None:
+        """Where the torso is and faces, relative to the target; called once after the physics and after resets."""
+        data = self.robot.data
+        to_target = self._target - data.root_pos_w
+        to_target[:, 2] = 0.0
+        self.prev_potentials[:] = self.potentials
+        self.potentials[:] = -torch.linalg.vector_norm(to_target, dim=-1) / self.step_dt
+        self._up_proj = quat_apply(data.root_quat_w, self._up)[:, 2]
+        self._heading_proj = (quat_apply(data.root_quat_w, self._forward) * normalize(to_target)).sum(dim=-1)
+        self._target_angle = torch.atan2(to_target[:, 1], to_target[:, 0])
+        limits = data.soft_joint_pos_limits
+        self._scaled_pos = scale_transform(data.joint_pos, limits[..., 0], limits[..., 1])
+
+    def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
+        self._relations()
+        time_out = self.episode_length_buf >= self.max_episode_length
+        return self.robot.data.root_pos_w[:, 2] < self.cfg.termination_height, time_out
+
+    def _get_rewards(self) -> torch.Tensor:
+        cfg = self.cfg
+        heading = cfg.heading_weight * (self._heading_proj / 0.8).clamp(max=1.0)
+        upright = cfg.up_weight * (self._up_proj > 0.93)
+        effort = cfg.actions_cost * self.actions.square().sum(dim=-1)
+        power = cfg.power_cost * (self.actions * self.robot.data.joint_vel * cfg.joint_vel_scale * self._gear_ratio).abs().sum(dim=-1)
+        at_limit = cfg.at_limit_cost * (self._scaled_pos.abs() > 0.98).sum(dim=-1)
+        progress = self.potentials - self.prev_potentials
+        total = progress + cfg.alive_reward + upright + heading - effort - power - at_limit
+        self.extras["log"]["Episode_Reward/progress"] = progress.mean()
+        return torch.where(self.reset_terminated, cfg.death_cost, total)
+
+    @property
+    def _gear_ratio(self) -> torch.Tensor:
+        """Gears relative to the largest: strong joints pay for their power in full."""
+        return self._efforts / self._efforts.max()
+
+    def _get_observations(self) -> dict[str, torch.Tensor]:
+        data, cfg = self.robot.data, self.cfg
+        roll, _, yaw = euler_xyz_from_quat(data.root_quat_w)
+        angle = wrap_to_pi(self._target_angle - yaw)
+        scalars = (yaw, roll, angle, self._up_proj, self._heading_proj)
+        observations = torch.cat(
+            (
+                data.root_pos_w[:, 2:3],
+                quat_apply_inverse(data.root_quat_w, data.root_lin_vel_w),
+                quat_apply_inverse(data.root_quat_w, data.root_ang_vel_w) * cfg.ang_vel_scale,
+                torch.stack(scalars, dim=-1),
+                self._scaled_pos,
+                data.joint_vel * cfg.joint_vel_scale,
+                self.actions,
+            ),
+            dim=-1,
+        )
+        return {"policy": observations}
+
+    def _reset_idx(self, env_ids: Sequence[int] | torch.Tensor | None) -> None:
+        super()._reset_idx(env_ids)
+        robot = self.robot
+        ids = robot.env_indices(env_ids)
+        state = robot.data.default_root_state[ids]
+        state[:, :3] += self.scene.env_origins[ids]
+        robot.write_root_state_to_sim(state, ids)
+        robot.write_joint_state_to_sim(robot.data.default_joint_pos[ids], robot.data.default_joint_vel[ids], env_ids=ids)
+        self.actions[ids] = 0.0
+        previous = self.prev_potentials.clone(), self.potentials.clone()
+        self._relations()
+        keep = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        keep[ids] = False
+        self.prev_potentials[keep], self.potentials[keep] = previous[0][keep], previous[1][keep]
+        self.prev_potentials[ids] = self.potentials[ids]
