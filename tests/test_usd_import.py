@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade
 
-from stripe_newton.scene.usd_import import (
+from stripe_newton.usd.loading import (
     StageError,
     asset_prim,
     inspect_stage,
@@ -582,7 +582,7 @@ def test_units_that_look_wrong_are_said(tmp_path):
 
 
 def test_mesh_approximations_without_scipy(monkeypatch):
-    monkeypatch.setattr("stripe_newton.scene.usd_import._can_approximate", lambda: False)
+    monkeypatch.setattr("stripe_newton.usd.loading._can_approximate", lambda: False)
     builder, report = load(PACKAGE / "tests/assets/cube_cylinder.usda")
     assert builder.body_mass[0] > 0.0
     assert any(row[1].startswith("approximation ") for row in report.ignored)

@@ -1,9 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading USD stages that others wrote: load, refuse with a reason, report."""
+"""USD stages that others wrote: read into a model builder, refused with a reason, reported on."""
 
-from stripe_newton.scene.report import StageReport
-from stripe_newton.scene.usd_import import StageError, asset_prim, inspect_stage, load_stage, read_lights, read_semantics
-from stripe_newton.sim.lights import Light
-from stripe_newton.scene.usd_stage import open_stage
+from .extras import read_lights, read_semantics
+from .lights import Light
+from .loading import inspect_stage, load_stage
+from .report import StageReport
+from .stage import StageError, asset_prim, open_stage
+from .trial import StageTrial, try_stage
 
-__all__ = ["Light", "StageError", "StageReport", "asset_prim", "inspect_stage", "load_stage", "open_stage", "read_lights", "read_semantics"]
+__all__ = [
+    "Light",
+    "StageError",
+    "StageReport",
+    "StageTrial",
+    "asset_prim",
+    "inspect_stage",
+    "load_stage",
+    "open_stage",
+    "read_lights",
+    "read_semantics",
+    "try_stage",
+]

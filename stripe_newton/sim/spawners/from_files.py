@@ -45,7 +45,7 @@ def spawn_from_usd(
     """Reference a USD file at ``prim_path`` and set the properties that ``cfg`` names on the prims it brings."""
     from pxr import UsdGeom, UsdShade
 
-    from stripe_newton.scene.usd_import import asset_prim
+    from stripe_newton.usd.loading import asset_prim
     from stripe_newton.sim.stage import authored_path, current_stage
 
     file = _existing(cfg.usd_path, "usd_path")

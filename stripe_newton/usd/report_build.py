@@ -14,10 +14,10 @@ from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPh
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
 from .report import ArticulationRow, BodyRow, JointRow, MaterialRow, ShapeRow, SiteRow, StageReport
-from .usd_checks import BuilderStart
-from .usd_extras import ignored_lights, read_lights, read_semantics
-from .usd_stage import api_schemas, walk
-from .usd_units import stage_units
+from .checks import BuilderStart
+from .extras import ignored_lights, read_lights, read_semantics
+from .stage import api_schemas, walk
+from .units import stage_units
 
 __all__ = ["build_report"]
 

@@ -10,8 +10,8 @@ import newton
 import numpy as np
 from newton.solvers import SolverMuJoCo
 
-from .usd_import import load_stage
-from .usd_stage import StageError
+from .loading import load_stage
+from .stage import StageError
 
 __all__ = ["StageTrial", "try_stage"]
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..sim.lights import Light
+from .lights import Light
 
 __all__ = ["ArticulationRow", "BodyRow", "JointRow", "MaterialRow", "ShapeRow", "SiteRow", "StageReport"]
 

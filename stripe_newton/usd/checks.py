@@ -11,7 +11,7 @@ import numpy as np
 from newton import GeoType, JointType
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from .usd_stage import StageError, api_schemas, stage_name, walk
+from .stage import StageError, api_schemas, stage_name, walk
 
 __all__ = ["BuilderStart", "check_builder", "check_stage"]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pxr import Gf, Usd, UsdGeom, UsdLux
 
-from ..sim.lights import Light
-from .usd_stage import open_stage, walk
+from .lights import Light
+from .stage import open_stage, walk
 
 __all__ = ["ignored_lights", "read_lights", "read_semantics"]
 

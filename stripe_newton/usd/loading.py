@@ -19,10 +19,10 @@ from pxr import Usd, UsdGeom, UsdPhysics
 
 from .report import StageReport
 from .report_build import build_report
-from .usd_checks import BuilderStart, check_builder, check_stage
-from .usd_extras import read_lights, read_semantics
-from .usd_prepare import Ignored, prepare
-from .usd_stage import StageError, asset_prim, open_stage, stage_name, walk
+from .checks import BuilderStart, check_builder, check_stage
+from .extras import read_lights, read_semantics
+from .prepare import Ignored, prepare
+from .stage import StageError, asset_prim, open_stage, stage_name, walk
 
 __all__ = ["StageError", "asset_prim", "inspect_stage", "load_stage", "read_lights", "read_semantics"]
 

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 
 from pxr import Sdf, Usd, UsdPhysics
 
-from .usd_stage import StageError, api_schemas, stage_name, walk
-from .usd_units import mixed_units, stage_units, to_si
+from .stage import StageError, api_schemas, stage_name, walk
+from .units import mixed_units, stage_units, to_si
 
 __all__ = ["Ignored", "prepare"]
 

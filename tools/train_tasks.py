@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Train tasks one after the other, evaluate and film each, and print a table.
+
+    python tools/train_tasks.py OUT TASK[:ITERATIONS][@NUM_ENVS] ...
+
+Each task is trained, evaluated over 256 episodes and filmed through the command line, as a user would. OUT gets one
+folder a task with the learning curve, metrics, the video and ``eval.json``, and ``results.md`` with the table: seconds of
+the whole training command, return, episode length and their limit.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+
+def run(*words: str) -> str:
+    """Run a command of the project, echo its output, and return it."""
+    process = subprocess.run(
+        [sys.executable, "-m", "stripe_newton.cli", *words], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+    )
+    print(process.stdout[-3000:], flush=True)
+    process.check_returncode()
+    return process.stdout
+
+
+def train(out: Path, name: str, iterations: str | None, num_envs: str | None) -> str:
+    """Train one task; returns its row of the table."""
+    options = [*(["--max-iterations", iterations] if iterations else []), *(["--num-envs", num_envs] if num_envs else [])]
+    start = time.perf_counter()
+    text = run("train", name, "--seed", "1", "--log-dir", str(out / "logs"), *options)
+    seconds = time.perf_counter() - start
+    folder = Path(re.findall(r"run folder: (.*)", text)[-1].strip())
+    report = out / f"{name}.json"
+    run("eval", name, "--checkpoint", str(folder), "--episodes", "256", "--num-envs", "256", "--json", str(report))
+    for item in [*folder.glob("videos/*.mp4"), folder / "learning_curve.png", folder / "metrics.csv"]:
+        shutil.copy(item, out / f"{name}-{item.name}")
+    result = json.loads(report.read_text())
+    steps = f"{result['mean_length']:.0f} / {result['max_length']}"
+    return f"| {name} | {seconds:.0f} s | {result['mean_return']:.1f} | {steps} |"
+
+
+def main() -> None:
+    """Train every task that the arguments name."""
+    out = Path(sys.argv[1])
+    out.mkdir(parents=True, exist_ok=True)
+    rows = ["| task | training | mean return | mean length |", "|---|---|---|---|"]
+    for word in sys.argv[2:]:
+        name, iterations, num_envs = re.fullmatch(r"([\w-]+)(?::(\d+))?(?:@(\d+))?", word).groups()
+        rows.append(train(out, name, iterations, num_envs))
+    (out / "results.md").write_text("\n".join(rows) + "\n")
+    print("\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()
