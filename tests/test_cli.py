@@ -195,6 +195,13 @@ def test_errors_are_one_message(capsys, args, message):
     assert not Path("logs").exists() or not list(Path("logs").glob("*/*"))
 
 
+@pytest.mark.usefixtures("no_video")
+def test_a_run_of_another_task(capsys):
+    run = train("--num-envs", "4", "--max-iterations", "1")
+    text = error_of(capsys, "eval", "Stripe-Cartpole-Direct-v0", "--checkpoint", str(run))
+    assert f"is a run of {TASK}, not of Stripe-Cartpole-Direct-v0" in text
+
+
 def test_all_problems_of_both_configs_at_once(capsys):
     text = error_of(capsys, "train", TASK, "--env.limit", "-1", "--agent.algorithm.gamma", "2")
     assert "env.limit: is -1.0" in text
@@ -337,3 +344,28 @@ def test_interrupted_command_leaves_a_run_that_goes_on():
     assert f"--resume {run}" in out
     last = read_metrics(run / "metrics.csv")["iteration"][-1]
     assert find_checkpoint(run).name == f"model_{last:.0f}.pt"
+
+
+# -- inspect
+
+
+def test_inspect_a_stage_and_a_task(capsys):
+    get_asset = pytest.importorskip("newton.examples").get_asset
+    stage = get_asset("cartpole_single_pendulum.usda")
+    assert main(["inspect", stage, "--out", "pictures"]) == 0
+    text = capsys.readouterr().out
+    assert "cart_to_pole" in text
+    assert "picture: pictures/cartpole_single_pendulum.png" in text
+    assert Path("pictures/cartpole_single_pendulum.png").read_bytes()[:4] == b"\x89PNG"
+
+    assert main(["inspect", "Stripe-Cartpole-Direct-v0", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert (content["name"], content["decimation"], content["actions"]) == ("Stripe-Cartpole-Direct-v0", 2, 1)
+    assert content["observations"] == {"policy": [4]}
+    assert Path(content["picture"]).is_file()
+    assert any("cart_to_pole" in joint["path"] for report in content["reports"] for joint in report["joints"])
+
+
+def test_inspect_errors(capsys):
+    assert "none.usda: there is no such file" in error_of(capsys, "inspect", "none.usda")
+    assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")

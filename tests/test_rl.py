@@ -46,17 +46,21 @@ def _one_thread():
     torch.set_num_threads(threads)
 
 
-def make_env(num_envs: int = 8, clip_actions: float | None = None, **changes) -> RslRlVecEnvWrapper:
+def make_env(
+    num_envs: int = 8, clip_actions: float | None = None, device: str = "cpu", **changes
+) -> RslRlVecEnvWrapper:
     cfg = FakeCartCfg()
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", num_envs, 3
+    cfg.sim.device, cfg.scene.num_envs, cfg.seed = device, num_envs, 3
     return RslRlVecEnvWrapper(FakeCartEnv(cfg.replace(**changes), "rgb_array"), clip_actions)
 
 
-def make_runner(folder: Path | None, agent: RslRlOnPolicyRunnerCfg | None = None, num_envs: int = 8) -> OnPolicyRunner:
+def make_runner(
+    folder: Path | None, agent: RslRlOnPolicyRunnerCfg | None = None, num_envs: int = 8, device: str = "cpu"
+) -> OnPolicyRunner:
     random.seed(1)
     np.random.seed(1)  # noqa: NPY002
     torch.manual_seed(1)
-    return OnPolicyRunner(make_env(num_envs), agent or FakeCartRunnerCfg(), folder)
+    return OnPolicyRunner(make_env(num_envs, device=device), agent or FakeCartRunnerCfg(), folder)
 
 
 def rnn_cfg() -> RslRlOnPolicyRunnerCfg:
@@ -186,16 +190,30 @@ def test_ppo_learns(tmp_path):
 
 @pytest.mark.parametrize("agent", [FakeCartRunnerCfg, rnn_cfg, rnd_cfg], ids=["mlp", "rnn", "rnd"])
 def test_resumed_run_equals_uninterrupted_one(tmp_path, agent):
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
-    make_runner(whole, agent()).learn()
-    make_runner(parts, agent()).learn(3)
+    check_resume(tmp_path, agent, "cpu")
+
+
+@pytest.mark.gpu
+def test_resumed_run_equals_uninterrupted_one_on_a_gpu(tmp_path):
+    check_resume(tmp_path, FakeCartRunnerCfg, "cuda:0")
+    state = load_checkpoint(find_checkpoint(tmp_path / "whole"), "cuda:0")
+    assert state["actor_state_dict"]["mlp.0.weight"].is_cuda
+    assert not state["stripe_newton"]["rng"]["cuda"].is_cuda
+    assert not load_checkpoint(find_checkpoint(tmp_path / "whole"))["actor_state_dict"]["mlp.0.weight"].is_cuda
+
+
+def check_resume(folder: Path, agent, device: str) -> None:
+    """Train six iterations at once, and three and three; compare everything but the clock, exactly."""
+    whole, parts = folder / "whole", folder / "parts"
+    make_runner(whole, agent(), device=device).learn()
+    make_runner(parts, agent(), device=device).learn(3)
     assert [number for number, _ in RunFolder(parts).list_checkpoints()] == [0, 2]
-    again = make_runner(parts, agent())
+    again = make_runner(parts, agent(), device=device)
     again.resume(find_checkpoint(parts))
     assert again.iterations_done == 3
     assert again.learn()
 
-    expected, got = (flat(load_checkpoint(folder / "checkpoints" / "model_5.pt")) for folder in (whole, parts))
+    expected, got = (flat(load_checkpoint(run / "checkpoints" / "model_5.pt")) for run in (whole, parts))
     assert expected.keys() == got.keys()
     assert len(expected) > 50
     for name, value in expected.items():

@@ -22,7 +22,7 @@ from pathlib import Path
 def run(*words: str) -> str:
     """Run a command of the project, echo its output, and return it."""
     process = subprocess.run(
-        [sys.executable, "-m", "stripe_newton.cli", *words], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+        [sys.executable, "-m", "stripe_newton.cli", *words, "--import", "stripe_tasks"], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
     )
     print(process.stdout[-3000:], flush=True)
     process.check_returncode()

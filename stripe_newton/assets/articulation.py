@@ -66,9 +66,9 @@ class Articulation(BoundAsset):
             except ValueError as error:
                 problems.append(f"actuators.{group}: {error}")
                 continue
-            twice = [names[i] for i in ids if i in owners]
-            if twice:
-                problems.append(f"actuators.{group}: joint '{twice[0]}' is in group '{owners[ids[0]]}' too")
+            twice = next((i for i in ids if i in owners), None)
+            if twice is not None:
+                problems.append(f"actuators.{group}: joint '{names[twice]}' is in group '{owners[twice]}' too")
             owners.update(dict.fromkeys(ids, group))
         for coord, dof in zip(layout.coords, layout.dofs, strict=False):
             builder.joint_target_q[coord] = builder.joint_q[coord]

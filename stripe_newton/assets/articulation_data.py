@@ -101,5 +101,7 @@ class ArticulationData(RootData):
         other = sim.per_env(sim.control.joint_f)[:, self._dofs]
         if sim.observables is not None and getattr(sim.observables, "qfrc_actuator", None) is not None:
             return sim.per_env(sim.observables.qfrc_actuator)[:, self._dofs] + other
-        law = self.joint_stiffness * (self.joint_pos_target - self.joint_pos) - self.joint_damping * self.joint_vel
+        fed_forward = sim.per_env(sim.velocity_gain)[:, self._dofs] * self.joint_vel_target  # it is in joint_f
+        law = self.joint_stiffness * (self.joint_pos_target - self.joint_pos) - fed_forward
+        law = law + self.joint_damping * (self.joint_vel_target - self.joint_vel)
         return law.clamp(-self.joint_effort_limits, self.joint_effort_limits) + other

@@ -120,7 +120,8 @@ class BoundAsset(AssetBase):
             return self._ALL_INDICES
         if isinstance(env_ids, slice):
             return self._ALL_INDICES[env_ids]
-        return torch.as_tensor(env_ids, dtype=torch.long, device=self.device)
+        ids = torch.as_tensor(env_ids, device=self.device)
+        return ids.nonzero().squeeze(-1) if ids.dtype == torch.bool else ids.long()
 
     def initialize(self, sim: Simulation) -> None:
         self._sim = sim

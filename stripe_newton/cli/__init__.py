@@ -21,6 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
     "eval": ("stripe_newton.cli.eval", "measure a trained policy over a number of episodes"),
     "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
+    "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
 }
 """Module and one line of help of each subcommand."""
 
@@ -40,17 +41,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = list(sys.argv[1:] if argv is None else argv)
     try:
         return _dispatch(args)
-    except USER_ERRORS as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
     except BrokenPipeError:  # whoever read the output, such as head, has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception as error:
+        if not _is_of_the_user(error):
+            raise
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
     except SystemExit as stop:  # raised by tyro: 0 after --help, 2 after a wrong option, which it has explained
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+
+
+def _is_of_the_user(error: Exception) -> bool:
+    usd = sys.modules.get("stripe_newton.usd")  # heavy: asked only if it is there
+    return isinstance(error, USER_ERRORS) or (usd is not None and isinstance(error, usd.StageError))
 
 
 def _dispatch(args: list[str]) -> int:

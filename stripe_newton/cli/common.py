@@ -75,7 +75,13 @@ def task_of(argv: list[str], command: str, options: type) -> str:
 
 
 def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_device: bool = False) -> Configs:
-    """The configs of a task, with the values of an earlier run if one is given; its device only if that is wanted."""
+    """The configs of a task, with the values of an earlier run if one is given; its device only if that is wanted.
+
+    Raises:
+        UserError: if that run is of another task.
+    """
+    if run is not None and run.read_task() not in (None, task):
+        raise UserError(f"{run.path} is a run of {run.read_task()}, not of {task}")
     configs = Configs(load_cfg(task, "env"), load_cfg(task, "agent") if agent else None)
     if run is not None:
         saved = run.read_params()

@@ -68,6 +68,7 @@ def run(argv: list[str]) -> int:
         with contextlib.suppress(OSError):
             folder.path.rmdir()  # a new folder, still empty
         raise
+    folder.write_task(task)
     print(f"run folder: {folder.path}", flush=True)
     try:
         complete = _learn(runner, folder, args.video_interval)

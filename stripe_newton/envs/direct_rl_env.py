@@ -12,6 +12,7 @@ import numpy as np
 import torch
 import warp as wp
 from gymnasium import spaces
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
@@ -100,7 +101,6 @@ class DirectRLEnv(VectorEnv):
         self.obs_buf: Observations = {}
         self.extras: dict[str, Any] = {"log": {}}
         self.common_step_counter = 0
-        self._handed_out: dict[str, int] = {}
         self._checked = False
 
     def _make_spaces(self) -> None:
@@ -167,8 +167,11 @@ class DirectRLEnv(VectorEnv):
         random.seed(seed)
         np.random.seed(seed % 2**32)
         torch.manual_seed(seed)
+        self._np_random, self._np_random_seed = seeding.np_random(seed)
         return seed
 
+    @torch.inference_mode(False)  # tensors made in an inference mode could not be written outside of it
+    @torch.no_grad()
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, dict[str, Any]]:
         """Begin new episodes.
 
@@ -185,11 +188,16 @@ class DirectRLEnv(VectorEnv):
         ids = torch.arange(self.num_envs, device=self.device)
         if mask is not None:
             ids = ids[torch.as_tensor(mask, dtype=torch.bool, device=self.device)]
-        self.extras = {**self.extras, "log": {}}
+        self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
+        self.extras["log"] = {}
         self._reset(ids)
         self.scene.update(self.physics_dt)
-        return self._observe(), self.extras
+        observations = self._observe()
+        self.extras["log"] = _own(self.extras.get("log") or {})
+        return observations, self.extras
 
+    @torch.inference_mode(False)
+    @torch.no_grad()
     def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """Advance all environments by ``step_dt``; those that end are reset within the step.
 
@@ -226,6 +234,7 @@ class DirectRLEnv(VectorEnv):
         self._interval_events(self.step_dt)
         self.scene.update(self.step_dt)
         self.obs_buf = self._observe()
+        self.extras["log"] = _own(self.extras.get("log") or {})
         return self.obs_buf, *outcome, self.extras
 
     def render(self) -> np.ndarray | None:
@@ -243,10 +252,11 @@ class DirectRLEnv(VectorEnv):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release renderer and simulation."""
-        if self._renderer is not None:
+        if getattr(self, "_renderer", None) is not None:
             self._renderer.close()
             self._renderer = None
-        self.scene.close()
+        if hasattr(self, "scene"):  # the constructor may have failed before
+            self.scene.close()
 
     # -- continuing where it stopped
 
@@ -257,15 +267,19 @@ class DirectRLEnv(VectorEnv):
             "step": self.common_step_counter,
             "arrays": {k: wp.to_torch(v).clone() for k, v in self._arrays().items()},
             "buffers": {k: v.clone() for k, v in self._buffers().items()},
+            "parts": [_own({k: v for k, v in p.items() if isinstance(v, torch.Tensor)}) for p in self._parts()],
         }
 
-    @torch.inference_mode()
+    @torch.inference_mode(False)
+    @torch.no_grad()
     def set_state(self, state: dict[str, Any]) -> None:
         """Go on from what :meth:`get_state` returned.
 
         Raises:
             ValueError: if it is the state of another environment.
         """
+        if "external_wrench" in state["arrays"]:
+            self.sim.enable_external_wrench()
         arrays, buffers = self._arrays(), self._buffers()
         for name, value in state["arrays"].items():
             mine = wp.to_torch(arrays[name]) if name in arrays else None
@@ -276,15 +290,28 @@ class DirectRLEnv(VectorEnv):
         for name, value in state["arrays"].items():
             wp.to_torch(arrays[name]).copy_(value)
         for name, value in state["buffers"].items():
-            if name in buffers:
-                buffers[name].copy_(value)
+            mine = buffers.get(name)
+            if mine is not None and mine.shape == value.shape and mine.is_contiguous() and not mine.is_inference():
+                mine.copy_(value)
+            else:  # made by a hook that has not run here yet, or not to be written in place
+                setattr(self, name, value.to(self.device).clone())
+        for mine, part in zip(self._parts(), state["parts"]):
+            mine.update({k: v.to(self.device).clone() for k, v in part.items()})
+        self.sim.roots_moved = True
         self.sim.forward()
+
+    def _parts(self) -> list[dict[str, Any]]:
+        """What events and noise models remember, as the dicts they keep it in."""
+        models = [vars(m) for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
+        return [*models, *(self._events.clocks() if self._events is not None else [])]
 
     def _arrays(self) -> dict[str, wp.array]:
         sim = self.sim
         found = {"joint_q": sim.state.joint_q, "joint_qd": sim.state.joint_qd, "previous_joint_qd": sim.previous_joint_qd}
         found |= {k: getattr(sim.control, k) for k in ("joint_target_q", "joint_target_qd", "joint_act")}
         found["joint_X_p"] = sim.model.joint_X_p
+        if sim.external_wrench is not None:
+            found |= {"external_wrench": sim.external_wrench, "wrench_in_world": sim.wrench_in_world}
         data = getattr(sim.solver, "mjw_data", None)
         if data is not None:
             found["qacc_warmstart"] = data.qacc_warmstart
@@ -351,9 +378,12 @@ class DirectRLEnv(VectorEnv):
             self._events.reset(env_ids)
 
     def _interval_events(self, dt: float) -> None:
-        """Runs in every step after the resets; the default runs the interval terms of ``cfg.events`` that are due."""
-        if self._events is not None:
-            self._events.interval(dt)
+        """Runs in every step after the resets; the default runs the interval terms of ``cfg.events`` that are due.
+
+        A subclass that overrides it and writes positions calls ``self.sim.forward()`` after.
+        """
+        if self._events is not None and self._events.interval(dt):
+            self.sim.forward()
 
     def set_debug_vis(self, debug_vis: bool) -> bool:
         """Ask the subclass to show or hide its markers; whether it has any."""
@@ -384,25 +414,14 @@ class DirectRLEnv(VectorEnv):
             self._check_observations(groups)
         if self._observation_noise_model is not None:
             groups["policy"] = self._observation_noise_model(groups["policy"])
-        return {name: self._own(name, value) for name, value in groups.items()}
-
-    def _own(self, name: str, value: Any) -> Any:
-        """``value`` as a tensor that nobody will overwrite: learners keep what they are given."""
-        if not isinstance(value, torch.Tensor):
-            return value
-        pointer = value.untyped_storage().data_ptr()
-        view = value.untyped_storage().nbytes() > value.numel() * value.element_size()
-        if view or self._handed_out.get(name) == pointer or name not in self._handed_out:
-            value = value.clone()
-        self._handed_out[name] = pointer
-        return value
+        return _own(groups)  # learners keep what they are given: nobody may overwrite it
 
     def _checked_action(self, action: Any) -> torch.Tensor:
         action = torch.as_tensor(action, device=self.device)
         expected = self.action_space.shape
         if expected is not None and tuple(action.shape) != tuple(expected):
             raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(expected)}")
-        return action.float() if action.is_floating_point() else action
+        return action.float().clone() if action.is_floating_point() else action.clone()
 
     def _check_observations(self, groups: Observations) -> None:
         """Compare the first observations with the spaces; groups that no space names get one."""
@@ -451,7 +470,10 @@ class _ActionProbe:
             return
         before = None
         for _ in range(env.cfg.decimation):
+            states = self._states(env.sim) if self.mode == "auto" else []
             env._apply_action()
+            if not _same(states, self._states(env.sim) if states else []):
+                self.mode = "substep"  # it writes the state itself
             env.scene.write_data_to_sim()
             if self.mode == "auto":
                 now = self._targets(env.sim)
@@ -465,12 +487,21 @@ class _ActionProbe:
                 self.mode = "step"
 
     @staticmethod
+    def _states(sim: Simulation) -> list[torch.Tensor]:
+        return [wp.to_torch(a).clone() for a in (sim.state.joint_q, sim.state.joint_qd) if a is not None]
+
+    @staticmethod
     def _targets(sim: Simulation) -> list[torch.Tensor]:
         control = sim.control
         arrays = [control.joint_target_q, control.joint_target_qd, control.joint_act]
         if sim.external_wrench is not None:
             arrays.append(sim.external_wrench)
         return [wp.to_torch(a).clone() for a in arrays if a is not None]
+
+
+def _own(values: dict[str, Any]) -> dict[str, Any]:
+    """A copy of a dict with its tensors."""
+    return {k: v.clone() if isinstance(v, torch.Tensor) else v for k, v in values.items()}
 
 
 def _same(before: list[torch.Tensor], now: list[torch.Tensor]) -> bool:

@@ -78,8 +78,13 @@ class EventRunner:
             elif term.mode == "interval" and not term.is_global_time:
                 self._time_left[name][env_ids] = self._draw(term, len(env_ids))
 
-    def interval(self, dt: float) -> None:
-        """Let ``dt`` seconds pass, and run the interval terms that are due."""
+    def clocks(self) -> list[dict[str, torch.Tensor]]:
+        """What the runner remembers: the time left of the interval terms, and when the reset terms last ran."""
+        return [self._time_left, self._last_step]
+
+    def interval(self, dt: float) -> bool:
+        """Let ``dt`` seconds pass, and run the interval terms that are due; whether there was one."""
+        ran = False
         for name, term in self._terms.items():
             if term.mode != "interval":
                 continue
@@ -87,6 +92,8 @@ class EventRunner:
             left -= dt
             due = (left < 1.0e-6).nonzero().squeeze(-1)
             if len(due):
+                ran = True
                 left[due] = self._draw(term, len(due))
                 everyone = torch.arange(self._env.num_envs, device=self._env.device)
                 term.func(self._env, everyone if term.is_global_time else due, **term.params)
+        return ran

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import statistics
 import sys
 import time
@@ -57,6 +58,9 @@ class RunLogger(Logger):
                 super().init_logging_writer()
         finally:
             self.cfg["logger"] = configured
+        if self.log_dir is not None:
+            with contextlib.suppress(OSError):
+                os.rmdir(os.path.join(self.log_dir, "git"))  # empty where the task is in no git repository
 
     def log(self, it: int, start_it: int, total_it: int, collect_time: float, learn_time: float, **values: Any) -> None:
         """Log an iteration.

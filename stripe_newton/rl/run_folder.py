@@ -81,6 +81,16 @@ class RunFolder:
                 moved.append(target)
         return moved
 
+    def write_task(self, task: str) -> None:
+        """Note in ``params/run.yaml`` of which task this run is."""
+        self.params.mkdir(parents=True, exist_ok=True)
+        (self.params / "run.yaml").write_text(yaml.safe_dump({"task": task}), encoding="utf-8")
+
+    def read_task(self) -> str | None:
+        """The task that :meth:`write_task` noted, or None."""
+        data = self._read("run") if (self.params / "run.yaml").exists() else {}
+        return data.get("task")
+
     def write_params(self, env_cfg: Any, agent_cfg: Any) -> None:
         """Write ``params/env.yaml`` and ``params/agent.yaml`` from configs or dicts."""
         self.params.mkdir(parents=True, exist_ok=True)
@@ -95,19 +105,19 @@ class RunFolder:
         Raises:
             CheckpointError: a file that is missing or is no YAML.
         """
-        params = {}
-        for name in ("env", "agent"):
-            file = self.params / f"{name}.yaml"
-            try:
-                data = yaml.safe_load(file.read_text(encoding="utf-8"))
-            except FileNotFoundError:
-                raise CheckpointError(f"{file}: is missing; is {self.path} a run folder?") from None
-            except (yaml.YAMLError, UnicodeDecodeError) as error:
-                raise CheckpointError(f"{file}: is no valid YAML ({str(error).splitlines()[0]})") from None
-            if not isinstance(data, dict):
-                raise CheckpointError(f"{file}: holds {type(data).__name__}, expected the fields of a config")
-            params[name] = data
-        return params
+        return {name: self._read(name) for name in ("env", "agent")}
+
+    def _read(self, name: str) -> dict[str, Any]:
+        file = self.params / f"{name}.yaml"
+        try:
+            data = yaml.safe_load(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise CheckpointError(f"{file}: is missing; is {self.path} a run folder?") from None
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise CheckpointError(f"{file}: is no valid YAML ({str(error).splitlines()[0]})") from None
+        if not isinstance(data, dict):
+            raise CheckpointError(f"{file}: holds {type(data).__name__}, expected a mapping")
+        return data
 
 
 def find_checkpoint(path: str | os.PathLike) -> Path:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import io
 import os
 import signal
@@ -64,6 +65,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             gpu_global_rank=self.gpu_global_rank,
             device=self.device,
         )
+        self.logger.git_status_repos = [inspect.getfile(type(env.unwrapped))]  # the state of the task's own code
 
     @property
     def iterations_done(self) -> int:

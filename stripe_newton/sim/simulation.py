@@ -262,7 +262,7 @@ class Simulation:
             env_mask: Environments to update, bool, shape ``(num_envs,)``. Default: all.
         """
         mask = None
-        if env_mask is not None and self.num_envs:
+        if env_mask is not None and self.model.articulation_count:
             mask = self._articulation_mask
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
         newton.eval_fk(self.model, self.state.joint_q, self.state.joint_qd, self.state, mask=mask)
