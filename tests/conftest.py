@@ -28,7 +28,7 @@ def quiet_warp() -> None:
     """No report of kernel compilation between the lines of the tests."""
     import warp as wp
 
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
 
 
 @pytest.fixture(autouse=True)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that run before and after each physics step: efforts, external wrenches, velocity limits."""
+"""Kernels that run before and after each physics step: efforts, external wrenches, velocity limits,
+overflow."""
 
 import warp as wp
 
-__all__ = ["apply_effort_targets", "apply_external_wrench", "clamp_velocity"]
+__all__ = ["apply_effort_targets", "apply_external_wrench", "clamp_velocity", "note_overflow"]
 
 
 @wp.kernel(enable_backward=False)
@@ -67,3 +68,11 @@ def clamp_velocity(limit: wp.array[float], joint_qd: wp.array[float]):
     """Clamp joint velocities to ``[-limit, limit]`` [m/s or rad/s]; shapes ``(joint_dof_count,)``."""
     dof = wp.tid()
     joint_qd[dof] = wp.clamp(joint_qd[dof], -limit[dof], limit[dof])
+
+
+@wp.kernel(enable_backward=False)
+def note_overflow(overflow: wp.array[wp.int32], seen: wp.array[wp.int32]):
+    """Add the solver's overflow bits of each world, shape ``(num_envs,)``, to those ever seen, shape ``(1,)``."""
+    bits = overflow[wp.tid()]
+    if bits != 0:
+        wp.atomic_or(seen, 0, bits)

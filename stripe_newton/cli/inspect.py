@@ -48,7 +48,8 @@ def run(argv: list[str]) -> int:
         return 0
     width = max(map(len, facts), default=0) + 2
     for name, value in facts.items():
-        print(f"{name:<{width}}{value}")
+        lines = str(value).splitlines()
+        print(f"{name:<{width}}" + f"\n{'':<{width}}".join(lines))
     for report in reports:
         print(("\n" if facts else "") + report.to_text())
     print(f"picture: {path}")
@@ -93,6 +94,7 @@ def _inspect_task(task: str) -> tuple[dict[str, Any], list[Any], Any]:
             "max_episode_length": int(env.max_episode_length),
             "observations": {name: list(space.shape) for name, space in inner.single_observation_space.items()},
             "actions": env.num_actions,
+            "step": inner.describe(),
         }
         return facts, list(inner.scene.builder.reports), env.render()
     finally:

@@ -28,6 +28,9 @@ __all__ = ["DirectRLEnv"]
 
 Observations = dict[str, torch.Tensor]
 
+_OVERFLOW_INTERVAL = 64
+"""Steps between looks at the solver's overflow."""
+
 
 class DirectRLEnv(VectorEnv):
     """Base class of environments whose hooks compute observations, rewards and dones for all environments at once.
@@ -219,6 +222,8 @@ class DirectRLEnv(VectorEnv):
         self._pre_physics_step(action)
         self._action_probe.advance(self)
         self.common_step_counter += 1
+        if self.common_step_counter % _OVERFLOW_INTERVAL == 0:
+            self.sim.check_overflow()
         self._episode_length_buf += 1
         terminated, time_outs = self._get_dones()
         self.reset_terminated[:], self.reset_time_outs[:] = terminated, time_outs
@@ -257,6 +262,27 @@ class DirectRLEnv(VectorEnv):
             self._renderer = None
         if hasattr(self, "scene"):  # the constructor may have failed before
             self.scene.close()
+
+    def describe(self) -> str:
+        """The stages of a step, what runs in each, and what of it is one CUDA graph, as a table in plain text."""
+        per = self._action_probe.mode
+        graph = self.sim.device != "cpu" and self.cfg.sim.use_cuda_graph
+        steps = self.cfg.decimation
+        how = {True: f"one CUDA graph of {steps} physics steps", False: f"{steps} physics steps, kernel by kernel"}[graph]
+        if per != "step":
+            how = f"{steps} x ({'one CUDA graph' if graph else 'kernel by kernel'}), _apply_action eager before each"
+        noise = [n for n in ("action", "observation") if getattr(self.cfg, f"{n}_noise_model") is not None]
+        rows = (
+            ("actions", "_pre_physics_step" + (", noise" if "action" in noise else ""), "eager torch"),
+            ("physics", f"_apply_action ({per}), {type(self.sim.solver).__name__}", how),
+            ("outcome", "_get_dones, _get_rewards", "eager torch"),
+            ("reset", "_reset_idx, forward kinematics by mask", "eager torch, for environments that ended"),
+            ("events", "interval events" if self._events is not None else "-", "eager torch"),
+            ("sensors", ", ".join(self.scene.sensors) or "-", "eager"),
+            ("observations", "_get_observations" + (", noise" if "observation" in noise else ""), "eager torch"),
+        )
+        widths = [max(len(row[i]) for row in rows) for i in range(2)]
+        return "\n".join(f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)
 
     # -- continuing where it stopped
 

@@ -14,7 +14,7 @@ from pxr import Usd, UsdGeom
 from stripe_newton.assets import Articulation, ArticulationCfg, AssetBase, Layout, RigidObject, articulation_layouts
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.sim.stage import ENV_0
-from stripe_newton.usd import StageReport, load_stage, read_lights
+from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
 from .grid import spiral_grid
 
@@ -99,6 +99,7 @@ class SceneBuilder:
             self._adopt(layouts)
         for asset in self.assets:
             asset.prepare(layouts, template)
+        self.reports[0].joints = joint_rows(template)  # with the drives of the actuator configs
         static = sim.new_builder()
         if self.template_root != "/":
             self._load(static, "/World", ("/World/envs",))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 import time
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,9 @@ import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.actuation import apply_effort_targets, apply_external_wrench, clamp_velocity
+from stripe_kernels.actuation import apply_effort_targets, apply_external_wrench, clamp_velocity, note_overflow
 
+from .overflow import overflow_message
 from .simulation_cfg import SimulationCfg
 
 if TYPE_CHECKING:
@@ -60,12 +62,11 @@ class Simulation:
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
-        wp.config.quiet = True
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
         self.num_envs = 0
         self.lights: list[Light] = []
-        self.model: newton.Model | None = None
+        self.model: newton.Model
         self.build_s = 0.0
         self.roots_moved = False
         """Set by whoever moved the frame that a fixed base is fixed to; the solver is told before the next step."""
@@ -158,7 +159,11 @@ class Simulation:
             wanted.add("contact_f")
             if self.contacts is None:
                 self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
+        self._observed = frozenset(wanted)
         self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
+        self._overflow = wp.zeros(1, dtype=wp.int32)
+        if getattr(self.solver, "mjw_model", None) is not None:
+            self.solver.mjw_model.opt.warn_overflow = 0  # else every world prints in every step
 
     # -- stepping
 
@@ -230,6 +235,8 @@ class Simulation:
             self.pipeline.collide(state, self.contacts)
         following_state = state if self._next is None else self._next
         self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
+        if "overflow" in self._observed:
+            wp.launch(note_overflow, dim=self.num_envs, inputs=[self.observables.overflow], outputs=[self._overflow])
         if self._next is not None:
             state.assign(self._next)
             if not self.cfg.solver.reduced_coordinates:
@@ -305,8 +312,24 @@ class Simulation:
         """
         return wp.to_torch(array)[shared:].unflatten(0, (self.num_envs, -1))
 
+    def check_overflow(self) -> None:
+        """Raise, or warn, if contacts or constraints were dropped since the last call. It waits for the device.
+
+        Raises:
+            RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
+        """
+        bits = int(self._overflow.numpy()[0])
+        if not bits:
+            return
+        self._overflow.zero_()
+        message = overflow_message(bits, self.solver)
+        if message and self.cfg.on_overflow == "raise":
+            raise RuntimeError(message)
+        if message:
+            warnings.warn(message, stacklevel=2)
+
     def close(self) -> None:
         """Release graphs, solver and model."""
         self._graphs.clear()
-        self.model = None
-        self.solver = None
+        self.__dict__.pop("model", None)
+        self.__dict__.pop("solver", None)

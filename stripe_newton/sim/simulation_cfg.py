@@ -32,6 +32,9 @@ class SimulationCfg:
     """The solver and its options."""
     contact_forces: bool = False
     """Export contact forces in every step, for :meth:`SceneQuerier.get_contact_forces`."""
+    on_overflow: str = "raise"
+    """When contacts or constraints did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, naming the size to
+    set. Environments look every 64 steps."""
     use_cuda_graph: bool = True
     """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
 
@@ -42,5 +45,7 @@ class SimulationCfg:
             yield "render_interval", f"is {self.render_interval!r}, must be a whole number of steps, 1 or more"
         if self.gravity is not None and not (len(self.gravity) == 3 and all(map(math.isfinite, self.gravity))):
             yield "gravity", f"is {self.gravity!r}, must be three finite numbers [m/s^2] or None"
+        if self.on_overflow not in ("raise", "warn"):
+            yield "on_overflow", f"is '{self.on_overflow}', must be 'raise' or 'warn'"
         if self.device is not None and self.device.split(":")[0] not in ("cpu", "cuda"):
             yield "device", f"is '{self.device}', must be 'cpu', 'cuda' or 'cuda:N'"

@@ -5,6 +5,7 @@ from .extras import read_lights, read_semantics
 from .lights import Light
 from .loading import inspect_stage, load_stage
 from .report import StageReport
+from .report_build import joint_rows
 from .stage import StageError, asset_prim, open_stage
 from .trial import StageTrial, try_stage
 
@@ -15,6 +16,7 @@ __all__ = [
     "StageTrial",
     "asset_prim",
     "inspect_stage",
+    "joint_rows",
     "load_stage",
     "open_stage",
     "read_lights",

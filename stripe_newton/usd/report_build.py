@@ -58,7 +58,7 @@ def build_report(
             "scene": scene_path,
         },
         bodies=[_body(builder, b) for b in range(start.body, builder.body_count)],
-        joints=[row for j in range(start.joint, builder.joint_count) for row in _joint(builder, j)],
+        joints=joint_rows(builder, start.joint),
         shapes=[_shape(builder, s, prepared) for s in shapes if s not in set(sites)],
         articulations=[_articulation(builder, a) for a in range(start.articulation, builder.articulation_count)],
         lights=read_lights(prepared, root_path),
@@ -67,6 +67,11 @@ def build_report(
         semantics=read_semantics(prepared, root_path),
         ignored=[*rows, *_ignored(prims), *ignored_lights(prepared, root_path)],
     )
+
+
+def joint_rows(builder: newton.ModelBuilder, first: int = 0) -> list[JointRow]:
+    """One row a degree of freedom, of the joints from ``first`` on."""
+    return [row for joint in range(first, builder.joint_count) for row in _joint(builder, joint)]
 
 
 def _floats(values: Iterable[float]) -> tuple[float, ...]:
