@@ -39,9 +39,7 @@ def match_names(
     return ids, [names[i] for i in ids]
 
 
-def match_values(
-    values: float | Mapping[str, float], names: Sequence[str], what: str = "name"
-) -> dict[int, float]:
+def match_values(values: float | Mapping[str, float], names: Sequence[str], what: str = "name") -> dict[int, float]:
     """Values by index: one number for all names, or a mapping from expressions to numbers.
 
     Raises:

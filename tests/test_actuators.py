@@ -230,7 +230,13 @@ def test_properties_written_while_running_are_felt(robot):
 
 
 def test_position_limits_written_while_running_hold(tmp_path):
-    scene = make_scene({"robot": mjcf_robot(tmp_path, sliders({"x": "1 0 0"}).replace('axis="1 0 0"', 'axis="1 0 0" range="-1 1" limited="true"'))})
+    scene = make_scene(
+        {
+            "robot": mjcf_robot(
+                tmp_path, sliders({"x": "1 0 0"}).replace('axis="1 0 0"', 'axis="1 0 0" range="-1 1" limited="true"')
+            )
+        }
+    )
     robot = scene.articulations["robot"]
     assert robot.data.joint_pos_limits[0, 0].tolist() == [-1.0, 1.0]
     robot.write_joint_position_limit_to_sim(torch.tensor([[[-0.1, 0.2]]]), env_ids=[1])
@@ -242,8 +248,13 @@ def test_position_limits_written_while_running_hold(tmp_path):
 
 def test_implicit_drives_equal_mujoco_position_actuators(tmp_path):
     """The same mechanism with the drives as actuators of MuJoCo's C engine."""
-    text = sliders({"a": "1 0 0", "b": "0 0 1"}).replace("<mujoco>", f'<mujoco><option timestep="{DT}" integrator="implicitfast"/>')
-    plain = text.replace("</mujoco>", '<actuator><position joint="a" kp="60" kv="5"/><position joint="b" kp="300" kv="20"/></actuator></mujoco>')
+    text = sliders({"a": "1 0 0", "b": "0 0 1"}).replace(
+        "<mujoco>", f'<mujoco><option timestep="{DT}" integrator="implicitfast"/>'
+    )
+    plain = text.replace(
+        "</mujoco>",
+        '<actuator><position joint="a" kp="60" kv="5"/><position joint="b" kp="300" kv="20"/></actuator></mujoco>',
+    )
     plain = plain.replace('name="a" type="slide"', 'name="a" type="slide" actuatorfrcrange="-7 7"')
     model = mujoco.MjModel.from_xml_string(plain)
     data = mujoco.MjData(model)

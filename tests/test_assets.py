@@ -42,7 +42,9 @@ def lopsided(tmp_path_factory):
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     """Three joints on a fixed base, in three environments."""
-    state = ArticulationCfg.InitialStateCfg(pos=(0.1, 0.2, 1.0), joint_pos={"shoulder": 0.2, "elbow": -0.3, "grip": 0.1})
+    state = ArticulationCfg.InitialStateCfg(
+        pos=(0.1, 0.2, 1.0), joint_pos={"shoulder": 0.2, "elbow": -0.3, "grip": 0.1}
+    )
     robot = mjcf_robot(
         tmp_path_factory.mktemp("arm"), ARM, init_state=state, actuators=PASSIVE, soft_joint_pos_limit_factor=0.5
     )
@@ -73,7 +75,9 @@ def test_velocities_are_derivatives_of_positions(lopsided):
     data = asset.data
     np.testing.assert_allclose(numpy(data.root_com_offset_b), [COM] * 3, atol=1e-6)
     for _ in range(5):
-        before = {k: numpy(getattr(data, k)) for k in ("root_com_pos_w", "root_pos_w", "root_quat_w", "root_link_lin_vel_w")}
+        before = {
+            k: numpy(getattr(data, k)) for k in ("root_com_pos_w", "root_pos_w", "root_quat_w", "root_link_lin_vel_w")
+        }
         sim.step(1)
         after = {k: numpy(getattr(data, k)) for k in before}
         moved_com = (after["root_com_pos_w"] - before["root_com_pos_w"]) / DT
@@ -81,7 +85,9 @@ def test_velocities_are_derivatives_of_positions(lopsided):
         moved = (after["root_pos_w"] - before["root_pos_w"]) / DT
         middle = 0.5 * (before["root_link_lin_vel_w"] + after["root_link_lin_vel_w"])
         np.testing.assert_allclose(moved, middle, atol=4e-3)
-        turned = (Rotation.from_quat(after["root_quat_w"]) * Rotation.from_quat(before["root_quat_w"]).inv()).as_rotvec()
+        turned = (
+            Rotation.from_quat(after["root_quat_w"]) * Rotation.from_quat(before["root_quat_w"]).inv()
+        ).as_rotvec()
         np.testing.assert_allclose(turned / DT, numpy(data.root_ang_vel_w), atol=1e-2)
     apart = numpy(data.root_lin_vel_w - data.root_link_lin_vel_w)
     assert np.abs(apart).max() > 0.3  # the two points do move differently
@@ -334,7 +340,9 @@ def test_a_fixed_base_moves_when_its_pose_is_written(arm):
     expected = turn.apply(arm_poses(np.array([0.2, -0.3, 0.1]), np.zeros(3))) + [1.0, -2.0, 3.0]
     np.testing.assert_allclose(numpy(robot.data.body_pos_w)[1], expected, atol=1e-5)
     np.testing.assert_allclose(numpy(robot.data.root_pose_w)[1], numpy(pose)[0], atol=1e-5)
-    model = mujoco.MjModel.from_xml_string(ARM.replace("<mujoco>", f'<mujoco><option timestep="{DT}" integrator="implicitfast"/>'))
+    model = mujoco.MjModel.from_xml_string(
+        ARM.replace("<mujoco>", f'<mujoco><option timestep="{DT}" integrator="implicitfast"/>')
+    )
     model.opt.gravity[:] = turn.inv().apply([0.0, 0.0, -G])
     data = mujoco.MjData(model)
     data.qpos[:] = [0.2, -0.3, 0.1]
@@ -427,7 +435,9 @@ def test_errors_say_what_there_is(tmp_path):
     with pytest.raises(ValueError, match="no prim there and 'spawn' is None"):
         make_scene({"thing": RigidObjectCfg(prim_path="{ENV_REGEX_NS}/Thing")})
     with pytest.raises(FileNotFoundError, match=r"no_such\.xml': no such file"):
-        make_scene({"thing": ArticulationCfg(prim_path="{ENV_REGEX_NS}/T", spawn=MjcfFileCfg(asset_path="no_such.xml"))})
+        make_scene(
+            {"thing": ArticulationCfg(prim_path="{ENV_REGEX_NS}/T", spawn=MjcfFileCfg(asset_path="no_such.xml"))}
+        )
     with pytest.raises(ValueError, match="must be absolute"):
         make_scene({"thing": RigidObjectCfg(prim_path="Thing", spawn=box)})
 
@@ -508,7 +518,9 @@ def test_urdf_quadruped_stands_on_its_drives():
     drives = {"legs": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=150.0, damping=5.0)}
     robot = ArticulationCfg(
         prim_path="{ENV_REGEX_NS}/Robot",
-        spawn=UrdfFileCfg(asset_path=str(newton.examples.get_asset("quadruped.urdf")), fix_base=False, self_collision=False),
+        spawn=UrdfFileCfg(
+            asset_path=str(newton.examples.get_asset("quadruped.urdf")), fix_base=False, self_collision=False
+        ),
         init_state=ArticulationCfg.InitialStateCfg(pos=(0.0, 0.0, 0.7)),
         actuators=drives,
     )

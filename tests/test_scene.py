@@ -101,8 +101,12 @@ def test_environments_stand_at_their_origins():
     scene = by_hand()
     np.testing.assert_array_equal(numpy(scene.env_origins), spiral_grid(3, 2.0))
     np.testing.assert_array_equal(scene.sim.env_origins, spiral_grid(3, 2.0))
-    np.testing.assert_allclose(numpy(scene["cube"].data.root_pos_w - scene.env_origins), [[0.0, 0.0, 0.2]] * 3, atol=1e-6)
-    np.testing.assert_allclose(numpy(scene["robot"].data.root_pos_w - scene.env_origins), [[0.0, 0.0, 2.0]] * 3, atol=1e-6)
+    np.testing.assert_allclose(
+        numpy(scene["cube"].data.root_pos_w - scene.env_origins), [[0.0, 0.0, 0.2]] * 3, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        numpy(scene["robot"].data.root_pos_w - scene.env_origins), [[0.0, 0.0, 2.0]] * 3, atol=1e-6
+    )
     assert scene["cube"].data.default_root_state[:, :3].tolist() == [[0.0, 0.0, pytest.approx(0.2)]] * 3
 
 
@@ -350,7 +354,10 @@ def run_both(one: InteractiveScene, two: InteractiveScene, steps: int = 60) -> N
 def test_the_scene_of_a_task_survives_a_round_trip(tmp_path, name):
     cfg = TASKS[name]()
     cfg.sim.device = "cpu"
-    assets = {"robot": cfg.robot, "ground": AssetBaseCfg(prim_path="/World/ground", spawn=getattr(cfg, "ground", GroundPlaneCfg()))}
+    assets = {
+        "robot": cfg.robot,
+        "ground": AssetBaseCfg(prim_path="/World/ground", spawn=getattr(cfg, "ground", GroundPlaneCfg())),
+    }
     scene = make_scene(assets, sim=cfg.sim)
     again = trip(scene, tmp_path / "scene.usda")
     assert list(again.articulations) == ["Robot"] or len(again.articulations) == 1
@@ -363,7 +370,9 @@ def test_the_scene_of_a_task_survives_a_round_trip(tmp_path, name):
 def test_explicit_actuators_bodies_and_materials_survive_a_round_trip(tmp_path):
     drives = {
         "cart": IdealPDActuatorCfg(joint_names_expr=["slider_to_cart"], stiffness=20.0, damping=2.0, effort_limit=30.0),
-        "pole": ImplicitActuatorCfg(joint_names_expr=["cart_to_pole"], stiffness=1.0, damping=0.1, armature=0.02, friction=0.01),
+        "pole": ImplicitActuatorCfg(
+            joint_names_expr=["cart_to_pole"], stiffness=1.0, damping=0.1, armature=0.02, friction=0.01
+        ),
     }
     state = ArticulationCfg.InitialStateCfg(pos=(0.0, 0.0, 2.0), joint_pos={"slider_to_cart": 0.3, "cart_to_pole": 0.2})
     robot = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot", actuators=drives, init_state=state)
@@ -382,7 +391,11 @@ def test_explicit_actuators_bodies_and_materials_survive_a_round_trip(tmp_path):
     )
     again = trip(scene, tmp_path / "scene.usda")
     assert len(again.rigid_objects) == 2
-    assert sum(a.num_actuators for a in again.sim.model.actuators) == sum(a.num_actuators for a in scene.sim.model.actuators) == 2
+    assert (
+        sum(a.num_actuators for a in again.sim.model.actuators)
+        == sum(a.num_actuators for a in scene.sim.model.actuators)
+        == 2
+    )
     run_both(scene, again, 100)
 
 
@@ -406,7 +419,9 @@ def test_a_scene_with_another_number_of_environments(tmp_path):
     scene.export(path)
     again = InteractiveScene.from_usd(path, 5, 1.0, scene.sim.cfg)
     assert again.num_envs == 5
-    np.testing.assert_allclose(numpy(again["Box"].data.root_pos_w - again.env_origins), [[0.0, 0.0, 2.0]] * 5, atol=1e-6)
+    np.testing.assert_allclose(
+        numpy(again["Box"].data.root_pos_w - again.env_origins), [[0.0, 0.0, 2.0]] * 5, atol=1e-6
+    )
 
 
 def test_export_needs_a_built_scene(tmp_path):

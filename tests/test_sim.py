@@ -26,7 +26,18 @@ from stripe_newton.sim import (
     XPBDSolverCfg,
     resolve_device,
 )
-from tests.worlds import DT, MASS, PENDULUM, PENDULUM_INERTIA, PENDULUM_LENGTH, G, make_scene, mjcf_robot, numpy, sim_cfg
+from tests.worlds import (
+    DT,
+    MASS,
+    PENDULUM,
+    PENDULUM_INERTIA,
+    PENDULUM_LENGTH,
+    G,
+    make_scene,
+    mjcf_robot,
+    numpy,
+    sim_cfg,
+)
 
 PASSIVE = {"all": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=0.0, damping=0.0)}
 

@@ -48,6 +48,7 @@ PENDULUM = """<mujoco><worldbody><body name="base">
 PENDULUM_LENGTH = 0.7
 PENDULUM_INERTIA = 0.03 + 2.0 * 0.7**2
 
+
 def sliders(axes: dict[str, str]) -> str:
     """MJCF of bodies that slide independently on a base."""
     bodies = "".join(
@@ -58,6 +59,7 @@ def sliders(axes: dict[str, str]) -> str:
     base = '<inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>'
     return f'<mujoco><worldbody><body name="base">{base}{bodies}</body></worldbody></mujoco>'
 
+
 def mjcf_robot(folder: Path, text: str, fix_base: bool | None = True, **changes: Any) -> ArticulationCfg:
     """An articulation from MJCF text."""
     path = folder / f"{abs(hash(text))}.xml"
@@ -65,9 +67,11 @@ def mjcf_robot(folder: Path, text: str, fix_base: bool | None = True, **changes:
     spawn = MjcfFileCfg(asset_path=str(path), fix_base=fix_base)
     return ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn).replace(**changes)
 
+
 def sim_cfg(**changes: Any) -> SimulationCfg:
     """A fine time step on the CPU without contacts."""
     return SimulationCfg(device="cpu", dt=DT, solver=MuJoCoSolverCfg(disable_contacts=True)).replace(**changes)
+
 
 def make_scene(
     assets: dict[str, Any],
@@ -91,6 +95,7 @@ def make_scene(
     scene.build()
     return scene
 
+
 def model_arrays(model: Any) -> dict[str, np.ndarray]:
     """Every plain array of a model, by name."""
     found = {}
@@ -101,14 +106,16 @@ def model_arrays(model: Any) -> dict[str, np.ndarray]:
                 found[name] = array
     return found
 
+
 def different_arrays(one: Any, two: Any) -> list[str]:
     """Names of the arrays in which two models differ."""
     first, second = model_arrays(one), model_arrays(two)
     names = sorted(first.keys() | second.keys())
-    return [n for n in names if n not in first or n not in second or not np.array_equal(first[n], second[n], equal_nan=True)]
+    return [
+        n for n in names if n not in first or n not in second or not np.array_equal(first[n], second[n], equal_nan=True)
+    ]
+
 
 def numpy(tensor: torch.Tensor) -> np.ndarray:
     """A float64 copy."""
     return tensor.detach().cpu().numpy().astype(np.float64)
-
-__all__ = ["RigidObjectCfg"]

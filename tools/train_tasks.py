@@ -22,7 +22,11 @@ from pathlib import Path
 def run(*words: str) -> str:
     """Run a command of the project, echo its output, and return it."""
     process = subprocess.run(
-        [sys.executable, "-m", "stripe_newton.cli", *words, "--import", "stripe_tasks"], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+        [sys.executable, "-m", "stripe_newton.cli", *words, "--import", "stripe_tasks"],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        check=False,
     )
     print(process.stdout[-3000:], flush=True)
     process.check_returncode()
@@ -31,7 +35,10 @@ def run(*words: str) -> str:
 
 def train(out: Path, name: str, iterations: str | None, num_envs: str | None) -> str:
     """Train one task; returns its row of the table."""
-    options = [*(["--max-iterations", iterations] if iterations else []), *(["--num-envs", num_envs] if num_envs else [])]
+    options = [
+        *(["--max-iterations", iterations] if iterations else []),
+        *(["--num-envs", num_envs] if num_envs else []),
+    ]
     start = time.perf_counter()
     text = run("train", name, "--seed", "1", "--log-dir", str(out / "logs"), *options)
     seconds = time.perf_counter() - start

@@ -58,9 +58,7 @@ def apply_external_wrench(
         body_f[body] = w
     else:
         q = wp.transform_get_rotation(body_q[body])
-        body_f[body] = wp.spatial_vector(
-            wp.quat_rotate(q, wp.spatial_top(w)), wp.quat_rotate(q, wp.spatial_bottom(w))
-        )
+        body_f[body] = wp.spatial_vector(wp.quat_rotate(q, wp.spatial_top(w)), wp.quat_rotate(q, wp.spatial_bottom(w)))
 
 
 @wp.kernel(enable_backward=False)

@@ -68,7 +68,9 @@ class ActuatorCfg:
                 elif number < 0:
                     yield where, f"is {number}, must not be negative"
 
-    def apply(self, builder: newton.ModelBuilder, names: Sequence[str], dofs: Sequence[int], coords: Sequence[int]) -> list[int]:
+    def apply(
+        self, builder: newton.ModelBuilder, names: Sequence[str], dofs: Sequence[int], coords: Sequence[int]
+    ) -> list[int]:
         """Write this group onto the builder.
 
         Args:
@@ -142,7 +144,11 @@ class IdealPDActuatorCfg(ActuatorCfg):
         gains = {}
         for field, array in (("stiffness", builder.joint_target_ke), ("damping", builder.joint_target_kd)):
             values = getattr(self, field)
-            gains[field] = match_values(values, names, what="joint") if values is not None else dict(enumerate(array[d] for d in dofs))
+            gains[field] = (
+                match_values(values, names, what="joint")
+                if values is not None
+                else dict(enumerate(array[d] for d in dofs))
+            )
         limits = match_values(self.effort_limit, names, what="joint") if self.effort_limit is not None else {}
         for i, (dof, coord) in enumerate(zip(dofs, coords, strict=True)):
             limit = limits.get(i, builder.joint_effort_limit[dof])

@@ -130,11 +130,15 @@ class Articulation(BoundAsset):
 
     # -- targets
 
-    def set_joint_position_target(self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def set_joint_position_target(
+        self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Position targets [m or rad], shape ``(n, joints)``."""
         self._assign(self._data.joint_pos_target, target, joint_ids, env_ids)
 
-    def set_joint_velocity_target(self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def set_joint_velocity_target(
+        self, target: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Velocity targets [m/s or rad/s], shape ``(n, joints)``."""
         self._assign(self._data.joint_vel_target, target, joint_ids, env_ids)
 
@@ -151,11 +155,15 @@ class Articulation(BoundAsset):
         self.write_joint_position_to_sim(position, joint_ids, env_ids)
         self.write_joint_velocity_to_sim(velocity, joint_ids, env_ids)
 
-    def write_joint_position_to_sim(self, position: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_position_to_sim(
+        self, position: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set joint positions [m or rad], shape ``(n, joints)``."""
         self._assign(self._data.joint_pos, position, joint_ids, env_ids)
 
-    def write_joint_velocity_to_sim(self, velocity: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_velocity_to_sim(
+        self, velocity: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set joint velocities [m/s or rad/s], shape ``(n, joints)``; accelerations restart from zero."""
         self._assign(self._data.joint_vel, velocity, joint_ids, env_ids)
         self._assign(self._data._previous_vel, velocity, joint_ids, env_ids)
@@ -178,11 +186,15 @@ class Articulation(BoundAsset):
         """Set the inertia added to the joints [kg or kg m^2]."""
         self._change(self._data.joint_armature, armature, joint_ids, env_ids, "JOINT_DOF_INERTIAL_PROPERTIES")
 
-    def write_joint_friction_coefficient_to_sim(self, friction: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_friction_coefficient_to_sim(
+        self, friction: Any, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set the Coulomb friction of the joints [N or N m]."""
         self._change(self._data.joint_friction_coeff, friction, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
 
-    def write_joint_position_limit_to_sim(self, limits: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_position_limit_to_sim(
+        self, limits: torch.Tensor, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set lower and upper limits [m or rad], shape ``(n, joints, 2)``."""
         self._assign(self._data._lower, limits[..., 0], joint_ids, env_ids)
         self._change(self._data._upper, limits[..., 1], joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")

@@ -81,7 +81,7 @@ class ArticulationData(RootData):
 
     @property
     def soft_joint_pos_limits(self) -> torch.Tensor:
-        """Limits narrowed about their middle by ``soft_joint_pos_limit_factor``, shape ``(num_envs, num_joints, 2)``."""
+        """Limits narrowed by ``soft_joint_pos_limit_factor`` about their middle, ``(num_envs, num_joints, 2)``."""
         middle = 0.5 * (self._lower + self._upper)
         half = 0.5 * self._soft * (self._upper - self._lower)
         return torch.stack((middle - half, middle + half), dim=-1)

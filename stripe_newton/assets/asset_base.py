@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -31,7 +31,7 @@ class AssetInitialStateCfg:
     rot: tuple[float, float, float, float] | None = (0.0, 0.0, 0.0, 1.0)
     """Orientation of the root, quaternion (x, y, z, w); ``None`` keeps the file's."""
 
-    def problems(self):
+    def problems(self) -> Iterator[tuple[str, str]]:
         if self.rot is not None and not 0.99 < sum(x * x for x in self.rot) ** 0.5 < 1.01:
             yield "rot", f"is {self.rot}, must be a unit quaternion in the order (x, y, z, w)"
 
@@ -103,6 +103,12 @@ class BoundAsset(AssetBase):
 
     layout: Layout
     _sim: Simulation
+    _data: Any
+
+    @property
+    def data(self) -> Any:
+        """State of the asset."""
+        return self._data
 
     @property
     def num_instances(self) -> int:

@@ -79,7 +79,10 @@ def articulation_layouts(builder: newton.ModelBuilder) -> list[Layout]:
 
 
 def _layout(builder: newton.ModelBuilder, joints: range, label: str) -> Layout:
-    ends = builder.joint_q_start[1:] + [builder.joint_coord_count], builder.joint_qd_start[1:] + [builder.joint_dof_count]
+    ends = (
+        builder.joint_q_start[1:] + [builder.joint_coord_count],
+        builder.joint_qd_start[1:] + [builder.joint_dof_count],
+    )
     root = joints[0]
     floating = builder.joint_type[root] == newton.JointType.FREE and builder.joint_parent[root] == -1
     first = root + 1 if floating else root

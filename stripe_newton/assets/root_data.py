@@ -29,7 +29,9 @@ class WarpView:
     def __getattr__(self, name: str) -> wp.array:
         tensor = getattr(self._data, name)
         if not isinstance(tensor, torch.Tensor) or tensor.untyped_storage().data_ptr() not in self._data._storages:
-            raise AttributeError(f"'{name}' is computed when asked for, it has no buffer to share; compute it in a kernel")
+            raise AttributeError(
+                f"'{name}' is computed when asked for, it has no buffer to share; compute it in a kernel"
+            )
         kind = next((t for suffix, t in self._TYPES.items() if name.endswith(suffix)), None)
         return wp.from_torch(tensor, dtype=kind or wp.dtype_from_torch(tensor.dtype))
 
@@ -178,7 +180,7 @@ class RootData:
 
     @property
     def body_vel_w(self) -> torch.Tensor:
-        """Velocities of the centres of mass [m/s] and angular velocities [rad/s] (view), ``(num_envs, num_bodies, 6)``."""
+        """Velocities of the centres of mass [m/s] and angular velocities [rad/s] (view), ``(num_envs, bodies, 6)``."""
         return self._body_qd
 
     @property
@@ -224,7 +226,7 @@ class RootData:
 
     @property
     def body_inertia(self) -> torch.Tensor:
-        """Inertia about the centres of mass in the link frames [kg m^2] (view), shape ``(num_envs, num_bodies, 3, 3)``."""
+        """Inertia about the centres of mass, link frames [kg m^2] (view), shape ``(num_envs, num_bodies, 3, 3)``."""
         return self._body_inertia
 
     def set_defaults(self, cfg: object, origins: torch.Tensor) -> None:

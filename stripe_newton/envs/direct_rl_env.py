@@ -53,7 +53,10 @@ class DirectRLEnv(VectorEnv):
         extras: What is handed out beside the observations; ``extras["log"]`` is a new dict in every step.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [None, "rgb_array"], "autoreset_mode": AutoresetMode.SAME_STEP}
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": [None, "rgb_array"],
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
 
     cfg: DirectRLEnvCfg
 
@@ -166,16 +169,18 @@ class DirectRLEnv(VectorEnv):
 
     def seed(self, seed: int | None = None) -> int:
         """Seed Python's, NumPy's and torch's random numbers; ``None`` draws a seed. Returns the seed."""
-        seed = int(np.random.SeedSequence().entropy % 2**31) if seed is None else int(seed)
+        seed = int(np.random.default_rng().integers(2**31)) if seed is None else int(seed)
         random.seed(seed)
-        np.random.seed(seed % 2**32)
+        np.random.seed(seed % 2**32)  # noqa: NPY002  (what users' hooks draw from)
         torch.manual_seed(seed)
         self._np_random, self._np_random_seed = seeding.np_random(seed)
         return seed
 
     @torch.inference_mode(False)  # tensors made in an inference mode could not be written outside of it
     @torch.no_grad()
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
         """Begin new episodes.
 
         Args:
@@ -201,7 +206,9 @@ class DirectRLEnv(VectorEnv):
 
     @torch.inference_mode(False)
     @torch.no_grad()
-    def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+    def step(
+        self, action: torch.Tensor
+    ) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """Advance all environments by ``step_dt``; those that end are reset within the step.
 
         Args:
@@ -268,7 +275,9 @@ class DirectRLEnv(VectorEnv):
         per = self._action_probe.mode
         graph = self.sim.device != "cpu" and self.cfg.sim.use_cuda_graph
         steps = self.cfg.decimation
-        how = {True: f"one CUDA graph of {steps} physics steps", False: f"{steps} physics steps, kernel by kernel"}[graph]
+        how = {True: f"one CUDA graph of {steps} physics steps", False: f"{steps} physics steps, kernel by kernel"}[
+            graph
+        ]
         if per != "step":
             how = f"{steps} x ({'one CUDA graph' if graph else 'kernel by kernel'}), _apply_action eager before each"
         noise = [n for n in ("action", "observation") if getattr(self.cfg, f"{n}_noise_model") is not None]
@@ -310,8 +319,11 @@ class DirectRLEnv(VectorEnv):
         for name, value in state["arrays"].items():
             mine = wp.to_torch(arrays[name]) if name in arrays else None
             if mine is None or mine.shape != value.shape:
-                raise ValueError(f"the state has '{name}' of shape {tuple(value.shape)}, the environment has "
-                                 f"{tuple(mine.shape) if mine is not None else 'none'}: it is of another task or size")  # fmt: skip
+                here = tuple(mine.shape) if mine is not None else "none"
+                raise ValueError(
+                    f"the state has '{name}' of shape {tuple(value.shape)}, the environment {here}: "
+                    "it is of another task or size"
+                )
         self.common_step_counter = state["step"]
         for name, value in state["arrays"].items():
             wp.to_torch(arrays[name]).copy_(value)
@@ -328,12 +340,16 @@ class DirectRLEnv(VectorEnv):
 
     def _parts(self) -> list[dict[str, Any]]:
         """What events and noise models remember, as the dicts they keep it in."""
-        models = [vars(m) for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
+        models = [m.__dict__ for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
         return [*models, *(self._events.clocks() if self._events is not None else [])]
 
     def _arrays(self) -> dict[str, wp.array]:
         sim = self.sim
-        found = {"joint_q": sim.state.joint_q, "joint_qd": sim.state.joint_qd, "previous_joint_qd": sim.previous_joint_qd}
+        found = {
+            "joint_q": sim.state.joint_q,
+            "joint_qd": sim.state.joint_qd,
+            "previous_joint_qd": sim.previous_joint_qd,
+        }
         found |= {k: getattr(sim.control, k) for k in ("joint_target_q", "joint_target_qd", "joint_act")}
         found["joint_X_p"] = sim.model.joint_X_p
         if sim.external_wrench is not None:
@@ -390,7 +406,11 @@ class DirectRLEnv(VectorEnv):
         Args:
             env_ids: Environments, int64, shape ``(n,)``; ``None`` means all.
         """
-        ids = torch.arange(self.num_envs, device=self.device) if env_ids is None else torch.as_tensor(env_ids, device=self.device)
+        ids = (
+            torch.arange(self.num_envs, device=self.device)
+            if env_ids is None
+            else torch.as_tensor(env_ids, device=self.device)
+        )
         self.scene.reset(ids)
         self._reset_events(ids)
         for model in (self._action_noise_model, self._observation_noise_model):
@@ -433,7 +453,7 @@ class DirectRLEnv(VectorEnv):
         self.sim.forward(mask)
 
     def _observe(self) -> Observations:
-        groups = dict(self._get_observations())
+        groups: dict[str, Any] = dict(self._get_observations())
         if self.cfg.state_space:
             groups["critic"] = self._get_states()
         if not self._checked:
@@ -449,21 +469,24 @@ class DirectRLEnv(VectorEnv):
             raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(expected)}")
         return action.float().clone() if action.is_floating_point() else action.clone()
 
-    def _check_observations(self, groups: Observations) -> None:
+    def _check_observations(self, groups: dict[str, Any]) -> None:
         """Compare the first observations with the spaces; groups that no space names get one."""
         problems = []
         if "policy" not in groups:
-            problems.append(f"_get_observations: returned {', '.join(groups) or 'nothing'}, must have the group 'policy'")
+            problems.append(
+                f"_get_observations: returned {', '.join(groups) or 'nothing'}, must have the group 'policy'"
+            )
         for name, value in groups.items():
             space = self.single_observation_space.spaces.get(name)
-            if value is None or not isinstance(value, torch.Tensor):
-                if value is None:
-                    problems.append(f"observation '{name}': is None, must be a tensor")
+            if not isinstance(value, torch.Tensor):
+                problems.append(f"observation '{name}': is {type(value).__name__}, must be a tensor")
                 continue
             shape = tuple(value.shape[1:])
             field = {"policy": "observation_space", "critic": "state_space"}.get(name, "observation_space")
             if value.shape[0] != self.num_envs:
-                problems.append(f"observation '{name}': leads with {value.shape[0]}, must lead with num_envs {self.num_envs}")
+                problems.append(
+                    f"observation '{name}': leads with {value.shape[0]}, must lead with num_envs {self.num_envs}"
+                )
             elif space is None:
                 box = spaces.Box(-np.inf, np.inf, shape, np.float32)
                 self.single_observation_space = spaces.Dict({**self.single_observation_space.spaces, name: box})

@@ -51,7 +51,7 @@ class DirectRLEnvCfg:
     """Noise on the actions."""
     apply_action: str = "auto"
     """When ``_apply_action`` runs: ``"substep"`` before each physics step, ``"step"`` once before all of them, which are
-    then one CUDA graph. ``"auto"`` watches the first steps: if what the hook sets does not change from one physics step
+    one CUDA graph then. ``"auto"`` watches the first steps: if what the hook sets does not change from one physics step
     to the next, it runs once."""
     compute_final_obs: bool = False
     """Put the observation that an episode ended with into ``extras["final_obs"]``."""

@@ -56,7 +56,7 @@ class EventRunner:
             self._last_step[name] = torch.full((env.num_envs,), -(10**9), device=env.device)
 
     def _draw(self, term: EventTermCfg, count: int) -> torch.Tensor:
-        low, high = term.interval_range_s
+        low, high = term.interval_range_s or (0.0, 0.0)
         return low + (high - low) * torch.rand(count, device=self._env.device)
 
     def startup(self) -> None:

@@ -127,7 +127,7 @@ class SceneBuilder:
         scene = self._scene
         for layout in layouts:
             single = layout.floating and len(layout.bodies) == 1
-            family = scene.rigid_objects if single else scene.articulations
+            family: dict[str, Any] = scene.rigid_objects if single else scene.articulations
             name = _unique(layout.path.rsplit("/", 1)[-1], scene.keys())
             family[name] = (_FoundBody if single else _FoundArticulation)(layout)
             self.assets.append(family[name])
@@ -166,9 +166,10 @@ class _Found:
 
     def __init__(self, layout: Layout):
         state = ArticulationCfg.InitialStateCfg(pos=None, rot=None, joint_pos=None, joint_vel={})
-        self.cfg = ArticulationCfg(prim_path=layout.path, articulation_root_prim_path="", init_state=state)
+        self.cfg: Any = ArticulationCfg(prim_path=layout.path, articulation_root_prim_path="", init_state=state)
         self.path = layout.path
         self._found = layout
+
     in_every_env = True
 
 

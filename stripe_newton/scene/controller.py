@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import newton
 import torch
@@ -39,7 +39,9 @@ class SceneController:
         """
         for name, kinds in (targets or {}).items():
             if name not in self._scene.articulations:
-                raise KeyError(f"no articulation '{name}'; the scene has {', '.join(self._scene.articulations) or 'none'}")
+                raise KeyError(
+                    f"no articulation '{name}'; the scene has {', '.join(self._scene.articulations) or 'none'}"
+                )
             for kind, value in kinds.items():
                 if kind not in ("position", "velocity", "effort"):
                     raise KeyError(f"no target '{kind}' of '{name}'; there are position, velocity and effort")
@@ -60,7 +62,8 @@ class SceneController:
         for asset in [*scene.builder.assets, *scene.sensors.values()]:
             asset.reset(ids)
         if to_default:
-            for asset in [*scene.articulations.values(), *scene.rigid_objects.values()]:
+            assets: list[Any] = [*scene.articulations.values(), *scene.rigid_objects.values()]
+            for asset in assets:
                 rows = asset.env_indices(ids)
                 state = asset.data.default_root_state[rows].clone()
                 state[:, :3] += scene.env_origins[rows]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,7 +54,12 @@ def _explicit_gains(builder: newton.ModelBuilder) -> dict[int, tuple[float, floa
 
 
 def _author_joint(
-    prim: Usd.Prim, builder: newton.ModelBuilder, coord: int, dof: int, dims: tuple[int, int], explicit: dict[int, tuple[float, float]]
+    prim: Usd.Prim,
+    builder: newton.ModelBuilder,
+    coord: int,
+    dof: int,
+    dims: tuple[int, int],
+    explicit: dict[int, tuple[float, float]],
 ) -> None:
     """Author drive, state and passive properties of a joint; UsdPhysics has angles in degrees."""
     linear, angular = dims
@@ -71,8 +77,12 @@ def _author_joint(
             drive.CreateTargetVelocityAttr(builder.joint_target_qd[i] * degrees)
             if builder.joint_effort_limit[i] < _NO_LIMIT:
                 drive.CreateMaxForceAttr(builder.joint_effort_limit[i])
-        prim.CreateAttribute(f"state:{axis}:physics:position", Sdf.ValueTypeNames.Float).Set(builder.joint_q[q] * degrees)
-        prim.CreateAttribute(f"state:{axis}:physics:velocity", Sdf.ValueTypeNames.Float).Set(builder.joint_qd[i] * degrees)
+        prim.CreateAttribute(f"state:{axis}:physics:position", Sdf.ValueTypeNames.Float).Set(
+            builder.joint_q[q] * degrees
+        )
+        prim.CreateAttribute(f"state:{axis}:physics:velocity", Sdf.ValueTypeNames.Float).Set(
+            builder.joint_qd[i] * degrees
+        )
         if i in explicit:
             _author_actuator(prim, single, explicit[i], builder.joint_effort_limit[i])
     degrees = 180.0 / math.pi if angular else 1.0
@@ -85,13 +95,16 @@ def _author_joint(
     ):
         own = set(values[dof : dof + linear + angular])
         if len(own) > 1:
-            warnings.warn(f"'{prim.GetPath()}': {name} differs between its axes, which USD cannot say; the first is written", stacklevel=4)
+            warnings.warn(
+                f"'{prim.GetPath()}': {name} differs between its axes, which USD cannot say; the first is written",
+                stacklevel=4,
+            )
         value = values[dof]
         if value < _NO_LIMIT:
             prim.CreateAttribute(f"newton:{name}", Sdf.ValueTypeNames.Float).Set(value * factor)
 
 
-def _axis_token(axis: object, angular: bool) -> str:
+def _axis_token(axis: Sequence[float], angular: bool) -> str:
     """``rotX`` and so on, for an axis of a joint with several degrees of freedom."""
     largest = max(range(3), key=lambda k: abs(axis[k]))
     return ("rot" if angular else "trans") + "XYZ"[largest]
@@ -148,7 +161,10 @@ def _author_default_material(stage: Usd.Stage, scene: InteractiveScene) -> None:
     if cfg.density is not None:
         api.CreateDensityAttr(cfg.density)
     for prim in stage.Traverse():
-        if prim.HasAPI(UsdPhysics.CollisionAPI) and not UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]:
+        if (
+            prim.HasAPI(UsdPhysics.CollisionAPI)
+            and not UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]
+        ):
             UsdShade.MaterialBindingAPI.Apply(prim)
             UsdShade.MaterialBindingAPI(prim).Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
 

@@ -216,7 +216,9 @@ class InteractiveScene:
             "rigid_object": {n: read(n, is_relative) for n in self.rigid_objects},
         }
 
-    def reset_to(self, state: dict[str, dict[str, dict[str, torch.Tensor]]], env_ids: EnvIds = None, is_relative: bool = False) -> None:
+    def reset_to(
+        self, state: dict[str, dict[str, dict[str, torch.Tensor]]], env_ids: EnvIds = None, is_relative: bool = False
+    ) -> None:
         """Bring environments to a state that :meth:`get_state` returned.
 
         Args:

@@ -26,7 +26,7 @@ class InteractiveSceneCfg:
     num_envs: int = MISSING
     """Number of environments."""
     env_spacing: float = MISSING
-    """Distance between neighbouring environments [m]. With 0 all stand at the origin, which is where float32 is finest."""
+    """Distance between neighbouring environments [m]. With 0 all stand at the origin, where float32 is finest."""
     lazy_sensor_update: bool = True
     """Accepted for compatibility."""
     replicate_physics: bool = True

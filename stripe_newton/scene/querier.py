@@ -34,8 +34,7 @@ class SceneQuerier:
             ``root_pose`` (num_envs, 7), ``root_velocity`` (num_envs, 6), and for an articulation ``joint_position`` and
             ``joint_velocity`` (num_envs, num_joints); world frame, SI units.
         """
-        asset = self._asset(name)
-        data = asset.data
+        data: Any = self._asset(name).data
         state = {"root_pose": data.root_pose_w.clone(), "root_velocity": data.root_vel_w.clone()}
         if is_relative:
             state["root_pose"][:, :3] -= self._scene.env_origins
@@ -79,7 +78,7 @@ class SceneQuerier:
         return forces[:, self._asset(name).layout.bodies].clone()
 
     def _asset(self, name: str) -> Articulation | RigidObject:
-        assets = {**self._scene.articulations, **self._scene.rigid_objects}
+        assets: dict[str, Any] = {**self._scene.articulations, **self._scene.rigid_objects}
         if name not in assets:
             raise KeyError(f"no articulation or rigid object '{name}'; the scene has {', '.join(assets) or 'none'}")
         return assets[name]

@@ -155,7 +155,9 @@ class Simulation:
         wanted = {"qfrc_actuator", "overflow"} & set(self.solver.supported_observables)
         if self.cfg.contact_forces:
             if "contact_f" not in self.solver.supported_observables:
-                raise ValueError(f"contact_forces: {type(self.solver).__name__} does not report them, use MuJoCoSolverCfg")
+                raise ValueError(
+                    f"contact_forces: {type(self.solver).__name__} does not report them, use MuJoCoSolverCfg"
+                )
             wanted.add("contact_f")
             if self.contacts is None:
                 self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
@@ -235,7 +237,7 @@ class Simulation:
             self.pipeline.collide(state, self.contacts)
         following_state = state if self._next is None else self._next
         self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
-        if "overflow" in self._observed:
+        if self.observables is not None and "overflow" in self._observed:
             wp.launch(note_overflow, dim=self.num_envs, inputs=[self.observables.overflow], outputs=[self._overflow])
         if self._next is not None:
             state.assign(self._next)

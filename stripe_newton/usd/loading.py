@@ -17,11 +17,11 @@ from newton.solvers import SolverMuJoCo
 from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
 from pxr import Usd, UsdGeom, UsdPhysics
 
-from .report import StageReport
-from .report_build import build_report
 from .checks import BuilderStart, check_builder, check_stage
 from .extras import read_lights, read_semantics
 from .prepare import Ignored, prepare
+from .report import StageReport
+from .report_build import build_report
 from .stage import StageError, asset_prim, open_stage, stage_name, walk
 
 __all__ = ["StageError", "asset_prim", "inspect_stage", "load_stage", "read_lights", "read_semantics"]

@@ -13,9 +13,9 @@ from newton import GeoType, JointTargetMode, JointType, ShapeFlags
 from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .report import ArticulationRow, BodyRow, JointRow, MaterialRow, ShapeRow, SiteRow, StageReport
 from .checks import BuilderStart
 from .extras import ignored_lights, read_lights, read_semantics
+from .report import ArticulationRow, BodyRow, JointRow, MaterialRow, ShapeRow, SiteRow, StageReport
 from .stage import api_schemas, walk
 from .units import stage_units
 

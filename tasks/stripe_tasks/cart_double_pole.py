@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 
@@ -13,7 +14,14 @@ from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
 from stripe_newton.math import sample_uniform, wrap_to_pi
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import DistantLightCfg, DomeLightCfg, GroundPlaneCfg, MuJoCoSolverCfg, SimulationCfg, spawn_ground_plane
+from stripe_newton.sim import (
+    DistantLightCfg,
+    DomeLightCfg,
+    GroundPlaneCfg,
+    MuJoCoSolverCfg,
+    SimulationCfg,
+    spawn_ground_plane,
+)
 from stripe_tasks.robots import CART_DOUBLE_POLE_CFG
 
 __all__ = ["CartDoublePoleEnv", "CartDoublePoleEnvCfg", "CartDoublePolePPORunnerCfg"]
@@ -28,7 +36,9 @@ class CartDoublePoleEnvCfg(DirectRLEnvCfg):
     action_space: int = 1
     observation_space: int = 8
     sim: SimulationCfg = SimulationCfg(
-        dt=1.0 / 120.0, render_interval=2, solver=MuJoCoSolverCfg(disable_contacts=True)  # nothing is in reach
+        dt=1.0 / 120.0,
+        render_interval=2,
+        solver=MuJoCoSolverCfg(disable_contacts=True),  # nothing is in reach
     )
     scene: InteractiveSceneCfg = InteractiveSceneCfg(num_envs=512, env_spacing=4.0)
     robot: ArticulationCfg = CART_DOUBLE_POLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
@@ -58,7 +68,7 @@ class CartDoublePoleEnv(DirectRLEnv):
 
     cfg: CartDoublePoleEnvCfg
 
-    def __init__(self, cfg: CartDoublePoleEnvCfg, render_mode: str | None = None, **kwargs):
+    def __init__(self, cfg: CartDoublePoleEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
         joints = ["railCartJoint", "cartPoleJoint", "polePoleJoint"]
         self._cart, self._pole1, self._pole2 = self.robot.find_joints(joints, preserve_order=True)[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 
@@ -14,7 +15,14 @@ from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
 from stripe_newton.math import sample_uniform
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import DistantLightCfg, DomeLightCfg, GroundPlaneCfg, MuJoCoSolverCfg, SimulationCfg, spawn_ground_plane
+from stripe_newton.sim import (
+    DistantLightCfg,
+    DomeLightCfg,
+    GroundPlaneCfg,
+    MuJoCoSolverCfg,
+    SimulationCfg,
+    spawn_ground_plane,
+)
 from stripe_tasks.robots import CARTPOLE_CFG
 
 __all__ = ["CartpoleEnv", "CartpoleEnvCfg", "CartpolePPORunnerCfg"]
@@ -29,7 +37,9 @@ class CartpoleEnvCfg(DirectRLEnvCfg):
     action_space: int = 1
     observation_space: int = 4
     sim: SimulationCfg = SimulationCfg(
-        dt=1.0 / 120.0, render_interval=2, solver=MuJoCoSolverCfg(disable_contacts=True)  # nothing is in reach
+        dt=1.0 / 120.0,
+        render_interval=2,
+        solver=MuJoCoSolverCfg(disable_contacts=True),  # nothing is in reach
     )
     scene: InteractiveSceneCfg = InteractiveSceneCfg(num_envs=512, env_spacing=4.0)
     robot: ArticulationCfg = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
@@ -60,7 +70,7 @@ class CartpoleEnv(DirectRLEnv):
 
     cfg: CartpoleEnvCfg
 
-    def __init__(self, cfg: CartpoleEnvCfg, render_mode: str | None = None, **kwargs):
+    def __init__(self, cfg: CartpoleEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
         self._cart = self.robot.find_joints(cfg.cart_joint)[0][0]
         self._pole = self.robot.find_joints(cfg.pole_joint)[0][0]

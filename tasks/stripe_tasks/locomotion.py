@@ -9,13 +9,21 @@ the target, facing it and staying up, costs for effort, power and joints at thei
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 
 from stripe_newton.assets import Articulation, ArticulationCfg
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
-from stripe_newton.math import euler_xyz_from_quat, normalize, quat_apply, quat_apply_inverse, scale_transform, wrap_to_pi
+from stripe_newton.math import (
+    euler_xyz_from_quat,
+    normalize,
+    quat_apply,
+    quat_apply_inverse,
+    scale_transform,
+    wrap_to_pi,
+)
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import (
     DistantLightCfg,
@@ -73,12 +81,12 @@ class LocomotionEnvCfg(DirectRLEnvCfg):
 
 
 class LocomotionEnv(DirectRLEnv):
-    """Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to the
-    target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions."""
+    """Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to
+    the target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions."""
 
     cfg: LocomotionEnvCfg
 
-    def __init__(self, cfg: LocomotionEnvCfg, render_mode: str | None = None, **kwargs):
+    def __init__(self, cfg: LocomotionEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
         gears = torch.zeros(self.robot.num_joints, device=self.device)
         for expression, gear in cfg.joint_gears.items():
@@ -129,7 +137,9 @@ class LocomotionEnv(DirectRLEnv):
         heading = cfg.heading_weight * (self._heading_proj / 0.8).clamp(max=1.0)
         upright = cfg.up_weight * (self._up_proj > 0.93)
         effort = cfg.actions_cost * self.actions.square().sum(dim=-1)
-        power = cfg.power_cost * (self.actions * self.robot.data.joint_vel * cfg.joint_vel_scale * self._gear_ratio).abs().sum(dim=-1)
+        power = cfg.power_cost * (
+            self.actions * self.robot.data.joint_vel * cfg.joint_vel_scale * self._gear_ratio
+        ).abs().sum(dim=-1)
         at_limit = cfg.at_limit_cost * (self._scaled_pos.abs() > 0.98).sum(dim=-1)
         progress = self.potentials - self.prev_potentials
         total = progress + cfg.alive_reward + upright + heading - effort - power - at_limit
@@ -167,7 +177,9 @@ class LocomotionEnv(DirectRLEnv):
         state = robot.data.default_root_state[ids]
         state[:, :3] += self.scene.env_origins[ids]
         robot.write_root_state_to_sim(state, ids)
-        robot.write_joint_state_to_sim(robot.data.default_joint_pos[ids], robot.data.default_joint_vel[ids], env_ids=ids)
+        robot.write_joint_state_to_sim(
+            robot.data.default_joint_pos[ids], robot.data.default_joint_vel[ids], env_ids=ids
+        )
         self.actions[ids] = 0.0
         previous = self.prev_potentials.clone(), self.potentials.clone()
         self._relations()

@@ -14,9 +14,7 @@ __all__ = ["ANT_CFG", "CARTPOLE_CFG", "CART_DOUBLE_POLE_CFG", "HUMANOID_CFG"]
 _NO_SELF_COLLISION = ArticulationRootPropertiesCfg(enabled_self_collisions=False)
 
 CARTPOLE_CFG = ArticulationCfg(
-    spawn=UsdFileCfg(
-        usd_path=get_asset("cartpole_single_pendulum.usda"), articulation_props=_NO_SELF_COLLISION
-    ),
+    spawn=UsdFileCfg(usd_path=get_asset("cartpole_single_pendulum.usda"), articulation_props=_NO_SELF_COLLISION),
     init_state=ArticulationCfg.InitialStateCfg(
         pos=(0.0, 0.0, 2.0), joint_pos={"slider_to_cart": 0.0, "cart_to_pole": 0.0}
     ),

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 FILE_KEY = "stripeNewton:file"
-"""Custom data of a prim that stands for a URDF or MJCF file: JSON with ``format``, ``path`` and the importer's options."""
+"""Custom data of a prim that stands for a URDF or MJCF file: JSON of ``format``, ``path`` and importer options."""
 
 
 def _existing(path: str, field: str) -> Path:
@@ -45,8 +45,8 @@ def spawn_from_usd(
     """Reference a USD file at ``prim_path`` and set the properties that ``cfg`` names on the prims it brings."""
     from pxr import UsdGeom, UsdShade
 
-    from stripe_newton.usd.loading import asset_prim
     from stripe_newton.sim.stage import authored_path, current_stage
+    from stripe_newton.usd.loading import asset_prim
 
     file = _existing(cfg.usd_path, "usd_path")
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
@@ -70,7 +70,7 @@ def _set_properties(prim: Usd.Prim, cfg: UsdFileCfg) -> None:
     """Modify what is there; instanced subtrees are expanded first, as USD edits no prim inside an instance."""
     from pxr import Usd
 
-    changes = (
+    changes: tuple[tuple[Any, Callable[[Usd.Prim, Any], None]], ...] = (
         (cfg.rigid_props, schemas.modify_rigid_body_properties),
         (cfg.mass_props, schemas.modify_mass_properties),
         (cfg.articulation_props, schemas.modify_articulation_root_properties),
@@ -129,7 +129,9 @@ def spawn_ground_plane(
     if cfg.color is not None:
         plane.CreateDisplayColorAttr([Gf.Vec3f(*cfg.color)])
     UsdPhysics.CollisionAPI.Apply(plane.GetPrim())
-    bind_material(plane.GetPrim(), cfg.physics_material.func(f"{path}/physicsMaterial", cfg.physics_material), "physics")
+    bind_material(
+        plane.GetPrim(), cfg.physics_material.func(f"{path}/physicsMaterial", cfg.physics_material), "physics"
+    )
     place(root, translation, orientation)
     return finish(root, cfg)
 

@@ -42,7 +42,7 @@ def spawn_light(
     for name in ("angle", "radius", "length"):
         if hasattr(cfg, name):
             getattr(light, f"Create{name.capitalize()}Attr")(getattr(cfg, name))
-    if getattr(cfg, "texture_file", None):
+    if isinstance(cfg, DomeLightCfg) and cfg.texture_file is not None:
         light.CreateTextureFileAttr(cfg.texture_file)
     place(light.GetPrim(), translation, orientation)
     return finish(light.GetPrim(), cfg)

@@ -35,7 +35,10 @@ def spawn_rigid_body_material(prim_path: str, cfg: RigidBodyMaterialCfg) -> Usd.
     if cfg.density is not None:
         api.CreateDensityAttr(cfg.density)
     material.GetPrim().AddAppliedSchema("PhysxMaterialAPI")
-    for name, value in (("frictionCombineMode", cfg.friction_combine_mode), ("restitutionCombineMode", cfg.restitution_combine_mode)):
+    for name, value in (
+        ("frictionCombineMode", cfg.friction_combine_mode),
+        ("restitutionCombineMode", cfg.restitution_combine_mode),
+    ):
         material.GetPrim().CreateAttribute(f"physxMaterial:{name}", Sdf.ValueTypeNames.Token).Set(value)
     return material.GetPrim()
 
@@ -64,7 +67,9 @@ def bind_material(prim: Usd.Prim, material: Usd.Prim, purpose: str = "") -> None
     from pxr import UsdShade
 
     api = UsdShade.MaterialBindingAPI.Apply(prim)
-    strength = UsdShade.Tokens.strongerThanDescendants if purpose == "physics" else UsdShade.Tokens.weakerThanDescendants
+    strength = (
+        UsdShade.Tokens.strongerThanDescendants if purpose == "physics" else UsdShade.Tokens.weakerThanDescendants
+    )
     api.Bind(UsdShade.Material(material), strength, purpose or UsdShade.Tokens.allPurpose)
 
 
@@ -75,7 +80,7 @@ class RigidBodyMaterialCfg:
     func: Callable[..., Any] = spawn_rigid_body_material
     """Function that authors the material."""
     static_friction: float = 0.5
-    """Coefficient of static friction. Newton's solvers have one coefficient, the dynamic one: this one is authored and kept."""
+    """Coefficient of static friction; kept in the stage. Newton's solvers have one coefficient, the dynamic one."""
     dynamic_friction: float = 0.5
     """Coefficient of friction."""
     restitution: float = 0.0
@@ -83,7 +88,7 @@ class RigidBodyMaterialCfg:
     density: float | None = None
     """Density [kg/m^3] of bodies that have no mass of their own."""
     friction_combine_mode: str = "max"
-    """PhysX's rule for the friction of two colliders; kept in the stage. Newton's solvers fix theirs (MuJoCo: the larger)."""
+    """PhysX's rule for the friction of two colliders; kept in the stage. Newton's solvers have theirs (MuJoCo: max)."""
     restitution_combine_mode: str = "max"
     """PhysX's rule for the restitution of two colliders; kept in the stage."""
 

@@ -203,7 +203,9 @@ def modify_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPro
         _set_physx(root, cfg, "PhysxArticulationAPI", "physxArticulation")
         if cfg.enabled_self_collisions is not None:
             root.AddAppliedSchema("NewtonArticulationRootAPI")
-            root.CreateAttribute("newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool).Set(cfg.enabled_self_collisions)
+            root.CreateAttribute("newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool).Set(
+                cfg.enabled_self_collisions
+            )
         if cfg.fix_root_link is not None:
             _fix_root_link(root, cfg.fix_root_link)
         if cfg.articulation_enabled is False:

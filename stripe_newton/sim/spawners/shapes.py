@@ -52,7 +52,10 @@ def spawn_shape(
     geometry = cfg.author(stage, f"{path}/geometry/mesh")
     if cfg.collision_props is not None:
         schemas.define_collision_properties(geometry, cfg.collision_props)
-    for material, name, purpose in ((cfg.visual_material, cfg.visual_material_path, ""), (cfg.physics_material, cfg.physics_material_path, "physics")):
+    for material, name, purpose in (
+        (cfg.visual_material, cfg.visual_material_path, ""),
+        (cfg.physics_material, cfg.physics_material_path, "physics"),
+    ):
         if material is not None:
             where = name if name.startswith("/") else f"{path}/{name}"
             bind_material(geometry, material.func(where, material), purpose)

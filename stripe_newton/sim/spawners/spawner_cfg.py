@@ -50,7 +50,9 @@ class RigidObjectSpawnerCfg(SpawnerCfg):
     """Accepted for compatibility: every body can be sensed."""
 
 
-def place(prim: Usd.Prim, translation: Translation, orientation: Orientation, scale: Sequence[float] | None = None) -> None:
+def place(
+    prim: Usd.Prim, translation: Translation, orientation: Orientation, scale: Sequence[float] | None = None
+) -> None:
     """Give ``prim`` a pose in its parent's frame, in place of whatever transform operations it came with.
 
     The operations carry a suffix of their own, so that they never clash in type with those of a referenced asset.

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draw the pictures of the README: ``python tools/make_pictures.py [docs/images]``.
+
+``hero.png`` shows ants and humanoids of the tasks at a run, ``cartpole.png`` and so on one environment of each task. The
+robots are posed, not simulated: no training is needed, and the pictures are the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import gymnasium
+import newton
+import numpy as np
+import torch
+import warp as wp
+from PIL import Image
+
+import stripe_tasks  # noqa: F401 (registers the tasks)
+from stripe_newton.assets import Articulation, AssetBaseCfg
+from stripe_newton.math import quat_apply, quat_from_euler_xyz
+from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
+from stripe_newton.sim import (
+    DistantLightCfg,
+    DomeLightCfg,
+    GroundPlaneCfg,
+    RigidBodyMaterialCfg,
+    Simulation,
+    SimulationCfg,
+    UsdFileCfg,
+)
+from stripe_newton.viewers import SceneRenderer, ViewerCfg
+from stripe_tasks.robots import ANT_CFG, HUMANOID_CFG
+
+OVERSAMPLING = 2
+"""Rays along each side of a pixel."""
+
+
+def save(path: Path, renderer: SceneRenderer) -> None:
+    """Render, scale down to what was asked for, and write a small PNG."""
+    picture = Image.fromarray(renderer.render())
+    size = (picture.width // OVERSAMPLING, picture.height // OVERSAMPLING)
+    picture.resize(size, Image.Resampling.BOX).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size // 1024} kB")
+
+
+def viewer(width: int, height: int, **options: object) -> ViewerCfg:
+    """A camera whose picture is scaled down to the given size later."""
+    resolution = (width * OVERSAMPLING, height * OVERSAMPLING)
+    return ViewerCfg(resolution=resolution, shadow_resolution=1024, **options)  # type: ignore[arg-type]
+
+
+def ant_pose(phase: float) -> dict[str, float]:
+    """Joint angles [rad] of an ant at a trot: diagonal legs move together."""
+    legs = {"front_left": (0.0, 1), "front_right": (math.pi, -1), "left_back": (math.pi, -1), "right_back": (0.0, 1)}
+    pose = {}
+    for leg, (offset, side) in legs.items():
+        swing = math.sin(phase + offset)
+        lift = max(0.0, math.cos(phase + offset))
+        pose[f"{leg}_leg"] = 0.5 * swing
+        pose[f"{leg}_foot"] = side * (1.0 - 0.42 * lift)
+    return pose
+
+
+def humanoid_pose(phase: float) -> dict[str, float]:
+    """Joint angles [rad] of a humanoid at a run."""
+    pose = {"lower_waist:1": -0.12}
+    for side, offset in (("left", 0.0), ("right", math.pi)):
+        swing, lift = math.sin(phase + offset), math.cos(phase + offset)
+        pose[f"{side}_thigh:1"] = -0.35 - 0.75 * swing
+        pose[f"{side}_knee"] = -0.75 - 0.65 * lift
+        pose[f"{side}_foot:1"] = 0.15
+        pose[f"{side}_upper_arm:0"] = 0.25 * swing * (1 if side == "left" else -1)
+        pose[f"{side}_elbow"] = -0.9
+    return pose
+
+
+def put(robot: Articulation, pose: dict[str, float], at: tuple[float, float], yaw: float, pitch: float = 0.0) -> None:
+    """Put a robot into a pose, with its lowest point on the ground."""
+    joints = robot.data.default_joint_pos.clone()
+    for name, angle in pose.items():
+        joints[:, robot.find_joints(name)[0]] = angle
+    robot.write_joint_state_to_sim(joints, torch.zeros_like(joints))
+    angles = torch.tensor([0.0, pitch, yaw]).unbind()
+    quat = quat_from_euler_xyz(*(a.view(1) for a in angles))
+    root = torch.cat((torch.tensor([[*at, 5.0]]), quat), dim=-1)
+    robot.write_root_pose_to_sim(root)
+    robot._sim.forward()
+    root[:, 2] -= lowest(robot)
+    robot.write_root_pose_to_sim(root)
+    robot._sim.forward()
+
+
+def lowest(robot: Articulation) -> float:
+    """Height of the lowest point of a robot made of spheres and capsules [m]."""
+    builder, heights = robot._sim.template, []
+    poses = wp.to_torch(robot._sim.state.body_q)
+    for shape, body in enumerate(builder.shape_body):
+        if body not in robot.layout.bodies:
+            continue
+        local = torch.tensor([list(builder.shape_transform[shape])])
+        radius, half = (float(x) for x in builder.shape_scale[shape][:2])
+        half = half if builder.shape_type[shape] == newton.GeoType.CAPSULE else 0.0
+        for end in (-half, half):
+            point = quat_apply(local[:, 3:], torch.tensor([[0.0, 0.0, end]])) + local[:, :3]
+            heights.append(
+                float((quat_apply(poses[body : body + 1, 3:], point) + poses[body : body + 1, :3])[0, 2]) - radius
+            )
+    return min(heights)
+
+
+def hero(path: Path) -> None:
+    """A herd of ants and humanoids."""
+    rng = np.random.default_rng(4)
+    places: list[tuple[str, float, float]] = []
+    for x, y in (
+        (0.0, 0.0),
+        (-2.6, 2.1),
+        (-2.4, -2.3),
+        (-5.6, 0.2),
+        (-5.9, 4.3),
+        (-5.6, -4.4),
+        (-8.8, 2.3),
+        (-9.0, -2.2),
+    ):
+        places.append(("humanoid", x, y))
+    for x, y in ((1.3, 1.5), (1.0, -1.6), (-0.9, 3.4), (-0.8, -3.6), (-1.9, 0.2), (-3.9, 4.0), (-3.9, -4.2), (-4.1, 1.4), (-4.2, -1.2),
+                 (-7.2, 1.2), (-7.2, -1.4), (-7.4, 3.4), (-7.4, -3.4), (-6.9, 6.3), (-6.9, -6.2), (-2.3, 5.6), (-2.3, -5.8)):  # fmt: skip
+        places.append(("ant", x, y))
+    scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=0.0), Simulation(SimulationCfg(device="cpu")))
+    ground = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
+    dome = AssetBaseCfg(prim_path="/World/dome", spawn=DomeLightCfg(intensity=1500.0, color=(0.8, 0.88, 1.0)))
+    sun = AssetBaseCfg(prim_path="/World/sun", spawn=DistantLightCfg(intensity=3000.0, color=(1.0, 0.93, 0.82)))
+    sun.init_state.rot = (0.20, 0.42, 0.0, 0.885)
+    scene.builder.build_objects({"ground": ground, "dome": dome, "sun": sun})
+    for i, (kind, _, _) in enumerate(places):
+        cfg = {"ant": ANT_CFG, "humanoid": HUMANOID_CFG}[kind]
+        scene.builder.build_robot(f"robot_{i}", cfg.replace(prim_path=f"{{ENV_REGEX_NS}}/Robot_{i}"))
+    scene.build()
+    for i, (kind, x, y) in enumerate(places):
+        at = x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.25, 0.25)
+        phase, yaw = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.25, 0.25)
+        if kind == "ant":
+            put(scene[f"robot_{i}"], ant_pose(phase), at, yaw)
+        else:
+            put(scene[f"robot_{i}"], humanoid_pose(phase), at, yaw, 0.12)
+    renderer = SceneRenderer(scene.sim, viewer(1280, 640, eye=(6.0, -3.4, 1.5), lookat=(-2.0, 0.2, 0.75), fov=30.0))
+    save(path, renderer)
+
+
+def task(path: Path, name: str, **camera: object) -> None:
+    """One environment of a task."""
+    env = gymnasium.make_vec(name, num_envs=1)
+    env.reset(seed=1)
+    robot = env.unwrapped.robot
+    if "Ant" in name:
+        put(robot, ant_pose(0.9), (0.0, 0.0), 0.0)
+    elif "Humanoid" in name:
+        put(robot, humanoid_pose(1.0), (0.0, 0.0), 0.0, 0.12)
+    else:
+        joints = torch.tensor([[0.5, -0.22, 0.0][: robot.num_joints]])
+        if robot.num_joints == 3:
+            joints = torch.tensor([[0.4, -0.16, 0.38]])
+        robot.write_joint_state_to_sim(joints, torch.zeros_like(joints))
+        env.unwrapped.sim.forward()
+    save(path, SceneRenderer(env.unwrapped.sim, viewer(480, 480, **camera)))
+    env.close()
+
+
+def main() -> None:
+    """Draw all pictures."""
+    wp.config.log_level = wp.LOG_WARNING
+    out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
+    out.mkdir(parents=True, exist_ok=True)
+    hero(out / "hero.png")
+    task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0")
+    task(out / "cart_double_pole.png", "Stripe-CartDoublePole-Direct-v0")
+    task(out / "ant.png", "Stripe-Ant-Direct-v0")
+    task(out / "humanoid.png", "Stripe-Humanoid-Direct-v0")
+
+
+if __name__ == "__main__":
+    main()
