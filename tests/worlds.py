@@ -100,7 +100,7 @@ def model_arrays(model: Any) -> dict[str, np.ndarray]:
     """Every plain array of a model, by name."""
     found = {}
     for name, value in vars(model).items():
-        if isinstance(value, wp.array) and value.dtype is not wp.uint64:
+        if isinstance(value, wp.array) and value.dtype is not wp.uint64 and "bvh" not in name:
             array = value.numpy()
             if array.dtype.names is None:
                 found[name] = array

@@ -98,7 +98,7 @@ def lowest(robot: Articulation) -> float:
     builder, heights = robot._sim.template, []
     poses = wp.to_torch(robot._sim.state.body_q)
     for shape, body in enumerate(builder.shape_body):
-        if body not in robot.layout.bodies:
+        if body not in robot.layout.bodies or not builder.shape_flags[shape] & newton.ShapeFlags.COLLIDE_SHAPES:
             continue
         local = torch.tensor([list(builder.shape_transform[shape])])
         radius, half = (float(x) for x in builder.shape_scale[shape][:2])
@@ -135,9 +135,10 @@ def hero(path: Path) -> None:
     sun = AssetBaseCfg(prim_path="/World/sun", spawn=DistantLightCfg(intensity=3000.0, color=(1.0, 0.93, 0.82)))
     sun.init_state.rot = (0.20, 0.42, 0.0, 0.885)
     scene.builder.build_objects({"ground": ground, "dome": dome, "sun": sun})
-    for i, (kind, _, _) in enumerate(places):
-        cfg = {"ant": ANT_CFG, "humanoid": HUMANOID_CFG}[kind]
-        scene.builder.build_robot(f"robot_{i}", cfg.replace(prim_path=f"{{ENV_REGEX_NS}}/Robot_{i}"))
+    for i, (kind, x, y) in enumerate(places):
+        cfg = {"ant": ANT_CFG, "humanoid": HUMANOID_CFG}[kind].replace(prim_path=f"{{ENV_REGEX_NS}}/Robot_{i}")
+        cfg.init_state.pos = (x, y, 1.5)  # apart from the start: the solver looks for contacts when it is made
+        scene.builder.build_robot(f"robot_{i}", cfg)
     scene.build()
     for i, (kind, x, y) in enumerate(places):
         at = x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.25, 0.25)
@@ -146,7 +147,7 @@ def hero(path: Path) -> None:
             put(scene[f"robot_{i}"], ant_pose(phase), at, yaw)
         else:
             put(scene[f"robot_{i}"], humanoid_pose(phase), at, yaw, 0.12)
-    renderer = SceneRenderer(scene.sim, viewer(1280, 640, eye=(6.0, -3.4, 1.5), lookat=(-2.0, 0.2, 0.75), fov=30.0))
+    renderer = SceneRenderer(scene.sim, viewer(1280, 640, eye=(7.2, -6.0, 2.3), lookat=(-2.2, 0.35, 0.55), fov=25.0))
     save(path, renderer)
 
 
@@ -175,10 +176,16 @@ def main() -> None:
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
     out.mkdir(parents=True, exist_ok=True)
     hero(out / "hero.png")
-    task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0")
-    task(out / "cart_double_pole.png", "Stripe-CartDoublePole-Direct-v0")
-    task(out / "ant.png", "Stripe-Ant-Direct-v0")
-    task(out / "humanoid.png", "Stripe-Humanoid-Direct-v0")
+    task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0", eye=(1.6, -3.6, 2.9), lookat=(0.5, 0.0, 2.2), fov=30.0)
+    task(
+        out / "cart_double_pole.png",
+        "Stripe-CartDoublePole-Direct-v0",
+        eye=(1.8, -6.0, 3.6),
+        lookat=(0.5, 0.0, 2.85),
+        fov=30.0,
+    )
+    task(out / "ant.png", "Stripe-Ant-Direct-v0", azimuth=-25.0)
+    task(out / "humanoid.png", "Stripe-Humanoid-Direct-v0", azimuth=-35.0)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
+from stripe_newton.configclass import ConfigError
+
 if TYPE_CHECKING:
     import newton
 
@@ -20,25 +22,23 @@ def select_layout(asset: Any, layouts: Sequence[Layout], root_path: str | None) 
     """The one articulation at or below the asset's prim.
 
     Raises:
-        ValueError: if there is none, or several and ``root_path`` chooses none of them.
+        ConfigError: if there is none, or several and ``root_path`` chooses none of them.
     """
     where = f"{type(asset).__name__} '{asset.cfg.prim_path}'"
     if not asset.in_every_env:
-        raise ValueError(f"{where}: bodies belong in environments, put it below '/World/envs/env_.*'")
+        raise ConfigError([f"{where}: bodies belong in environments, put it below '/World/envs/env_.*'"])
     inside = [x for x in layouts if x.path == asset.path or x.path.startswith(asset.path + "/")]
     if root_path is not None:
         inside = [x for x in inside if x.path == asset.path + root_path]
     roots = ", ".join(x.path[len(asset.path) :] or "/" for x in inside)
     if not inside:
         there = ", ".join(x.path for x in layouts) or "none"
-        raise ValueError(
-            f"{where}: no articulation or rigid body at '{asset.path}{root_path or ''}'; "
-            f"the environment has: {there}. Check prim_path, and that the file applies PhysicsArticulationRootAPI"
-        )
+        wanted = f"{asset.path}{root_path or ''}"
+        hint = "check prim_path, and that the file applies PhysicsArticulationRootAPI"
+        raise ConfigError([f"{where}: no articulation or rigid body at '{wanted}', there is {there}; {hint}"])
     if len(inside) > 1:
-        raise ValueError(
-            f"{where}: {len(inside)} articulations below it ({roots}); choose one by articulation_root_prim_path"
-        )
+        hint = "choose one by articulation_root_prim_path"
+        raise ConfigError([f"{where}: {len(inside)} articulations below it ({roots}); {hint}"])
     return inside[0]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from stripe_newton.configclass import configclass
+from stripe_newton.configclass import ConfigError, configclass
 
 from .asset_base import AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
 from .binding import place_root, select_layout
@@ -58,10 +58,9 @@ class RigidObject(BoundAsset):
     def prepare(self, layouts: Any, builder: Any) -> None:
         self.layout = select_layout(self, layouts, None)
         if len(self.layout.bodies) != 1:
-            raise ValueError(
-                f"RigidObject '{self.cfg.prim_path}': the prim holds {len(self.layout.bodies)} bodies "
-                f"({', '.join(self.layout.body_names)}); use ArticulationCfg"
-            )
+            names = ", ".join(self.layout.body_names)
+            problem = f"holds {len(self.layout.bodies)} bodies ({names}); use ArticulationCfg"
+            raise ConfigError([f"RigidObject '{self.cfg.prim_path}': {problem}"])
         place_root(builder, self.layout, self.cfg.init_state)
 
     def initialize(self, sim: Simulation) -> None:

@@ -12,6 +12,7 @@ import warp as wp
 from pxr import Usd, UsdGeom
 
 from stripe_newton.assets import Articulation, ArticulationCfg, AssetBase, Layout, RigidObject, articulation_layouts
+from stripe_newton.configclass import ConfigError
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.sim.stage import ENV_0
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
@@ -97,12 +98,20 @@ class SceneBuilder:
         layouts = articulation_layouts(template)
         if self.adopt:
             self._adopt(layouts)
+        problems = []
         for asset in self.assets:
-            asset.prepare(layouts, template)
+            try:
+                asset.prepare(layouts, template)
+            except ConfigError as error:
+                problems += error.problems
+        if problems:
+            raise ConfigError(problems)
         self.reports[0].joints = joint_rows(template)  # with the drives of the actuator configs
         static = sim.new_builder()
         if self.template_root != "/":
             self._load(static, "/World", ("/World/envs",))
+            if self.reports[0].units["scene"] is None:  # the physics scene stands outside the environments
+                template.gravity = static.gravity
         self._closed = True
         sim.lights = read_lights(scene.stage)
         sim.build(template, static, spiral_grid(scene.cfg.num_envs, scene.cfg.env_spacing))
@@ -148,6 +157,7 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
     xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
     counts = builder.body_count, builder.joint_count, builder.shape_count, builder.articulation_count
     add = builder.add_urdf if kind == "urdf" else builder.add_mjcf
+    _take_newton_for_pgs(builder)
     try:
         add(path, xform=xform, **options)
     except Exception as error:
@@ -159,6 +169,14 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
         label[start:] = [f"{prim.GetPath()}/{name}" for name in label[start:]]
     if builder.articulation_count == counts[3] + 1:
         builder.articulation_label[-1] = str(prim.GetPath())
+
+
+def _take_newton_for_pgs(builder: newton.ModelBuilder) -> None:
+    """Let an MJCF file ask for the PGS solver, which MuJoCo Warp has not: it gets Newton's method."""
+    attribute = builder.custom_attributes.get("mujoco:solver")
+    if attribute is not None and attribute.mjcf_value_transformer is not None:
+        read = attribute.mjcf_value_transformer
+        attribute.mjcf_value_transformer = lambda value, context: read("newton" if value == "PGS" else value, context)
 
 
 class _Found:

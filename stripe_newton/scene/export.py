@@ -24,7 +24,7 @@ _NO_LIMIT = 1.0e9
 def export_stage(scene: InteractiveScene, path: Path) -> None:
     """Write ``scene`` to ``path``: see :meth:`InteractiveScene.export`."""
     sim = scene.sim
-    if sim.model is None:
+    if getattr(sim, "model", None) is None:
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
     stage = Usd.Stage.Open(scene.stage.Flatten())
     for prim in [p for p in stage.Traverse() if p.IsInstance()]:
@@ -158,8 +158,6 @@ def _author_default_material(stage: Usd.Stage, scene: InteractiveScene) -> None:
     api.CreateStaticFrictionAttr(cfg.static_friction)
     api.CreateDynamicFrictionAttr(cfg.dynamic_friction)
     api.CreateRestitutionAttr(cfg.restitution)
-    if cfg.density is not None:
-        api.CreateDensityAttr(cfg.density)
     for prim in stage.Traverse():
         if (
             prim.HasAPI(UsdPhysics.CollisionAPI)

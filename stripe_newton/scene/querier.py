@@ -72,7 +72,9 @@ class SceneQuerier:
 
             bodies = list(range(sim.model.body_count))
             with wp.ScopedDevice(sim.device):
-                self._contact_sensor = SensorContact(sim.model, sensing_bodies=bodies, measure_total=True)
+                self._contact_sensor = SensorContact(
+                    sim.model, sensing_bodies=bodies, measure_total=True, request_contact_attributes=False
+                )
         self._contact_sensor.update(sim.state, sim.contacts, observables=sim.observables)
         forces = wp.to_torch(self._contact_sensor.total_force).view(sim.num_envs, -1, 3)
         return forces[:, self._asset(name).layout.bodies].clone()

@@ -104,6 +104,8 @@ class Simulation:
                 f"rigid body '{static.body_label[0]}' stands outside the environments: "
                 "only static colliders may be shared, put it below '/World/envs/env_.*'"
             )
+        if not template.joint_count:
+            raise ValueError("the environments hold no rigid body and no articulation: there is nothing to simulate")
         self.template, self.static, self.env_origins = template, static, np.asarray(env_origins, dtype=np.float32)
         self.num_envs = len(env_origins)
         builder = self.new_builder()

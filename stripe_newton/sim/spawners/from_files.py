@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,12 @@ __all__ = [
 
 FILE_KEY = "stripeNewton:file"
 """Custom data of a prim that stands for a URDF or MJCF file: JSON of ``format``, ``path`` and importer options."""
+
+
+def _missing(path: Any, field: str) -> Iterator[tuple[str, str]]:
+    """The problem of a config whose file is not there."""
+    if path is not MISSING and not Path(path).expanduser().is_file():
+        yield field, f"'{path}' does not exist; give the path of a file"
 
 
 def _existing(path: str, field: str) -> Path:
@@ -159,6 +165,9 @@ class UsdFileCfg(RigidObjectSpawnerCfg):
     visual_material_path: str = "material"
     """Path of the visual material below the prim."""
 
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from _missing(self.usd_path, "usd_path")
+
 
 @configclass
 class _ImporterCfg(SpawnerCfg):
@@ -180,6 +189,9 @@ class _ImporterCfg(SpawnerCfg):
     """PhysX properties; accepted for compatibility."""
     activate_contact_sensors: bool = False
     """Accepted for compatibility: every body can be sensed."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from _missing(self.asset_path, "asset_path")
 
     def importer_options(self) -> dict[str, Any]:
         """Keyword arguments of Newton's importer."""
