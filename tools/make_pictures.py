@@ -114,21 +114,11 @@ def lowest(robot: Articulation) -> float:
 def hero(path: Path) -> None:
     """A herd of ants and humanoids."""
     rng = np.random.default_rng(4)
-    places: list[tuple[str, float, float]] = []
-    for x, y in (
-        (0.0, 0.0),
-        (-2.6, 2.1),
-        (-2.4, -2.3),
-        (-5.6, 0.2),
-        (-5.9, 4.3),
-        (-5.6, -4.4),
-        (-8.8, 2.3),
-        (-9.0, -2.2),
-    ):
-        places.append(("humanoid", x, y))
-    for x, y in ((1.3, 1.5), (1.0, -1.6), (-0.9, 3.4), (-0.8, -3.6), (-1.9, 0.2), (-3.9, 4.0), (-3.9, -4.2), (-4.1, 1.4), (-4.2, -1.2),
-                 (-7.2, 1.2), (-7.2, -1.4), (-7.4, 3.4), (-7.4, -3.4), (-6.9, 6.3), (-6.9, -6.2), (-2.3, 5.6), (-2.3, -5.8)):  # fmt: skip
-        places.append(("ant", x, y))
+    people = [(0.6, 0.9), (-1.6, -2.0), (-2.9, 2.9), (-5.2, 0.3), (-5.9, 5.6), (-6.6, -3.4), (-9.0, 2.6), (-12.5, -0.6), (-12.0, 6.6)]
+    herd = [(1.6, -1.0), (0.6, -3.6), (0.9, 3.0), (-1.7, 0.7), (-1.3, 4.9), (-3.6, -4.0), (-3.9, -0.9), (-4.6, 2.6)]
+    herd += [(-3.9, 7.3), (-6.9, 8.4), (-7.3, 1.8), (-7.2, -0.9), (-7.6, 4.6), (-9.6, 0.2), (-9.9, 5.6), (-9.8, -2.6), (-10.6, 8.6)]
+    herd += [(-12.4, 2.2), (-12.7, 4.3), (-13.6, 9.2), (-15.4, 1.6), (-15.9, 5.6)]
+    places = [("humanoid", *at) for at in people] + [("ant", *at) for at in herd]
     scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=0.0), Simulation(SimulationCfg(device="cpu")))
     ground = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
     dome = AssetBaseCfg(prim_path="/World/dome", spawn=DomeLightCfg(intensity=1500.0, color=(0.8, 0.88, 1.0)))
@@ -141,13 +131,13 @@ def hero(path: Path) -> None:
         scene.builder.build_robot(f"robot_{i}", cfg)
     scene.build()
     for i, (kind, x, y) in enumerate(places):
-        at = x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.25, 0.25)
+        at = x + rng.uniform(-0.15, 0.15), y + rng.uniform(-0.15, 0.15)
         phase, yaw = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.25, 0.25)
         if kind == "ant":
             put(scene[f"robot_{i}"], ant_pose(phase), at, yaw)
         else:
             put(scene[f"robot_{i}"], humanoid_pose(phase), at, yaw, 0.12)
-    renderer = SceneRenderer(scene.sim, viewer(1280, 640, eye=(7.2, -6.0, 2.3), lookat=(-2.2, 0.35, 0.55), fov=25.0))
+    renderer = SceneRenderer(scene.sim, viewer(1280, 640, eye=(7.2, -6.0, 2.3), lookat=(-2.2, 0.75, 0.45), fov=25.0))
     save(path, renderer)
 
 
@@ -161,9 +151,7 @@ def task(path: Path, name: str, **camera: object) -> None:
     elif "Humanoid" in name:
         put(robot, humanoid_pose(1.0), (0.0, 0.0), 0.0, 0.12)
     else:
-        joints = torch.tensor([[0.5, -0.22, 0.0][: robot.num_joints]])
-        if robot.num_joints == 3:
-            joints = torch.tensor([[0.4, -0.16, 0.38]])
+        joints = torch.tensor([[0.5, -0.22] if robot.num_joints == 2 else [0.4, -0.16, 0.38]])
         robot.write_joint_state_to_sim(joints, torch.zeros_like(joints))
         env.unwrapped.sim.forward()
     save(path, SceneRenderer(env.unwrapped.sim, viewer(480, 480, **camera)))
@@ -176,7 +164,7 @@ def main() -> None:
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
     out.mkdir(parents=True, exist_ok=True)
     hero(out / "hero.png")
-    task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0", eye=(1.6, -3.6, 2.9), lookat=(0.5, 0.0, 2.2), fov=30.0)
+    task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0", eye=(3.3, -1.2, 2.75), lookat=(0.0, 0.45, 2.35), fov=30.0)
     task(
         out / "cart_double_pole.png",
         "Stripe-CartDoublePole-Direct-v0",

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What terms read: structs of arrays that lead with the environment and share memory with the simulation.
+
+SI units, world frame unless a name ends in ``_b``; quaternions (x, y, z, w); spatial vectors (linear, angular); the
+linear part of a velocity is that of the centre of mass. A term is a Warp function whose first argument is the
+environment; the types of the others say what it reads::
+
+    @wp.func
+    def joint_vel_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float: ...
+"""
+
+import warp as wp
+
+__all__ = ["ActionData", "ArticulationData", "EpisodeData", "PoseCommandData", "RigidObjectData", "VelocityCommandData"]
+
+
+@wp.struct
+class ArticulationData:
+    """State of an articulation."""
+
+    root_pose: wp.array[wp.transform]
+    """Pose of the root link [m], shape ``(num_envs,)``."""
+    root_vel: wp.array[wp.spatial_vector]
+    """Velocity of the root's centre of mass [m/s, rad/s], shape ``(num_envs,)``."""
+    default_root_pose: wp.array[wp.transform]
+    """Pose of the root at the start of an episode, in the environment's frame [m], shape ``(num_envs,)``."""
+    default_root_vel: wp.array[wp.spatial_vector]
+    """Velocity of the root at the start of an episode [m/s, rad/s], shape ``(num_envs,)``."""
+    body_pose: wp.array2d[wp.transform]
+    """Poses of the link frames [m], shape ``(num_envs, num_bodies)``."""
+    body_vel: wp.array2d[wp.spatial_vector]
+    """Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_bodies)``."""
+    body_acc: wp.array2d[wp.spatial_vector]
+    """Accelerations of the centres of mass [m/s^2, rad/s^2], shape ``(num_envs, num_bodies)``."""
+    body_parent_wrench: wp.array2d[wp.spatial_vector]
+    """Wrench from the parent joint about the centre of mass [N, N m], shape ``(num_envs, num_bodies)``."""
+    joint_pos: wp.array2d[float]
+    """Joint positions [m or rad], shape ``(num_envs, num_joints)``."""
+    joint_vel: wp.array2d[float]
+    """Joint velocities [m/s or rad/s], shape ``(num_envs, num_joints)``."""
+    previous_joint_vel: wp.array2d[float]
+    """Joint velocities before the last physics step [m/s or rad/s], shape ``(num_envs, num_joints)``."""
+    default_joint_pos: wp.array2d[float]
+    """Joint positions at the start of an episode [m or rad], shape ``(num_envs, num_joints)``."""
+    default_joint_vel: wp.array2d[float]
+    """Joint velocities at the start of an episode [m/s or rad/s], shape ``(num_envs, num_joints)``."""
+    joint_pos_target: wp.array2d[float]
+    """Position targets [m or rad], shape ``(num_envs, num_joints)``."""
+    joint_vel_target: wp.array2d[float]
+    """Velocity targets [m/s or rad/s], shape ``(num_envs, num_joints)``."""
+    joint_effort_target: wp.array2d[float]
+    """Effort targets [N or N m], shape ``(num_envs, num_joints)``."""
+    joint_drive_effort: wp.array2d[float]
+    """Effort of the solver's drives in the last physics step [N or N m], shape ``(num_envs, num_joints)``."""
+    joint_other_effort: wp.array2d[float]
+    """Effort of explicit actuators and effort targets in it [N or N m], shape ``(num_envs, num_joints)``."""
+    joint_pos_lower: wp.array2d[float]
+    """Lower limits [m or rad], shape ``(num_envs, num_joints)``."""
+    joint_pos_upper: wp.array2d[float]
+    """Upper limits [m or rad], shape ``(num_envs, num_joints)``."""
+    joint_vel_limit: wp.array2d[float]
+    """Rated speeds [m/s or rad/s], shape ``(num_envs, num_joints)``."""
+    joint_effort_limit: wp.array2d[float]
+    """Largest efforts [N or N m], shape ``(num_envs, num_joints)``."""
+    soft_limit_factor: float
+    """Share of the range between the position limits that the soft limits cover about their middle."""
+    env_origin: wp.array[wp.vec3]
+    """Origins of the environments [m], shape ``(num_envs,)``."""
+    gravity_dir: wp.vec3
+    """Unit vector along gravity."""
+    physics_dt: float
+    """Time step of the physics [s]."""
+
+
+@wp.struct
+class RigidObjectData:
+    """State of a rigid object."""
+
+    root_pose: wp.array[wp.transform]
+    """Pose of the body [m], shape ``(num_envs,)``."""
+    root_vel: wp.array[wp.spatial_vector]
+    """Velocity of its centre of mass [m/s, rad/s], shape ``(num_envs,)``."""
+    default_root_pose: wp.array[wp.transform]
+    """Pose at the start of an episode, in the environment's frame [m], shape ``(num_envs,)``."""
+    default_root_vel: wp.array[wp.spatial_vector]
+    """Velocity at the start of an episode [m/s, rad/s], shape ``(num_envs,)``."""
+    env_origin: wp.array[wp.vec3]
+    """Origins of the environments [m], shape ``(num_envs,)``."""
+    gravity_dir: wp.vec3
+    """Unit vector along gravity."""
+
+
+@wp.struct
+class ActionData:
+    """What the policy asked for."""
+
+    action: wp.array2d[float]
+    """Actions of this step, shape ``(num_envs, num_actions)``."""
+    prev_action: wp.array2d[float]
+    """Actions of the step before, shape ``(num_envs, num_actions)``."""
+
+
+@wp.struct
+class VelocityCommandData:
+    """A velocity to follow."""
+
+    command: wp.array2d[float]
+    """Forward and sideways velocity [m/s] and yaw rate [rad/s] in the root's frame, shape ``(num_envs, 3)``."""
+
+
+@wp.struct
+class PoseCommandData:
+    """A pose to reach."""
+
+    pose: wp.array[wp.transform]
+    """Pose in the root's frame [m], shape ``(num_envs,)``."""
+
+
+@wp.struct
+class EpisodeData:
+    """How far the episode is, and whether it just ended."""
+
+    length: wp.array[wp.int64]
+    """Steps taken, shape ``(num_envs,)``."""
+    terminated: wp.array[wp.bool]
+    """Whether it ended in failure or success, shape ``(num_envs,)``."""
+    term_terminated: wp.array2d[wp.bool]
+    """The same by termination term, shape ``(num_envs, num_terms)``."""
+    max_length: int
+    """Steps in an episode."""
+    step_dt: float
+    """Time step of the environment [s]."""
