@@ -49,7 +49,7 @@ def save(path: Path, renderer: SceneRenderer) -> None:
 def viewer(width: int, height: int, **options: object) -> ViewerCfg:
     """A camera whose picture is scaled down to the given size later."""
     resolution = (width * OVERSAMPLING, height * OVERSAMPLING)
-    return ViewerCfg(resolution=resolution, shadow_resolution=1024, **options)  # type: ignore[arg-type]
+    return ViewerCfg(resolution=resolution, shadow_resolution=2048, **options)  # type: ignore[arg-type]
 
 
 def ant_pose(phase: float) -> dict[str, float]:
@@ -115,7 +115,7 @@ def hero(path: Path) -> None:
     """A herd of ants and humanoids."""
     rng = np.random.default_rng(4)
     people = [(0.6, 0.9), (-1.6, -2.0), (-2.9, 2.9), (-5.2, 0.3), (-5.9, 5.6), (-6.6, -3.4), (-9.0, 2.6), (-12.5, -0.6), (-12.0, 6.6)]
-    herd = [(1.6, -1.0), (0.6, -3.6), (0.9, 3.0), (-1.7, 0.7), (-1.3, 4.9), (-3.6, -4.0), (-3.9, -0.9), (-4.6, 2.6)]
+    herd = [(1.4, -1.1), (0.2, -3.3), (0.9, 3.0), (-1.7, 0.7), (-1.3, 4.9), (-3.6, -4.0), (-3.9, -0.9), (-4.6, 2.6)]
     herd += [(-3.9, 7.3), (-6.9, 8.4), (-7.3, 1.8), (-7.2, -0.9), (-7.6, 4.6), (-9.6, 0.2), (-9.9, 5.6), (-9.8, -2.6), (-10.6, 8.6)]
     herd += [(-12.4, 2.2), (-12.7, 4.3), (-13.6, 9.2), (-15.4, 1.6), (-15.9, 5.6)]
     places = [("humanoid", *at) for at in people] + [("ant", *at) for at in herd]
@@ -147,7 +147,7 @@ def task(path: Path, name: str, **camera: object) -> None:
     env.reset(seed=1)
     robot = env.unwrapped.robot
     if "Ant" in name:
-        put(robot, ant_pose(0.9), (0.0, 0.0), 0.0)
+        put(robot, ant_pose(2.4), (0.0, 0.0), 0.0)
     elif "Humanoid" in name:
         put(robot, humanoid_pose(1.0), (0.0, 0.0), 0.0, 0.12)
     else:
@@ -172,7 +172,7 @@ def main() -> None:
         lookat=(0.5, 0.0, 2.85),
         fov=30.0,
     )
-    task(out / "ant.png", "Stripe-Ant-Direct-v0", azimuth=-25.0)
+    task(out / "ant.png", "Stripe-Ant-Direct-v0", azimuth=-40.0)
     task(out / "humanoid.png", "Stripe-Humanoid-Direct-v0", azimuth=-35.0)
 
 

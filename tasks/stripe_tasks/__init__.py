@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments built on stripe_newton. Importing this package registers them with gymnasium and imports nothing heavy."""
+"""Environments built on stripe_newton. Importing it registers them with gymnasium and imports nothing heavy."""
 
 from stripe_newton.registration import register_task
 

@@ -15,15 +15,9 @@ from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
 from stripe_newton.math import sample_uniform
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import (
-    DistantLightCfg,
-    DomeLightCfg,
-    GroundPlaneCfg,
-    MuJoCoSolverCfg,
-    SimulationCfg,
-    spawn_ground_plane,
-)
+from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_tasks.robots import CARTPOLE_CFG
+from stripe_tasks.scenery import spawn_scenery
 
 __all__ = ["CartpoleEnv", "CartpoleEnvCfg", "CartpolePPORunnerCfg"]
 
@@ -80,11 +74,8 @@ class CartpoleEnv(DirectRLEnv):
     def _setup_scene(self) -> None:
         self.robot = Articulation(self.cfg.robot)
         self.scene.articulations["robot"] = self.robot
-        spawn_ground_plane("/World/ground", GroundPlaneCfg())
+        spawn_scenery()
         self.scene.clone_environments(copy_from_source=False)
-        dome, sun = DomeLightCfg(intensity=2000.0, color=(0.75, 0.75, 0.75)), DistantLightCfg(intensity=2500.0)
-        dome.func("/World/Light", dome)
-        sun.func("/World/Sun", sun, orientation=(0.29, 0.21, 0.1, 0.93))
 
     def _pre_physics_step(self, actions: torch.Tensor) -> None:
         self.actions = self.cfg.action_scale * actions

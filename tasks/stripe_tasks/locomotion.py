@@ -25,15 +25,8 @@ from stripe_newton.math import (
     wrap_to_pi,
 )
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import (
-    DistantLightCfg,
-    DomeLightCfg,
-    GroundPlaneCfg,
-    MuJoCoSolverCfg,
-    RigidBodyMaterialCfg,
-    SimulationCfg,
-    spawn_ground_plane,
-)
+from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationCfg
+from stripe_tasks.scenery import spawn_scenery
 
 __all__ = ["LocomotionEnv", "LocomotionEnvCfg"]
 
@@ -92,6 +85,7 @@ class LocomotionEnv(DirectRLEnv):
         for expression, gear in cfg.joint_gears.items():
             gears[self.robot.find_joints(expression)[0]] = gear
         self._efforts = cfg.action_scale * gears
+        self._gear_ratio = gears / gears.max()  # strong joints pay for their power in full
         self._target = self.scene.env_origins.clone()
         self._target[:, 0] += cfg.target_distance
         self._up = torch.tensor([0.0, 0.0, 1.0], device=self.device).expand(self.num_envs, 3)
@@ -102,11 +96,8 @@ class LocomotionEnv(DirectRLEnv):
     def _setup_scene(self) -> None:
         self.robot = Articulation(self.cfg.robot)
         self.scene.articulations["robot"] = self.robot
-        spawn_ground_plane("/World/ground", self.cfg.ground)
+        spawn_scenery(self.cfg.ground)
         self.scene.clone_environments(copy_from_source=False)
-        dome, sun = DomeLightCfg(intensity=2000.0, color=(0.75, 0.75, 0.75)), DistantLightCfg(intensity=2500.0)
-        dome.func("/World/Light", dome)
-        sun.func("/World/Sun", sun, orientation=(0.29, 0.21, 0.1, 0.93))
 
     def _pre_physics_step(self, actions: torch.Tensor) -> None:
         self.actions = actions.clamp(-1.0, 1.0)
@@ -133,7 +124,7 @@ class LocomotionEnv(DirectRLEnv):
         return self.robot.data.root_pos_w[:, 2] < self.cfg.termination_height, time_out
 
     def _get_rewards(self) -> torch.Tensor:
-        cfg = self.cfg
+        cfg, data = self.cfg, self.robot.data
         heading = cfg.heading_weight * (self._heading_proj / 0.8).clamp(max=1.0)
         upright = cfg.up_weight * (self._up_proj > 0.93)
         effort = cfg.actions_cost * self.actions.square().sum(dim=-1)
@@ -142,14 +133,9 @@ class LocomotionEnv(DirectRLEnv):
         ).abs().sum(dim=-1)
         at_limit = cfg.at_limit_cost * (self._scaled_pos.abs() > 0.98).sum(dim=-1)
         progress = self.potentials - self.prev_potentials
-        total = progress + cfg.alive_reward + upright + heading - effort - power - at_limit
+        total = progress + cfg.alive_reward + upright + heading - effort - cfg.power_cost * power - at_limit
         self.extras["log"]["Episode_Reward/progress"] = progress.mean()
         return torch.where(self.reset_terminated, cfg.death_cost, total)
-
-    @property
-    def _gear_ratio(self) -> torch.Tensor:
-        """Gears relative to the largest: strong joints pay for their power in full."""
-        return self._efforts / self._efforts.max()
 
     def _get_observations(self) -> dict[str, torch.Tensor]:
         data, cfg = self.robot.data, self.cfg
