@@ -128,12 +128,11 @@ class LocomotionEnv(DirectRLEnv):
         heading = cfg.heading_weight * (self._heading_proj / 0.8).clamp(max=1.0)
         upright = cfg.up_weight * (self._up_proj > 0.93)
         effort = cfg.actions_cost * self.actions.square().sum(dim=-1)
-        power = cfg.power_cost * (
-            self.actions * self.robot.data.joint_vel * cfg.joint_vel_scale * self._gear_ratio
-        ).abs().sum(dim=-1)
+        power = self.actions * data.joint_vel * cfg.joint_vel_scale * self._gear_ratio
+        power = cfg.power_cost * power.abs().sum(dim=-1)
         at_limit = cfg.at_limit_cost * (self._scaled_pos.abs() > 0.98).sum(dim=-1)
         progress = self.potentials - self.prev_potentials
-        total = progress + cfg.alive_reward + upright + heading - effort - cfg.power_cost * power - at_limit
+        total = progress + cfg.alive_reward + upright + heading - effort - power - at_limit
         self.extras["log"]["Episode_Reward/progress"] = progress.mean()
         return torch.where(self.reset_terminated, cfg.death_cost, total)
 
