@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DirectRLEnv: its contract with hooks, learners, gymnasium, and the traps that others fell into."""
+"""DirectRLEnv: its contract with hooks and learners, and the traps that others fell into."""
 
 from __future__ import annotations
 
@@ -8,88 +8,13 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers.vector import ClipAction, DictInfoToList, RecordEpisodeStatistics, RescaleAction
 
-import stripe_tasks  # noqa: F401
-from stripe_newton.assets import Articulation
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg, EventTermCfg, to_space
 from stripe_newton.noise import ConstantNoiseCfg, NoiseModelCfg, NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
-from stripe_newton.rl.vec_env import RslRlVecEnvWrapper
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
-from stripe_tasks.cartpole import CartpoleEnvCfg
 from stripe_tasks.robots import CARTPOLE_CFG
-
-TASK = "Stripe-Cartpole-Direct-v0"
-N = 4
-
-
-@configclass
-class CartCfg(DirectRLEnvCfg):
-    sim = SimulationCfg(device="cpu", dt=0.01, solver=MuJoCoSolverCfg(disable_contacts=True))
-    scene = InteractiveSceneCfg(num_envs=N, env_spacing=2.0)
-    decimation = 2
-    episode_length_s = 0.2
-    observation_space = 4
-    action_space = 1
-    robot = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
-    start = 0.3
-    limit = 100.0
-
-
-class CartEnv(DirectRLEnv):
-    """Records the calls of its hooks; the first environment may be made to fail."""
-
-    cfg: CartCfg
-
-    def __init__(self, cfg, render_mode=None, **kwargs):
-        self.calls: list[str] = []
-        super().__init__(cfg, render_mode, **kwargs)
-        self.joint_pos, self.joint_vel = self.robot.data.joint_pos, self.robot.data.joint_vel
-        self.buffer = torch.zeros(self.num_envs, 4)
-        self.fail = torch.zeros(self.num_envs, dtype=torch.bool)
-        self.logged = torch.zeros(())
-
-    def _setup_scene(self):
-        self.robot = Articulation(self.cfg.robot)
-        self.scene.articulations["robot"] = self.robot
-        self.scene.clone_environments(copy_from_source=False)
-
-    def _pre_physics_step(self, actions):
-        self.calls.append("pre")
-        self.actions = actions
-
-    def _apply_action(self):
-        self.calls.append("apply")
-        self.robot.set_joint_effort_target(10.0 * self.actions, joint_ids=[0])
-
-    def _get_dones(self):
-        self.calls.append("dones")
-        fail = self.fail | (self.joint_pos[:, 0].abs() > self.cfg.limit) | ~torch.isfinite(self.joint_pos).all(-1)
-        return fail, self.episode_length_buf >= self.max_episode_length
-
-    def _get_rewards(self):
-        self.calls.append("rewards")
-        self.logged += 1.0
-        self.extras["log"]["count"] = self.logged
-        return self.joint_pos[:, 0].clone()
-
-    def _reset_idx(self, env_ids):
-        self.calls.append("reset")
-        super()._reset_idx(env_ids)
-        ids = self.robot.env_indices(env_ids)
-        start = torch.full((len(ids), 2), self.cfg.start) + 0.1 * torch.rand(len(ids), 2)
-        self.robot.write_joint_state_to_sim(start, torch.zeros(len(ids), 2), env_ids=ids)
-
-    def _get_observations(self):
-        self.calls.append("observations")
-        self.buffer[:, :2], self.buffer[:, 2:] = self.joint_pos, self.joint_vel
-        return {"policy": self.buffer}
-
-
-def make(cls=CartEnv, **changes) -> CartEnv:
-    return cls(CartCfg().replace(**changes))
+from tests.cart_env import CartCfg, CartEnv, N, make, zeros
 
 
 @pytest.fixture
@@ -97,10 +22,6 @@ def env():
     env = make()
     env.reset(seed=3)
     return env
-
-
-def zeros(env) -> torch.Tensor:
-    return torch.zeros(env.num_envs, 1)
 
 
 # -- surface
@@ -128,21 +49,22 @@ def test_surface(env):
     assert env.sim.num_envs == N
     assert env.set_debug_vis(True) is False
     assert env.state_space is None
-    for name in ("_setup_scene", "_pre_physics_step", "_apply_action", "_get_observations", "_get_states",
-                 "_get_rewards", "_get_dones", "_reset_idx", "_set_debug_vis_impl", "seed", "render", "close"):  # fmt: skip
+    hooks = "_setup_scene _pre_physics_step _apply_action _get_observations _get_states _get_rewards _get_dones"
+    for name in f"{hooks} _reset_idx _set_debug_vis_impl seed reset step render close".split():
         assert callable(getattr(env, name)), name
 
 
 def test_fields_of_the_config():
     names = DirectRLEnvCfg.__dataclass_fields__
-    for name in ("viewer", "sim", "seed", "decimation", "episode_length_s", "scene", "observation_space", "action_space",
-                 "state_space", "is_finite_horizon", "events", "observation_noise_model", "action_noise_model",
-                 "rerender_on_reset", "compute_final_obs"):  # fmt: skip
+    wanted = """viewer sim seed decimation episode_length_s scene observation_space action_space state_space events
+        is_finite_horizon observation_noise_model action_noise_model rerender_on_reset compute_final_obs"""
+    for name in wanted.split():
         assert name in names, name
 
 
 @pytest.mark.parametrize(
-    ("seconds", "dt", "decimation", "steps"), [(5.0, 1 / 120, 2, 300), (0.2, 0.01, 3, 7), (1.0, 0.1, 1, 10), (0.21, 0.1, 1, 3)]
+    ("seconds", "dt", "decimation", "steps"),
+    [(5.0, 1 / 120, 2, 300), (0.2, 0.01, 3, 7), (1.0, 0.1, 1, 10), (0.21, 0.1, 1, 3)],
 )
 def test_max_episode_length(seconds, dt, decimation, steps):
     cfg = CartCfg().replace(episode_length_s=seconds, decimation=decimation)
@@ -336,8 +258,6 @@ def test_final_observation_is_that_before_the_reset():
     env, plain = make(compute_final_obs=True, start=0.0), make(start=0.0)
     for e in (env, plain):
         e.reset(seed=5)
-        e.fail[3] = False
-    plain.max_episode_length_override = None
     for _ in range(9):
         extras = env.step(torch.ones(N, 1))[4]
         plain.step(torch.ones(N, 1))
@@ -369,7 +289,8 @@ def test_reset_of_some_environments(env):
 
 
 @pytest.mark.parametrize(
-    ("spec", "shape"), [(3, (3,)), ([2, 5], (2, 5)), ({4}, ()), ([{2}, {3}], (2,)), (gymnasium.spaces.Box(0, 1, (7,)), (7,))]
+    ("spec", "shape"),
+    [(3, (3,)), ([2, 5], (2, 5)), ({4}, ()), ([{2}, {3}], (2,)), (gymnasium.spaces.Box(0, 1, (7,)), (7,))],
 )
 def test_spaces(spec, shape):
     assert to_space(spec).shape == shape
@@ -478,7 +399,9 @@ def test_events():
         "reset": EventTermCfg(func=note, mode="reset", params={"key": "reset"}),
         "rare": EventTermCfg(func=note, mode="reset", params={"key": "rare"}, min_step_count_between_reset=5),
         "interval": EventTermCfg(func=note, mode="interval", params={"key": "interval"}, interval_range_s=(0.06, 0.06)),
-        "clock": EventTermCfg(func=note, mode="interval", params={"key": "clock"}, interval_range_s=(0.1, 0.1), is_global_time=True),
+        "clock": EventTermCfg(
+            func=note, mode="interval", params={"key": "clock"}, interval_range_s=(0.1, 0.1), is_global_time=True
+        ),
         "push": EventTermCfg(func=push, mode="interval", interval_range_s=(0.14, 0.14)),
     }
     env = make(events=events)
@@ -546,7 +469,13 @@ class ForcingEnv(CartEnv):
 
 @pytest.mark.parametrize(
     ("cls", "mode", "applied"),
-    [(CartEnv, "auto", 1), (SpringEnv, "auto", 2), (ForcingEnv, "auto", 2), (SpringEnv, "step", 1), (CartEnv, "substep", 2)],
+    [
+        (CartEnv, "auto", 1),
+        (SpringEnv, "auto", 2),
+        (ForcingEnv, "auto", 2),
+        (SpringEnv, "step", 1),
+        (CartEnv, "substep", 2),
+    ],
 )
 def test_how_often_the_action_is_applied(cls, mode, applied):
     env = make(cls, apply_action=mode)
@@ -568,253 +497,3 @@ def test_watching_the_action_does_not_change_the_physics():
         results.append(env.joint_pos.clone())
     assert torch.equal(results[0], results[1])
     assert torch.equal(results[0], results[2])
-
-
-# -- robustness
-
-
-@pytest.mark.parametrize("where", ["position", "velocity"])
-def test_a_world_that_became_nan_recovers_alone(env, where):
-    """Trap 4."""
-    twin = make()
-    twin.reset(seed=3)
-    for e in (env, twin):
-        for _ in range(2):
-            e.step(zeros(e))
-    {"position": env.joint_pos, "velocity": env.joint_vel}[where][1] = float("nan")
-    obs, _, terminated, *_ = env.step(zeros(env))
-    twin.fail[1] = True
-    twin.step(zeros(twin))
-    twin.fail[1] = False
-    assert terminated.tolist() == [False, True, False, False]
-    assert torch.isfinite(obs["policy"]).all()
-    for _ in range(5):
-        obs, *_ = env.step(torch.ones(N, 1))
-        other, *_ = twin.step(torch.ones(N, 1))
-        assert torch.isfinite(obs["policy"]).all()
-        assert torch.equal(obs["policy"][[0, 2, 3]], other["policy"][[0, 2, 3]])
-    fresh = make()
-    fresh.reset()
-    for e in (fresh, env):
-        e.robot.write_joint_state_to_sim(torch.full((N, 2), 0.2), torch.full((N, 2), 0.1))
-        e.robot.reset()
-    assert torch.equal(fresh.step(zeros(env))[0]["policy"], env.step(zeros(env))[0]["policy"])
-    assert torch.isfinite(env.robot.data.body_state_w).all()
-
-
-def rollout(env, steps: int = 14) -> torch.Tensor:
-    out = [env.step(torch.sin(torch.arange(N).float() + k)[:, None])[0]["policy"] for k in range(steps)]
-    return torch.stack(out)
-
-
-def test_seeds_reproduce():
-    one, two, three = make(seed=11), make(seed=11), make(seed=12)
-    a, b, c = [], [], []
-    for env, out in ((one, a), (two, b), (three, c)):
-        env.seed(env.cfg.seed)
-        env.reset()
-        out.append(rollout(env))
-    assert torch.equal(a[0], b[0])
-    assert not torch.equal(a[0], c[0])
-    assert torch.equal(*[(one.reset(seed=5)[0]["policy"], rollout(one))[1] for _ in range(2)])
-    draws = []
-    for _ in range(2):
-        one.reset(seed=5)
-        draws.append(float(one.np_random.random()))
-    assert draws[0] == draws[1]
-
-
-def test_state_goes_on_where_it_stopped():
-    env, other = make(), make()
-    env.reset(seed=4)
-    other.reset(seed=9)
-    rollout(env, 5)
-    rollout(other, 3)
-    state = env.get_state()
-    generator = torch.get_rng_state()
-    expected = rollout(env)
-    other.set_state(state)
-    torch.set_rng_state(generator)
-    assert other.common_step_counter == 5
-    assert other.episode_length_buf.tolist() == [5] * N
-    assert torch.equal(rollout(other), expected)
-    env.set_state(state)
-    torch.set_rng_state(generator)
-    assert torch.equal(rollout(env), expected)
-
-
-def test_state_holds_clocks_wrenches_and_biases():
-    def note(env, ids):
-        env.pushed = getattr(env, "pushed", 0) + len(ids)
-
-    event = EventTermCfg(func=note, mode="interval", interval_range_s=(0.1, 0.9))
-    noise = NoiseModelWithAdditiveBiasCfg(noise_cfg=ConstantNoiseCfg(), bias_noise_cfg=UniformNoiseCfg())
-    env, other = (make(events={"push": event}, observation_noise_model=noise) for _ in range(2))
-    env.reset(seed=1)
-    force = torch.ones(N, env.robot.num_bodies, 3)
-    env.robot.set_external_force_and_torque(force, force, is_global=True)
-    rollout(env, 3)
-    other.reset(seed=2)
-    state, generator = env.get_state(), torch.get_rng_state()
-    expected = rollout(env, 6)
-    other.set_state(state)
-    torch.set_rng_state(generator)
-    assert torch.equal(rollout(other, 6), expected)
-    torch.save(state, "state.pt")
-    torch.load("state.pt", weights_only=True)
-
-
-def test_state_of_another_size_is_refused(env):
-    cfg = CartCfg()
-    cfg.scene.num_envs = 2
-    with pytest.raises(ValueError, match="another task or size"):
-        CartEnv(cfg).set_state(env.get_state())
-
-
-def test_two_environments_do_not_disturb_each_other():
-    alone = make()
-    alone.reset(seed=2)
-    expected = rollout(alone, 8)
-    one, two = make(), make(start=-0.5)
-    two.reset()
-    one.reset(seed=2)
-    got = []
-    for k in range(8):
-        got.append(one.step(torch.sin(torch.arange(N).float() + k)[:, None])[0]["policy"])
-        two.step(-torch.ones(N, 1))
-    assert torch.equal(torch.stack(got), expected)
-    two.close()
-    two.close()
-    one.step(zeros(one))
-
-
-def test_inference_mode_leaves_no_trace(env):
-    with torch.inference_mode():
-        env.step(torch.ones(N, 1))
-    env.reset()
-    env.step(torch.ones(N, 1))
-    env.actions += 1.0
-    actions = torch.ones(N, 1, requires_grad=True)
-    obs, *_ = env.step(actions)
-    assert not obs["policy"].requires_grad
-    assert not env.robot.data.joint_effort_target.requires_grad
-
-
-# -- gymnasium and rsl_rl
-
-
-def cartpole_cfg(**changes) -> CartpoleEnvCfg:
-    cfg = CartpoleEnvCfg().replace(episode_length_s=0.2, **changes)
-    cfg.sim.device, cfg.scene.num_envs = "cpu", N
-    return cfg
-
-
-def test_make_vec():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stripe_newton.sim.simulation.resolve_device", lambda name: "cpu")
-        env = gymnasium.make_vec(TASK, num_envs=3)
-        assert (env.num_envs, env.device, env.spec.id) == (3, "cpu", TASK)
-        obs, _ = env.reset(seed=1)
-        assert obs["policy"].shape == (3, 4)
-        env.close()
-    cfg = cartpole_cfg()
-    assert gymnasium.make_vec(TASK, cfg=cfg).num_envs == N
-    assert gymnasium.make_vec(TASK, cfg=cfg, num_envs=2).num_envs == 2
-    assert cfg.scene.num_envs == N
-    assert gymnasium.make_vec(TASK, cfg=cfg, render_mode="rgb_array").render_mode == "rgb_array"
-    with pytest.raises(TypeError, match="unexpected arguments: speed"):
-        gymnasium.make_vec(TASK, cfg=cfg, speed=1)
-
-
-def numpy_env(**changes):
-    from gymnasium.wrappers.vector.array_conversion import ArrayConversion
-
-    return ArrayConversion(gymnasium.make_vec(TASK, cfg=cartpole_cfg(**changes)), env_xp=torch, target_xp=np)
-
-
-def test_episode_statistics_of_gymnasium():
-    env = RecordEpisodeStatistics(numpy_env())
-    obs, _ = env.reset(seed=1)
-    assert isinstance(obs["policy"], np.ndarray)
-    returns = np.zeros(N)
-    for step in range(12):
-        obs, reward, terminated, truncated, info = env.step(np.zeros((N, 1), dtype=np.float32))
-        assert isinstance(reward, np.ndarray)
-        assert terminated.dtype == truncated.dtype == np.bool_
-        returns += reward
-    assert truncated[0] or info is not None
-    assert env.episode_count == N
-    assert list(env.length_queue) == [12] * N
-    np.testing.assert_allclose(sorted(env.return_queue), sorted(returns), rtol=1e-5)
-    assert info["_episode"].all()
-    assert step == 11
-
-
-def test_other_wrappers_of_gymnasium():
-    box = gymnasium.spaces.Box(-1.0, 1.0, (1,))
-    env = ClipAction(RescaleAction(numpy_env(compute_final_obs=True, action_space=box), np.full(1, -2.0, np.float32), np.full(1, 2.0, np.float32)))
-    env.reset(seed=1)
-    for _ in range(12):
-        obs, *_, info = env.step(np.full((N, 1), 9.0, dtype=np.float32))
-    assert obs["policy"].shape == (N, 4)
-    assert info["final_obs"]["policy"].shape == (N, 4)
-
-
-def test_numpy_to_torch_wrapper_of_gymnasium():
-    from gymnasium.wrappers.vector.numpy_to_torch import NumpyToTorch
-
-    env = NumpyToTorch(numpy_env())
-    obs, _ = env.reset(seed=1)
-    assert isinstance(obs["policy"], torch.Tensor)
-    obs, reward, *_ = env.step(torch.zeros(N, 1))
-    assert isinstance(reward, torch.Tensor)
-
-
-def test_the_rsl_rl_wrapper():
-    env = gymnasium.make_vec(TASK, cfg=cartpole_cfg())
-    wrapped = RslRlVecEnvWrapper(env, clip_actions=1.0)
-    assert (wrapped.num_envs, wrapped.num_actions, wrapped.max_episode_length) == (N, 1, 12)
-    obs = wrapped.get_observations()
-    assert obs["policy"].shape == (N, 4)
-    wrapped.episode_length_buf = torch.tensor([11, 0, 0, 0])
-    obs, _, dones, extras = wrapped.step(torch.full((N, 1), 50.0))
-    assert dones.tolist() == [1, 0, 0, 0]
-    assert extras["time_outs"].tolist() == [True, False, False, False]
-    assert env.actions.abs().max() == 100.0
-    state = wrapped.get_state()
-    with torch.inference_mode():
-        expected = [wrapped.step(torch.zeros(N, 1))[0]["policy"] for _ in range(3)]
-        wrapped.set_state(state)
-        got = [wrapped.step(torch.zeros(N, 1))[0]["policy"] for _ in range(3)]
-    assert all(torch.equal(a, b) for a, b in zip(expected, got, strict=True))
-    env.reset()
-
-
-# -- a GPU
-
-
-@pytest.mark.gpu
-def test_a_step_on_the_gpu_is_one_graph_and_equals_eager_stepping():
-    def run(graph: bool):
-        cfg = CartCfg().replace(apply_action="step")
-        cfg.sim.device, cfg.sim.use_cuda_graph = "cuda:0", graph
-        cfg.robot = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
-        env = gymnasium.make_vec(TASK, cfg=cartpole_cfg(apply_action="step").replace(sim=cfg.sim))
-        env.reset(seed=1)
-        out = [env.step(torch.full((N, 1), 0.1 * k, device="cuda:0"))[0]["policy"] for k in range(30)]
-        return env, torch.stack(out)
-
-    (env, one), (_, two), (_, three) = run(True), run(False), run(True)
-    assert list(env.sim._graphs) == [2]
-    assert torch.equal(one, two)
-    assert torch.equal(one, three)  # and a second environment on the same GPU
-
-
-def test_info_as_a_list():
-    env = DictInfoToList(numpy_env())
-    env.reset(seed=1)
-    try:
-        *_, infos = env.step(np.zeros((N, 1), dtype=np.float32))
-    finally:
-        env.close()
-    assert len(infos) == N

@@ -206,7 +206,9 @@ def test_a_hundred_random_steps(device):
     assert (ended >= 3).all()
     assert failed > 0
     origins = env.cartpole.data.root_pos_w - env.scene.env_origins
-    torch.testing.assert_close(origins, torch.tensor([0.0, 0.0, 2.0], device=env.device).expand(8, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        origins, torch.tensor([0.0, 0.0, 2.0], device=env.device).expand(8, 3), atol=1e-5, rtol=0
+    )
 
 
 def test_rewards_are_the_formula():

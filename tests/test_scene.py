@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-import stripe_tasks  # noqa: F401
 from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import Articulation, ArticulationCfg, AssetBaseCfg, RigidObject, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
@@ -111,14 +110,14 @@ def test_environments_stand_at_their_origins():
 
 
 def test_construction_errors():
-    with pytest.raises(ValueError, match="two assets at '/World/envs/env_.*/Box'"):
+    with pytest.raises(ValueError, match=r"two assets at '/World/envs/env_.*/Box'"):
         make_scene({"one": box(), "two": box().replace(prim_path="/World/envs/env_.*/Box", spawn=None)})
+    scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=1.0), Simulation(sim_cfg()))
+    scene.clone_environments()
     with pytest.raises(RuntimeError, match="comes after 'clone_environments' was called"):
-        scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=1.0), Simulation(sim_cfg()))
-        scene.clone_environments()
         scene.builder.build_objects({"box": box()})
+    scene = by_hand()
     with pytest.raises(RuntimeError, match="comes after the scene is built"):
-        scene = by_hand()
         scene.builder.build_objects({"box": box("Other")})
     with pytest.raises(RuntimeError, match="no scene is under construction"):
         RigidObject(box())
@@ -382,13 +381,22 @@ def test_explicit_actuators_bodies_and_materials_survive_a_round_trip(tmp_path):
         ),
         init_state=RigidObjectCfg.InitialStateCfg(pos=(1.0, 0.0, 0.5), rot=(0.0, 0.6, 0.0, 0.8)),
     )  # fmt: skip
-    material = RigidBodyMaterialCfg(static_friction=0.3, dynamic_friction=0.3)
+    material = RigidBodyMaterialCfg(static_friction=0.3, dynamic_friction=0.3, density=700.0)
+    bare = CuboidCfg(
+        size=(0.1, 0.2, 0.3), rigid_props=RigidBodyPropertiesCfg(), collision_props=CollisionPropertiesCfg()
+    )
+    light = RigidObjectCfg(
+        prim_path="{ENV_REGEX_NS}/Light", spawn=bare, init_state=ball.init_state.replace(pos=(3.0, 0.0, 2.0))
+    )
     scene = make_scene(
-        {"ground": GROUND, "robot": robot, "ball": ball, "box": box(mu=0.15, z=0.25)},
+        {"ground": GROUND, "robot": robot, "ball": ball, "light": light, "box": box(mu=0.15, z=0.25)},
         sim=sim_cfg(solver=CONTACTS, physics_material=material),
     )
     again = trip(scene, tmp_path / "scene.usda")
-    assert len(again.rigid_objects) == 2
+    assert len(again.rigid_objects) == 3
+    assert float(again["Light"].data.body_mass[0, 0]) == pytest.approx(700.0 * 0.1 * 0.2 * 0.3, rel=1e-5)
+    plain = InteractiveScene.from_usd(tmp_path / "scene.usda", 2, 3.0, SimulationCfg(device="cpu", gravity=None))
+    np.testing.assert_array_equal(plain.sim.model.body_mass.numpy(), scene.sim.model.body_mass.numpy())
     assert (
         sum(a.num_actuators for a in again.sim.model.actuators)
         == sum(a.num_actuators for a in scene.sim.model.actuators)

@@ -134,7 +134,19 @@ def test_cart_with_two_poles(envs):
     for _, (obs, reward, terminated, truncated, _) in run(env, 30):
         q, v = raw(env)
         a, b = q[:, first], q[:, first] + q[:, second]
-        expected = np.stack((q[:, cart], v[:, cart], np.sin(a), np.cos(a), np.sin(b), np.cos(b), v[:, first], v[:, first] + v[:, second]), -1)
+        expected = np.stack(
+            (
+                q[:, cart],
+                v[:, cart],
+                np.sin(a),
+                np.cos(a),
+                np.sin(b),
+                np.cos(b),
+                v[:, first],
+                v[:, first] + v[:, second],
+            ),
+            -1,
+        )
         np.testing.assert_allclose(numpy(obs["policy"]), expected, atol=2e-6)
         going = ~terminated.numpy() & ~truncated.numpy()
         wrapped = [(x + np.pi) % (2 * np.pi) - np.pi for x in (a, b)]
@@ -200,7 +212,9 @@ def test_runners(envs, task):
         np.testing.assert_allclose(got[:, 10], now["up"], atol=1e-4)
         np.testing.assert_allclose(got[:, 11], now["heading"], atol=1e-4)
         np.testing.assert_allclose(got[:, 12 : 12 + joints], scaled, atol=1e-4)
-        np.testing.assert_allclose(got[:, 12 + joints : 12 + 2 * joints], v[:, 6:] * cfg.joint_vel_scale, atol=1e-3, rtol=1e-4)
+        np.testing.assert_allclose(
+            got[:, 12 + joints : 12 + 2 * joints], v[:, 6:] * cfg.joint_vel_scale, atol=1e-3, rtol=1e-4
+        )
         kept = np.where(going[:, None], np.clip(numpy(action), -1.0, 1.0), 0.0)
         np.testing.assert_allclose(got[:, 12 + 2 * joints :], kept, atol=1e-6)
         assert got.shape[1] == 12 + 3 * joints
@@ -241,4 +255,6 @@ def test_the_torque_of_an_action(envs, task):
     env.step(action)
     expected = numpy(env._efforts) * np.clip(numpy(action), -1.0, 1.0)
     np.testing.assert_allclose(numpy(env.robot.data.joint_effort_target), expected, rtol=1e-5)
-    assert {float(g) for g in env._efforts} == {cfg_gear * env.cfg.action_scale for cfg_gear in set(env.cfg.joint_gears.values())}
+    assert {float(g) for g in env._efforts} == {
+        cfg_gear * env.cfg.action_scale for cfg_gear in set(env.cfg.joint_gears.values())
+    }

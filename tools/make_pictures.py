@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the pictures of the README: ``python tools/make_pictures.py [docs/images]``.
 
-``hero.png`` shows ants and humanoids of the tasks at a run, ``cartpole.png`` and so on one environment of each task. The
-robots are posed, not simulated: no training is needed, and the pictures are the same on every machine.
+``hero.png`` shows ants and humanoids of the tasks at a run, ``cartpole.png`` and so on one environment of each task.
+The robots are posed, not simulated: no training is needed.
 """
 
 from __future__ import annotations
@@ -20,16 +20,15 @@ from PIL import Image
 
 import stripe_tasks  # noqa: F401 (registers the tasks)
 from stripe_newton.assets import Articulation, AssetBaseCfg
+from stripe_newton.configclass import resolve_name
 from stripe_newton.math import quat_apply, quat_from_euler_xyz
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import (
     DistantLightCfg,
     DomeLightCfg,
     GroundPlaneCfg,
-    RigidBodyMaterialCfg,
     Simulation,
     SimulationCfg,
-    UsdFileCfg,
 )
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_tasks.robots import ANT_CFG, HUMANOID_CFG
@@ -77,7 +76,14 @@ def humanoid_pose(phase: float) -> dict[str, float]:
     return pose
 
 
-def put(robot: Articulation, pose: dict[str, float], at: tuple[float, float], yaw: float, pitch: float = 0.0) -> None:
+def put(
+    sim: Simulation,
+    robot: Articulation,
+    pose: dict[str, float],
+    at: tuple[float, float],
+    yaw: float,
+    pitch: float = 0.0,
+) -> None:
     """Put a robot into a pose, with its lowest point on the ground."""
     joints = robot.data.default_joint_pos.clone()
     for name, angle in pose.items():
@@ -87,16 +93,16 @@ def put(robot: Articulation, pose: dict[str, float], at: tuple[float, float], ya
     quat = quat_from_euler_xyz(*(a.view(1) for a in angles))
     root = torch.cat((torch.tensor([[*at, 5.0]]), quat), dim=-1)
     robot.write_root_pose_to_sim(root)
-    robot._sim.forward()
-    root[:, 2] -= lowest(robot)
+    sim.forward()
+    root[:, 2] -= lowest(sim, robot)
     robot.write_root_pose_to_sim(root)
-    robot._sim.forward()
+    sim.forward()
 
 
-def lowest(robot: Articulation) -> float:
+def lowest(sim: Simulation, robot: Articulation) -> float:
     """Height of the lowest point of a robot made of spheres and capsules [m]."""
-    builder, heights = robot._sim.template, []
-    poses = wp.to_torch(robot._sim.state.body_q)
+    builder, heights = sim.template, []
+    poses = wp.to_torch(sim.state.body_q)
     for shape, body in enumerate(builder.shape_body):
         if body not in robot.layout.bodies or not builder.shape_flags[shape] & newton.ShapeFlags.COLLIDE_SHAPES:
             continue
@@ -114,10 +120,11 @@ def lowest(robot: Articulation) -> float:
 def hero(path: Path) -> None:
     """A herd of ants and humanoids."""
     rng = np.random.default_rng(4)
-    people = [(0.6, 0.9), (-1.6, -2.0), (-2.9, 2.9), (-5.2, 0.3), (-5.9, 5.6), (-6.6, -3.4), (-9.0, 2.6), (-12.5, -0.6), (-12.0, 6.6)]
+    people = [(0.6, 0.9), (-1.6, -2.0), (-2.9, 2.9), (-5.2, 0.3), (-5.9, 5.6), (-6.6, -3.4), (-9.0, 2.6)]
+    people += [(-12.5, -0.6), (-12.0, 6.6)]
     herd = [(1.4, -1.1), (0.1, -3.8), (0.9, 3.0), (-1.7, 0.7), (-1.3, 4.9), (-3.6, -4.0), (-3.9, -0.9), (-4.6, 2.6)]
-    herd += [(-3.9, 7.3), (-6.9, 8.4), (-7.3, 1.8), (-7.2, -0.9), (-7.6, 4.6), (-9.6, 0.2), (-9.9, 5.6), (-9.8, -2.6), (-10.6, 8.6)]
-    herd += [(-12.4, 2.2), (-12.7, 4.3), (-13.6, 9.2), (-15.4, 1.6), (-15.9, 5.6)]
+    herd += [(-3.9, 7.3), (-6.9, 8.4), (-7.3, 1.8), (-7.2, -0.9), (-7.6, 4.6), (-9.6, 0.2), (-9.9, 5.6), (-9.8, -2.6)]
+    herd += [(-10.6, 8.6), (-12.4, 2.2), (-12.7, 4.3), (-13.6, 9.2), (-15.4, 1.6), (-15.9, 5.6)]
     places = [("humanoid", *at) for at in people] + [("ant", *at) for at in herd]
     scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=0.0), Simulation(SimulationCfg(device="cpu")))
     ground = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
@@ -134,22 +141,24 @@ def hero(path: Path) -> None:
         at = x + rng.uniform(-0.15, 0.15), y + rng.uniform(-0.15, 0.15)
         phase, yaw = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.25, 0.25)
         if kind == "ant":
-            put(scene[f"robot_{i}"], ant_pose(phase), at, yaw)
+            put(scene.sim, scene[f"robot_{i}"], ant_pose(phase), at, yaw)
         else:
-            put(scene[f"robot_{i}"], humanoid_pose(phase), at, yaw, 0.12)
+            put(scene.sim, scene[f"robot_{i}"], humanoid_pose(phase), at, yaw, 0.12)
     renderer = SceneRenderer(scene.sim, viewer(1280, 640, eye=(7.2, -6.0, 2.3), lookat=(-2.2, 0.75, 0.45), fov=25.0))
     save(path, renderer)
 
 
 def task(path: Path, name: str, **camera: object) -> None:
     """One environment of a task."""
-    env = gymnasium.make_vec(name, num_envs=1)
+    cfg = resolve_name(gymnasium.spec(name).kwargs["env_cfg_entry_point"])()
+    cfg.scene.num_envs, cfg.sim.device = 1, "cpu"
+    env = gymnasium.make_vec(name, cfg=cfg)
     env.reset(seed=1)
     robot = env.unwrapped.robot
     if "Ant" in name:
-        put(robot, ant_pose(2.4), (0.0, 0.0), 0.0)
+        put(env.unwrapped.sim, robot, ant_pose(2.4), (0.0, 0.0), 0.0)
     elif "Humanoid" in name:
-        put(robot, humanoid_pose(1.0), (0.0, 0.0), 0.0, 0.12)
+        put(env.unwrapped.sim, robot, humanoid_pose(1.0), (0.0, 0.0), 0.0, 0.12)
     else:
         joints = torch.tensor([[0.5, -0.22] if robot.num_joints == 2 else [0.4, -0.16, 0.38]])
         robot.write_joint_state_to_sim(joints, torch.zeros_like(joints))

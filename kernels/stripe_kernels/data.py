@@ -11,7 +11,16 @@ environment; the types of the others say what it reads::
 
 import warp as wp
 
-__all__ = ["ActionData", "ArticulationData", "EpisodeData", "PoseCommandData", "RigidObjectData", "VelocityCommandData"]
+__all__ = [
+    "ActionData",
+    "ArticulationData",
+    "CommandData",
+    "EpisodeData",
+    "Pose2dCommandData",
+    "PoseCommandData",
+    "RigidObjectData",
+    "VelocityCommandData",
+]
 
 
 @wp.struct
@@ -54,6 +63,10 @@ class ArticulationData:
     """Effort of the solver's drives in the last physics step [N or N m], shape ``(num_envs, num_joints)``."""
     joint_other_effort: wp.array2d[float]
     """Effort of explicit actuators and effort targets in it [N or N m], shape ``(num_envs, num_joints)``."""
+    joint_stiffness: wp.array2d[float]
+    """Position gains of the drives, implicit or explicit [N/m or N m/rad], shape ``(num_envs, num_joints)``."""
+    joint_damping: wp.array2d[float]
+    """Velocity gains of the drives, implicit or explicit [N s/m or N m s/rad], shape ``(num_envs, num_joints)``."""
     joint_pos_lower: wp.array2d[float]
     """Lower limits [m or rad], shape ``(num_envs, num_joints)``."""
     joint_pos_upper: wp.array2d[float]
@@ -62,6 +75,9 @@ class ArticulationData:
     """Rated speeds [m/s or rad/s], shape ``(num_envs, num_joints)``."""
     joint_effort_limit: wp.array2d[float]
     """Largest efforts [N or N m], shape ``(num_envs, num_joints)``."""
+    external_wrench: wp.array2d[wp.spatial_vector]
+    """Wrench that acts on the bodies about their centres of mass until it is changed [N, N m], in the frame that the
+    simulation is told, shape ``(num_envs, num_bodies)``."""
     soft_limit_factor: float
     """Share of the range between the position limits that the soft limits cover about their middle."""
     env_origin: wp.array[wp.vec3]
@@ -101,11 +117,29 @@ class ActionData:
 
 
 @wp.struct
+class CommandData:
+    """What every command has: the numbers an observation shows, and its clock."""
+
+    command: wp.array2d[float]
+    """The command as the policy sees it, shape ``(num_envs, num_command)``."""
+    time_left: wp.array[float]
+    """Time until a new command is drawn [s], shape ``(num_envs,)``."""
+    counter: wp.array[int]
+    """Commands drawn in the episode, shape ``(num_envs,)``."""
+
+
+@wp.struct
 class VelocityCommandData:
     """A velocity to follow."""
 
     command: wp.array2d[float]
     """Forward and sideways velocity [m/s] and yaw rate [rad/s] in the root's frame, shape ``(num_envs, 3)``."""
+    heading_target: wp.array[float]
+    """Heading to turn to, in the world frame [rad], shape ``(num_envs,)``."""
+    is_heading: wp.array[wp.bool]
+    """Whether the yaw rate follows from the heading, shape ``(num_envs,)``."""
+    is_standing: wp.array[wp.bool]
+    """Whether the command is to stand, shape ``(num_envs,)``."""
 
 
 @wp.struct
@@ -113,7 +147,19 @@ class PoseCommandData:
     """A pose to reach."""
 
     pose: wp.array[wp.transform]
-    """Pose in the root's frame [m], shape ``(num_envs,)``."""
+    """Pose in the root's frame [m], shape ``(num_envs,)``; as floats it is the command, ``(num_envs, 7)``."""
+
+
+@wp.struct
+class Pose2dCommandData:
+    """A place to go to and a heading to have there."""
+
+    command: wp.array2d[float]
+    """Position relative to the root, in its yaw frame [m], and turn to the heading [rad], shape ``(num_envs, 4)``."""
+    pos: wp.array[wp.vec3]
+    """Position in the world frame [m], shape ``(num_envs,)``."""
+    heading: wp.array[float]
+    """Heading in the world frame [rad], shape ``(num_envs,)``."""
 
 
 @wp.struct
@@ -124,9 +170,13 @@ class EpisodeData:
     """Steps taken, shape ``(num_envs,)``."""
     terminated: wp.array[wp.bool]
     """Whether it ended in failure or success, shape ``(num_envs,)``."""
+    truncated: wp.array[wp.bool]
+    """Whether it was cut off, by the time limit say, shape ``(num_envs,)``."""
     term_terminated: wp.array2d[wp.bool]
-    """The same by termination term, shape ``(num_envs, num_terms)``."""
+    """What each termination term said, those that cut off included, shape ``(num_envs, num_terms)``."""
     max_length: int
     """Steps in an episode."""
+    max_length_s: float
+    """Length of an episode [s], as configured."""
     step_dt: float
     """Time step of the environment [s]."""

@@ -8,6 +8,7 @@ import random
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import newton
 import numpy as np
 import torch
 import warp as wp
@@ -315,6 +316,9 @@ class DirectRLEnv(VectorEnv):
         """
         if "external_wrench" in state["arrays"]:
             self.sim.enable_external_wrench()
+        dynamics = [name.removeprefix("model.") for name in state["arrays"] if name.startswith("model.")]
+        for name in dynamics:
+            self.scene.controller.track(name)
         arrays, buffers = self._arrays(), self._buffers()
         for name, value in state["arrays"].items():
             mine = wp.to_torch(arrays[name]) if name in arrays else None
@@ -336,6 +340,9 @@ class DirectRLEnv(VectorEnv):
         for mine, part in zip(self._parts(), state["parts"]):
             mine.update({k: v.to(self.device).clone() for k, v in part.items()})
         self.sim.roots_moved = True
+        if dynamics:
+            self.sim.refresh_drives()
+            self.sim.notify(newton.ModelFlags.ALL)
         self.sim.forward()
 
     def _parts(self) -> list[dict[str, Any]]:
@@ -352,6 +359,7 @@ class DirectRLEnv(VectorEnv):
         }
         found |= {k: getattr(sim.control, k) for k in ("joint_target_q", "joint_target_qd", "joint_act")}
         found["joint_X_p"] = sim.model.joint_X_p
+        found |= {f"model.{k}": getattr(sim.model, k) for k in self.scene.controller.randomized}
         if sim.external_wrench is not None:
             found |= {"external_wrench": sim.external_wrench, "wrench_in_world": sim.wrench_in_world}
         data = getattr(sim.solver, "mjw_data", None)

@@ -143,6 +143,15 @@ class SceneController:
             self._scene.sim.refresh_drives()
             self._scene.sim.notify(changed)
 
+    @property
+    def randomized(self) -> list[str]:
+        """Fields of the model that were randomised."""
+        return list(self._defaults)
+
+    def track(self, name: str) -> None:
+        """Remember a field of the model as it was built, before somebody else changes it."""
+        self._field(name)
+
     def _field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
         """A field of the model by environment, and its values as built."""
         sim = self._scene.sim

@@ -151,20 +151,32 @@ def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
 
 
 def _author_default_material(stage: Usd.Stage, scene: InteractiveScene) -> None:
-    """Bind the simulation's default material to colliders that have none."""
+    """Bind the simulation's default material to colliders that have none.
+
+    Its density counts for bodies without MassAPI alone, as it did when the scene was built: a body with one and no
+    mass in it has UsdPhysics' own default density.
+    """
     cfg = scene.sim.cfg.physics_material
-    material = UsdShade.Material.Define(stage, "/World/defaultPhysicsMaterial")
-    api = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
-    api.CreateStaticFrictionAttr(cfg.static_friction)
-    api.CreateDynamicFrictionAttr(cfg.dynamic_friction)
-    api.CreateRestitutionAttr(cfg.restitution)
+    materials = {}
+    for name, density in (("defaultPhysicsMaterial", None), ("defaultDensityMaterial", cfg.density)):
+        if name == "defaultDensityMaterial" and density is None:
+            continue
+        materials[density is not None] = material = UsdShade.Material.Define(stage, f"/World/{name}")
+        api = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
+        api.CreateStaticFrictionAttr(cfg.static_friction)
+        api.CreateDynamicFrictionAttr(cfg.dynamic_friction)
+        api.CreateRestitutionAttr(cfg.restitution)
+        if density is not None:
+            api.CreateDensityAttr(density)
     for prim in stage.Traverse():
-        if (
-            prim.HasAPI(UsdPhysics.CollisionAPI)
-            and not UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]
-        ):
+        bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]
+        if prim.HasAPI(UsdPhysics.CollisionAPI) and not bound:
+            body = prim
+            while body and not body.HasAPI(UsdPhysics.RigidBodyAPI):
+                body = body.GetParent()
+            dense = True in materials and bool(body) and not body.HasAPI(UsdPhysics.MassAPI)
             UsdShade.MaterialBindingAPI.Apply(prim)
-            UsdShade.MaterialBindingAPI(prim).Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
+            UsdShade.MaterialBindingAPI(prim).Bind(materials[dense], UsdShade.Tokens.weakerThanDescendants, "physics")
 
 
 def _author_physics_scene(stage: Usd.Stage, scene: InteractiveScene) -> None:

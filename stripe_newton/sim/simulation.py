@@ -62,6 +62,8 @@ class Simulation:
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
+        if wp.config.log_level == wp.LOG_INFO:
+            wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
         self.num_envs = 0
@@ -118,10 +120,21 @@ class Simulation:
         )
         with wp.ScopedDevice(self.device):
             self.model = builder.finalize(device=self.device)
-            self.solver = self.cfg.solver.create(self.model)
+            self.solver = self._create_solver()
             self._allocate()
         self.forward()
         self.build_s = time.perf_counter() - start
+
+    def _create_solver(self) -> newton.solvers.SolverBase:
+        try:
+            return self.cfg.solver.create(self.model)
+        except Exception as error:
+            if "stackAlloc" not in str(error):  # MuJoCo's own, when the contacts of the start do not fit its memory
+                raise
+            raise RuntimeError(
+                "MuJoCo ran out of memory for the contacts at the start: bodies overlap there; "
+                "give each asset its own 'init_state.pos'"
+            ) from error
 
     def _allocate(self) -> None:
         model = self.model

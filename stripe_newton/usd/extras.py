@@ -20,7 +20,7 @@ def read_lights(source: str | Path | Usd.Stage, root_path: str = "/") -> list[Li
     Invisible lights are left out. Other kinds of light are not read: see :func:`ignored_lights`.
     """
     stage = open_stage(source)
-    to_z_up = Gf.Rotation()
+    to_z_up = Gf.Rotation(Gf.Vec3d(0.0, 0.0, 1.0), 0.0)  # the default constructor leaves it undefined
     if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y:
         to_z_up = Gf.Rotation(Gf.Vec3d(1, 0, 0), 90.0)
     lights = []

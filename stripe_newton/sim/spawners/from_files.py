@@ -67,8 +67,8 @@ def spawn_from_usd(
         material = cfg.visual_material.func(f"{prim.GetPath()}/{cfg.visual_material_path}", cfg.visual_material)
         UsdShade.MaterialBindingAPI.Apply(prim)
         UsdShade.MaterialBindingAPI(prim).Bind(UsdShade.Material(material), UsdShade.Tokens.strongerThanDescendants)
+    place(prim, translation, orientation, cfg.scale)  # first: a root link is fixed where it then stands
     _set_properties(prim, cfg)
-    place(prim, translation, orientation, cfg.scale)
     return finish(prim, cfg)
 
 

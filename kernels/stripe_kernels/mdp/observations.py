@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observations: ``term(env, ..., out)`` writes the numbers of one environment into its slice ``out``.
+
+``OBSERVATION_SIZES`` says how many those are: name -> function of the counts, a mapping with the lengths of the index
+arrays under their names, and ``num_actions`` and ``num_command``::
+
+    OBSERVATION_SIZES["body_pose_w"]({"body_ids": 4})  # 28
+"""
+
+from collections.abc import Callable, Mapping
+
+import warp as wp
+
+from ..data import ActionData, ArticulationData, CommandData, EpisodeData
+from . import frames
+
+__all__ = [
+    "OBSERVATION_SIZES",
+    "base_ang_vel",
+    "base_lin_vel",
+    "base_pos_z",
+    "body_incoming_wrench",
+    "body_pose_w",
+    "body_projected_gravity_b",
+    "current_time_s",
+    "generated_commands",
+    "joint_effort",
+    "joint_pos",
+    "joint_pos_limit_normalized",
+    "joint_pos_rel",
+    "joint_vel",
+    "joint_vel_rel",
+    "last_action",
+    "projected_gravity",
+    "remaining_time_s",
+    "root_ang_vel_w",
+    "root_lin_vel_w",
+    "root_pos_w",
+    "root_quat_w",
+]
+
+
+def _fixed(size: int) -> Callable[[Mapping[str, int]], int]:
+    return lambda counts: size
+
+
+def _each(name: str, size: int = 1) -> Callable[[Mapping[str, int]], int]:
+    return lambda counts: size * counts[name]
+
+
+OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
+    "base_ang_vel": _fixed(3),
+    "base_lin_vel": _fixed(3),
+    "base_pos_z": _fixed(1),
+    "body_incoming_wrench": _each("body_ids", 6),
+    "body_pose_w": _each("body_ids", 7),
+    "body_projected_gravity_b": _each("body_ids", 3),
+    "current_time_s": _fixed(1),
+    "generated_commands": _each("num_command"),
+    "joint_effort": _each("joint_ids"),
+    "joint_pos": _each("joint_ids"),
+    "joint_pos_limit_normalized": _each("joint_ids"),
+    "joint_pos_rel": _each("joint_ids"),
+    "joint_vel": _each("joint_ids"),
+    "joint_vel_rel": _each("joint_ids"),
+    "last_action": _each("num_actions"),
+    "projected_gravity": _fixed(3),
+    "remaining_time_s": _fixed(1),
+    "root_ang_vel_w": _fixed(3),
+    "root_lin_vel_w": _fixed(3),
+    "root_pos_w": _fixed(3),
+    "root_quat_w": _fixed(4),
+}
+"""Numbers that each observation writes: name -> function of the counts."""
+
+
+@wp.func
+def _write_vec3(v: wp.vec3, first: int, out: wp.array[float]):
+    for k in range(3):
+        out[first + k] = v[k]
+
+
+@wp.func
+def base_pos_z(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Height of the root link in the world.
+
+    Formula: ``p.z`` [m].
+
+    Source: Isaac Lab, ``mdp.base_pos_z``.
+    """
+    out[0] = wp.transform_get_translation(robot.root_pose[env])[2]
+
+
+@wp.func
+def base_lin_vel(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Linear velocity of the root's centre of mass in the root's frame.
+
+    Formula: ``R^T v`` [m/s].
+
+    Source: Isaac Lab, ``mdp.base_lin_vel``.
+    """
+    _write_vec3(frames.root_lin_vel_b(env, robot), 0, out)
+
+
+@wp.func
+def base_ang_vel(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Angular velocity of the root in the root's frame.
+
+    Formula: ``R^T w`` [rad/s].
+
+    Source: Isaac Lab, ``mdp.base_ang_vel``.
+    """
+    _write_vec3(frames.root_ang_vel_b(env, robot), 0, out)
+
+
+@wp.func
+def projected_gravity(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Direction of gravity in the root's frame; (0, 0, -1) when upright.
+
+    Formula: ``R^T g / |g|``.
+
+    Source: Isaac Lab, ``mdp.projected_gravity``.
+    """
+    _write_vec3(frames.projected_gravity_b(env, robot), 0, out)
+
+
+@wp.func
+def root_pos_w(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Position of the root link relative to the environment's origin, in the axes of the world.
+
+    Formula: ``p - origin`` [m].
+
+    Source: Isaac Lab, ``mdp.root_pos_w``.
+    """
+    _write_vec3(wp.transform_get_translation(robot.root_pose[env]) - robot.env_origin[env], 0, out)
+
+
+@wp.func
+def root_quat_w(env: int, robot: ArticulationData, make_quat_unique: bool, out: wp.array[float]):
+    """Orientation of the root link in the world, (x, y, z, w).
+
+    Formula: ``q``; with ``make_quat_unique`` that of ``q`` and ``-q`` with ``w >= 0``.
+
+    Source: Isaac Lab, ``mdp.root_quat_w``, there (w, x, y, z) before version 3.
+    """
+    q = wp.transform_get_rotation(robot.root_pose[env])
+    if make_quat_unique:
+        q = frames.quat_unique(q)
+    for k in range(4):
+        out[k] = q[k]
+
+
+@wp.func
+def root_lin_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Linear velocity of the root's centre of mass in the world.
+
+    Formula: ``v`` [m/s].
+
+    Source: Isaac Lab, ``mdp.root_lin_vel_w``.
+    """
+    _write_vec3(wp.spatial_top(robot.root_vel[env]), 0, out)
+
+
+@wp.func
+def root_ang_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
+    """Angular velocity of the root in the world.
+
+    Formula: ``w`` [rad/s].
+
+    Source: Isaac Lab, ``mdp.root_ang_vel_w``.
+    """
+    _write_vec3(wp.spatial_bottom(robot.root_vel[env]), 0, out)
+
+
+@wp.func
+def body_pose_w(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
+    """Poses of link frames relative to the environment's origin, in the axes of the world.
+
+    Formula: ``(p_i - origin, q_i)`` [m], quaternion (x, y, z, w), seven numbers a body.
+
+    Source: Isaac Lab, ``mdp.body_pose_w``.
+    """
+    for i in range(body_ids.shape[0]):
+        pose = robot.body_pose[env, body_ids[i]]
+        q = wp.transform_get_rotation(pose)
+        _write_vec3(wp.transform_get_translation(pose) - robot.env_origin[env], 7 * i, out)
+        for k in range(4):
+            out[7 * i + 3 + k] = q[k]
+
+
+@wp.func
+def body_projected_gravity_b(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
+    """Direction of gravity in the frames of links.
+
+    Formula: ``R_i^T g / |g|``, three numbers a body.
+
+    Source: Isaac Lab, ``mdp.body_projected_gravity_b``.
+    """
+    for i in range(body_ids.shape[0]):
+        q = wp.transform_get_rotation(robot.body_pose[env, body_ids[i]])
+        _write_vec3(wp.quat_rotate_inv(q, robot.gravity_dir), 3 * i, out)
+
+
+@wp.func
+def body_incoming_wrench(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
+    """Force and torque that bodies get from their parent joints, about their centres of mass, in the world.
+
+    Formula: ``(f_i, t_i)`` [N, N m], six numbers a body.
+
+    Source: Isaac Lab, ``mdp.body_incoming_wrench``.
+    """
+    for i in range(body_ids.shape[0]):
+        wrench = robot.body_parent_wrench[env, body_ids[i]]
+        for k in range(6):
+            out[6 * i + k] = wrench[k]
+
+
+@wp.func
+def joint_pos(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
+    """Joint positions.
+
+    Formula: ``q_i`` [m or rad].
+
+    Source: Isaac Lab, ``mdp.joint_pos``.
+    """
+    for i in range(joint_ids.shape[0]):
+        out[i] = robot.joint_pos[env, joint_ids[i]]
+
+
+@wp.func
+def joint_pos_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
+    """Joint positions relative to those at the start of an episode.
+
+    Formula: ``q_i - q_default,i`` [m or rad].
+
+    Source: Isaac Lab, ``mdp.joint_pos_rel``.
+    """
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        out[i] = robot.joint_pos[env, joint] - robot.default_joint_pos[env, joint]
+
+
+@wp.func
+def joint_pos_limit_normalized(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
+    """Joint positions on a scale that is -1 and 1 at the soft limits.
+
+    Formula: ``(2 q_i - upper - lower) / (upper - lower)``, 0 where the limits coincide.
+
+    Source: Isaac Lab, ``mdp.joint_pos_limit_normalized``.
+    """
+    for i in range(joint_ids.shape[0]):
+        limits = frames.soft_joint_pos_limits(env, robot, joint_ids[i])
+        width = limits[1] - limits[0]
+        value = wp.float32(0.0)
+        if width > 0.0:
+            value = 2.0 * (robot.joint_pos[env, joint_ids[i]] - 0.5 * (limits[0] + limits[1])) / width
+        out[i] = value
+
+
+@wp.func
+def joint_vel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
+    """Joint velocities.
+
+    Formula: ``qd_i`` [m/s or rad/s].
+
+    Source: Isaac Lab, ``mdp.joint_vel``.
+    """
+    for i in range(joint_ids.shape[0]):
+        out[i] = robot.joint_vel[env, joint_ids[i]]
+
+
+@wp.func
+def joint_vel_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
+    """Joint velocities relative to those at the start of an episode.
+
+    Formula: ``qd_i - qd_default,i`` [m/s or rad/s].
+
+    Source: Isaac Lab, ``mdp.joint_vel_rel``.
+    """
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        out[i] = robot.joint_vel[env, joint] - robot.default_joint_vel[env, joint]
+
+
+@wp.func
+def joint_effort(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
+    """Efforts of drives and actuators in the last physics step.
+
+    Formula: ``tau_i = tau_drive,i + tau_other,i`` [N or N m].
+
+    Source: Isaac Lab, ``mdp.joint_effort``.
+    """
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        out[i] = robot.joint_drive_effort[env, joint] + robot.joint_other_effort[env, joint]
+
+
+@wp.func
+def last_action(env: int, actions: ActionData, out: wp.array[float]):
+    """What the policy asked for in this step, before scale and offset.
+
+    Formula: ``a_i``.
+
+    Source: Isaac Lab, ``mdp.last_action``.
+    """
+    for i in range(actions.action.shape[1]):
+        out[i] = actions.action[env, i]
+
+
+@wp.func
+def generated_commands(env: int, command: CommandData, out: wp.array[float]):
+    """The numbers of a command.
+
+    Formula: ``c_i``, in the units of the command.
+
+    Source: Isaac Lab, ``mdp.generated_commands``.
+    """
+    for i in range(command.command.shape[1]):
+        out[i] = command.command[env, i]
+
+
+@wp.func
+def current_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
+    """Time since the start of the episode.
+
+    Formula: ``n dt`` [s], ``n`` the steps taken.
+
+    Source: Isaac Lab, ``mdp.current_time_s``.
+    """
+    out[0] = float(episode.length[env]) * episode.step_dt
+
+
+@wp.func
+def remaining_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
+    """Time until the episode is cut off.
+
+    Formula: ``T - n dt`` [s], ``n`` the steps taken and ``T`` the length of an episode.
+
+    Source: Isaac Lab, ``mdp.remaining_time_s``.
+    """
+    out[0] = episode.max_length_s - float(episode.length[env]) * episode.step_dt
