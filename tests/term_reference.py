@@ -30,7 +30,7 @@ def heading(poses: np.ndarray) -> np.ndarray:
 
 
 def in_yaw_frame(poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return Rotation.from_euler("z", heading(poses)).inv().apply(vectors)
+    return Rotation.from_euler("z", heading(poses)[:, None]).inv().apply(vectors)
 
 
 def soft_limits(r: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -113,8 +113,8 @@ OBSERVATIONS: dict[str, Callable[[Values, Params], np.ndarray]] = {
     "root_ang_vel_w": _robot(lambda r: r["root_vel"][:, 3:]),
     "body_pose_w": body_pose_w,
     "body_projected_gravity_b": body_projected_gravity_b,
-    "body_incoming_wrench": lambda v, p: (
-        v["ArticulationData"]["body_parent_wrench"][:, p["body_ids"]].reshape(-1, 6 * len(p["body_ids"]))
+    "body_incoming_wrench": lambda v, p: v["ArticulationData"]["body_parent_wrench"][:, p["body_ids"]].reshape(
+        -1, 6 * len(p["body_ids"])
     ),
     "joint_pos": _joints(lambda r: r["joint_pos"]),
     "joint_pos_rel": _joints(lambda r: r["joint_pos"] - r["default_joint_pos"]),
@@ -126,8 +126,8 @@ OBSERVATIONS: dict[str, Callable[[Values, Params], np.ndarray]] = {
     "generated_commands": lambda v, p: v["CommandData"]["command"],
     "current_time_s": lambda v, p: (v["EpisodeData"]["length"] * v["EpisodeData"]["step_dt"])[:, None],
     "remaining_time_s": lambda v, p: (
-        (v["EpisodeData"]["max_length_s"] - v["EpisodeData"]["length"] * v["EpisodeData"]["step_dt"])[:, None]
-    ),
+        v["EpisodeData"]["max_length_s"] - v["EpisodeData"]["length"] * v["EpisodeData"]["step_dt"]
+    )[:, None],
 }
 
 
@@ -191,17 +191,17 @@ REWARDS: dict[str, Callable[[Values, Params], np.ndarray]] = {
     "ang_vel_xy_l2": _robot(lambda r: (ang_vel_b(r)[:, :2] ** 2).sum(axis=1)),
     "flat_orientation_l2": _robot(lambda r: (gravity_b(r)[:, :2] ** 2).sum(axis=1)),
     "base_height_l2": lambda v, p: (v["ArticulationData"]["root_pose"][:, 2] - p["target_height"]) ** 2,
-    "body_lin_acc_l2": lambda v, p: (
-        np.linalg.norm(v["ArticulationData"]["body_acc"][:, p["body_ids"], :3], axis=-1).sum(axis=1)
-    ),
+    "body_lin_acc_l2": lambda v, p: np.linalg.norm(
+        v["ArticulationData"]["body_acc"][:, p["body_ids"], :3], axis=-1
+    ).sum(axis=1),
     "joint_torques_l2": _sum(lambda r: effort(r) ** 2),
     "joint_vel_l1": _sum(lambda r: np.abs(r["joint_vel"])),
     "joint_vel_l2": _sum(lambda r: r["joint_vel"] ** 2),
     "joint_acc_l2": _sum(lambda r: ((r["joint_vel"] - r["previous_joint_vel"]) / r["physics_dt"]) ** 2),
     "joint_deviation_l1": _sum(lambda r: np.abs(r["joint_pos"] - r["default_joint_pos"])),
-    "joint_pos_target_l2": lambda v, p: (
-        ((wrap(v["ArticulationData"]["joint_pos"]) - p["target"]) ** 2)[:, p["joint_ids"]].sum(axis=1)
-    ),
+    "joint_pos_target_l2": lambda v, p: ((wrap(v["ArticulationData"]["joint_pos"]) - p["target"]) ** 2)[
+        :, p["joint_ids"]
+    ].sum(axis=1),
     "joint_pos_limits": _sum(joint_pos_limits),
     "joint_vel_limits": joint_vel_limits,
     "applied_torque_limits": _sum(lambda r: np.abs(drive_law(r)[0] - drive_law(r)[1])),

@@ -9,7 +9,18 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from term_reference import Params, Values, ang_vel_b, heading, in_yaw_frame, lin_vel_b, rotation, soft_limits, wrap
+
+from tests.term_reference import (
+    Params,
+    Values,
+    ang_vel_b,
+    heading,
+    in_yaw_frame,
+    lin_vel_b,
+    rotation,
+    soft_limits,
+    wrap,
+)
 
 Written = dict[str, dict[str, np.ndarray]]
 
@@ -124,7 +135,9 @@ def reset_joints_to_default(v: Values, p: Params, s: Stream) -> Written:
 
 def reset_joint_targets_to_default(v: Values, p: Params, s: Stream) -> Written:
     r = v["ArticulationData"]
-    return {"ArticulationData": {"joint_pos_target": r["default_joint_pos"], "joint_vel_target": r["default_joint_vel"]}}
+    return {
+        "ArticulationData": {"joint_pos_target": r["default_joint_pos"], "joint_vel_target": r["default_joint_vel"]}
+    }
 
 
 def push_by_setting_velocity(v: Values, p: Params, s: Stream) -> Written:

@@ -24,13 +24,11 @@ from stripe_newton.sim import Simulation
 from .direct_rl_env_cfg import DirectRLEnvCfg
 from .events import EventRunner
 from .spaces import to_space
+from .substeps import Substeps
 
 __all__ = ["DirectRLEnv"]
 
 Observations = dict[str, torch.Tensor]
-
-_OVERFLOW_INTERVAL = 64
-"""Steps between looks at the solver's overflow."""
 
 
 class DirectRLEnv(VectorEnv):
@@ -94,7 +92,7 @@ class DirectRLEnv(VectorEnv):
             setattr(self, f"_{name}_noise_model", model)
         self._events = EventRunner(self.cfg.events, self) if self.cfg.events is not None else None
         self._renderer: Any = None
-        self._action_probe = _ActionProbe(self.cfg.apply_action if self.cfg.decimation > 1 else "step")
+        self._substeps = Substeps(self.cfg.apply_action, self.cfg.decimation)
         if self._events is not None:
             self._events.startup()
 
@@ -228,10 +226,8 @@ class DirectRLEnv(VectorEnv):
         self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
         self.extras["log"] = {}
         self._pre_physics_step(action)
-        self._action_probe.advance(self)
+        self._substeps.run(self)
         self.common_step_counter += 1
-        if self.common_step_counter % _OVERFLOW_INTERVAL == 0:
-            self.sim.check_overflow()
         self._episode_length_buf += 1
         terminated, time_outs = self._get_dones()
         self.reset_terminated[:], self.reset_time_outs[:] = terminated, time_outs
@@ -273,13 +269,13 @@ class DirectRLEnv(VectorEnv):
 
     def describe(self) -> str:
         """The stages of a step, what runs in each, and what of it is one CUDA graph, as a table in plain text."""
-        per = self._action_probe.mode
+        per = self._substeps.mode
         graph = self.sim.device != "cpu" and self.cfg.sim.use_cuda_graph
         steps = self.cfg.decimation
         how = {True: f"one CUDA graph of {steps} physics steps", False: f"{steps} physics steps, kernel by kernel"}[
             graph
         ]
-        if per != "step":
+        if self._substeps.each:
             how = f"{steps} x ({'one CUDA graph' if graph else 'kernel by kernel'}), _apply_action eager before each"
         noise = [n for n in ("action", "observation") if getattr(self.cfg, f"{n}_noise_model") is not None]
         rows = (
@@ -506,60 +502,6 @@ class DirectRLEnv(VectorEnv):
         self._checked = True
 
 
-class _ActionProbe:
-    """Decides how often ``_apply_action`` must run, and runs the physics of a step.
-
-    While it watches, the hook runs before every physics step. If what the hook sets never changes between the physics
-    steps of an environment step, then once is enough, and all the physics steps are one graph.
-    """
-
-    WATCHED_STEPS = 3
-
-    def __init__(self, mode: str):
-        self.mode = mode
-        self._left = self.WATCHED_STEPS
-
-    def advance(self, env: DirectRLEnv) -> None:
-        if self.mode == "step":
-            env._apply_action()
-            env.scene.write_data_to_sim()
-            env.sim.step(env.cfg.decimation)
-            return
-        before = None
-        for _ in range(env.cfg.decimation):
-            states = self._states(env.sim) if self.mode == "auto" else []
-            env._apply_action()
-            if not _same(states, self._states(env.sim) if states else []):
-                self.mode = "substep"  # it writes the state itself
-            env.scene.write_data_to_sim()
-            if self.mode == "auto":
-                now = self._targets(env.sim)
-                if before is not None and not _same(before, now):
-                    self.mode = "substep"
-                before = now
-            env.sim.step(1)
-        if self.mode == "auto":
-            self._left -= 1
-            if self._left == 0:
-                self.mode = "step"
-
-    @staticmethod
-    def _states(sim: Simulation) -> list[torch.Tensor]:
-        return [wp.to_torch(a).clone() for a in (sim.state.joint_q, sim.state.joint_qd) if a is not None]
-
-    @staticmethod
-    def _targets(sim: Simulation) -> list[torch.Tensor]:
-        control = sim.control
-        arrays = [control.joint_target_q, control.joint_target_qd, control.joint_act]
-        if sim.external_wrench is not None:
-            arrays.append(sim.external_wrench)
-        return [wp.to_torch(a).clone() for a in arrays if a is not None]
-
-
 def _own(values: dict[str, Any]) -> dict[str, Any]:
     """A copy of a dict with its tensors."""
     return {k: v.clone() if isinstance(v, torch.Tensor) else v for k, v in values.items()}
-
-
-def _same(before: list[torch.Tensor], now: list[torch.Tensor]) -> bool:
-    return len(before) == len(now) and all(torch.equal(a, b) for a, b in zip(before, now, strict=True))

@@ -51,8 +51,8 @@ class DirectRLEnvCfg:
     """Noise on the actions."""
     apply_action: str = "auto"
     """When ``_apply_action`` runs: ``"substep"`` before each physics step, ``"step"`` once before all of them, which
-    are one CUDA graph then. ``"auto"`` watches the first steps: if what the hook sets does not change from one physics
-    step to the next, it runs once."""
+    are one CUDA graph then. ``"auto"`` watches the first steps, and later ones now and then: while what the hook sets
+    does not change from one physics step to the next, it runs once."""
     compute_final_obs: bool = False
     """Put the observation that an episode ended with into ``extras["final_obs"]``."""
     rerender_on_reset: bool = False

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulation", "resolve_device"]
 
+_OVERFLOW_INTERVAL = 64
+"""Calls of :meth:`Simulation.step` between looks at the solver's overflow, each of which waits for the device."""
+
 
 def resolve_device(name: str | None) -> str:
     """``"cpu"`` or ``"cuda:N"`` for a device as a config names it.
@@ -73,6 +76,7 @@ class Simulation:
         self.roots_moved = False
         """Set by whoever moved the frame that a fixed base is fixed to; the solver is told before the next step."""
         self._graphs: dict[int, wp.Graph] = {}
+        self._calls = 0
 
     @property
     def physics_dt(self) -> float:
@@ -192,6 +196,9 @@ class Simulation:
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
+        self._calls += 1
+        if self._calls % _OVERFLOW_INTERVAL == 0:
+            self.check_overflow()
         graph = self._graphs.get(substeps)
         if graph is not None:
             wp.capture_launch(graph)

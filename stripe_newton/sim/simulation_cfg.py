@@ -34,7 +34,7 @@ class SimulationCfg:
     """Export contact forces in every step, for :meth:`SceneQuerier.get_contact_forces`."""
     on_overflow: str = "raise"
     """When contacts or constraints did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, naming the size to
-    set. Environments look every 64 steps."""
+    set. It is looked at every 64 steps."""
     use_cuda_graph: bool = True
     """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
 

@@ -90,8 +90,7 @@ class LocomotionEnv(DirectRLEnv):
         self._target[:, 0] += cfg.target_distance
         self._up = torch.tensor([0.0, 0.0, 1.0], device=self.device).expand(self.num_envs, 3)
         self._forward = self.robot.data.FORWARD_VEC_B
-        self.potentials = torch.zeros(self.num_envs, device=self.device)
-        self.prev_potentials = torch.zeros(self.num_envs, device=self.device)
+        self._last_pos = torch.zeros(self.num_envs, 2, device=self.device)
 
     def _setup_scene(self) -> None:
         self.robot = Articulation(self.cfg.robot)
@@ -106,17 +105,28 @@ class LocomotionEnv(DirectRLEnv):
         self.robot.set_joint_effort_target(self._efforts * self.actions)
 
     def _relations(self) -> None:
-        """Where the torso is and faces, relative to the target; called once after the physics and after resets."""
+        """Where the torso is and faces, relative to the target; called after the physics and after resets."""
         data = self.robot.data
         to_target = self._target - data.root_pos_w
         to_target[:, 2] = 0.0
-        self.prev_potentials[:] = self.potentials
-        self.potentials[:] = -torch.linalg.vector_norm(to_target, dim=-1) / self.step_dt
         self._up_proj = quat_apply(data.root_quat_w, self._up)[:, 2]
         self._heading_proj = (quat_apply(data.root_quat_w, self._forward) * normalize(to_target)).sum(dim=-1)
         self._target_angle = torch.atan2(to_target[:, 1], to_target[:, 0])
         limits = data.soft_joint_pos_limits
         self._scaled_pos = scale_transform(data.joint_pos, limits[..., 0], limits[..., 1])
+
+    def _progress(self) -> torch.Tensor:
+        """Speed at which the distance to the target shrank over the last step [m/s], shape ``(num_envs,)``.
+
+        ``|a| - |b| = (a - b) . (a + b) / (|a| + |b|)``: the plain difference of two distances of a kilometre has steps
+        of 4 mm/s in float32.
+        """
+        pos, target = self.robot.data.root_pos_w[:, :2], self._target[:, :2]
+        before, now = target - self._last_pos, target - pos
+        total = torch.linalg.vector_norm(before, dim=-1) + torch.linalg.vector_norm(now, dim=-1)
+        progress = ((pos - self._last_pos) * (before + now)).sum(dim=-1) / (total * self.step_dt)
+        self._last_pos = pos.clone()
+        return progress
 
     def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
         self._relations()
@@ -131,7 +141,7 @@ class LocomotionEnv(DirectRLEnv):
         power = self.actions * data.joint_vel * cfg.joint_vel_scale * self._gear_ratio
         power = cfg.power_cost * power.abs().sum(dim=-1)
         at_limit = cfg.at_limit_cost * (self._scaled_pos.abs() > 0.98).sum(dim=-1)
-        progress = self.potentials - self.prev_potentials
+        progress = self._progress()
         total = progress + cfg.alive_reward + upright + heading - effort - power - at_limit
         self.extras["log"]["Episode_Reward/progress"] = progress.mean()
         return torch.where(self.reset_terminated, cfg.death_cost, total)
@@ -166,9 +176,5 @@ class LocomotionEnv(DirectRLEnv):
             robot.data.default_joint_pos[ids], robot.data.default_joint_vel[ids], env_ids=ids
         )
         self.actions[ids] = 0.0
-        previous = self.prev_potentials.clone(), self.potentials.clone()
+        self._last_pos[ids] = robot.data.root_pos_w[ids, :2]
         self._relations()
-        keep = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
-        keep[ids] = False
-        self.prev_potentials[keep], self.potentials[keep] = previous[0][keep], previous[1][keep]
-        self.prev_potentials[ids] = self.potentials[ids]

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the physics steps of an environment step are run, and how often the action hook among them."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import torch
+import warp as wp
+
+from stripe_newton.sim import Simulation
+
+__all__ = ["Substeps"]
+
+
+class Substeps:
+    """Runs the physics of a step, with ``_apply_action`` before each physics step or once before all.
+
+    In the mode ``"auto"`` it watches some steps, in which the hook runs before every physics step. As long as what the
+    hook sets never changes between the physics steps of an environment step, once is enough in the others, and all
+    their physics steps are one graph. It watches again now and then, as a law that depends on the state may have been
+    saturated; one that is caught runs before every physics step from then on.
+    """
+
+    FIRST, EVERY = 3, 64
+    """It watches the first ``FIRST`` steps, then every ``EVERY``-th."""
+
+    def __init__(self, mode: str, decimation: int):
+        self.mode = mode if decimation > 1 else "step"
+        """``"step"``, ``"substep"``, or ``"auto"`` while nothing has changed."""
+        self._decimation = decimation
+        self._count = 0
+
+    @property
+    def each(self) -> bool:
+        """Whether the hook runs before every physics step, but for those that only watch."""
+        return self.mode == "substep"
+
+    def run(self, env: Any) -> None:
+        """Run the physics of one environment step."""
+        watch = self.mode == "auto" and (self._count < self.FIRST or self._count % self.EVERY == 0)
+        self._count += 1
+        if watch:
+            self._watch(env)
+            return
+        per_call = 1 if self.each else self._decimation
+        for _ in range(0, self._decimation, per_call):
+            env._apply_action()
+            env.scene.write_data_to_sim()
+            env.sim.step(per_call)
+
+    def _watch(self, env: Any) -> None:
+        before: list[torch.Tensor] | None = None
+        for _ in range(self._decimation):
+            state = _state(env.sim)
+            env._apply_action()
+            env.scene.write_data_to_sim()
+            targets = _targets(env.sim)
+            if not _same(state, _state(env.sim)) or (before is not None and not _same(before, targets)):
+                self._found(env)
+            before = targets
+            env.sim.step(1)
+
+    def _found(self, env: Any) -> None:
+        if self.mode == "auto" and self._count > self.FIRST:
+            warnings.warn(
+                f"{type(env).__name__}._apply_action depends on the state, which the first steps did not show: it runs "
+                "before every physics step from now on; set apply_action='substep' for it to do so from the start",
+                stacklevel=2,
+            )
+        self.mode = "substep"
+
+
+def _state(sim: Simulation) -> list[torch.Tensor]:
+    return [wp.to_torch(a).clone() for a in (sim.state.joint_q, sim.state.joint_qd) if a is not None]
+
+
+def _targets(sim: Simulation) -> list[torch.Tensor]:
+    control = sim.control
+    arrays = (control.joint_target_q, control.joint_target_qd, control.joint_act, sim.external_wrench)
+    return [wp.to_torch(a).clone() for a in arrays if a is not None]
+
+
+def _same(before: list[torch.Tensor], now: list[torch.Tensor]) -> bool:
+    return len(before) == len(now) and all(torch.equal(a, b) for a, b in zip(before, now, strict=True))
