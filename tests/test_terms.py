@@ -30,7 +30,7 @@ PARAMS: dict[str, Any] = {
     "joint_ids": [5, 0, 3, 2],
     "body_ids": [0, 4, 2],
     "term_ids": [1, 3],
-    "std": 0.5,
+    "std": 1.5,
     "target_height": 0.3,
     "target": 0.2,
     "soft_ratio": 0.8,

@@ -41,7 +41,8 @@ def accesses(function: wp.Function) -> tuple[set[str], set[str]]:
     source = textwrap.dedent(inspect.getsource(function.func))
     scope = function.func.__globals__
     structs = {k for k, t in function.func.__annotations__.items() if is_struct(t)}
-    reads, writes = set(), set()
+    reads: set[str] = set()
+    writes: set[str] = set()
     tree = ast.parse(source)
     stored = [n.value for n in ast.walk(tree) if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store)]
     for node in ast.walk(tree):
@@ -55,8 +56,9 @@ def accesses(function: wp.Function) -> tuple[set[str], set[str]]:
                 for inner, outer in zip(accesses(called), (reads, writes)):
                     for access in inner:
                         parameter, field = access.split(".")
-                        if isinstance(names.get(parameter), ast.Name):
-                            outer.add(f"{names[parameter].id}.{field}")
+                        passed = names.get(parameter)
+                        if isinstance(passed, ast.Name):
+                            outer.add(f"{passed.id}.{field}")
     return reads, writes
 
 

@@ -3,9 +3,9 @@
 
     python tools/train_tasks.py OUT TASK[:ITERATIONS][@NUM_ENVS] ...
 
-Each task is trained, evaluated over 256 episodes and filmed through the command line, as a user would. OUT gets one
-folder a task with the learning curve, metrics, the video and ``eval.json``, and ``results.md`` with the table: seconds of
-the whole training command, return, episode length and their limit.
+Each task is trained, evaluated over 256 episodes and filmed through the command line, as a user would. OUT gets the
+learning curve, metrics, video and evaluation of each, and ``results.md`` with the table: seconds of the whole training
+command, return, episode length and its limit.
 """
 
 from __future__ import annotations

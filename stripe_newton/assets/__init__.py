@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assets: what stands in a scene and has state."""
 
-from .articulation import Articulation
-from .articulation_cfg import ArticulationCfg
+from .articulation import Articulation, ArticulationCfg
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg
 from .layout import Layout, articulation_layouts

@@ -3,26 +3,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import newton
 import torch
 
+from stripe_newton.actuators import ActuatorCfg
+from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.matching import match_names, match_values
 
-from .articulation_cfg import ArticulationCfg
 from .articulation_data import ArticulationData
-from .asset_base import BoundAsset, EnvIds
+from .asset_base import AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
 from .binding import place_root, select_layout
+from .rigid_object import RigidObjectCfg
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-__all__ = ["Articulation"]
+__all__ = ["Articulation", "ArticulationCfg"]
 
 JointIds = Sequence[int] | torch.Tensor | slice | None
 """Joints by index; ``None`` means all."""
+
+
+def _articulation(cfg: ArticulationCfg) -> Any:
+    return Articulation(cfg)
+
+
+@configclass
+class ArticulationCfg(AssetBaseCfg):
+    """A robot, or anything else with joints."""
+
+    @configclass
+    class InitialStateCfg(RigidObjectCfg.InitialStateCfg):
+        """State at the start of an episode."""
+
+        joint_pos: dict[str, float] | None = {".*": 0.0}
+        """Joint positions by name expression [m or rad]; ``None`` keeps the file's."""
+        joint_vel: dict[str, float] = {".*": 0.0}
+        """Joint velocities by name expression [m/s or rad/s]."""
+
+        def problems(self) -> Iterator[tuple[str, str]]:
+            yield from AssetInitialStateCfg.problems(self)
+            for name in ("joint_pos", "joint_vel"):
+                for key, value in (getattr(self, name) or {}).items():
+                    if not math.isfinite(value):
+                        yield f"{name}[{key!r}]", f"is {value}, must be finite"
+
+    class_type: Callable[..., Any] | None = _articulation
+    """Class that the scene makes of this config."""
+    init_state: InitialStateCfg = InitialStateCfg()
+    """State at the start of an episode."""
+    articulation_root_prim_path: str | None = None
+    """Path of the articulation root below ``prim_path``, with a leading slash; needed where the asset has several."""
+    soft_joint_pos_limit_factor: float = 1.0
+    """Share of the range between the joint limits that the soft limits cover."""
+    actuators: dict[str, ActuatorCfg] = {}
+    """Actuators by name of the group; joints in no group keep the drives of the file."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if not 0.0 < self.soft_joint_pos_limit_factor <= 1.0:
+            yield "soft_joint_pos_limit_factor", f"is {self.soft_joint_pos_limit_factor}, must be in (0, 1]"
 
 
 class Articulation(BoundAsset):
@@ -74,8 +117,6 @@ class Articulation(BoundAsset):
             builder.joint_target_q[coord] = builder.joint_q[coord]
             builder.joint_target_qd[dof] = builder.joint_qd[dof]
         if problems:
-            from stripe_newton.configclass import ConfigError
-
             raise ConfigError([f"articulation '{cfg.prim_path}': {p}" for p in problems])
 
     def initialize(self, sim: Simulation) -> None:

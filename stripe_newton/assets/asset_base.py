@@ -75,7 +75,7 @@ class AssetBase:
                 f"{type(self).__name__} at '{self.cfg.prim_path}': no prim there and 'spawn' is None; "
                 "set spawn or the path of an existing prim"
             )
-        scene.builder.register(self)
+        scene.register(self)
 
     @property
     def in_every_env(self) -> bool:

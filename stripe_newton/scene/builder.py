@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import newton
 import warp as wp
@@ -17,10 +17,7 @@ from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.sim.stage import ENV_0
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
-from .grid import spiral_grid
-
-if TYPE_CHECKING:
-    from .interactive_scene import InteractiveScene
+from .contents import SceneContents
 
 __all__ = ["SceneBuilder"]
 
@@ -29,19 +26,16 @@ class SceneBuilder:
     """Adds assets to a scene under construction, then makes its model.
 
     Attributes:
-        assets: Every asset of the scene in order of construction.
         reports: What the importer read and ignored: of one environment, and of what all share.
         template_root: Prim that is one environment; ``"/"`` for a stage that knows no environments.
         adopt: Make assets of the articulations that the stage brings.
     """
 
-    def __init__(self, scene: InteractiveScene):
+    def __init__(self, scene: SceneContents):
         self._scene = scene
-        self.assets: list[AssetBase] = []
         self.reports: list[StageReport] = []
         self.template_root = ENV_0
         self.adopt = False
-        self._closed = False
 
     # -- adding
 
@@ -72,26 +66,12 @@ class SceneBuilder:
         with self._scene.construction():
             return (cfg.class_type or AssetBase)(cfg)
 
-    def register(self, asset: AssetBase) -> None:
-        """Take note of an asset that was just spawned.
-
-        Raises:
-            RuntimeError: if the model is built already, or the environments were cloned.
-        """
-        if self._closed or (self._scene.cloned and asset.in_every_env):
-            when = "the scene is built" if self._closed else "'clone_environments' was called"
-            raise RuntimeError(f"'{asset.cfg.prim_path}' comes after {when}: create it before")
-        taken = {a.path for a in self.assets}
-        if asset.path in taken:
-            raise ValueError(f"two assets at '{asset.cfg.prim_path}': give each its own prim_path")
-        self.assets.append(asset)
-
     # -- making the model
 
     def build(self) -> None:
         """Load the stage, write configs onto the environment's builder, replicate it, bind the assets."""
         scene, sim = self._scene, self._scene.sim
-        if self._closed:
+        if scene.built:
             raise RuntimeError("the scene is built already")
         template = sim.new_builder()
         self._load(template, self.template_root, ())
@@ -99,7 +79,7 @@ class SceneBuilder:
         if self.adopt:
             self._adopt(layouts)
         problems = []
-        for asset in self.assets:
+        for asset in scene.assets:
             try:
                 asset.prepare(layouts, template)
             except ConfigError as error:
@@ -112,10 +92,10 @@ class SceneBuilder:
             self._load(static, "/World", ("/World/envs",))
             if self.reports[0].units["scene"] is None:  # the physics scene stands outside the environments
                 template.gravity = static.gravity
-        self._closed = True
+        scene.built = True
         sim.lights = read_lights(scene.stage)
-        sim.build(template, static, spiral_grid(scene.cfg.num_envs, scene.cfg.env_spacing))
-        for asset in [*self.assets, *scene.sensors.values()]:
+        sim.build(template, static, scene.env_origins.cpu().numpy())
+        for asset in [*scene.assets, *scene.sensors.values()]:
             asset.initialize(sim)
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
@@ -139,7 +119,7 @@ class SceneBuilder:
             family: dict[str, Any] = scene.rigid_objects if single else scene.articulations
             name = _unique(layout.path.rsplit("/", 1)[-1], scene.keys())
             family[name] = (_FoundBody if single else _FoundArticulation)(layout)
-            self.assets.append(family[name])
+            scene.assets.append(family[name])
 
 
 def _unique(name: str, taken: list[str]) -> str:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import newton
 import torch
 
+from .contents import SceneContents
+
 if TYPE_CHECKING:
     from stripe_newton.assets.asset_base import EnvIds
-
-    from .interactive_scene import InteractiveScene
 
 __all__ = ["SceneController"]
 
@@ -23,7 +23,7 @@ Range = tuple[float, float] | None
 class SceneController:
     """Changes the state and the dynamics of a built scene, everywhere or in some environments."""
 
-    def __init__(self, scene: InteractiveScene):
+    def __init__(self, scene: SceneContents):
         self._scene = scene
         self._defaults: dict[str, torch.Tensor] = {}
 
@@ -46,7 +46,7 @@ class SceneController:
                 if kind not in ("position", "velocity", "effort"):
                     raise KeyError(f"no target '{kind}' of '{name}'; there are position, velocity and effort")
                 getattr(self._scene.articulations[name], f"set_joint_{kind}_target")(value)
-        for asset in self._scene.builder.assets:
+        for asset in self._scene.assets:
             asset.write_data_to_sim()
 
     def reset_robots(self, env_ids: EnvIds = None, to_default: bool = True) -> None:
@@ -59,7 +59,7 @@ class SceneController:
         scene, sim = self._scene, self._scene.sim
         mask = self.mask(env_ids)
         ids = mask.nonzero().squeeze(-1) if env_ids is not None else None
-        for asset in [*scene.builder.assets, *scene.sensors.values()]:
+        for asset in [*scene.assets, *scene.sensors.values()]:
             asset.reset(ids)
         if to_default:
             assets: list[Any] = [*scene.articulations.values(), *scene.rigid_objects.values()]

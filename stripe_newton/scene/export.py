@@ -7,13 +7,11 @@ import math
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import newton
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-if TYPE_CHECKING:
-    from .interactive_scene import InteractiveScene
+from .contents import SceneContents
 
 __all__ = ["export_stage"]
 
@@ -21,10 +19,10 @@ _NO_LIMIT = 1.0e9
 """Efforts and speeds above this are unlimited."""
 
 
-def export_stage(scene: InteractiveScene, path: Path) -> None:
+def export_stage(scene: SceneContents, path: Path) -> None:
     """Write ``scene`` to ``path``: see :meth:`InteractiveScene.export`."""
     sim = scene.sim
-    if getattr(sim, "model", None) is None:
+    if not scene.built:
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
     stage = Usd.Stage.Open(scene.stage.Flatten())
     for prim in [p for p in stage.Traverse() if p.IsInstance()]:
@@ -150,7 +148,7 @@ def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
     xform.AddTransformOp(UsdGeom.XformOp.PrecisionDouble, "start").Set(world * parent.GetInverse())
 
 
-def _author_default_material(stage: Usd.Stage, scene: InteractiveScene) -> None:
+def _author_default_material(stage: Usd.Stage, scene: SceneContents) -> None:
     """Bind the simulation's default material to colliders that have none.
 
     Its density counts for bodies without MassAPI alone, as it did when the scene was built: a body with one and no
@@ -179,7 +177,7 @@ def _author_default_material(stage: Usd.Stage, scene: InteractiveScene) -> None:
             UsdShade.MaterialBindingAPI(prim).Bind(materials[dense], UsdShade.Tokens.weakerThanDescendants, "physics")
 
 
-def _author_physics_scene(stage: Usd.Stage, scene: InteractiveScene) -> None:
+def _author_physics_scene(stage: Usd.Stage, scene: SceneContents) -> None:
     gravity = scene.sim.model.gravity.numpy()[0]
     magnitude = math.sqrt(float((gravity**2).sum()))
     found = next((p for p in stage.Traverse() if p.IsA(UsdPhysics.Scene)), None)

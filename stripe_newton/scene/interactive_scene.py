@@ -3,23 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from pxr import Usd, UsdGeom
 
-from stripe_newton.assets import Articulation, ArticulationCfg, AssetBaseCfg, RigidObject, RigidObjectCfg
+from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import MISSING
 from stripe_newton.sim import Simulation, SimulationCfg
-from stripe_newton.sim.stage import ENV_0, authored_path, scene_context
+from stripe_newton.sim.stage import ENV_0, authored_path
 from stripe_newton.usd import open_stage
 
 from .builder import SceneBuilder
+from .contents import SceneContents
 from .controller import SceneController
-from .grid import spiral_grid
 from .interactive_scene_cfg import InteractiveSceneCfg
 from .querier import SceneQuerier
 
@@ -29,24 +28,16 @@ if TYPE_CHECKING:
 __all__ = ["InteractiveScene"]
 
 
-class InteractiveScene:
+class InteractiveScene(SceneContents):
     """Assets and sensors in many environments, on one USD stage, simulated by one model.
 
     It is authored first, by the fields of its config and by what is created inside :meth:`construction`
     (``_setup_scene`` of an environment), and then built: ``build`` loads the stage into Newton and replicates it.
 
     Attributes:
-        stage: The USD stage.
-        sim: The simulation.
         builder: The constructing face.
         controller: The changing face.
         querier: The reading face.
-        articulations: Articulations by name.
-        rigid_objects: Rigid bodies by name.
-        sensors: Sensors by name.
-        extras: Static assets by name.
-        terrain: What :meth:`SceneBuilder.build_terrain` made.
-        env_origins: Origins of the environments in the world frame [m], shape ``(num_envs, 3)``.
     """
 
     env_regex_ns = "/World/envs/env_.*"
@@ -61,18 +52,8 @@ class InteractiveScene:
             stage: Stage to add to, by default a new one in memory.
         """
         cfg.validate()
-        self.cfg = cfg
-        self.sim = sim or Simulation(SimulationCfg())
-        self.device = self.sim.device
-        self.stage = stage or _new_stage()
+        super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or _new_stage())
         self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
-        self.articulations: dict[str, Articulation] = {}
-        self.rigid_objects: dict[str, RigidObject] = {}
-        self.sensors: dict[str, Any] = {}
-        self.extras: dict[str, Any] = {}
-        self.terrain: Any = None
-        self.cloned = False
-        self.env_origins = torch.from_numpy(spiral_grid(cfg.num_envs, cfg.env_spacing)).to(self.device)
         self._add_fields()
 
     def _add_fields(self) -> None:
@@ -126,10 +107,6 @@ class InteractiveScene:
 
     # -- construction
 
-    def construction(self) -> AbstractContextManager[None]:
-        """Inside this context spawners and assets add to this scene."""
-        return scene_context(self)
-
     def clone_environments(self, copy_from_source: bool = False) -> None:
         """End the authoring of the environment; the others become copies of it when the scene is built.
 
@@ -158,11 +135,6 @@ class InteractiveScene:
     # -- what is there
 
     @property
-    def num_envs(self) -> int:
-        """Number of environments."""
-        return self.cfg.num_envs
-
-    @property
     def physics_dt(self) -> float:
         """Time step of the physics [s]."""
         return self.sim.physics_dt
@@ -177,22 +149,6 @@ class InteractiveScene:
         """Prim above the environments."""
         return "/World/envs"
 
-    def keys(self) -> list[str]:
-        """Names of everything in the scene."""
-        terrain = ["terrain"] if self.terrain is not None else []
-        return [*terrain, *self.articulations, *self.rigid_objects, *self.sensors, *self.extras]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        if key == "terrain" and self.terrain is not None:
-            return self.terrain
-        for family in (self.articulations, self.rigid_objects, self.sensors, self.extras):
-            if key in family:
-                return family[key]
-        raise KeyError(f"no '{key}' in the scene; it has {', '.join(self.keys()) or 'nothing'}")
-
     # -- running
 
     def reset(self, env_ids: EnvIds = None) -> None:
@@ -205,7 +161,7 @@ class InteractiveScene:
 
     def update(self, dt: float) -> None:
         """Let assets and sensors take note of ``dt`` seconds of physics."""
-        for item in [*self.builder.assets, *self.sensors.values()]:
+        for item in [*self.assets, *self.sensors.values()]:
             item.update(dt)
 
     def get_state(self, is_relative: bool = False) -> dict[str, dict[str, dict[str, torch.Tensor]]]:

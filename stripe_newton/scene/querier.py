@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import torch
 import warp as wp
 
+from .contents import SceneContents
+
 if TYPE_CHECKING:
     from stripe_newton.assets import Articulation, RigidObject
-
-    from .interactive_scene import InteractiveScene
 
 __all__ = ["SceneQuerier"]
 
@@ -19,7 +19,7 @@ __all__ = ["SceneQuerier"]
 class SceneQuerier:
     """Reads a built scene. What it returns is a copy, unless said otherwise."""
 
-    def __init__(self, scene: InteractiveScene):
+    def __init__(self, scene: SceneContents):
         self._scene = scene
         self._contact_sensor: Any = None
 

@@ -35,7 +35,7 @@ class AntPPORunnerCfg(RslRlOnPolicyRunnerCfg):
     """PPO that makes the ant run."""
 
     num_steps_per_env: int = 32
-    max_iterations: int = 500
+    max_iterations: int = 300
     save_interval: int = 100
     experiment_name: str = "ant_direct"
     actor: RslRlMLPModelCfg = RslRlMLPModelCfg(
