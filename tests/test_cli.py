@@ -369,3 +369,21 @@ def test_inspect_a_stage_and_a_task(capsys):
 def test_inspect_errors(capsys):
     assert "none.usda: there is no such file" in error_of(capsys, "inspect", "none.usda")
     assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")
+
+
+def test_a_run_of_another_machine_finds_the_files_of_this_one(tmp_path):
+    from stripe_newton.cli.fields import apply_saved
+    from stripe_newton.configclass import configclass
+
+    here = tmp_path / "robot.usda"
+    here.write_text("#usda 1.0")
+
+    @configclass
+    class Cfg:
+        usd_path: str = str(here)
+        other: str = str(here)
+
+    cfg = Cfg()
+    assert apply_saved(cfg, {"usd_path": "/elsewhere/robot.usda", "other": "/elsewhere/cart.usda"}, "env") == []
+    assert cfg.usd_path == str(here)
+    assert cfg.other == "/elsewhere/cart.usda"  # another file: the run's own, to be missed when it is opened

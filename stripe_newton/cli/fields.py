@@ -18,6 +18,7 @@ import textwrap
 import types
 import typing
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -52,7 +53,8 @@ def apply_options(cfg: Any, options: Any) -> None:
 
 
 def apply_saved(cfg: Any, saved: Mapping[str, Any], path: str) -> list[str]:
-    """Write the values of a saved config, a nested dict, into ``cfg``; values that are equal are left as they are.
+    """Write the values of a saved config, a nested dict, into ``cfg``; values that are equal are left as they are, as
+    are files that the saved config names elsewhere, where they are not, and that are here.
 
     Returns:
         What could not be applied, each as ``path: why``: fields that are gone, functions and classes that are others.
@@ -72,6 +74,8 @@ def _apply_saved(cfg: Any, now: Mapping[str, Any], saved: Mapping[str, Any], pat
             leftovers += _apply_saved(item, now[name], value, where)
         elif name in current and now[name] == value:
             continue
+        elif _is_moved_file(item, value):
+            continue  # the run was made on another machine, or the package was installed elsewhere
         elif _is_plain(value) and (item is MISSING or _is_plain(item)):
             _put(cfg, name, tuple(value) if isinstance(item, tuple) and isinstance(value, list) else value)
         else:
@@ -100,6 +104,13 @@ def _is_plain(value: Any) -> bool:
     if isinstance(value, (list, tuple)):
         return all(_is_plain(item) for item in value)
     return value is None or isinstance(value, _PLAIN)
+
+
+def _is_moved_file(mine: Any, saved: Any) -> bool:
+    """Whether both are files of one name, of which only mine is there."""
+    if not (isinstance(mine, str) and isinstance(saved, str)) or Path(mine).name != Path(saved).name:
+        return False
+    return Path(mine).is_file() and not Path(saved).is_file()
 
 
 def _as_option(value: Any) -> Any:

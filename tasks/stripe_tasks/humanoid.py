@@ -48,7 +48,7 @@ class HumanoidPPORunnerCfg(RslRlOnPolicyRunnerCfg):
     """PPO that makes the humanoid run."""
 
     num_steps_per_env: int = 32
-    max_iterations: int = 800
+    max_iterations: int = 500
     save_interval: int = 200
     experiment_name: str = "humanoid_direct"
     actor: RslRlMLPModelCfg = RslRlMLPModelCfg(
