@@ -269,18 +269,16 @@ class DirectRLEnv(VectorEnv):
 
     def describe(self) -> str:
         """The stages of a step, what runs in each, and what of it is one CUDA graph, as a table in plain text."""
-        per = self._substeps.mode
+        mode, steps = self._substeps.mode, self.cfg.decimation
         graph = self.sim.device != "cpu" and self.cfg.sim.use_cuda_graph
-        steps = self.cfg.decimation
-        how = {True: f"one CUDA graph of {steps} physics steps", False: f"{steps} physics steps, kernel by kernel"}[
-            graph
-        ]
+        what = "one CUDA graph" if graph else "kernel by kernel"
+        how = f"{what}, {steps} physics steps"
         if self._substeps.each:
-            how = f"{steps} x ({'one CUDA graph' if graph else 'kernel by kernel'}), _apply_action eager before each"
+            how = f"{steps} x {what}, _apply_action eager before each"
         noise = [n for n in ("action", "observation") if getattr(self.cfg, f"{n}_noise_model") is not None]
         rows = (
             ("actions", "_pre_physics_step" + (", noise" if "action" in noise else ""), "eager torch"),
-            ("physics", f"_apply_action ({per}), {type(self.sim.solver).__name__}", how),
+            ("physics", f"_apply_action ({mode}), {type(self.sim.solver).__name__}", how),
             ("outcome", "_get_dones, _get_rewards", "eager torch"),
             ("reset", "_reset_idx, forward kinematics by mask", "eager torch, for environments that ended"),
             ("events", "interval events" if self._events is not None else "-", "eager torch"),
