@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import newton
 import numpy as np
 import pytest
 import torch
-from pxr import UsdGeom, UsdLux, UsdPhysics, UsdShade
+from pxr import Gf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 from scipy.spatial.transform import Rotation
 
 import stripe_newton.sim as sim_utils
-from stripe_newton.assets import AssetBaseCfg, RigidObjectCfg
+from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import ConfigError
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import (
@@ -380,3 +381,54 @@ def test_errors_of_spawners(stage):
     ):
         with pytest.raises(ConfigError, match=field):
             RigidObjectCfg(prim_path="{ENV_REGEX_NS}/A", spawn=cfg).validate()
+
+
+def pendulum_file(path: Path, metres: float, up: str = "Z") -> str:
+    """A fixed base and a 2 kg bob on a hinge, in a file with the given units."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, up)
+    UsdGeom.SetStageMetersPerUnit(stage, metres)
+    length = 1.0 / metres
+    robot = UsdGeom.Xform.Define(stage, "/robot").GetPrim()
+    stage.SetDefaultPrim(robot)
+    UsdPhysics.ArticulationRootAPI.Apply(robot)
+    for name, height in (("base", 0.0), ("bob", -0.5)):
+        body = UsdGeom.Xform.Define(stage, f"/robot/{name}")
+        body.AddTranslateOp().Set(Gf.Vec3d(0.0, 0.0, height * length))
+        UsdPhysics.RigidBodyAPI.Apply(body.GetPrim())
+        UsdPhysics.MassAPI.Apply(body.GetPrim()).CreateMassAttr(2.0)
+        shape = UsdGeom.Sphere.Define(stage, f"/robot/{name}/shape")
+        shape.CreateRadiusAttr(0.1 * length)
+        UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
+    weld = UsdPhysics.FixedJoint.Define(stage, "/robot/weld")
+    weld.CreateBody1Rel().SetTargets(["/robot/base"])
+    hinge = UsdPhysics.RevoluteJoint.Define(stage, "/robot/hinge")
+    hinge.CreateBody0Rel().SetTargets(["/robot/base"])
+    hinge.CreateBody1Rel().SetTargets(["/robot/bob"])
+    hinge.CreateAxisAttr("Y")
+    hinge.CreateLocalPos1Attr(Gf.Vec3f(0.0, 0.0, 0.5 * length))
+    stage.Save()
+    return str(path)
+
+
+def test_a_file_in_centimetres_is_converted(tmp_path):
+    ends = {}
+    for name, metres in (("metres", 1.0), ("centimetres", 0.01)):
+        spawn = UsdFileCfg(usd_path=pendulum_file(tmp_path / f"{name}.usda", metres))
+        cfg = ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn)
+        robot = make_scene({"robot": cfg})["robot"]
+        robot.write_joint_position_to_sim(torch.full_like(robot.data.joint_pos, 0.7))
+        robot._sim.step(50)
+        ends[name] = [numpy(robot.data.joint_pos), numpy(robot.data.body_pos_w), numpy(robot.data.body_inertia)]
+        assert numpy(robot.data.body_mass)[0].tolist() == [2.0, 2.0]
+    assert ends["metres"][0][0, 0] != pytest.approx(0.7)  # it swings
+    for a, b in zip(*ends.values(), strict=True):
+        np.testing.assert_allclose(b, a, rtol=1e-4, atol=1e-6)
+
+
+def test_a_file_with_another_up_axis_is_warned_of(tmp_path):
+    cfg = ArticulationCfg(
+        prim_path="{ENV_REGEX_NS}/Robot", spawn=UsdFileCfg(usd_path=pendulum_file(tmp_path / "y.usda", 1.0, "Y"))
+    )
+    with pytest.warns(UserWarning, match="has the up axis Y"):
+        make_scene({"robot": cfg})

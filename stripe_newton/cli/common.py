@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import random
+import shlex
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +33,7 @@ __all__ = [
     "load_configs",
     "parse",
     "peek",
+    "program",
     "set_device",
     "set_seeds",
     "task_of",
@@ -168,6 +172,16 @@ def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvW
     )
     clip = None if configs.agent is None else configs.agent.clip_actions
     return RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), clip)
+
+
+def program() -> str:
+    """The words that start this program in a shell: its name where that is found, else where it lies."""
+    if shutil.which("stripe-newton"):
+        return "stripe-newton"
+    started = Path(sys.argv[0])
+    if started.name != "stripe-newton":
+        return shlex.join([sys.executable, "-m", "stripe_newton.cli"])
+    return shlex.quote(os.path.relpath(started))
 
 
 def video_steps(env: RslRlVecEnvWrapper) -> int:

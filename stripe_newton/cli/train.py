@@ -21,7 +21,19 @@ from stripe_newton.rl import (
     record_video,
 )
 
-from .common import Configs, build, check, load_configs, parse, peek, set_device, set_seeds, task_of, video_steps
+from .common import (
+    Configs,
+    build,
+    check,
+    load_configs,
+    parse,
+    peek,
+    program,
+    set_device,
+    set_seeds,
+    task_of,
+    video_steps,
+)
 from .errors import UserError
 
 __all__ = ["TrainArgs", "run"]
@@ -134,12 +146,12 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
 
 
 def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
-    path = shlex.quote(str(folder.path))
+    path, command = shlex.quote(str(folder.path)), program()
     if not complete:
-        print(f"stopped; go on with:\n  stripe-newton train {task} --resume {path}")
+        print(f"stopped; go on with:\n  {command} train {task} --resume {path}")
     print(
         f"run folder: {folder.path}\n"
         "next:\n"
-        f"  stripe-newton play {task} --checkpoint {path}\n"
-        f"  stripe-newton eval {task} --checkpoint {path}"
+        f"  {command} play {task} --checkpoint {path}\n"
+        f"  {command} eval {task} --checkpoint {path}"
     )

@@ -8,6 +8,7 @@ from .report import StageReport
 from .report_build import joint_rows
 from .stage import StageError, asset_prim, open_stage
 from .trial import StageTrial, try_stage
+from .units import si_stage
 
 __all__ = [
     "Light",
@@ -21,5 +22,6 @@ __all__ = [
     "open_stage",
     "read_lights",
     "read_semantics",
+    "si_stage",
     "try_stage",
 ]

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-__all__ = ["mixed_units", "stage_units", "to_si"]
+from .stage import open_stage
+
+__all__ = ["mixed_units", "si_stage", "stage_units", "to_si"]
 
 # Exponents (length, mass) of a quantity; time and angle need no conversion.
 _LENGTH, _MASS, _FORCE, _TORQUE, _DENSITY = (1, 0), (0, 1), (1, 1), (2, 1), (-3, 1)
@@ -123,6 +127,18 @@ def to_si(stage: Usd.Stage) -> Usd.Stage:
     UsdGeom.SetStageMetersPerUnit(converted, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(converted, 1.0)
     return converted
+
+
+def si_stage(path: str | Path) -> Usd.Stage:
+    """A file to be referenced from a scene in metres, kilograms and Z up: converted where its units are others.
+
+    USD neither rescales nor rotates what it references. A file with another up axis is warned of: it comes lying.
+    """
+    stage = open_stage(path)
+    if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.z:
+        what = f"'{path}' has the up axis {UsdGeom.GetStageUpAxis(stage)}, scenes have Z"
+        warnings.warn(f"{what}: give the orientation that stands it up, such as (0.7071, 0, 0, 0.7071)", stacklevel=3)
+    return to_si(stage)
 
 
 def _collect(layer: Sdf.Layer, path: Sdf.Path, prims: list[Sdf.PrimSpec]) -> None:

@@ -52,11 +52,12 @@ def spawn_from_usd(
     from pxr import UsdGeom, UsdShade
 
     from stripe_newton.sim.stage import authored_path, current_stage
-    from stripe_newton.usd.loading import asset_prim
+    from stripe_newton.usd import asset_prim, si_stage
 
     file = _existing(cfg.usd_path, "usd_path")
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
-    prim.GetReferences().AddReference(str(file), asset_prim(str(file), cfg.source_prim_path))
+    asset = si_stage(file)
+    prim.GetReferences().AddReference(asset.GetRootLayer().identifier, asset_prim(asset, cfg.source_prim_path))
     for name, variant in (cfg.variants or {}).items():
         variants = prim.GetVariantSets()
         if not variants.HasVariantSet(name) or variant not in variants.GetVariantSet(name).GetVariantNames():
