@@ -126,14 +126,17 @@ def _watch(env: RslRlVecEnvWrapper, policy: Policy, args: PlayArgs) -> None:
     print(f"{viewer.url}  (Ctrl-C to stop)", flush=True)
     obs = env.reset(args.seed)
     policy.reset()
+    cfg = env.unwrapped.cfg
+    interval = max(1, round(cfg.sim.render_interval / cfg.decimation))
     try:
         step = 0
         due = time.monotonic()
         while viewer.is_running() and (args.steps is None or step < args.steps):
             obs, _, dones, _ = env.step(policy(obs))
             policy.reset(dones)
-            viewer.update(env.unwrapped.step_dt)
             step += 1
+            if step % interval == 0:
+                viewer.update(interval * env.unwrapped.step_dt)
             due = max(due + env.unwrapped.step_dt, time.monotonic() - 1.0)
             time.sleep(max(0.0, due - time.monotonic()))
     except KeyboardInterrupt:

@@ -23,7 +23,7 @@ class SimulationCfg:
     dt: float = 1.0 / 60.0
     """Time step of the physics [s]."""
     render_interval: int = 1
-    """Physics steps between updates of an attached live viewer."""
+    """Physics steps between updates of the live viewer of ``stripe-newton play``."""
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81)
     """Gravity in the world frame [m/s^2]. ``None`` takes the stage's own."""
     physics_material: RigidBodyMaterialCfg = RigidBodyMaterialCfg()
