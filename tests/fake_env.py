@@ -24,6 +24,7 @@ class FakeSimCfg:
     dt: float = 0.05
     """Physics step (s)."""
     device: str = "cuda:0"
+    render_interval: int = 1
     """Device."""
 
 
