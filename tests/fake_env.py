@@ -24,8 +24,9 @@ class FakeSimCfg:
     dt: float = 0.05
     """Physics step (s)."""
     device: str = "cuda:0"
-    render_interval: int = 1
     """Device."""
+    render_interval: int = 1
+    """Physics steps between updates of the live viewer."""
 
 
 @configclass
@@ -38,6 +39,9 @@ class FakeSceneCfg:
 class FakeCartCfg:
     seed: int | None = None
     """Seed."""
+
+    decimation: int = 1
+    """Physics steps in a step."""
     sim: FakeSimCfg = FakeSimCfg()
     scene: FakeSceneCfg = FakeSceneCfg()
     episode_length_s: float = 3.0
