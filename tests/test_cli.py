@@ -17,6 +17,7 @@ import tyro
 import yaml
 
 from stripe_newton.cli import main
+from stripe_newton.cli.common import program
 from stripe_newton.cli.fields import apply_options, apply_saved, options_of
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
@@ -236,7 +237,7 @@ def test_train_eval_play(capsys):
     run = train("--num-envs", "8", "--seed", "5", "--agent.actor.hidden-dims", "8", "4", "--video-interval", "3")
     out = capsys.readouterr().out
     assert f"run folder: {run}" in out
-    assert f"stripe-newton play {TASK} --checkpoint {run}" in out
+    assert f"  {program()} play {TASK} --checkpoint {run}" in out
     names = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
     assert names >= {
         *("params/env.yaml", "params/agent.yaml", "checkpoints/model_5.pt", "metrics.csv", "learning_curve.png"),
@@ -387,3 +388,15 @@ def test_a_run_of_another_machine_finds_the_files_of_this_one(tmp_path):
     assert apply_saved(cfg, {"usd_path": "/elsewhere/robot.usda", "other": "/elsewhere/cart.usda"}, "env") == []
     assert cfg.usd_path == str(here)
     assert cfg.other == "/elsewhere/cart.usda"  # another file: the run's own, to be missed when it is opened
+
+
+def test_the_commands_to_run_next_start_in_the_callers_shell(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / ".venv/bin/stripe-newton"), "train"])
+    assert program() == ".venv/bin/stripe-newton"  # not on the PATH: where it lies, from here
+    monkeypatch.setattr(sys, "argv", ["/somewhere/stripe_newton/cli/__main__.py"])
+    assert program() == f"{sys.executable} -m stripe_newton.cli"
+    script = tmp_path / "stripe-newton"
+    script.write_text("#!/bin/sh\n")
+    script.chmod(0o755)
+    assert program() == "stripe-newton"
