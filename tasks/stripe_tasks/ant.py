@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
-from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
-from stripe_tasks.locomotion import LocomotionEnv, LocomotionEnvCfg
+from stripe_tasks.locomotion import LocomotionEnv, LocomotionEnvCfg, LocomotionPPORunnerCfg
 from stripe_tasks.robots import ANT_CFG
 
 __all__ = ["AntEnv", "AntEnvCfg", "AntPPORunnerCfg"]
@@ -31,17 +30,8 @@ class AntEnv(LocomotionEnv):
 
 
 @configclass
-class AntPPORunnerCfg(RslRlOnPolicyRunnerCfg):
+class AntPPORunnerCfg(LocomotionPPORunnerCfg):
     """PPO that makes the ant run."""
 
-    num_steps_per_env: int = 32
     max_iterations: int = 300
-    save_interval: int = 100
     experiment_name: str = "ant_direct"
-    actor: RslRlMLPModelCfg = RslRlMLPModelCfg(
-        hidden_dims=(400, 200, 100),
-        obs_normalization=True,
-        distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=1.0),
-    )
-    critic: RslRlMLPModelCfg = RslRlMLPModelCfg(hidden_dims=(400, 200, 100), obs_normalization=True)
-    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.0, learning_rate=5.0e-4)

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
-from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
-from stripe_tasks.locomotion import LocomotionEnv, LocomotionEnvCfg
+from stripe_tasks.locomotion import LocomotionEnv, LocomotionEnvCfg, LocomotionPPORunnerCfg
 from stripe_tasks.robots import HUMANOID_CFG
 
 __all__ = ["HumanoidEnv", "HumanoidEnvCfg", "HumanoidPPORunnerCfg"]
@@ -44,17 +43,8 @@ class HumanoidEnv(LocomotionEnv):
 
 
 @configclass
-class HumanoidPPORunnerCfg(RslRlOnPolicyRunnerCfg):
+class HumanoidPPORunnerCfg(LocomotionPPORunnerCfg):
     """PPO that makes the humanoid run."""
 
-    num_steps_per_env: int = 32
     max_iterations: int = 500
-    save_interval: int = 200
     experiment_name: str = "humanoid_direct"
-    actor: RslRlMLPModelCfg = RslRlMLPModelCfg(
-        hidden_dims=(400, 200, 100),
-        obs_normalization=True,
-        distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=1.0),
-    )
-    critic: RslRlMLPModelCfg = RslRlMLPModelCfg(hidden_dims=(400, 200, 100), obs_normalization=True)
-    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.0, learning_rate=5.0e-4)

@@ -24,11 +24,12 @@ from stripe_newton.math import (
     scale_transform,
     wrap_to_pi,
 )
+from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationCfg
 from stripe_tasks.scenery import spawn_scenery
 
-__all__ = ["LocomotionEnv", "LocomotionEnvCfg"]
+__all__ = ["LocomotionEnv", "LocomotionEnvCfg", "LocomotionPPORunnerCfg"]
 
 
 @configclass
@@ -178,3 +179,18 @@ class LocomotionEnv(DirectRLEnv):
         self.actions[ids] = 0.0
         self._last_pos[ids] = robot.data.root_pos_w[ids, :2]
         self._relations()
+
+
+@configclass
+class LocomotionPPORunnerCfg(RslRlOnPolicyRunnerCfg):
+    """PPO that makes them run."""
+
+    num_steps_per_env: int = 32
+    save_interval: int = 100
+    actor: RslRlMLPModelCfg = RslRlMLPModelCfg(
+        hidden_dims=(400, 200, 100),
+        obs_normalization=True,
+        distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=1.0),
+    )
+    critic: RslRlMLPModelCfg = RslRlMLPModelCfg(hidden_dims=(400, 200, 100), obs_normalization=True)
+    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.0, learning_rate=5.0e-4)
