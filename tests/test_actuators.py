@@ -135,6 +135,19 @@ def test_the_effort_limit_binds_drive_and_effort_target(robot):
     assert after(robot, 1, "weak") == pytest.approx(-5.0 / MASS * DT, rel=1e-2)
 
 
+def test_an_effort_that_is_not_a_number_shows_in_its_own_world_alone(robot, scene):
+    name, speed = column(robot, "weak"), column(robot, "fast")  # both have a limit that could hide it
+    for joint in (name, speed):
+        robot.reset()
+        robot.set_joint_effort_target(torch.tensor([[1.0], [math.nan]]), joint_ids=[joint])
+        scene.sim.step(2)
+        assert robot.data.joint_vel[1].isnan().any()
+        assert float(robot.data.joint_vel[0, joint]) == pytest.approx(2 * DT * 1.0 / MASS, rel=0.1)
+        scene.controller.reset_robots()
+        scene.sim.step(2)
+        assert robot.data.joint_vel.isfinite().all()
+
+
 def test_speed_is_held_to_its_limit(robot):
     set_targets(robot, "effort", fast=200.0)
     top = 0.0

@@ -34,7 +34,10 @@ def apply_effort_targets(
         joint_f[dof] = 0.0
     else:
         effort = effort_target[dof] + velocity_gain[dof] * velocity_target[dof]
-        joint_f[dof] = wp.clamp(effort, -effort_limit[dof], effort_limit[dof])
+        if wp.isnan(effort):
+            joint_f[dof] = effort  # clamp would make the largest effort of it, and hide where it came from
+        else:
+            joint_f[dof] = wp.clamp(effort, -effort_limit[dof], effort_limit[dof])
 
 
 @wp.kernel(enable_backward=False)
@@ -65,7 +68,8 @@ def apply_external_wrench(
 def clamp_velocity(limit: wp.array[float], joint_qd: wp.array[float]):
     """Clamp joint velocities to ``[-limit, limit]`` [m/s or rad/s]; shapes ``(joint_dof_count,)``."""
     dof = wp.tid()
-    joint_qd[dof] = wp.clamp(joint_qd[dof], -limit[dof], limit[dof])
+    if not wp.isnan(joint_qd[dof]):
+        joint_qd[dof] = wp.clamp(joint_qd[dof], -limit[dof], limit[dof])
 
 
 @wp.kernel(enable_backward=False)

@@ -18,7 +18,6 @@ __all__ = [
     "EpisodeData",
     "Pose2dCommandData",
     "PoseCommandData",
-    "RigidObjectData",
     "VelocityCommandData",
 ]
 
@@ -86,24 +85,6 @@ class ArticulationData:
     """Unit vector along gravity."""
     physics_dt: float
     """Time step of the physics [s]."""
-
-
-@wp.struct
-class RigidObjectData:
-    """State of a rigid object."""
-
-    root_pose: wp.array[wp.transform]
-    """Pose of the body [m], shape ``(num_envs,)``."""
-    root_vel: wp.array[wp.spatial_vector]
-    """Velocity of its centre of mass [m/s, rad/s], shape ``(num_envs,)``."""
-    default_root_pose: wp.array[wp.transform]
-    """Pose at the start of an episode, in the environment's frame [m], shape ``(num_envs,)``."""
-    default_root_vel: wp.array[wp.spatial_vector]
-    """Velocity at the start of an episode [m/s, rad/s], shape ``(num_envs,)``."""
-    env_origin: wp.array[wp.vec3]
-    """Origins of the environments [m], shape ``(num_envs,)``."""
-    gravity_dir: wp.vec3
-    """Unit vector along gravity."""
 
 
 @wp.struct

@@ -166,7 +166,6 @@ class _Found:
         state = ArticulationCfg.InitialStateCfg(pos=None, rot=None, joint_pos=None, joint_vel={})
         self.cfg: Any = ArticulationCfg(prim_path=layout.path, articulation_root_prim_path="", init_state=state)
         self.path = layout.path
-        self._found = layout
 
     in_every_env = True
 

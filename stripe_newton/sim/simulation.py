@@ -180,7 +180,6 @@ class Simulation:
             wanted.add("contact_f")
             if self.contacts is None:
                 self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
-        self._observed = frozenset(wanted)
         self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
         self._overflow = wp.zeros(1, dtype=wp.int32)
         if getattr(self.solver, "mjw_model", None) is not None:
@@ -259,7 +258,7 @@ class Simulation:
             self.pipeline.collide(state, self.contacts)
         following_state = state if self._next is None else self._next
         self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
-        if self.observables is not None and "overflow" in self._observed:
+        if self.observables is not None and self.observables.is_requested("overflow"):
             wp.launch(note_overflow, dim=self.num_envs, inputs=[self.observables.overflow], outputs=[self._overflow])
         if self._next is not None:
             state.assign(self._next)
