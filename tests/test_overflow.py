@@ -40,7 +40,7 @@ def _fall(solver: MuJoCoSolverCfg, on_overflow: str = "raise") -> InteractiveSce
     scene = InteractiveScene(_SceneCfg(num_envs=2, env_spacing=3.0), Simulation(cfg))
     scene.build()
     for _ in range(40):
-        scene.sim.step()
+        scene.sim.launch(1)  # as step() does, without looking
     return scene
 
 
@@ -55,6 +55,12 @@ def test_too_few_contacts_and_constraints_name_the_size():
     with pytest.raises(RuntimeError, match=r"njmax is 8, set MuJoCoSolverCfg\(njmax=16\).*nconmax is 3.*nconmax=6"):
         scene.sim.check_overflow()
     scene.sim.check_overflow()  # told once, until it happens again
+
+
+def test_a_step_raises_right_after_the_overflow():
+    scene = _fall(MuJoCoSolverCfg(njmax=8, nconmax=3))
+    with pytest.raises(RuntimeError, match="nconmax is 3"):
+        scene.sim.step()
 
 
 def test_a_warning_on_request():

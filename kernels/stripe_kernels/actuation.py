@@ -73,8 +73,13 @@ def clamp_velocity(limit: wp.array[float], joint_qd: wp.array[float]):
 
 
 @wp.kernel(enable_backward=False)
-def note_overflow(overflow: wp.array[wp.int32], seen: wp.array[wp.int32]):
-    """Add the solver's overflow bits of each world, shape ``(num_envs,)``, to those ever seen, shape ``(1,)``."""
+def note_overflow(overflow: wp.array[wp.int32], seen: wp.array[wp.int32], told: wp.array[wp.int32]):
+    """Add the solver's overflow bits of each world, shape ``(num_envs,)``, to those ever seen, shape ``(1,)``.
+
+    Bits that are new are added to ``told`` too, shape ``(1,)``, which the host reads.
+    """
     bits = overflow[wp.tid()]
     if bits != 0:
-        wp.atomic_or(seen, 0, bits)
+        before = wp.atomic_or(seen, 0, bits)
+        if (bits & ~before) != 0:
+            wp.atomic_or(told, 0, bits)

@@ -16,6 +16,7 @@ __all__ = [
     "ArticulationData",
     "CommandData",
     "EpisodeData",
+    "Parameter",
     "Pose2dCommandData",
     "PoseCommandData",
     "VelocityCommandData",
@@ -161,3 +162,13 @@ class EpisodeData:
     """Length of an episode [s], as configured."""
     step_dt: float
     """Time step of the environment [s]."""
+
+
+@wp.struct
+class Parameter:
+    """A number that people tune, where it is kept."""
+
+    values: wp.array[float]
+    """The numbers of all terms."""
+    index: int
+    """Which of them it is."""

@@ -33,10 +33,6 @@ class ArticulationData(RootData):
         coords = slice(layout.coords.start, layout.coords.stop)
         self._dofs = dofs = slice(layout.dofs.start, layout.dofs.stop)
         state, model, control = sim.state, sim.model, sim.control
-        self.joint_names = list(layout.joint_names)
-        """Names, one a degree of freedom."""
-        self.body_names = list(layout.body_names)
-        """Names of the bodies, root first."""
         self.joint_pos = sim.per_env(state.joint_q)[:, coords]
         """Joint positions [m or rad] (view), shape ``(num_envs, num_joints)``."""
         self.joint_vel = sim.per_env(state.joint_qd)[:, dofs]

@@ -49,7 +49,11 @@ class RootData:
     angular velocity [rad/s], shape ``(num_envs, 13)``."""
 
     def __init__(self, sim: Simulation, layout: Layout):
-        self._sim = sim
+        self._sim, self._layout = sim, layout
+        self.joint_names = list(layout.joint_names)
+        """Names, one a degree of freedom."""
+        self.body_names = list(layout.body_names)
+        """Names of the bodies, root first."""
         rows = layout.body_slice
         self._body_q = sim.per_env(sim.state.body_q)[:, rows]
         self._body_qd = sim.per_env(sim.state.body_qd)[:, rows]
@@ -228,6 +232,29 @@ class RootData:
     def body_inertia(self) -> torch.Tensor:
         """Inertia about the centres of mass, link frames [kg m^2] (view), shape ``(num_envs, num_bodies, 3, 3)``."""
         return self._body_inertia
+
+    @property
+    def struct(self) -> Any:
+        """The state as the struct that Warp terms read, ``stripe_kernels.data.ArticulationData``; same memory."""
+        return self._made_struct()[0]
+
+    @property
+    def unavailable(self) -> dict[str, str]:
+        """Fields of :attr:`struct` that may not be read, and why."""
+        return self._made_struct()[1]
+
+    def _made_struct(self) -> tuple[Any, dict[str, str]]:
+        from .structs import make_struct
+
+        wrench = self._sim.external_wrench is not None
+        if self._struct is None or self._struct_has_wrench != wrench:
+            self._struct = make_struct(self._sim, self._layout, self, self._soft)
+            self._struct_has_wrench = wrench
+        return self._struct
+
+    _struct: tuple[Any, dict[str, str]] | None = None
+    _struct_has_wrench = False
+    _soft = 1.0
 
     def set_defaults(self, cfg: object, origins: torch.Tensor) -> None:
         """Fill the defaults from the state as built and the config's initial velocities."""

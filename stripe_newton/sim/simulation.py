@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 import warnings
 from collections.abc import Callable
@@ -16,6 +15,8 @@ import warp as wp
 
 from stripe_kernels.actuation import apply_effort_targets, apply_external_wrench, clamp_velocity, note_overflow
 
+from .capture import capture_graph
+from .flags import HostFlags
 from .overflow import overflow_message
 from .simulation_cfg import SimulationCfg
 
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from stripe_newton.usd import Light
 
 __all__ = ["Simulation", "resolve_device"]
-
-_OVERFLOW_INTERVAL = 64
-"""Calls of :meth:`Simulation.step` between looks at the solver's overflow, each of which waits for the device."""
 
 
 def resolve_device(name: str | None) -> str:
@@ -75,8 +73,9 @@ class Simulation:
         self.build_s = 0.0
         self.roots_moved = False
         """Set by whoever moved the frame that a fixed base is fixed to; the solver is told before the next step."""
+        self.recaptures = 0
+        """How often an array was replaced that graphs read; whoever captured the physics compares."""
         self._graphs: dict[int, wp.Graph] = {}
-        self._calls = 0
 
     @property
     def physics_dt(self) -> float:
@@ -171,7 +170,15 @@ class Simulation:
 
     def _observe(self) -> None:
         """Allocate what the solver reports beyond the state."""
-        wanted = {"qfrc_actuator", "overflow"} & set(self.solver.supported_observables)
+        supported = {str(getattr(o, "value", o)) for o in self.solver.supported_observables}
+        wanted = {"qfrc_actuator", "overflow"} & supported
+        missing = [name for name in self.cfg.observables if name not in supported]
+        if missing:
+            raise ValueError(
+                f"observables: {type(self.solver).__name__} does not report {', '.join(missing)}; "
+                f"it has {', '.join(sorted(supported)) or 'none'}"
+            )
+        wanted |= set(self.cfg.observables)
         if self.cfg.contact_forces:
             if "contact_f" not in self.solver.supported_observables:
                 raise ValueError(
@@ -181,7 +188,7 @@ class Simulation:
             if self.contacts is None:
                 self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
         self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
-        self._overflow = wp.zeros(1, dtype=wp.int32)
+        self._overflow, self._told = wp.zeros(1, dtype=wp.int32), HostFlags(1, self.device)
         if getattr(self.solver, "mjw_model", None) is not None:
             self.solver.mjw_model.opt.warn_overflow = 0  # else every world prints in every step
 
@@ -192,38 +199,42 @@ class Simulation:
 
         The first call of each number of substeps runs eagerly and records the graph.
         """
-        if self.roots_moved:
-            self.roots_moved = False
-            self.notify(newton.ModelFlags.JOINT_PROPERTIES)
-        self._calls += 1
-        if self._calls % _OVERFLOW_INTERVAL == 0:
-            self.check_overflow()
+        self.begin_step()
         graph = self._graphs.get(substeps)
         if graph is not None:
             wp.capture_launch(graph)
             return
         with wp.ScopedDevice(self.device):
-            self._run(substeps)
+            self.launch(substeps)
             if self.device != "cpu" and self.cfg.use_cuda_graph:
-                self._graphs[substeps] = self._capture(lambda: self._run(substeps))
+                self._graphs[substeps] = capture_graph(self.device, lambda: self.launch(substeps))
 
-    def _capture(self, function: Callable[[], None]) -> wp.Graph:
-        collecting = gc.isenabled()
-        gc.disable()  # a collection during capture may free device memory, which breaks the capture
-        try:
-            with wp.ScopedCapture(device=self.device) as capture:
-                function()
-        finally:
-            if collecting:
-                gc.enable()
-        return capture.graph
+    def begin_step(self) -> None:
+        """What the host does before the physics: tell the solver of roots that were moved, report an overflow.
+
+        Raises:
+            RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
+        """
+        if self.roots_moved:
+            self.roots_moved = False
+            self.notify(newton.ModelFlags.JOINT_PROPERTIES)
+        self.check_overflow()
 
     def recapture(self) -> None:
         """Record the graphs anew at the next step; for whoever replaced an array that they read."""
         self._graphs.clear()
+        self.recaptures += 1
 
-    def _run(self, substeps: int) -> None:
+    def launch(self, substeps: int, before_each: Callable[[], None] | None = None) -> None:
+        """Launch the kernels of some time steps, as :meth:`step` does but without a graph of its own.
+
+        Args:
+            substeps: Number of time steps.
+            before_each: Launches what is to run before each of them.
+        """
         for index in range(substeps):
+            if before_each is not None:
+                before_each()
             if index == substeps - 1:
                 wp.copy(self.previous_joint_qd, self.state.joint_qd)
             self._substep()
@@ -259,7 +270,12 @@ class Simulation:
         following_state = state if self._next is None else self._next
         self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
         if self.observables is not None and self.observables.is_requested("overflow"):
-            wp.launch(note_overflow, dim=self.num_envs, inputs=[self.observables.overflow], outputs=[self._overflow])
+            wp.launch(
+                note_overflow,
+                dim=self.num_envs,
+                inputs=[self.observables.overflow],
+                outputs=[self._overflow, self._told.array],
+            )
         if self._next is not None:
             state.assign(self._next)
             if not self.cfg.solver.reduced_coordinates:
@@ -336,14 +352,15 @@ class Simulation:
         return wp.to_torch(array)[shared:].unflatten(0, (self.num_envs, -1))
 
     def check_overflow(self) -> None:
-        """Raise, or warn, if contacts or constraints were dropped since the last call. It waits for the device.
+        """Raise, or warn, if contacts or constraints were dropped since the last call, as far as the device has got.
 
         Raises:
             RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
         """
-        bits = int(self._overflow.numpy()[0])
+        bits = self._told[0]
         if not bits:
             return
+        self._told[0] = 0
         self._overflow.zero_()
         message = overflow_message(bits, self.solver)
         if message and self.cfg.on_overflow == "raise":

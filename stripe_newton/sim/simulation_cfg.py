@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from stripe_newton.configclass import configclass
 
@@ -32,9 +32,12 @@ class SimulationCfg:
     """The solver and its options."""
     contact_forces: bool = False
     """Export contact forces in every step, for :meth:`SceneQuerier.get_contact_forces`."""
+    observables: Sequence[str] = ()
+    """What the solver reports beyond the state, by Newton's names: ``"body_qdd"`` for accelerations of bodies,
+    ``"body_parent_f"`` for the wrenches of their joints."""
     on_overflow: str = "raise"
     """When contacts or constraints did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, naming the size to
-    set. It is looked at every 64 steps."""
+    set. The device reports it without being waited for, so on a GPU the message may come some steps late."""
     use_cuda_graph: bool = True
     """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
 

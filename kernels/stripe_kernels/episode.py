@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Beginning and end of a step: episode lengths, worlds that are not finite, the log."""
+
+import warp as wp
+
+__all__ = ["LOG_COUNT", "LOG_LAST", "LOG_MEAN", "finish_log", "log_add", "row_is_finite", "seed_streams"]
+
+LOG_MEAN = wp.constant(0)
+LOG_COUNT = wp.constant(1)
+LOG_LAST = wp.constant(2)
+
+
+@wp.func
+def log_add(sums: wp.array[float], counts: wp.array[int], index: int, value: float):
+    """Add the value of one environment to an entry of the log."""
+    wp.atomic_add(sums, index, value)
+    wp.atomic_add(counts, index, 1)
+
+
+@wp.func
+def row_is_finite(values: wp.array[float]) -> bool:
+    """Whether all numbers of a slice are finite."""
+    finite = wp.bool(True)
+    for i in range(values.shape[0]):
+        finite = finite and wp.isfinite(values[i])
+    return finite
+
+
+@wp.kernel(enable_backward=False)
+def finish_log(kinds: wp.array[int], sums: wp.array[float], counts: wp.array[int], values: wp.array[float]):
+    """Turn the sums of a step into what is handed out, and clear them; one thread an entry.
+
+    ``LOG_MEAN``: ``sum / count``, which stays as it is in a step without any. ``LOG_COUNT``: ``sum``. ``LOG_LAST``:
+    the sum of the last step that had any.
+    """
+    k = wp.tid()
+    if kinds[k] == LOG_COUNT:
+        values[k] = sums[k]
+    elif counts[k] > 0:
+        if kinds[k] == LOG_MEAN:
+            values[k] = sums[k] / float(counts[k])
+        else:
+            values[k] = sums[k]
+    sums[k] = 0.0
+    counts[k] = 0
+
+
+@wp.kernel(enable_backward=False)
+def seed_streams(seed: int, rng: wp.array[wp.uint32]):
+    """Start the random stream of each environment; shape ``(num_envs,)``."""
+    env = wp.tid()
+    rng[env] = wp.rand_init(seed, env)

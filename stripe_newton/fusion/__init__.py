@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Terms composed into kernels, kernels into one graph a step."""
+
+from .binding import TermCall, TermState, bind_term, fields_read
+from .entity import SceneEntityCfg
+from .items import Captured, Eager, Item, Section
+from .kernels import FusedKernel, fuse
+from .log import EpisodeLog
+from .parameters import Parameters
+from .plan import GraphCaptureError, Plan, Stage
+from .scope import Scope
+
+__all__ = [
+    "Captured",
+    "Eager",
+    "EpisodeLog",
+    "FusedKernel",
+    "GraphCaptureError",
+    "Item",
+    "Parameters",
+    "Plan",
+    "SceneEntityCfg",
+    "Scope",
+    "Section",
+    "Stage",
+    "TermCall",
+    "TermState",
+    "bind_term",
+    "fields_read",
+    "fuse",
+]

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a step is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+__all__ = ["Captured", "Eager", "Item", "Section"]
+
+
+@dataclass
+class Section:
+    """Source of a Warp function of one environment. Neighbouring sections become one kernel.
+
+    The body sees ``env`` and every name that the scope handed out; its local names are its own.
+    """
+
+    name: str
+    """Name of the function in the generated source."""
+    body: Sequence[str]
+    """Lines of Warp's Python, without indent and without ``return``."""
+    terms: Sequence[str] = ()
+    """Terms that are in it, for the description."""
+    where_reset: bool = False
+    """Whether it runs only in the environments whose episode just ended."""
+
+
+@dataclass
+class Captured:
+    """A function that launches kernels and does nothing else; it becomes part of the graph as it is."""
+
+    name: str
+    function: Callable[[], None]
+    terms: Sequence[str] = ()
+
+
+@dataclass
+class Eager:
+    """A function that runs on the host in every step, between two graphs."""
+
+    name: str
+    function: Callable[[], None]
+    reason: str
+    """Why it cannot be captured."""
+    terms: Sequence[str] = field(default=())
+
+
+Item = Section | Captured | Eager

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that people tune, on the device."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+
+from stripe_kernels.data import Parameter
+
+from .scope import Scope
+
+__all__ = ["Parameters"]
+
+_CAPACITY = 4096
+_VECTORS = {wp.vec2: 2, wp.vec3: 3, wp.vec4: 4, wp.quat: 4}
+
+
+class Parameters:
+    """Weights and other numbers by path, such as ``rewards.alive.weight``, in one array that kernels read.
+
+    What is written here holds from the next replay of a graph on::
+
+        parameters["rewards.alive.weight"] = 2.0
+    """
+
+    def __init__(self, scope: Scope, device: str):
+        self.floats = wp.zeros(_CAPACITY, dtype=float, device=device)
+        """The numbers, float32, vectors element by element."""
+        self.ints = wp.zeros(_CAPACITY, dtype=int, device=device)
+        """Whole numbers and truth values, int32."""
+        self._names = scope.name("parameters", self.floats), scope.name("int_parameters", self.ints)
+        self._used = [0, 0]
+        self._places: dict[str, tuple[Any, int]] = {}
+
+    def add(self, path: str, value: Any, kind: type) -> str:
+        """Keep a number and return the expression that reads it in generated source.
+
+        Args:
+            path: What it is called; a path that is there already keeps its place and takes the value.
+            value: A number, a truth value, or the numbers of a vector.
+            kind: ``float``, ``int``, ``bool``, ``wp.vec2``, ``wp.vec3``, ``wp.vec4`` or ``wp.quat``.
+
+        Raises:
+            ValueError: if ``value`` is no ``kind``.
+        """
+        if path not in self._places:
+            whole, size = kind in (int, bool), _VECTORS.get(kind, 1)
+            if self._used[whole] + size > _CAPACITY:
+                raise ValueError(f"{path}: more than {_CAPACITY} parameters; keep large tables in arrays")
+            self._places[path] = kind, self._used[whole]
+            try:
+                self[path] = value
+            except ValueError:
+                del self._places[path]
+                raise
+            self._used[whole] += size
+        else:
+            self[path] = value
+        return self._expression(path)
+
+    def _expression(self, path: str) -> str:
+        kind, index = self._places[path]
+        floats, ints = self._names
+        if kind is bool:
+            return f"({ints}[{index}] != 0)"
+        if kind is int:
+            return f"{ints}[{index}]"
+        if kind is float:
+            return f"{floats}[{index}]"
+        parts = ", ".join(f"{floats}[{index + k}]" for k in range(_VECTORS[kind]))
+        return f"wp.{kind.__name__.removesuffix('f')}({parts})"
+
+    def paths(self) -> list[str]:
+        """Paths of all parameters."""
+        return list(self._places)
+
+    def __contains__(self, path: str) -> bool:
+        return path in self._places
+
+    def __getitem__(self, path: str) -> Any:
+        """The value now; it waits for the device.
+
+        Raises:
+            KeyError: if there is no such parameter.
+        """
+        kind, index = self._place(path)
+        tensor = wp.to_torch(self.ints if kind in (int, bool) else self.floats)
+        values = tensor[index : index + _VECTORS.get(kind, 1)].tolist()
+        return tuple(values) if kind in _VECTORS else kind(values[0])
+
+    def __setitem__(self, path: str, value: Any) -> None:
+        """Change a value.
+
+        Raises:
+            KeyError: if there is no such parameter.
+            ValueError: if the value does not fit it.
+        """
+        kind, index = self._place(path)
+        size = _VECTORS.get(kind, 1)
+        if isinstance(value, torch.Tensor):
+            value = value.tolist()
+        values = list(value) if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str) else [value]
+        number = (int, float, np.integer, np.floating, np.bool_)
+        if len(values) != size or not all(isinstance(v, number) for v in values):
+            what = "a number" if size == 1 else f"{size} numbers"
+            raise ValueError(f"{path}: is {value!r}, must be {what}")
+        if kind in (int, bool) and any(int(v) != v for v in values):
+            raise ValueError(f"{path}: is {value!r}, must be a whole number")
+        tensor = wp.to_torch(self.ints if kind in (int, bool) else self.floats)
+        tensor[index : index + size] = torch.tensor([float(v) for v in values], device=tensor.device).to(tensor.dtype)
+
+    def reference(self, path: str) -> Parameter:
+        """Where a float parameter is kept, for a term that changes it.
+
+        Raises:
+            KeyError: if there is no such parameter, or it is no float.
+        """
+        kind, index = self._place(path)
+        if kind is not float:
+            raise KeyError(f"'{path}' is {kind.__name__}, must be a float")
+        reference = Parameter()
+        reference.values, reference.index = self.floats, index
+        return reference
+
+    def _place(self, path: str) -> tuple[Any, int]:
+        if path not in self._places:
+            near = difflib.get_close_matches(path, self._places, n=3, cutoff=0.4)
+            hint = f"; near it: {', '.join(near)}" if near else ""
+            raise KeyError(f"no parameter '{path}'{hint}")
+        return self._places[path]

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the managers of an environment share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import warp as wp
+
+from stripe_kernels.data import EpisodeData
+from stripe_kernels.episode import seed_streams
+from stripe_newton.fusion import EpisodeLog, Parameters, Scope
+from stripe_newton.scene import InteractiveScene
+
+__all__ = ["ManagerContext"]
+
+
+class ManagerContext:
+    """Arrays, names and numbers of one environment; managers get this and never the environment.
+
+    Attributes:
+        scene: The scene, built.
+        step_dt: Time step of the environment [s].
+        decimation: Physics steps in it.
+        max_episode_length_s: Duration of an episode [s].
+        max_episode_length: Environment steps in it.
+        scope: Names in generated source.
+        parameters: Numbers that are tuned.
+        log: The log of a step.
+        episode: Length and end of the episodes.
+        reset: Environments whose episode just ended, bool, shape ``(num_envs,)``.
+        moved: Environments whose joints were written since the physics, bool, shape ``(num_envs,)``.
+        reward: Rewards of the step, shape ``(num_envs,)``.
+        rng: Random streams, uint32, shape ``(num_envs,)``.
+        step: Environment steps taken, int64, shape ``(1,)``.
+        provided: Structs that terms may ask for, by type and name.
+        problems: What is wrong with the config, gathered.
+        owner: What torch terms get as their environment.
+        arrays: Everything that lasts from step to step, by name.
+    """
+
+    def __init__(
+        self,
+        scene: InteractiveScene,
+        step_dt: float,
+        decimation: int,
+        max_episode_length_s: float,
+        max_episode_length: int,
+        num_terminations: int = 0,
+        owner: Any = None,
+    ):
+        self.scene, self.owner = scene, owner
+        self.step_dt, self.decimation = step_dt, decimation
+        self.max_episode_length_s, self.max_episode_length = max_episode_length_s, max_episode_length
+        self.num_envs, self.device = scene.num_envs, scene.device
+        self.scope = Scope()
+        self.parameters = Parameters(self.scope, self.device)
+        self.log = EpisodeLog(self.scope, self.device)
+        self.arrays: dict[str, wp.array] = {}
+        self.provided: dict[Any, dict[str, Any]] = {}
+        self.problems: list[str] = []
+        self.termination_names: list[str] = []
+        self.action_slices: dict[str, tuple[int, int]] = {}
+        self.action_parts: dict[str, Any] = {}
+        self.reset = self.array("reset", wp.bool)
+        self.moved = self.array("moved", wp.bool)
+        self.reward = self.array("reward", float)
+        self.rng = self.array("rng", wp.uint32)
+        self.step = self.shared("step", wp.int64, 1)
+        episode = EpisodeData()
+        episode.length = self.array("episode.length", wp.int64)
+        episode.terminated = self.array("episode.terminated", wp.bool)
+        episode.truncated = self.array("episode.truncated", wp.bool)
+        episode.term_terminated = self.array("episode.term_terminated", wp.bool, num_terminations)
+        episode.max_length, episode.max_length_s, episode.step_dt = max_episode_length, max_episode_length_s, step_dt
+        self.episode = episode
+        for name in ("reset", "moved", "reward", "rng", "step", "episode"):
+            self.scope.name(name, getattr(self, name))
+        self.arrays |= {"parameters": self.parameters.floats, "int_parameters": self.parameters.ints}
+        self.seed(0)
+
+    def seed(self, seed: int) -> None:
+        """Restart the random streams."""
+        wp.launch(seed_streams, dim=self.num_envs, inputs=[seed % 2**31], outputs=[self.rng], device=self.device)
+
+    def array(self, name: str, dtype: Any, *shape: int, fill: float = 0) -> wp.array:
+        """An array ``(num_envs, *shape)`` that lasts from step to step; the same one for the same name."""
+        return self.shared(name, dtype, self.num_envs, *shape, fill=fill)
+
+    def shared(self, name: str, dtype: Any, *shape: int, fill: float = 0) -> wp.array:
+        """An array that lasts from step to step, of any shape.
+
+        Raises:
+            ValueError: if the name is taken by another type or shape.
+        """
+        dtype = {float: wp.float32, int: wp.int32, bool: wp.bool}.get(dtype, dtype)
+        there = self.arrays.get(name)
+        if there is None:
+            there = self.arrays[name] = wp.zeros(shape, dtype=dtype, device=self.device)
+            if fill:
+                there.fill_(fill)
+        if there.dtype is not dtype or tuple(there.shape) != tuple(shape):
+            kind = f"{there.dtype.__name__} {tuple(there.shape)}"
+            raise ValueError(f"array '{name}' is {kind} already, asked for {dtype.__name__} {tuple(shape)}")
+        return there
+
+    def entity_names(self) -> list[str]:
+        """Names of what terms may be about."""
+        return [*self.scene.articulations, *self.scene.rigid_objects]
+
+    def entity(self, name: str) -> Any:
+        """An articulation or rigid object by name.
+
+        Raises:
+            KeyError: if there is none; the message says what there is.
+        """
+        for family in (self.scene.articulations, self.scene.rigid_objects):
+            if name in family:
+                return family[name]
+        raise KeyError(f"no asset '{name}' in the scene; it has {', '.join(self.entity_names()) or 'none'}")
+
+    def provide(self, value: Any, name: str) -> None:
+        """Offer a struct to terms, by its type and a name."""
+        self.provided.setdefault(value._cls, {})[name] = value
+
+    def torch(self, array: wp.array) -> torch.Tensor:
+        """An array as a tensor, same memory."""
+        return wp.to_torch(array)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recording work as a CUDA graph."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+
+import warp as wp
+
+__all__ = ["capture_graph"]
+
+
+def capture_graph(device: str, function: Callable[[], None]) -> wp.Graph:
+    """Record what ``function`` launches; nothing of it runs now.
+
+    Raises:
+        Exception: what CUDA or the function says if it does something that cannot be recorded.
+    """
+    collecting = gc.isenabled()
+    gc.disable()  # a collection during capture may free device memory, which breaks the capture
+    try:
+        with wp.ScopedCapture(device=device) as capture:
+            function()
+    finally:
+        if collecting:
+            gc.enable()
+    return capture.graph
