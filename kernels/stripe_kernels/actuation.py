@@ -4,7 +4,7 @@ overflow."""
 
 import warp as wp
 
-__all__ = ["apply_effort_targets", "apply_external_wrench", "clamp_velocity", "note_overflow"]
+__all__ = ["apply_effort_targets", "apply_external_wrench", "clamp_velocity", "note_overflow", "repeat_mask"]
 
 
 @wp.kernel(enable_backward=False)
@@ -83,3 +83,10 @@ def note_overflow(overflow: wp.array[wp.int32], seen: wp.array[wp.int32], told: 
         before = wp.atomic_or(seen, 0, bits)
         if (bits & ~before) != 0:
             wp.atomic_or(told, 0, bits)
+
+
+@wp.kernel(enable_backward=False)
+def repeat_mask(mask: wp.array[wp.bool], count: int, repeated: wp.array[wp.bool]):
+    """Repeat each entry of ``mask`` ``count`` times."""
+    i = wp.tid()
+    repeated[i] = mask[i // count]

@@ -3,7 +3,22 @@
 
 import warp as wp
 
-__all__ = ["LOG_COUNT", "LOG_LAST", "LOG_MEAN", "finish_log", "log_add", "row_is_finite", "seed_streams"]
+from .data import ArticulationData
+
+__all__ = [
+    "LOG_COUNT",
+    "LOG_LAST",
+    "LOG_MEAN",
+    "clear_row",
+    "clear_wrench",
+    "finish_log",
+    "finite_action",
+    "log_add",
+    "reset_targets",
+    "restore_row",
+    "row_is_finite",
+    "seed_streams",
+]
 
 LOG_MEAN = wp.constant(0)
 LOG_COUNT = wp.constant(1)
@@ -50,3 +65,44 @@ def seed_streams(seed: int, rng: wp.array[wp.uint32]):
     """Start the random stream of each environment; shape ``(num_envs,)``."""
     env = wp.tid()
     rng[env] = wp.rand_init(seed, env)
+
+
+@wp.func
+def restore_row(values: wp.array[float], source: wp.array[float]):
+    """Copy a row."""
+    for i in range(values.shape[0]):
+        values[i] = source[i]
+
+
+@wp.func
+def clear_row(values: wp.array[float]):
+    """Set a row to zero."""
+    for i in range(values.shape[0]):
+        values[i] = 0.0
+
+
+@wp.func
+def reset_targets(env: int, robot: ArticulationData):
+    """Bring the targets of all joints back to their state at the start of an episode; no effort is asked for."""
+    for j in range(robot.joint_pos_target.shape[1]):
+        robot.joint_pos_target[env, j] = robot.default_joint_pos[env, j]
+    for j in range(robot.joint_vel_target.shape[1]):
+        robot.joint_vel_target[env, j] = robot.default_joint_vel[env, j]
+        robot.joint_effort_target[env, j] = 0.0
+
+
+@wp.func
+def clear_wrench(env: int, robot: ArticulationData):
+    """Remove the external wrenches."""
+    for b in range(robot.external_wrench.shape[1]):
+        robot.external_wrench[env, b] = wp.spatial_vector()
+
+
+@wp.func
+def finite_action(value: float, bad: wp.array[int]) -> float:
+    """``value``, or 0 where it is no number and +-1e6 where it is infinite; counts those in ``bad[0]``."""
+    result = value
+    if not wp.isfinite(value):
+        wp.atomic_add(bad, 0, 1)
+        result = wp.where(wp.isnan(value), 0.0, wp.sign(value) * 1.0e6)
+    return result

@@ -3,59 +3,57 @@
 
 from __future__ import annotations
 
-import math
-import random
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
 
-import newton
 import numpy as np
 import torch
 import warp as wp
 from gymnasium import spaces
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import Simulation
+from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
 
 from .direct_rl_env_cfg import DirectRLEnvCfg
 from .events import EventRunner
+from .rl_env import Observations, RLEnv
 from .spaces import to_space
 from .substeps import Substeps
 
 __all__ = ["DirectRLEnv"]
 
-Observations = dict[str, torch.Tensor]
+_PAIRS = {
+    "_pre_physics_step": "_launch_pre_physics_step",
+    "_apply_action": "_launch_apply_action",
+    "_get_dones": "_launch_dones",
+    "_get_rewards": "_launch_rewards",
+    "_reset_idx": "_launch_reset",
+    "_get_observations": "_launch_observations",
+}
+"""Torch hooks, and the Warp hooks that may stand in for them."""
 
 
-class DirectRLEnv(VectorEnv):
+class DirectRLEnv(RLEnv):
     """Base class of environments whose hooks compute observations, rewards and dones for all environments at once.
 
-    A subclass fills the hooks below. A step runs in this order: noise on the actions, ``_pre_physics_step``, the
-    physics (``decimation`` steps, ``_apply_action`` before them), episode length + 1, ``_get_dones``, ``_get_rewards``,
-    ``_reset_idx`` for environments that are done, interval events, sensors, ``_get_observations``, ``_get_states``,
-    noise on the observations. State is fresh wherever a hook reads it.
+    A step runs in this order: noise on the actions, ``_pre_physics_step``, the physics (``decimation`` steps,
+    ``_apply_action`` before them), episode length + 1, ``_get_dones``, ``_get_rewards``, ``_reset_idx`` for
+    environments that are done, interval events, sensors, ``_get_observations``, ``_get_states``, noise on the
+    observations. State is fresh wherever a hook reads it.
 
-    It is a :class:`gymnasium.vector.VectorEnv` of torch tensors that resets within the step (``SAME_STEP``).
+    Each of these hooks may be filled with torch, under the name above, or with Warp kernels, under the name
+    ``_launch_pre_physics_step``, ``_launch_apply_action``, ``_launch_dones``, ``_launch_rewards``, ``_launch_reset`` or
+    ``_launch_observations``. Warp hooks read and write the arrays of :attr:`warp` and become part of the step's CUDA
+    graph; torch hooks run between graphs. :meth:`describe` shows which is which.
 
     Attributes:
-        cfg: The config.
-        sim: The simulation.
-        scene: The scene.
-        common_step_counter: Environment steps taken.
-        reset_buf: Environments that ended in the last step, bool, shape ``(num_envs,)``.
-        reset_terminated: Those that ended in failure or success, bool, shape ``(num_envs,)``.
-        reset_time_outs: Those that ran out of time, bool, shape ``(num_envs,)``.
-        extras: What is handed out beside the observations; ``extras["log"]`` is a new dict in every step.
+        warp: What Warp hooks work on: ``actions`` float ``(num_envs, num_actions)``, always finite; ``terminated``,
+            ``truncated`` and ``reset`` bool ``(num_envs,)``; ``reward`` float ``(num_envs,)``; ``observations``, by
+            group, float ``(num_envs, n)``; ``episode``, a ``stripe_kernels.data.EpisodeData``; ``rng`` uint32
+            ``(num_envs,)``; ``step`` int64 ``(1,)``; ``log``, the step's :class:`EpisodeLog`.
     """
-
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": [None, "rgb_array"],
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
 
     cfg: DirectRLEnvCfg
 
@@ -69,44 +67,30 @@ class DirectRLEnv(VectorEnv):
 
         Raises:
             ConfigError: all problems of the config at once.
+            TypeError: if a class fills a hook twice, with torch and with Warp.
         """
-        if kwargs:
-            raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
-        if render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode '{render_mode}': must be None or 'rgb_array'")
-        cfg.validate()
-        self.cfg = cfg.copy()
-        self.render_mode = render_mode
-        if self.cfg.seed is not None:
-            self.seed(self.cfg.seed)
-        self.sim = Simulation(self.cfg.sim)
-        self.scene = InteractiveScene(self.cfg.scene, self.sim)
-        with self.scene.construction():
-            self._setup_scene()
-        self.scene.build()
-        self._make_buffers()
+        self._check_hooks()
+        super().__init__(cfg, render_mode, **kwargs)
+        self._checked = False
         self._make_spaces()
         for name in ("observation", "action"):
             noise = getattr(self.cfg, f"{name}_noise_model")
             model = noise.class_type(noise, self.num_envs, self.device) if noise is not None else None
             setattr(self, f"_{name}_noise_model", model)
         self._events = EventRunner(self.cfg.events, self) if self.cfg.events is not None else None
-        self._renderer: Any = None
         self._substeps = Substeps(self.cfg.apply_action, self.cfg.decimation)
+        self._make_warp()
         if self._events is not None:
             self._events.startup()
 
-    def _make_buffers(self) -> None:
-        count, device = self.num_envs, self.device
-        self._episode_length_buf = torch.zeros(count, dtype=torch.long, device=device)
-        self.reset_terminated = torch.zeros(count, dtype=torch.bool, device=device)
-        self.reset_time_outs = torch.zeros(count, dtype=torch.bool, device=device)
-        self.reset_buf = torch.ones(count, dtype=torch.bool, device=device)
-        self.reward_buf = torch.zeros(count, device=device)
-        self.obs_buf: Observations = {}
-        self.extras: dict[str, Any] = {"log": {}}
-        self.common_step_counter = 0
-        self._checked = False
+    def _fills(self, hook: str) -> bool:
+        """Whether the class fills a hook."""
+        return getattr(type(self), hook) is not getattr(DirectRLEnv, hook)
+
+    def _check_hooks(self) -> None:
+        twice = [f"{a} and {b}" for a, b in _PAIRS.items() if self._fills(a) and self._fills(b)]
+        if twice:
+            raise TypeError(f"{type(self).__name__} fills {'; '.join(twice)}: fill one of the two")
 
     def _make_spaces(self) -> None:
         cfg = self.cfg
@@ -115,258 +99,205 @@ class DirectRLEnv(VectorEnv):
         own = dict(groups.spaces) if named else {"policy": groups}
         if cfg.state_space:
             own["critic"] = to_space(cfg.state_space)
-        self.single_observation_space = spaces.Dict(own)
-        self.single_action_space = to_space(cfg.action_space)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._set_spaces(own, to_space(cfg.action_space))
         self.state_space = self.observation_space["critic"] if cfg.state_space else None
-        size = spaces.flatdim(self.single_action_space)
-        self.actions = torch.zeros(self.num_envs, size, device=self.device)
 
-    # -- properties
+    def _make_warp(self) -> None:
+        context, size = self.context, spaces.flatdim(self.single_action_space)
+        self.warp = SimpleNamespace(
+            actions=context.array("actions", wp.float32, size),
+            terminated=context.episode.terminated,
+            truncated=context.episode.truncated,
+            reset=context.reset,
+            reward=context.reward,
+            episode=context.episode,
+            rng=context.rng,
+            step=context.step,
+            log=context.log,
+            observations={},
+        )
+        self._actions_name = context.scope.name("actions", self.warp.actions)
+        self.actions = wp.to_torch(self.warp.actions)
+        if self._fills("_launch_observations"):
+            for name, space in self.single_observation_space.spaces.items():
+                shape = self.num_envs, spaces.flatdim(space)
+                self.warp.observations[name] = self.outputs.reserve(f"obs.{name}", wp.float32, shape)
+                context.arrays[f"obs.{name}"] = self.warp.observations[name]
+                if self.cfg.compute_final_obs:
+                    self.outputs.reserve(f"final.{name}", wp.float32, shape)
 
-    @property
-    def num_envs(self) -> int:
-        """Number of environments."""
-        return self.scene.num_envs
+    # -- the step
 
-    @property
-    def device(self) -> str:
-        """Device of the simulation and of every tensor."""
-        return self.sim.device
+    def _stages(self) -> list[Stage]:
+        count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], condition="stepping[0] != 0")
+        return [
+            Stage("actions", self._action_items()),
+            Stage("physics", self._physics_items()),
+            Stage("outcome", [self._safety.after_physics(), *self._outcome_items()]),
+            Stage("reset", self._reset_items()),
+            Stage("events", self._event_items()),
+            Stage("forward kinematics", self._safety.forward() if self._fills("_launch_reset") else []),
+            Stage("sensors", self._sensor_items()),
+            Stage("observations", [count, *self._observation_items()]),
+        ]
 
-    @property
-    def physics_dt(self) -> float:
-        """Time step of the physics [s]."""
-        return self.sim.physics_dt
+    def _either(self, hook: str, launch: Callable[[], None], torch_hook: Callable[[], None], terms: str = "") -> Item:
+        """A Warp hook as it is, or a torch hook with the reason why it is eager."""
+        if self._fills(_PAIRS[hook]):
+            return Captured(_PAIRS[hook], launch)
+        return Eager(f"{hook}{terms}", torch_hook, "torch hook")
 
-    @property
-    def step_dt(self) -> float:
-        """Time step of the environment [s]."""
-        return self.sim.physics_dt * self.cfg.decimation
+    def _action_items(self) -> list[Item]:
+        noise = ", noise" if self._action_noise_model is not None else ""
+        if self._fills("_launch_pre_physics_step"):
+            finite = self._safety.actions(self._actions_name, self.warp.actions.shape[1])
+            launch = Captured("_launch_pre_physics_step", lambda: self._launch_pre_physics_step(self.warp.actions))
+            return [finite, launch]
+        return [Eager(f"_pre_physics_step{noise}", lambda: self._pre_physics_step(self._action), "torch hook")]
 
-    @property
-    def max_episode_length_s(self) -> float:
-        """Duration of an episode [s]."""
-        return self.cfg.episode_length_s
+    def _physics_items(self) -> list[Item]:
+        steps, solver = self.cfg.decimation, type(self.sim.solver).__name__
+        physics = f"{solver}, {steps} physics steps"
+        if self._fills("_launch_apply_action"):
+            if self._substeps.mode == "step":
+                return [
+                    Captured("_launch_apply_action", self._launch_apply_action),
+                    Captured(physics, lambda: self.sim.launch(steps)),
+                ]
+            each = self._launch_apply_action
+            return [Captured(f"{physics}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
+        if self._fills("_launch_pre_physics_step") and not self._fills("_apply_action"):
+            return [Captured(physics, lambda: self.sim.launch(steps))]
+        graph = self.device != "cpu" and self.cfg.sim.use_cuda_graph
+        how = f"torch hook; the physics is {'one CUDA graph' if graph else 'kernel by kernel'}"
+        name = f"_apply_action ({self._substeps.mode}), {physics}"
+        return [Eager(name, lambda: self._substeps.run(self), how)]
 
-    @property
-    def max_episode_length(self) -> int:
-        """Environment steps in an episode."""
-        return math.ceil(self.max_episode_length_s / self.step_dt - 1.0e-9)
+    def _outcome_items(self) -> list[Item]:
+        dones = self._either("_get_dones", self._launch_dones, self._torch_dones)
+        rewards = self._either("_get_rewards", self._launch_rewards, self._torch_rewards)
+        items = [dones, rewards]
+        if isinstance(dones, Captured):
+            body = [
+                "episode.terminated[env] = episode.terminated[env] or nonfinite[env]",
+                "reset[env] = episode.terminated[env] or episode.truncated[env]",
+                "moved[env] = reset[env]",
+            ]
+            items.insert(1, Section("ended", body, condition="stepping[0] != 0"))
+        if isinstance(rewards, Captured):
+            items.append(Section("finite_reward", ["if nonfinite[env]:", "    reward[env] = 0.0"]))
+        return items
 
-    @property
-    def episode_length_buf(self) -> torch.Tensor:
-        """Steps since the last reset, int64, shape ``(num_envs,)``; assigning copies into the same memory."""
-        return self._episode_length_buf
-
-    @episode_length_buf.setter
-    def episode_length_buf(self, value: torch.Tensor) -> None:
-        self._episode_length_buf.copy_(torch.as_tensor(value, device=self.device))
-
-    # -- gymnasium
-
-    def seed(self, seed: int | None = None) -> int:
-        """Seed Python's, NumPy's and torch's random numbers; ``None`` draws a seed. Returns the seed."""
-        seed = int(np.random.default_rng().integers(2**31)) if seed is None else int(seed)
-        random.seed(seed)
-        np.random.seed(seed % 2**32)  # noqa: NPY002  (what users' hooks draw from)
-        torch.manual_seed(seed)
-        self._np_random, self._np_random_seed = seeding.np_random(seed)
-        return seed
-
-    @torch.inference_mode(False)  # tensors made in an inference mode could not be written outside of it
-    @torch.no_grad()
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[str, Any]]:
-        """Begin new episodes.
-
-        Args:
-            seed: Seeds the random numbers first.
-            options: ``{"reset_mask": mask}`` resets only those environments; bool, shape ``(num_envs,)``.
-
-        Returns:
-            Observations by group, and extras.
-        """
-        if seed is not None:
-            self.seed(seed)
-        mask = (options or {}).get("reset_mask")
-        ids = torch.arange(self.num_envs, device=self.device)
-        if mask is not None:
-            ids = ids[torch.as_tensor(mask, dtype=torch.bool, device=self.device)]
-        self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
-        self.extras["log"] = {}
-        self._reset(ids)
-        self.scene.update(self.physics_dt)
-        observations = self._observe()
-        self.extras["log"] = _own(self.extras.get("log") or {})
-        return observations, self.extras
-
-    @torch.inference_mode(False)
-    @torch.no_grad()
-    def step(
-        self, action: torch.Tensor
-    ) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Advance all environments by ``step_dt``; those that end are reset within the step.
-
-        Args:
-            action: Shape ``(num_envs, *action_shape)``.
-
-        Returns:
-            Observations by group (of the new episode where one began), rewards float ``(num_envs,)``, terminated and
-            truncated bool ``(num_envs,)``, and extras. All are new tensors.
-
-        Raises:
-            ValueError: if the shape of the actions does not fit.
-        """
-        action = self._checked_action(action)
-        if self._action_noise_model is not None:
-            action = self._action_noise_model(action)
-        self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
-        self.extras["log"] = {}
-        self._pre_physics_step(action)
-        self._substeps.run(self)
-        self.common_step_counter += 1
-        self._episode_length_buf += 1
+    def _torch_dones(self) -> None:
+        self._count_step()
         terminated, time_outs = self._get_dones()
-        self.reset_terminated[:], self.reset_time_outs[:] = terminated, time_outs
-        self.reset_buf = self.reset_terminated | self.reset_time_outs
-        self.reward_buf = self._get_rewards()
-        outcome = self.reward_buf.clone(), self.reset_terminated.clone(), self.reset_time_outs.clone()
+        torch.logical_or(terminated, wp.to_torch(self._safety.nonfinite), out=self.reset_terminated)
+        self.reset_time_outs[:] = time_outs
+        torch.logical_or(self.reset_terminated, self.reset_time_outs, out=self.reset_buf)
+        wp.to_torch(self.context.moved)[:] = self.reset_buf
+
+    def _torch_rewards(self) -> None:
+        self._count_step()
+        rewards = self._get_rewards()
+        self.reward_buf[:] = torch.where(wp.to_torch(self._safety.nonfinite), 0.0, rewards)
+
+    def _count_step(self) -> None:
+        """Torch hooks after the physics see this step counted."""
+        self.common_step_counter = self._steps_before + 1
+
+    def _reset_items(self) -> list[Item]:
+        items: list[Item] = []
+        if self.cfg.compute_final_obs:
+            items.append(Eager("final observations", self._final_observations, "torch copies"))
+        if not self._fills("_launch_reset"):
+            items.append(Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook"))
+            return items
+        if self._events is not None or self._noise_models():
+            items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
+        items += [self._safety.begin_reset(), Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset))]
+        return [*items, self._safety.end_reset()]
+
+    def _torch_reset(self) -> None:
         ids = self.reset_buf.nonzero().squeeze(-1)
         if len(ids):
-            if self.cfg.compute_final_obs:
-                self.extras["final_obs"] = self._observe()
-                self.extras["_final_obs"] = self.reset_buf.clone()
-            self._reset(ids)
-        self._interval_events(self.step_dt)
-        self.scene.update(self.step_dt)
-        self.obs_buf = self._observe()
-        self.extras["log"] = _own(self.extras.get("log") or {})
-        return self.obs_buf, *outcome, self.extras
+            self._reset_idx(ids)
+            mask = torch.zeros_like(self.reset_buf)
+            mask[ids] = True
+            self.sim.forward(mask)
 
-    def render(self) -> np.ndarray | None:
-        """A picture of the scene, uint8, shape ``(height, width, 3)``; ``None`` without ``render_mode="rgb_array"``.
+    def _torch_reset_events(self) -> None:
+        ids = self.reset_buf.nonzero().squeeze(-1)
+        if len(ids):
+            self._reset_events(ids)
+            for model in self._noise_models():
+                model.reset(ids)
 
-        It is ray traced by Newton's camera sensor: neither a display nor a graphics library is needed.
-        """
-        if self.render_mode != "rgb_array":
-            return None
-        if self._renderer is None:
-            from stripe_newton.viewers import SceneRenderer
+    def _final_observations(self) -> None:
+        if not bool(self._stepping[0]) or not bool(self.reset_buf.any()):
+            return
+        if self._fills("_launch_observations"):
+            self._launch_observations()
+            groups = {k: wp.to_torch(v) for k, v in self.warp.observations.items()}
+        else:
+            groups = self._torch_groups()
+        self.extras["final_obs"] = {k: v.clone() for k, v in groups.items()}
+        self.extras["_final_obs"] = self.reset_buf.clone()
 
-            self._renderer = SceneRenderer(self.sim, self.cfg.viewer)
-        return self._renderer.render()
+    def _event_items(self) -> list[Item]:
+        own = self._fills("_interval_events")
+        if own or (self._events is not None and self._events.has_intervals):
+            return [Eager("interval events", lambda: self._interval_events(self.step_dt), "torch terms")]
+        return []
 
-    def close_extras(self, **kwargs: Any) -> None:
-        """Release renderer and simulation."""
-        if getattr(self, "_renderer", None) is not None:
-            self._renderer.close()
-            self._renderer = None
-        if hasattr(self, "scene"):  # the constructor may have failed before
-            self.scene.close()
+    def _sensor_items(self) -> list[Item]:
+        if not self.scene.needs_update:
+            return []
+        name = ", ".join(self.scene.sensors) or "assets"
+        return [Eager(name, lambda: self.scene.update(self.step_dt), "host update")]
 
-    def describe(self) -> str:
-        """The stages of a step, what runs in each, and what of it is one CUDA graph, as a table in plain text."""
-        mode, steps = self._substeps.mode, self.cfg.decimation
-        graph = self.sim.device != "cpu" and self.cfg.sim.use_cuda_graph
-        what = "one CUDA graph" if graph else "kernel by kernel"
-        how = f"{what}, {steps} physics steps"
-        if self._substeps.each:
-            how = f"{steps} x {what}, _apply_action eager before each"
-        noise = [n for n in ("action", "observation") if getattr(self.cfg, f"{n}_noise_model") is not None]
-        rows = (
-            ("actions", "_pre_physics_step" + (", noise" if "action" in noise else ""), "eager torch"),
-            ("physics", f"_apply_action ({mode}), {type(self.sim.solver).__name__}", how),
-            ("outcome", "_get_dones, _get_rewards", "eager torch"),
-            ("reset", "_reset_idx, forward kinematics by mask", "eager torch, for environments that ended"),
-            ("events", "interval events" if self._events is not None else "-", "eager torch"),
-            ("sensors", ", ".join(self.scene.sensors) or "-", "eager"),
-            ("observations", "_get_observations" + (", noise" if "observation" in noise else ""), "eager torch"),
-        )
-        widths = [max(len(row[i]) for row in rows) for i in range(2)]
-        return "\n".join(f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)
+    def _observation_items(self) -> list[Item]:
+        noise = ", noise" if self._observation_noise_model is not None else ""
+        observe = self._either("_get_observations", self._launch_observations, self._torch_observations, noise)
+        log = [Captured("log", self.context.log.finish)] if self.context.log.keys else []
+        return [observe, *log]
 
-    # -- continuing where it stopped
+    def _torch_observations(self) -> None:
+        self._observed = {k: v.clone() for k, v in self._torch_groups().items()}  # learners keep what they are given
 
-    def get_state(self) -> dict[str, Any]:
-        """All that the next step depends on: joints, targets, the solver's warm start, counters, and every tensor that
-        the subclass keeps as an attribute. :meth:`set_state` brings it back."""
-        return {
-            "step": self.common_step_counter,
-            "arrays": {k: wp.to_torch(v).clone() for k, v in self._arrays().items()},
-            "buffers": {k: v.clone() for k, v in self._buffers().items()},
-            "parts": [_own({k: v for k, v in p.items() if isinstance(v, torch.Tensor)}) for p in self._parts()],
-        }
+    def _torch_groups(self) -> dict[str, torch.Tensor]:
+        groups: dict[str, Any] = dict(self._get_observations())
+        if self.cfg.state_space:
+            groups["critic"] = self._get_states()
+        if not self._checked:
+            self._check_observations(groups)
+        if self._observation_noise_model is not None:
+            groups["policy"] = self._observation_noise_model(groups["policy"])
+        return groups
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what :meth:`get_state` returned.
+    def _take_action(self, action: torch.Tensor) -> None:
+        self._steps_before = self.common_step_counter
+        if self._action_noise_model is not None:
+            action = self._action_noise_model(action.float())
+        if self._fills("_launch_pre_physics_step"):
+            wp.to_torch(self.warp.actions).copy_(action.reshape(self.num_envs, -1))
+        else:
+            self._action = action.float().clone() if action.is_floating_point() else action.clone()
 
-        Raises:
-            ValueError: if it is the state of another environment.
-        """
-        if "external_wrench" in state["arrays"]:
-            self.sim.enable_external_wrench()
-        dynamics = [name.removeprefix("model.") for name in state["arrays"] if name.startswith("model.")]
-        for name in dynamics:
-            self.scene.controller.track(name)
-        arrays, buffers = self._arrays(), self._buffers()
-        for name, value in state["arrays"].items():
-            mine = wp.to_torch(arrays[name]) if name in arrays else None
-            if mine is None or mine.shape != value.shape:
-                here = tuple(mine.shape) if mine is not None else "none"
-                raise ValueError(
-                    f"the state has '{name}' of shape {tuple(value.shape)}, the environment {here}: "
-                    "it is of another task or size"
-                )
-        self.common_step_counter = state["step"]
-        for name, value in state["arrays"].items():
-            wp.to_torch(arrays[name]).copy_(value)
-        for name, value in state["buffers"].items():
-            mine = buffers.get(name)
-            if mine is not None and mine.shape == value.shape and mine.is_contiguous() and not mine.is_inference():
-                mine.copy_(value)
-            else:  # made by a hook that has not run here yet, or not to be written in place
-                setattr(self, name, value.to(self.device).clone())
-        for mine, part in zip(self._parts(), state["parts"]):
-            mine.update({k: v.to(self.device).clone() for k, v in part.items()})
-        self.sim.roots_moved = True
-        if dynamics:
-            self.sim.refresh_drives()
-            self.sim.notify(newton.ModelFlags.ALL)
-        self.sim.forward()
+    def _hand_out(self, values: dict[str, torch.Tensor]) -> Observations:
+        if not self._fills("_launch_observations"):
+            return self._observed
+        groups = {name: values[f"obs.{name}"] for name in self.warp.observations}
+        if self._observation_noise_model is not None:
+            groups["policy"] = self._observation_noise_model(groups["policy"])
+        return groups
+
+    def _noise_models(self) -> list[Any]:
+        return [m for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
 
     def _parts(self) -> list[dict[str, Any]]:
         """What events and noise models remember, as the dicts they keep it in."""
-        models = [m.__dict__ for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
+        models = [m.__dict__ for m in self._noise_models()]
         return [*models, *(self._events.clocks() if self._events is not None else [])]
-
-    def _arrays(self) -> dict[str, wp.array]:
-        sim = self.sim
-        found = {
-            "joint_q": sim.state.joint_q,
-            "joint_qd": sim.state.joint_qd,
-            "previous_joint_qd": sim.previous_joint_qd,
-        }
-        found |= {k: getattr(sim.control, k) for k in ("joint_target_q", "joint_target_qd", "joint_act")}
-        found["joint_X_p"] = sim.model.joint_X_p
-        found |= {f"model.{k}": getattr(sim.model, k) for k in self.scene.controller.randomized}
-        if sim.external_wrench is not None:
-            found |= {"external_wrench": sim.external_wrench, "wrench_in_world": sim.wrench_in_world}
-        data = getattr(sim.solver, "mjw_data", None)
-        if data is not None:
-            found["qacc_warmstart"] = data.qacc_warmstart
-        return {k: v for k, v in found.items() if v is not None}
-
-    def _buffers(self) -> dict[str, torch.Tensor]:
-        """Tensors kept as attributes, but those that share memory with the simulation."""
-        shared = {wp.to_torch(a).untyped_storage().data_ptr() for a in self._arrays().values()}
-        shared |= {wp.to_torch(a).untyped_storage().data_ptr() for a in (self.sim.state.body_q, self.sim.state.body_qd)}
-        mine = {k: v for k, v in vars(self).items() if isinstance(v, torch.Tensor)}
-        return {k: v for k, v in mine.items() if v.untyped_storage().data_ptr() not in shared}
 
     # -- hooks
 
@@ -415,9 +346,8 @@ class DirectRLEnv(VectorEnv):
         )
         self.scene.reset(ids)
         self._reset_events(ids)
-        for model in (self._action_noise_model, self._observation_noise_model):
-            if model is not None:
-                model.reset(ids)
+        for model in self._noise_models():
+            model.reset(ids)
         self._episode_length_buf[ids] = 0
 
     def _reset_events(self, env_ids: torch.Tensor) -> None:
@@ -433,6 +363,42 @@ class DirectRLEnv(VectorEnv):
         if self._events is not None and self._events.interval(dt):
             self.sim.forward()
 
+    # -- Warp hooks: they launch kernels on the arrays of ``self.warp`` and do nothing else
+
+    def _launch_pre_physics_step(self, actions: wp.array) -> None:
+        """Process the actions once, before the physics.
+
+        Args:
+            actions: float, shape ``(num_envs, num_actions)``; finite.
+        """
+        raise NotImplementedError
+
+    def _launch_apply_action(self) -> None:
+        """Set targets or forces: before each physics step, or once with ``apply_action="step"``."""
+        raise NotImplementedError
+
+    def _launch_dones(self) -> None:
+        """Write ``warp.terminated`` and ``warp.truncated``."""
+        raise NotImplementedError
+
+    def _launch_rewards(self) -> None:
+        """Write ``warp.reward``."""
+        raise NotImplementedError
+
+    def _launch_reset(self, env_mask: wp.array) -> None:
+        """Write the initial states of the environments whose episode begins; targets are their defaults already.
+
+        Bodies follow and the solver's memory is cleared afterwards.
+
+        Args:
+            env_mask: bool, shape ``(num_envs,)``.
+        """
+        raise NotImplementedError
+
+    def _launch_observations(self) -> None:
+        """Write ``warp.observations``."""
+        raise NotImplementedError
+
     def set_debug_vis(self, debug_vis: bool) -> bool:
         """Ask the subclass to show or hide its markers; whether it has any."""
         try:
@@ -444,32 +410,6 @@ class DirectRLEnv(VectorEnv):
     def _set_debug_vis_impl(self, debug_vis: bool) -> None:
         """Show or hide markers."""
         raise NotImplementedError
-
-    # -- parts of a step
-
-    def _reset(self, ids: torch.Tensor) -> None:
-        """Reset environments and make what is derived from the joints theirs."""
-        self._reset_idx(ids)
-        mask = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
-        mask[ids] = True
-        self.sim.forward(mask)
-
-    def _observe(self) -> Observations:
-        groups: dict[str, Any] = dict(self._get_observations())
-        if self.cfg.state_space:
-            groups["critic"] = self._get_states()
-        if not self._checked:
-            self._check_observations(groups)
-        if self._observation_noise_model is not None:
-            groups["policy"] = self._observation_noise_model(groups["policy"])
-        return _own(groups)  # learners keep what they are given: nobody may overwrite it
-
-    def _checked_action(self, action: Any) -> torch.Tensor:
-        action = torch.as_tensor(action, device=self.device)
-        expected = self.action_space.shape
-        if expected is not None and tuple(action.shape) != tuple(expected):
-            raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(expected)}")
-        return action.float().clone() if action.is_floating_point() else action.clone()
 
     def _check_observations(self, groups: dict[str, Any]) -> None:
         """Compare the first observations with the spaces; groups that no space names get one."""
@@ -498,8 +438,3 @@ class DirectRLEnv(VectorEnv):
             raise ConfigError(problems)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._checked = True
-
-
-def _own(values: dict[str, Any]) -> dict[str, Any]:
-    """A copy of a dict with its tensors."""
-    return {k: v.clone() if isinstance(v, torch.Tensor) else v for k, v in values.items()}

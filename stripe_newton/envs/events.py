@@ -78,6 +78,11 @@ class EventRunner:
             elif term.mode == "interval" and not term.is_global_time:
                 self._time_left[name][env_ids] = self._draw(term, len(env_ids))
 
+    @property
+    def has_intervals(self) -> bool:
+        """Whether there are terms that run at intervals."""
+        return any(term.mode == "interval" for term in self._terms.values())
+
     def clocks(self) -> list[dict[str, torch.Tensor]]:
         """What the runner remembers: the time left of the interval terms, and when the reset terms last ran."""
         return [self._time_left, self._last_step]

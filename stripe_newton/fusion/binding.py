@@ -256,7 +256,7 @@ class _Binding:
             if name.endswith(f"{what}_ids"):
                 ids = self._indices(name, what)
                 self.counts[name] = len(ids)
-                return self._constant(name, ids, kind)
+                return str(context.scope.name(f"{what}_ids", context.index_array(ids)))
         value = self._take(name)
         if value is None:
             raise _Missing(f"is missing, '{self._name}' needs {kind}")

@@ -24,6 +24,8 @@ class Section:
     """Terms that are in it, for the description."""
     where_reset: bool = False
     """Whether it runs only in the environments whose episode just ended."""
+    condition: str = ""
+    """Expression under which it runs at all; empty for always."""
 
 
 @dataclass

@@ -62,10 +62,10 @@ def fuse(name: str, sections: Sequence[Section], scope: Scope, dim: int, device:
         body = textwrap.indent("\n".join(section.body), "    ") or "    pass"
         parts.append(f"@wp.func\ndef {title}({parameters}):\n{body}\n")
         call = f"{title}({', '.join(['env', *values])})"
-        if section.where_reset:
-            everything.add("reset")
-            calls += [] if calls and calls[-1].startswith("    ") else ["if reset[env]:"]
-            call = "    " + call
+        conditions = [c for c in (section.condition, "reset[env]" if section.where_reset else "") if c]
+        if conditions:
+            everything.update(scope.mentioned(conditions)[0])
+            call = f"if {' and '.join(conditions)}:\n    {call}"
         calls.append(call)
     names = [v for v in scope.values if v in everything]
     parameters = ", ".join(f"{v}: {_annotation(scope.values[v], aliases)}" for v in names)

@@ -57,6 +57,14 @@ class EpisodeLog:
         """Hand out from ``values``, float, shape ``(len(keys),)`` or more."""
         self.values = values
 
+    capacity = _CAPACITY
+    """Most keys there can be."""
+
+    def clear(self) -> None:
+        """Forget what was added since the last :meth:`finish`."""
+        self.sums.zero_()
+        self.counts.zero_()
+
     def finish(self) -> None:
         """Make the values of the step and clear the sums: one kernel."""
         if self.keys:

@@ -45,6 +45,7 @@ class _Segment:
 
     operations: list[_Operation] = field(default_factory=list)
     eager: Eager | None = None
+    stage: str = ""
     graph: wp.Graph | None = None
 
 
@@ -83,7 +84,7 @@ class Plan:
                     continue
                 flush()
                 if isinstance(item, Eager):
-                    segments.append(_Segment(eager=item))
+                    segments.append(_Segment(eager=item, stage=stage.name))
                     segments.append(_Segment())
                 else:
                     segments[-1].operations.append(_Operation(stage.name, item.name, item.function))
@@ -120,6 +121,16 @@ class Plan:
                     if segment.eager is None:
                         segment.graph = self._record(segment)
         self._ready = True
+
+    def run_without_graph(self, stages: Sequence[str]) -> None:
+        """Run only some stages, kernel by kernel; for what happens outside of a step."""
+        with wp.ScopedDevice(self._device):
+            for segment in self._segments:
+                if segment.eager is not None and segment.stage in stages:
+                    segment.eager.function()
+                for operation in segment.operations:
+                    if set(operation.stage.split(" + ")) & set(stages):
+                        operation.launch()
 
     def recapture(self) -> None:
         """Record the graphs anew at the next run; for whoever replaced an array that a captured function reads."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -36,6 +37,7 @@ class ManagerContext:
         step: Environment steps taken, int64, shape ``(1,)``.
         provided: Structs that terms may ask for, by type and name.
         problems: What is wrong with the config, gathered.
+        stepping: 1 within a step, 0 while environments are reset from outside; int32, shape ``(1,)``.
         owner: What torch terms get as their environment.
         arrays: Everything that lasts from step to step, by name.
     """
@@ -49,6 +51,7 @@ class ManagerContext:
         max_episode_length: int,
         num_terminations: int = 0,
         owner: Any = None,
+        reserve: Callable[..., wp.array] | None = None,
     ):
         self.scene, self.owner = scene, owner
         self.step_dt, self.decimation = step_dt, decimation
@@ -60,14 +63,21 @@ class ManagerContext:
         self.arrays: dict[str, wp.array] = {}
         self.provided: dict[Any, dict[str, Any]] = {}
         self.problems: list[str] = []
+        self._indices: dict[tuple[int, ...], wp.array] = {}
         self.termination_names: list[str] = []
         self.action_slices: dict[str, tuple[int, int]] = {}
         self.action_parts: dict[str, Any] = {}
+        reserve = reserve or (lambda name, dtype, shape: wp.zeros(shape, dtype=dtype, device=self.device))
+        self.arrays["reward"] = reserve("reward", wp.float32, (self.num_envs,))
+        for name in ("terminated", "truncated"):
+            self.arrays[f"episode.{name}"] = reserve(name, wp.bool, (self.num_envs,))
+        self.log.bind(reserve("log", wp.float32, (self.log.capacity,)))
         self.reset = self.array("reset", wp.bool)
         self.moved = self.array("moved", wp.bool)
         self.reward = self.array("reward", float)
         self.rng = self.array("rng", wp.uint32)
         self.step = self.shared("step", wp.int64, 1)
+        self.stepping = self.shared("stepping", int, 1, fill=1)
         episode = EpisodeData()
         episode.length = self.array("episode.length", wp.int64)
         episode.terminated = self.array("episode.terminated", wp.bool)
@@ -75,9 +85,13 @@ class ManagerContext:
         episode.term_terminated = self.array("episode.term_terminated", wp.bool, num_terminations)
         episode.max_length, episode.max_length_s, episode.step_dt = max_episode_length, max_episode_length_s, step_dt
         self.episode = episode
-        for name in ("reset", "moved", "reward", "rng", "step", "episode"):
+        for name in ("reset", "moved", "reward", "rng", "step", "stepping", "episode"):
             self.scope.name(name, getattr(self, name))
-        self.arrays |= {"parameters": self.parameters.floats, "int_parameters": self.parameters.ints}
+        self.arrays |= {
+            "log": self.log.values,
+            "parameters": self.parameters.floats,
+            "int_parameters": self.parameters.ints,
+        }
         self.seed(0)
 
     def seed(self, seed: int) -> None:
@@ -104,6 +118,13 @@ class ManagerContext:
             kind = f"{there.dtype.__name__} {tuple(there.shape)}"
             raise ValueError(f"array '{name}' is {kind} already, asked for {dtype.__name__} {tuple(shape)}")
         return there
+
+    def index_array(self, ids: list[int]) -> wp.array:
+        """Indices as an array of int32; equal ones share it."""
+        key = tuple(ids)
+        if key not in self._indices:
+            self._indices[key] = wp.array(list(ids), dtype=int, device=self.device)
+        return self._indices[key]
 
     def entity_names(self) -> list[str]:
         """Names of what terms may be about."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import torch
 from pxr import Usd, UsdGeom
 
-from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCfg
+from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import MISSING
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_newton.sim.stage import ENV_0, authored_path
@@ -158,6 +158,11 @@ class InteractiveScene(SceneContents):
     def write_data_to_sim(self) -> None:
         """Hand over what was set since the last step."""
         self.controller.apply_actions()
+
+    @property
+    def needs_update(self) -> bool:
+        """Whether something in the scene takes note of the time."""
+        return bool(self.sensors) or any(type(a).update is not AssetBase.update for a in self.assets)
 
     def update(self, dt: float) -> None:
         """Let assets and sensors take note of ``dt`` seconds of physics."""

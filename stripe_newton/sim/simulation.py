@@ -13,7 +13,13 @@ import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.actuation import apply_effort_targets, apply_external_wrench, clamp_velocity, note_overflow
+from stripe_kernels.actuation import (
+    apply_effort_targets,
+    apply_external_wrench,
+    clamp_velocity,
+    note_overflow,
+    repeat_mask,
+)
 
 from .capture import capture_graph
 from .flags import HostFlags
@@ -160,7 +166,8 @@ class Simulation:
         self.previous_joint_qd = wp.clone(self.state.joint_qd)
         """Joint velocities before the last step, for accelerations."""
         self._world_mask = wp.zeros(self.num_envs + 1, dtype=wp.bool)
-        self._articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
+        self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
+        """Articulations that :meth:`forward_masked` is about, shape ``(articulation_count,)``."""
         self._collide()
         self._observe()
 
@@ -309,7 +316,7 @@ class Simulation:
         """
         mask = None
         if env_mask is not None and self.model.articulation_count:
-            mask = self._articulation_mask
+            mask = self.articulation_mask
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
         newton.eval_fk(self.model, self.state.joint_q, self.state.joint_qd, self.state, mask=mask)
 
@@ -328,6 +335,26 @@ class Simulation:
             if current is not None:
                 per_env = env_mask.repeat_interleave(actuator.num_actuators // self.num_envs)
                 current.reset(wp.from_torch(per_env.contiguous(), dtype=wp.bool))
+
+    def forward_masked(self) -> None:
+        """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
+        state = self.state
+        newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, mask=self.articulation_mask)
+
+    def clear_masked(self, world_mask: wp.array, env_mask: wp.array) -> None:
+        """:meth:`clear_solver` for masks on the device; may be captured.
+
+        Args:
+            world_mask: bool, shape ``(num_envs + 1,)``, the last one False.
+            env_mask: The same environments, bool, shape ``(num_envs,)``.
+        """
+        self.solver.reset(self.state, world_mask=world_mask, flags=0)
+        for actuator, (current, _) in zip(self.model.actuators, self._actuator_states, strict=True):
+            if current is not None:
+                count = actuator.num_actuators // self.num_envs
+                mask = wp.empty(self.num_envs * count, dtype=wp.bool)
+                wp.launch(repeat_mask, dim=mask.shape, inputs=[env_mask, count], outputs=[mask])
+                current.reset(mask)
 
     def refresh_drives(self) -> None:
         """Take over changed drive gains: a drive that follows a position gets its velocity target as feed-forward.

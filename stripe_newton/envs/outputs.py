@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a step hands out, in one piece of memory, so that one copy makes it the caller's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import warp as wp
+
+__all__ = ["OutputBlock"]
+
+_TORCH = {wp.float32: torch.float32, wp.bool: torch.bool}
+_ALIGN = 256
+_FLOATS_AN_ENV = 256
+
+
+class OutputBlock:
+    """Arrays that kernels write and :meth:`take` copies out all at once."""
+
+    def __init__(self, num_envs: int, device: str):
+        self._capacity = num_envs * 4 * _FLOATS_AN_ENV + 2**16
+        self._device = device
+        self._chunks: list[torch.Tensor] = []
+        self._used: list[int] = []
+        self._places: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
+
+    def reserve(self, name: str, dtype: Any, shape: tuple[int, ...]) -> wp.array:
+        """An array of zeros that is handed out under ``name``.
+
+        Args:
+            name: Key in what :meth:`take` returns.
+            dtype: ``wp.float32`` or ``wp.bool``.
+            shape: Shape.
+        """
+        kind = _TORCH[dtype]
+        size = kind.itemsize * int(torch.Size(shape).numel())
+        if not self._chunks or self._used[-1] + size > self._chunks[-1].numel():
+            with torch.inference_mode(False):
+                self._chunks.append(torch.zeros(max(self._capacity, size), dtype=torch.uint8, device=self._device))
+            self._used.append(0)
+        start = self._used[-1]
+        self._places[name] = len(self._chunks) - 1, start, kind, shape
+        self._used[-1] = start + (size + _ALIGN - 1) // _ALIGN * _ALIGN
+        return wp.from_torch(self._view(self._chunks[-1], name), dtype=dtype)
+
+    def _view(self, chunk: torch.Tensor, name: str) -> torch.Tensor:
+        _, start, kind, shape = self._places[name]
+        count = int(torch.Size(shape).numel())
+        return chunk[start : start + kind.itemsize * count].view(kind).view(shape)
+
+    def take(self) -> dict[str, torch.Tensor]:
+        """Fresh tensors by name; those of one step share memory among themselves and with nothing else."""
+        fresh = [chunk[: min(n, chunk.numel())].clone() for chunk, n in zip(self._chunks, self._used, strict=True)]
+        return {name: self._view(fresh[place[0]], name) for name, place in self._places.items()}

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the configs of all environments have in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.scene import InteractiveSceneCfg
+from stripe_newton.sim import SimulationCfg
+from stripe_newton.viewers import ViewerCfg
+
+__all__ = ["RLEnvCfg"]
+
+
+@configclass
+class RLEnvCfg:
+    """What every environment has."""
+
+    viewer: ViewerCfg = ViewerCfg()
+    """Camera of ``render()`` and of videos."""
+    sim: SimulationCfg = SimulationCfg()
+    """Time step, gravity, device, solver."""
+    seed: int | None = None
+    """Seed of the random numbers; ``None`` leaves them unseeded."""
+    decimation: int = MISSING
+    """Physics steps in an environment step."""
+    is_finite_horizon: bool = False
+    """Whether the time limit is part of the task. Then time-outs are not handed to the learner as truncation."""
+    episode_length_s: float = MISSING
+    """Duration of an episode [s]."""
+    scene: InteractiveSceneCfg = MISSING
+    """The scene."""
+    events: Any = None
+    """Config whose fields are :class:`EventTermCfg`, or a dict of them."""
+    nonfinite_actions: str = "raise"
+    """What to do about actions that are not finite: ``"raise"`` an error, or ``"clamp"``: 0 for what is no number and
+    +-1e6 for what is infinite. On a GPU they are clamped at once and the error follows when the device has told."""
+    compute_final_obs: bool = False
+    """Put the observation that an episode ended with into ``extras["final_obs"]``."""
+    rerender_on_reset: bool = False
+    """Accepted for compatibility: a picture is rendered when asked for, from the state there is."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.decimation is not MISSING and (not isinstance(self.decimation, int) or self.decimation < 1):
+            yield "decimation", f"is {self.decimation!r}, must be a whole number of physics steps, 1 or more"
+        length = self.episode_length_s
+        if length is not MISSING and not (math.isfinite(length) and length > 0):
+            yield "episode_length_s", f"is {length!r}, must be a positive time [s]"
+        if self.nonfinite_actions not in ("raise", "clamp"):
+            yield "nonfinite_actions", f"is '{self.nonfinite_actions}', must be 'raise' or 'clamp'"
