@@ -50,7 +50,7 @@ def nearest_b(v: Values, p: Params) -> np.ndarray:
 def least(v: Values, points: np.ndarray) -> np.ndarray:
     """Least distance between points (num_envs, b, 3) and active objects; inf where there is none."""
     distance = np.linalg.norm(positions(v)[:, None] - points[:, :, None], axis=-1)
-    return np.where(v["ObjectPoolData"]["active"][:, None], distance, np.inf).min(axis=(1, 2))
+    return np.where(v["ObjectPoolData"]["active"][:, None], distance, np.inf).min(axis=(1, 2), initial=np.inf)
 
 
 def bodies(v: Values, p: Params) -> np.ndarray:

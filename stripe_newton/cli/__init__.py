@@ -21,6 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
     "eval": ("stripe_newton.cli.eval", "measure a trained policy over a number of episodes"),
     "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
+    "bench": ("stripe_newton.cli.bench", "measure what a step of a task costs, and how much of it is physics"),
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
 }
 """Module and one line of help of each subcommand."""

@@ -133,12 +133,12 @@ class DirectRLEnv(RLEnv):
         return [
             Stage("actions", self._action_items()),
             Stage("physics", self._physics_items()),
-            Stage("outcome", [self._safety.after_physics(), *self._outcome_items()]),
+            Stage("outcome", [count, self._safety.after_physics(), *self._outcome_items()]),
             Stage("reset", self._reset_items()),
             Stage("events", self._event_items()),
             Stage("forward kinematics", self._safety.forward() if self._fills("_launch_reset") else []),
             Stage("sensors", self._sensor_items()),
-            Stage("observations", [count, *self._observation_items()]),
+            Stage("observations", self._observation_items()),
         ]
 
     def _either(self, hook: str, launch: Callable[[], None], torch_hook: Callable[[], None], terms: str = "") -> Item:

@@ -21,6 +21,7 @@ class OutputBlock:
     def __init__(self, num_envs: int, device: str):
         self._capacity = num_envs * 4 * _FLOATS_AN_ENV + 2**16
         self._device = device
+        self._arrays: dict[str, wp.array] = {}
         self._chunks: list[torch.Tensor] = []
         self._used: list[int] = []
         self._places: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
@@ -42,7 +43,12 @@ class OutputBlock:
         start = self._used[-1]
         self._places[name] = len(self._chunks) - 1, start, kind, shape
         self._used[-1] = start + (size + _ALIGN - 1) // _ALIGN * _ALIGN
-        return wp.from_torch(self._view(self._chunks[-1], name), dtype=dtype)
+        self._arrays[name] = wp.from_torch(self._view(self._chunks[-1], name), dtype=dtype)
+        return self._arrays[name]
+
+    def array(self, name: str) -> wp.array:
+        """What :meth:`reserve` returned."""
+        return self._arrays[name]
 
     def _view(self, chunk: torch.Tensor, name: str) -> torch.Tensor:
         _, start, kind, shape = self._places[name]

@@ -120,6 +120,7 @@ class RLEnv(VectorEnv):
         self.common_step_counter = 0
         self._plan: Plan | None = None
         self._recaptures = 0
+        self._stepping_now = True
 
     def _set_spaces(self, observations: dict[str, Any], action: Any) -> None:
         self.single_observation_space = spaces.Dict(observations)
@@ -202,10 +203,12 @@ class RLEnv(VectorEnv):
         self._begin_extras()
         self._safety.begin(self.reset_buf)
         self._stepping.zero_()
+        self._stepping_now = False
         self.plan.run_without_graph(self._reset_stages)
         self._stepping.fill_(1)
         self.context.log.clear()
         self.obs_buf = self._hand_out(self.outputs.take())
+        self._stepping_now = True
         self.extras["log"] = _own(self.extras.get("log") or {})
         return self.obs_buf, self.extras
 

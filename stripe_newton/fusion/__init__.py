@@ -9,6 +9,7 @@ from .log import EpisodeLog
 from .parameters import Parameters
 from .plan import GraphCaptureError, Plan, Stage
 from .scope import Scope
+from .single import single_thread
 
 __all__ = [
     "Captured",
@@ -28,4 +29,5 @@ __all__ = [
     "bind_term",
     "fields_read",
     "fuse",
+    "single_thread",
 ]

@@ -3,17 +3,41 @@
 
 from stripe_newton.registration import register_task
 
-_TASKS = {
+_DIRECT = {
     "Stripe-Ant-Direct-v0": ("ant", "Ant"),
     "Stripe-CartDoublePole-Direct-v0": ("cart_double_pole", "CartDoublePole"),
     "Stripe-Cartpole-Direct-v0": ("cartpole", "Cartpole"),
     "Stripe-Humanoid-Direct-v0": ("humanoid", "Humanoid"),
 }
+_DIRECT_WARP = {
+    "Stripe-Ant-Direct-Warp-v0": ("locomotion_warp", "ant", "Ant"),
+    "Stripe-Cartpole-Direct-Warp-v0": ("cartpole_warp", "cartpole", "Cartpole"),
+    "Stripe-Humanoid-Direct-Warp-v0": ("locomotion_warp", "humanoid", "Humanoid"),
+}
+_MANAGER_BASED = {
+    "Stripe-Ant-v0": ("locomotion_manager", "Ant"),
+    "Stripe-Cartpole-v0": ("cartpole_manager", "Cartpole"),
+    "Stripe-Humanoid-v0": ("locomotion_manager", "Humanoid"),
+}
 
-for _id, (_module, _name) in _TASKS.items():
+for _id, (_module, _name) in _DIRECT.items():
     register_task(
         _id,
         env=f"stripe_tasks.{_module}:{_name}Env",
         env_cfg=f"stripe_tasks.{_module}:{_name}EnvCfg",
         rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}PPORunnerCfg",
+    )
+for _id, (_module, _config, _name) in _DIRECT_WARP.items():
+    register_task(
+        _id,
+        env=f"stripe_tasks.{_module}:{_name}WarpEnv",
+        env_cfg=f"stripe_tasks.{_config}:{_name}EnvCfg",
+        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}WarpPPORunnerCfg",
+    )
+for _id, (_module, _name) in _MANAGER_BASED.items():
+    register_task(
+        _id,
+        env="stripe_newton.envs:ManagerBasedRLEnv",
+        env_cfg=f"stripe_tasks.{_module}:{_name}ManagerEnvCfg",
+        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}ManagerPPORunnerCfg",
     )

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observations of the objects of a pool; ``OBJECT_OBSERVATION_SIZES`` completes ``OBSERVATION_SIZES`` with the key
+``num_objects``.
+"""
+
+from collections.abc import Callable, Mapping
+
+import warp as wp
+
+from ...data import ArticulationData
+from .pool import ObjectPoolData, nearest_active_object, object_position, object_target
+
+__all__ = [
+    "OBJECT_OBSERVATION_SIZES",
+    "nearest_object_pos_b",
+    "object_active",
+    "object_positions_b",
+    "object_target_positions_b",
+    "object_velocities_b",
+]
+
+
+def _each(size: int) -> Callable[[Mapping[str, int]], int]:
+    return lambda counts: size * counts["num_objects"]
+
+
+OBJECT_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
+    "nearest_object_pos_b": lambda counts: 3,
+    "object_active": _each(1),
+    "object_positions_b": _each(3),
+    "object_target_positions_b": _each(3),
+    "object_velocities_b": _each(3),
+}
+"""Numbers that each observation writes: name -> function of the counts."""
+
+
+@wp.func
+def _write_b(point: wp.vec3, active: bool, root: wp.transform, first: int, out: wp.array[float]):
+    """A point of the world in the root's frame, zeros where the object is not active."""
+    p = wp.vec3()
+    if active:
+        p = wp.quat_rotate_inv(wp.transform_get_rotation(root), point - wp.transform_get_translation(root))
+    for i in range(3):
+        out[first + i] = p[i]
+
+
+@wp.func
+def object_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
+    """Positions of the objects relative to the root link, in its frame; zeros for those that are not active.
+
+    Formula: ``R^T (p_k - p)`` [m], three numbers an object.
+
+    Source: this project.
+    """
+    for k in range(pool.active.shape[1]):
+        _write_b(object_position(env, pool, k), pool.active[env, k], robot.root_pose[env], 3 * k, out)
+
+
+@wp.func
+def object_target_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
+    """Places where the objects should get to, relative to the root link, in its frame; zeros for those not active.
+
+    Formula: ``R^T (p*_k + origin - p)`` [m], three numbers an object.
+
+    Source: this project.
+    """
+    for k in range(pool.active.shape[1]):
+        _write_b(object_target(env, pool, k), pool.active[env, k], robot.root_pose[env], 3 * k, out)
+
+
+@wp.func
+def object_velocities_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
+    """Linear velocities of the objects in the world, in the axes of the root's frame; zeros for those not active.
+
+    Formula: ``R^T v_k`` [m/s], three numbers an object.
+
+    Source: this project.
+    """
+    axes = wp.transform(wp.vec3(), wp.transform_get_rotation(robot.root_pose[env]))
+    for k in range(pool.active.shape[1]):
+        _write_b(wp.spatial_top(pool.vel[env, k]), pool.active[env, k], axes, 3 * k, out)
+
+
+@wp.func
+def object_active(env: int, pool: ObjectPoolData, out: wp.array[float]):
+    """Which objects take part.
+
+    Formula: ``1`` where active, else ``0``, one number an object.
+
+    Source: this project.
+    """
+    for k in range(pool.active.shape[1]):
+        out[k] = wp.where(pool.active[env, k], 1.0, 0.0)
+
+
+@wp.func
+def nearest_object_pos_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
+    """Position of the active object nearest to the root link, in its frame; zeros where none is active.
+
+    Formula: ``R^T (p_n - p)`` [m], ``n = argmin_k |p_k - p|`` over the active.
+
+    Source: this project.
+    """
+    slot = nearest_active_object(env, pool, robot)
+    _write_b(object_position(env, pool, wp.max(slot, 0)), slot >= 0, robot.root_pose[env], 0, out)

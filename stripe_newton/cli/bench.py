@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stripe-newton bench``."""
+
+from __future__ import annotations
+
+import json as json_module
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+import warp as wp
+
+from .common import Configs, check, load_configs, parse, set_device, set_seeds, task_of
+from .errors import UserError
+from .tasks import make_env
+
+__all__ = ["BenchArgs", "measure", "run", "table"]
+
+
+@dataclass
+class BenchArgs:
+    """Measure a task: the whole step and the physics alone under the same random actions, CUDA calls, start-up."""
+
+    task: tyro.conf.Positional[str]
+    """The task, one of 'stripe-newton list'."""
+    num_envs: tyro.conf.DisallowNone[int | None] = None
+    """Number of environments; by default those of the training."""
+    steps: int = 320
+    """Number of steps to time."""
+    seed: int = 0
+    """Seed of everything."""
+    device: tyro.conf.DisallowNone[str | None] = None
+    """cpu or cuda:N; by default the first GPU where there is one."""
+    json: tyro.conf.DisallowNone[Path | None] = None
+    """File to write the result to."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the command."""
+    task = task_of(argv, "bench", BenchArgs)
+    configs = load_configs(task, None, agent=False)
+    args = parse(BenchArgs, argv, "bench", env=configs.env)
+    if args.steps < 1:
+        raise UserError(f"--steps {args.steps}: must be at least 1")
+    result = measure(configs, args)
+    print(table(result))
+    if args.json is not None:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        args.json.write_text(json_module.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def measure(configs: Configs, args: BenchArgs) -> dict[str, Any]:
+    """Build a task from its configs and measure it."""
+    from stripe_newton.envs.measure import benchmark
+
+    if args.num_envs is not None:
+        configs.env.scene.num_envs = args.num_envs
+    configs.env.seed = args.seed
+    set_device(configs.env, args.device)
+    check(configs)
+    set_seeds(args.seed)
+    wp.config.log_level = wp.LOG_WARNING
+    count, device = configs.env.scene.num_envs, configs.env.sim.device
+    print(f"{args.task}: {count} environments on {device}", file=sys.stderr, flush=True)
+    return {"task": args.task, **benchmark(lambda: make_env(args.task, configs.env), args.steps, args.seed)}
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result as text."""
+    low, high = result["env_range_ms"]
+    physics_low, physics_high = result["physics_range_ms"]
+    calls = [
+        (result[f"{kind}_per_step"], kind.replace("_", " "))
+        for kind in ("graph_launches", "kernel_launches", "host_syncs")
+    ]
+    on = result["device_name"] or result["device"]
+    rows = [
+        ("task", f"{result['task']}, {result['num_envs']} environments on {on}"),
+        ("physics", f"{result['physics_ms']:.3f} ms ({physics_low:.3f} to {physics_high:.3f})"),
+        ("whole step", f"{result['env_ms']:.3f} ms ({low:.3f} to {high:.3f})"),
+        ("overhead", f"{100.0 * result['overhead_ratio']:.1f} % of the physics"),
+        ("rate", f"{result['env_steps_per_s']:,.0f} environment steps a second"),
+        ("a step", ", ".join(f"{n:.4g} {what}" for n, what in calls if n is not None) or "CUDA calls: none on the CPU"),
+        ("start", f"{result['build_s']:.2f} s to build, {result['first_step_s']:.2f} s for the first step"),
+    ]
+    return "\n".join(f"{name:<12}{text}" for name, text in rows)

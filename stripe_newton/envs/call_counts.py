@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How often a step calls CUDA: graph launches, kernel launches, copies, and waits of the host."""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import json
+import re
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+import warp as wp
+
+__all__ = ["calls_in_trace", "count_calls", "warp_calls"]
+
+REGION = "stripe_newton.step"
+"""Annotation around each step in a trace."""
+
+_KINDS: dict[str, set[str]] = {
+    "graph_launches": {"cudaGraphLaunch", "cuGraphLaunch"},
+    "kernel_launches": {
+        *("cudaLaunchKernel", "cudaLaunchKernelExC", "cudaLaunchCooperativeKernel"),
+        *("cuLaunchKernel", "cuLaunchKernelEx", "cuLaunchCooperativeKernel"),
+    },
+    "copies": {
+        *("cudaMemcpyAsync", "cudaMemcpy2DAsync", "cudaMemcpy3DAsync", "cudaMemsetAsync", "cudaMemset2DAsync"),
+        *("cuMemcpyAsync", "cuMemcpyDtoDAsync", "cuMemcpyHtoDAsync", "cuMemcpyDtoHAsync", "cuMemcpy2DAsync"),
+        *("cuMemsetD8Async", "cuMemsetD32Async", "cuMemsetD2D8Async"),
+    },
+    "host_syncs": {
+        *("cudaDeviceSynchronize", "cudaStreamSynchronize", "cudaEventSynchronize"),
+        *("cuCtxSynchronize", "cuStreamSynchronize", "cuEventSynchronize"),
+        *("cudaMemcpy", "cudaMemcpy2D", "cuMemcpy", "cuMemcpyDtoH", "cuMemcpyHtoD"),
+    },
+}
+_VERSION = re.compile(r"(_v\d+|_ptsz|_ptds)+$")
+_WARP = {
+    "wp_cuda_graph_launch": "graph_launches",
+    "wp_cuda_launch_kernel": "kernel_launches",
+    "wp_cuda_context_synchronize": "host_syncs",
+    "wp_cuda_stream_synchronize": "host_syncs",
+    "wp_cuda_event_synchronize": "host_syncs",
+}
+
+
+def count_calls(step: Callable[[int], None], steps: int) -> dict[str, float]:
+    """CUDA calls a step, counted by torch's profiler and, for what it does not see of Warp, in Warp itself.
+
+    Args:
+        step: Takes step ``index``.
+        steps: Number of steps.
+
+    Returns:
+        ``graph_launches``, ``kernel_launches`` (outside graphs), ``copies`` (and fills, outside graphs), ``host_syncs``
+        and ``kernels`` (run by the GPU, those of graphs included), each a step.
+    """
+    from torch.profiler import ProfilerActivity, profile, record_function
+
+    torch.cuda.synchronize()
+    with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiler:
+        with warp_calls() as in_warp:
+            for index in range(steps):
+                with record_function(REGION):
+                    step(index)
+        torch.cuda.synchronize()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trace.json"
+        profiler.export_chrome_trace(str(path))
+        traced = calls_in_trace(json.loads(path.read_text(encoding="utf-8", errors="replace")), in_warp)
+    return {kind: count / steps for kind, count in traced.items()}
+
+
+def calls_in_trace(trace: dict[str, Any], in_warp: dict[str, int] | None = None, region: str = REGION) -> Counter[str]:
+    """CUDA calls of a Chrome trace within the host's annotations called ``region``, by kind.
+
+    A call of the driver within one of the runtime is the same call. Copies to pageable memory count as waits where they
+    are more than the waits that were seen.
+
+    Args:
+        trace: As ``torch.profiler`` exports it.
+        in_warp: Calls that Warp made, by kind. It makes them through the driver, which a profiler may not show, so
+            the larger one of both numbers counts.
+        region: Name of the annotations.
+    """
+    events = [e for e in trace["traceEvents"] if e.get("ph") == "X"]
+    spans = sorted((e["ts"], e["ts"] + e["dur"]) for e in events if _is(e, "user_annotation") and e["name"] == region)
+    starts = [start for start, _ in spans]
+
+    def inside(event: dict[str, Any]) -> bool:
+        index = bisect.bisect_right(starts, event["ts"]) - 1
+        return index >= 0 and event["ts"] < spans[index][1]
+
+    runtime = [e for e in events if _is(e, "cuda_runtime") and inside(e)]
+    driver = [e for e in events if _is(e, "cuda_driver") and inside(e)]
+    counts: dict[str, Counter[str]] = {"runtime": Counter(), "driver": Counter()}
+    for name, calls in (("runtime", runtime), ("driver", _outermost(driver, runtime))):
+        for event in calls:
+            base = _VERSION.sub("", event["name"])
+            counts[name].update(kind for kind, names in _KINDS.items() if base in names)
+    launched = {_correlation(e) for e in (*runtime, *driver)} - {None}
+    on_gpu = [e for e in events if _correlation(e) in launched]
+    total: Counter[str] = Counter()
+    for kind in _KINDS:
+        seen = counts["driver"][kind]
+        if kind == "graph_launches":  # Warp launches them through the runtime
+            total[kind] = max(counts["runtime"][kind] + seen, (in_warp or {}).get(kind, 0))
+        else:
+            total[kind] = counts["runtime"][kind] + max(seen, (in_warp or {}).get(kind, 0))
+    pageable = sum(_is(e, "gpu_memcpy") and "DtoH" in e["name"] and "Pageable" in e["name"] for e in on_gpu)
+    total["host_syncs"] = max(total["host_syncs"], pageable)
+    total["kernels"] = sum(_is(e, "kernel") for e in on_gpu)
+    return total
+
+
+@contextlib.contextmanager
+def warp_calls() -> Iterator[Counter[str]]:
+    """Counts what Warp's Python side asks its library to launch and to wait for, by kind, as long as it is open."""
+    core = wp._src.context.runtime.core
+    counts: Counter[str] = Counter()
+
+    def counted(function: Callable[..., Any], kind: str) -> Callable[..., Any]:
+        def call(*args: Any) -> Any:
+            counts[kind] += 1
+            return function(*args)
+
+        return call
+
+    originals = {name: getattr(core, name) for name in _WARP}
+    try:
+        for name, function in originals.items():
+            setattr(core, name, counted(function, _WARP[name]))
+        yield counts
+    finally:
+        for name, function in originals.items():
+            setattr(core, name, function)
+
+
+def _is(event: dict[str, Any], category: str) -> bool:
+    return event.get("cat") == category
+
+
+def _correlation(event: dict[str, Any]) -> Any:
+    return event.get("args", {}).get("correlation")
+
+
+def _outermost(inner: list[dict[str, Any]], outer: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those of ``inner`` that do not lie within one of ``outer`` on the same thread."""
+    spans: dict[Any, list[tuple[float, float]]] = defaultdict(list)
+    for event in outer:
+        spans[event.get("tid")].append((event["ts"], event["ts"] + event["dur"]))
+    for times in spans.values():
+        times.sort()
+    found = []
+    for event in inner:
+        times = spans[event.get("tid")]
+        index = bisect.bisect_right(times, (event["ts"], float("inf"))) - 1
+        if index < 0 or event["ts"] + event["dur"] > times[index][1]:
+            found.append(event)
+    return found

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What it gains to compute the terms of a manager in one kernel."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable
+from statistics import median
+from typing import Any
+
+import warp as wp
+
+from stripe_newton.configclass import is_config
+from stripe_newton.fusion import FusedKernel, Plan, Stage
+from stripe_newton.sim.capture import capture_graph
+
+from .step_times import Clock
+
+__all__ = ["fused_kernels", "fusion_gain", "launch_us", "term_configs"]
+
+MANAGERS = ("termination_manager", "reward_manager", "observation_manager")
+"""Attributes of an environment: the managers whose terms are compared."""
+
+
+def fusion_gain(env: Any, rounds: int = 20) -> dict[str, dict[str, float]]:
+    """Time the terms of each manager as they are fused, and as one kernel a term.
+
+    Both read the state of the same environment and are, on a GPU, graphs of nothing but these kernels. Terms in torch
+    have no part in it. What the kernels write, such as the rewards, is what the next step computes anyway.
+
+    Args:
+        env: A manager-based environment.
+        rounds: Measurements, of which the median counts.
+
+    Returns:
+        For each manager, and for ``all`` of them in one kernel: ``terms``, and microseconds ``fused_us`` and
+        ``apart_us``.
+    """
+    managers = [manager for name in MANAGERS if (manager := getattr(env, name, None)) is not None]
+    gain, every_fused, every_apart = {}, [], []
+    for manager in managers:
+        terms = list(term_configs(manager.cfg))
+        fused = fused_kernels([manager], [manager.cfg])
+        apart = [kernel for cfg in terms for kernel in fused_kernels([manager], [cfg])]
+        gain[manager.name] = _compare(env.device, fused, apart, len(terms), rounds)
+        every_fused.append(manager.cfg)
+        every_apart += apart
+    together = fused_kernels(managers, every_fused)
+    gain["all"] = _compare(env.device, together, every_apart, len(every_apart), rounds)
+    return gain
+
+
+def term_configs(cfg: Any) -> Iterable[Any]:
+    """The config of a manager as configs of one term each, of each group one by one."""
+    fields = cfg if isinstance(cfg, dict) else {k: getattr(cfg, k) for k in cfg.__dataclass_fields__}
+    for name, value in fields.items():
+        if not is_config(value):
+            continue
+        if hasattr(value, "func"):
+            yield {name: value}
+            continue
+        terms = [k for k in value.__dataclass_fields__ if hasattr(getattr(value, k), "func")]
+        for term in terms:  # a group
+            yield {name: value.replace(**{other: None for other in terms if other != term})}
+
+
+def fused_kernels(managers: list[Any], cfgs: list[Any]) -> list[FusedKernel]:
+    """What managers like the given ones, of other configs, compute, as neighbours in a step.
+
+    They read and write the arrays that the given ones share with the environment; what is a manager's own, such as the
+    sums of its terms, is made anew.
+    """
+    stages = []
+    for manager, cfg in zip(managers, cfgs, strict=True):
+        context = copy.copy(manager.context)
+        context.problems = []
+        context.arrays = {k: v for k, v in context.arrays.items() if not k.startswith(f"{manager.name}.")}
+        with wp.ScopedDevice(context.device):
+            items = type(manager)(cfg, context).compute()
+        if context.problems:
+            raise ValueError("\n".join(context.problems))
+        stages.append(Stage(manager.name, items))
+    context = managers[0].context
+    return Plan("gain", stages, context.scope, context.num_envs, context.device, use_graph=False).kernels
+
+
+def launch_us(device: str, launches: list[Callable[[], None]], rounds: int = 20, repeats: int = 20) -> float:
+    """Microseconds that launches one behind the other take: the median over rounds, each of so many repeats."""
+    clock = Clock(device)
+
+    def launch_all(times: int = repeats) -> None:
+        for _ in range(times):
+            for launch in launches:
+                launch()
+
+    launch_all(1)
+    run: Callable[[], None] = launch_all
+    if clock.is_cuda:
+        graph = capture_graph(device, launch_all)
+
+        def run() -> None:
+            wp.capture_launch(graph)
+
+    found = []
+    for _ in range(rounds):
+        clock.hold(0.001)
+        run()
+        start = clock.mark()
+        run()
+        found.append(1e3 * clock.ms(start, clock.mark()) / repeats)
+    return median(found)
+
+
+def _compare(
+    device: str, fused: list[FusedKernel], apart: list[FusedKernel], terms: int, rounds: int
+) -> dict[str, float]:
+    return {
+        "terms": terms,
+        "fused_us": launch_us(device, [k.launch for k in fused], rounds),
+        "apart_us": launch_us(device, [k.launch for k in apart], rounds),
+    }

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a task costs: start-up, step, CUDA calls."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import torch
+import warp as wp
+
+from .call_counts import count_calls
+from .step_times import LEAD, Clock, measure_step
+
+__all__ = ["benchmark", "binary_count", "random_actions"]
+
+COUNTED = 64
+"""Steps whose CUDA calls are counted."""
+
+
+def random_actions(env: Any, steps: int, seed: int = 0) -> torch.Tensor:
+    """Uniform actions in [-1, 1], shape ``(steps, num_envs, *action_shape)``, made on the device.
+
+    Raises:
+        ValueError: if the actions are not real numbers.
+    """
+    shape, kind = env.action_space.shape, getattr(env.action_space, "dtype", None)
+    if shape is None or kind is None or not str(kind).startswith("float"):
+        raise ValueError(f"action space {env.action_space}: only real actions can be measured")
+    generator = torch.Generator(device=env.device).manual_seed(seed)
+    return 2.0 * torch.rand((steps, *shape), device=env.device, generator=generator) - 1.0
+
+
+def benchmark(make: Callable[[], Any], steps: int = 320, seed: int = 0, warmup: int = 128) -> dict[str, Any]:
+    """Build an environment, measure it, close it.
+
+    Episodes are spread over their lengths first, so that resets happen as in a long run.
+
+    Args:
+        make: Makes the environment.
+        steps: Steps to time, in blocks of up to 32.
+        seed: Seed of the actions.
+        warmup: Steps before anything but the start is timed.
+
+    Returns:
+        Numbers ready for JSON. Seconds: ``build_s``; ``reset_s`` of the first reset; ``first_step_s`` of the first
+        step, in which kernels are loaded and graphs recorded. CUDA calls a step are None on the CPU.
+    """
+    binaries, start = binary_count(), time.perf_counter()
+    env = make()
+    try:
+        clock, env = Clock(env.unwrapped.sim.device), env.unwrapped
+        seconds = {"build_s": _since(start, clock)}
+        block = min(32, steps)
+        actions = random_actions(env, LEAD + block, seed)
+        clock.wait()
+        start = time.perf_counter()
+        env.reset(seed=seed)
+        seconds["reset_s"] = _since(start, clock)
+        start = time.perf_counter()
+        env.step(actions[0])
+        seconds["first_step_s"] = _since(start, clock)
+        compiled = binary_count() - binaries
+
+        generator = torch.Generator(device=env.device).manual_seed(seed)
+        phases = torch.randint(
+            env.max_episode_length, env.episode_length_buf.shape, generator=generator, device=env.device
+        )
+        env.episode_length_buf = phases
+        for index in range(max(warmup, 4)):
+            env.step(actions[index % len(actions)])
+        times = measure_step(env, actions, max(1, round(steps / block))).to_dict()
+        calls: dict[str, float | None] = dict.fromkeys(
+            ("graph_launches", "kernel_launches", "copies", "host_syncs", "kernels")
+        )
+        if clock.is_cuda:
+            calls |= count_calls(lambda index: env.step(actions[index % len(actions)]), COUNTED)
+        return {
+            "device": env.sim.device,
+            "device_name": torch.cuda.get_device_name(env.sim.device) if clock.is_cuda else None,
+            "num_envs": env.num_envs,
+            "decimation": env.cfg.decimation,
+            "step_dt": env.step_dt,
+            **times,
+            "env_steps_per_s": 1e3 * env.num_envs / times["env_wall_ms"],
+            **{f"{kind}_per_step": count for kind, count in calls.items()},
+            **seconds,
+            "binaries_compiled": compiled,
+            "device_memory_mb": _memory_mb(env.sim.device),
+        }
+    finally:
+        env.close()
+
+
+def binary_count() -> int:
+    """Compiled binaries in Warp's kernel cache."""
+    wp.init()
+    endings = (".o", ".cubin", ".ptx", ".fatbin")
+    return sum(name.endswith(endings) for _, _, names in os.walk(wp.config.kernel_cache_dir) for name in names)
+
+
+def _since(start: float, clock: Clock) -> float:
+    clock.wait()
+    return time.perf_counter() - start
+
+
+def _memory_mb(device: str) -> float | None:
+    """Memory in use on a GPU, by whomever."""
+    if device == "cpu":
+        return None
+    free, total = torch.cuda.mem_get_info(device)
+    return (total - free) / 2**20

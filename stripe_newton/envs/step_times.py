@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Times of the whole step and of the physics alone.
+
+Both are measured on the same states under the same actions, in turns, so that neither a warming GPU nor a busy machine
+favours one of them.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+import torch
+import warp as wp
+
+from stripe_newton.sim import Simulation
+
+__all__ = ["LEAD", "Clock", "StepTimes", "measure_step"]
+
+LEAD = 4
+"""Steps before each measured block, which are not measured."""
+
+
+class Clock:
+    """Marks on the time line of a device.
+
+    On a GPU they are events of its Warp stream, with which torch's default stream is in order; setting one does not
+    wait. On the CPU they are times of the host.
+    """
+
+    def __init__(self, device: str):
+        self.device, self.is_cuda = device, device != "cpu"
+
+    def mark(self) -> Any:
+        """A mark behind all that was asked for until now."""
+        if not self.is_cuda:
+            return time.perf_counter()
+        event = wp.Event(self.device, enable_timing=True)
+        wp.get_stream(self.device).record_event(event)
+        return event
+
+    def ms(self, start: Any, end: Any) -> float:
+        """Milliseconds between two marks; it waits for the second."""
+        return wp.get_event_elapsed_time(start, end) if self.is_cuda else 1e3 * (end - start)
+
+    def hold(self, seconds: float) -> None:
+        """Keep a GPU busy for about that long, so that what comes next waits in its queue."""
+        if self.is_cuda:
+            with torch.cuda.device(self.device):
+                torch.cuda._sleep(int(2e9 * seconds))  # cycles, of which a GPU has about two a nanosecond
+
+    def wait(self) -> None:
+        """Wait until a GPU has done all."""
+        if self.is_cuda:
+            torch.cuda.synchronize(self.device)
+            wp.synchronize_device(self.device)
+
+
+@dataclass
+class StepTimes:
+    """Milliseconds of one step, the lists with one entry for each measured block.
+
+    ``env`` and ``physics`` are times of the device with a full queue, ``env_wall`` those of the host that issues the
+    steps of a block as fast as it can and waits at its end.
+    """
+
+    env: list[float]
+    """Whole step."""
+    env_wall: list[float]
+    """Whole step, by the clock on the wall."""
+    physics: list[float]
+    """The physics alone, on the states that the whole step met; mean over the steps of a block."""
+    physics_ms: float
+    """Mean over the steps of a block of the median over the blocks."""
+    physics_free: list[float]
+    """The physics alone, the steps of a block one behind the other, without the resets."""
+    replay_difference: float
+    """Largest difference of a joint coordinate after a step between the whole step and the physics alone, over
+    environments whose episodes went on; 0 on the CPU unless events push the robots [m or rad]."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Medians and ranges for a report."""
+        env, wall = median(self.env), median(self.env_wall)
+        return {
+            "physics_ms": self.physics_ms,
+            "env_ms": env,
+            "overhead_ratio": env / self.physics_ms - 1.0,
+            "env_wall_ms": wall,
+            "physics_free_ms": median(self.physics_free),
+            "physics_range_ms": [min(self.physics), max(self.physics)],
+            "env_range_ms": [min(self.env), max(self.env)],
+            "env_wall_range_ms": [min(self.env_wall), max(self.env_wall)],
+            "blocks": len(self.env),
+            "replay_difference": self.replay_difference,
+        }
+
+
+def measure_step(env: Any, actions: torch.Tensor, blocks: int) -> StepTimes:
+    """Time blocks of whole steps and of the physics of the same steps, in turns.
+
+    The state is brought back before each block. The physics starts every step from the state that the whole step
+    started from, with the targets that it left; bringing both back is not timed. Environments that ended have the
+    targets of their new episode.
+
+    Args:
+        env: An environment that is past its first steps.
+        actions: Shape ``(LEAD + n, num_envs, *action_shape)`` for blocks of ``n`` steps.
+        blocks: Number of blocks.
+    """
+    sim, decimation, steps = env.sim, env.cfg.decimation, len(actions) - LEAD
+    clock, before = Clock(sim.device), _Snapshot(env)
+
+    def lead() -> None:
+        for action in actions[:LEAD]:
+            env.step(action)
+
+    def whole() -> None:
+        for action in actions[LEAD:]:
+            env.step(action)
+
+    lead()
+    tape = _Tape(env, actions[LEAD:])
+    before.restore()
+    clock.wait()
+    start = time.perf_counter()
+    lead()
+    ahead = 1.5 * steps / LEAD * (time.perf_counter() - start)  # seconds in which the host issues a block
+    ahead = min(max(ahead, 0.005), 0.05)
+
+    times = StepTimes([], [], [], 0.0, [], tape.replay_difference())
+    each: list[list[float]] = []
+    for _ in range(blocks):
+        before.restore()
+        clock.hold(ahead)
+        lead()
+        start = clock.mark()
+        whole()
+        times.env.append(clock.ms(start, clock.mark()) / steps)
+
+        if clock.is_cuda:
+            before.restore()
+            lead()
+            clock.wait()
+            start = time.perf_counter()
+            whole()
+            clock.wait()
+            times.env_wall.append(1e3 * (time.perf_counter() - start) / steps)
+
+        sim.step(decimation)  # whatever a reset left to be done before the next physics step
+        clock.hold(ahead)
+        marks = []
+        for index in range(steps):
+            tape.load(index)
+            start = clock.mark()
+            sim.step(decimation)
+            marks.append((start, clock.mark()))
+        each.append([clock.ms(*pair) for pair in marks])
+        times.physics.append(sum(each[-1]) / steps)
+
+        tape.load(0)
+        clock.hold(ahead)
+        start = clock.mark()
+        for index in range(steps):
+            tape.load_targets(index)
+            sim.step(decimation)
+        times.physics_free.append(clock.ms(start, clock.mark()) / steps)
+    before.restore()
+    times.physics_ms = sum(map(median, zip(*each, strict=True))) / steps
+    times.env_wall = times.env_wall or times.env
+    return times
+
+
+class _Snapshot:
+    """State of an environment and of torch's random numbers."""
+
+    def __init__(self, env: Any):
+        self._env, self._state = env, env.get_state()
+        self._cpu = torch.get_rng_state()
+        self._cuda = torch.cuda.get_rng_state(env.device) if env.device != "cpu" else None
+
+    def restore(self) -> None:
+        self._env.set_state(self._state)
+        torch.set_rng_state(self._cpu)
+        if self._cuda is not None:
+            torch.cuda.set_rng_state(self._cuda, self._env.device)
+
+
+class _Tape:
+    """What the physics of each step of a block read: the state at its start, and the targets that it wrote."""
+
+    def __init__(self, env: Any, actions: torch.Tensor):
+        self._sim, self._decimation = env.sim, env.cfg.decimation
+        self._state, self._targets = _state(env.sim), _targets(env.sim)
+        self._starts: list[list[wp.array]] = []
+        self._written: list[list[wp.array]] = []
+        self._ended: list[torch.Tensor] = []
+        for action in actions:
+            self._starts.append([wp.clone(a) for a in self._state])
+            env.step(action)
+            self._written.append([wp.clone(a) for a in self._targets])
+            self._ended.append(env.reset_buf.clone())
+
+    def load(self, index: int) -> None:
+        """Bring back what step ``index`` started from."""
+        for array, copy in zip(self._state, self._starts[index], strict=True):
+            wp.copy(array, copy)
+        self.load_targets(index)
+
+    def load_targets(self, index: int) -> None:
+        """Bring back the targets of step ``index``."""
+        for array, copy in zip(self._targets, self._written[index], strict=True):
+            wp.copy(array, copy)
+
+    def replay_difference(self) -> float:
+        """Largest difference that the physics alone makes to the joint coordinates at the start of the next step."""
+        largest = 0.0
+        for index in range(len(self._starts) - 1):
+            self.load(index)
+            self._sim.step(self._decimation)
+            expected, got = (self._sim.per_env(a) for a in (self._starts[index + 1][0], self._sim.state.joint_q))
+            difference = (expected - got)[~self._ended[index]].abs().nan_to_num(0.0)
+            largest = max(largest, float(difference.max()) if difference.numel() else 0.0)
+        return largest
+
+
+def _state(sim: Simulation) -> list[wp.array]:
+    state, data = sim.state, getattr(sim.solver, "mjw_data", None)
+    solver = (data.qacc_warmstart, data.act) if data is not None else ()
+    return [
+        a for a in (state.joint_q, state.joint_qd, state.body_q, state.body_qd, *solver) if a is not None and a.size
+    ]
+
+
+def _targets(sim: Simulation) -> list[wp.array]:
+    control = sim.control
+    arrays = (control.joint_act, control.joint_target_q, control.joint_target_qd, sim.external_wrench)
+    return [a for a in arrays if a is not None and a.size]
