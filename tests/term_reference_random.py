@@ -140,6 +140,12 @@ def reset_joint_targets_to_default(v: Values, p: Params, s: Stream) -> Written:
     }
 
 
+def reset_scene_to_default(v: Values, p: Params, s: Stream) -> Written:
+    terms = [reset_root_to_default, reset_joints_to_default]
+    terms += [reset_joint_targets_to_default] if p["reset_joint_targets"] else []
+    return {"ArticulationData": {k: x for term in terms for k, x in term(v, p, s)["ArticulationData"].items()}}
+
+
 def push_by_setting_velocity(v: Values, p: Params, s: Stream) -> Written:
     return {"ArticulationData": {"root_vel": v["ArticulationData"]["root_vel"] + s.rows(p["velocity_range"])}}
 
@@ -156,7 +162,7 @@ EVENTS: dict[str, Callable[[Values, Params, Stream], Written]] = {
     for f in (
         reset_joints_by_offset, reset_joints_by_scale, reset_joints_within_limits_range, reset_root_state_uniform,
         reset_root_state_with_random_orientation, reset_root_to_default, reset_joints_to_default,
-        reset_joint_targets_to_default, push_by_setting_velocity, apply_external_force_torque,
+        reset_joint_targets_to_default, reset_scene_to_default, push_by_setting_velocity, apply_external_force_torque,
     )
 }  # fmt: skip
 

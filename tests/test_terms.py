@@ -97,6 +97,7 @@ CASES: dict[str, list[dict[str, Any]]] = {
         PER_JOINT | {"scale": False, "use_default_offset": True},
         PER_JOINT | {"scale": True, "use_default_offset": True, "position_joint_ids": [], "velocity_joint_ids": []},
     ],
+    "reset_scene_to_default": [{"reset_joint_targets": True}, {"reset_joint_targets": False}],
     "resample_uniform_velocity": [
         {},
         {"rel_heading_envs": 0.0, "rel_standing_envs": 1.0},
@@ -549,7 +550,6 @@ LEFT_OUT: dict[str, str] = {
     **dict.fromkeys(("feet_air_time", "feet_air_time_positive_biped", "feet_slide"), SENSORS),
     **dict.fromkeys(("terrain_out_of_bounds", "reset_root_state_from_terrain", "TerrainBasedPose2dCommand"), TERRAIN),
     **{name: MODEL for name in EXPECTED["event"].split() if name.startswith("randomize_")},
-    "reset_scene_to_default": "of all assets: the manager runs its parts, reset_root_to_default and so on, for each",
     "NullCommand": "does nothing: the manager needs no function for it",
     "DifferentialInverseKinematics": "reads Jacobians, which are not state",
 }

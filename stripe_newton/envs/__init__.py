@@ -3,7 +3,18 @@
 
 from .direct_rl_env import DirectRLEnv
 from .direct_rl_env_cfg import DirectRLEnvCfg
-from .events import EventTermCfg
+from .manager_based_rl_env import ManagerBasedRLEnv
+from .manager_based_rl_env_cfg import ManagerBasedRLEnvCfg
+from .rl_env import RLEnv
+from .rl_env_cfg import RLEnvCfg
 from .spaces import to_space
 
-__all__ = ["DirectRLEnv", "DirectRLEnvCfg", "EventTermCfg", "to_space"]
+__all__ = [
+    "DirectRLEnv",
+    "DirectRLEnvCfg",
+    "ManagerBasedRLEnv",
+    "ManagerBasedRLEnvCfg",
+    "RLEnv",
+    "RLEnvCfg",
+    "to_space",
+]

@@ -11,7 +11,7 @@ import torch
 import warp as wp
 from gymnasium import spaces
 
-from stripe_newton.configclass import ConfigError
+from stripe_newton.configclass import ConfigError, is_config
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, fields_read, fuse
 from stripe_newton.managers import (
     ActionManager,
@@ -22,9 +22,9 @@ from stripe_newton.managers import (
     MetricsManager,
     ObjectManager,
     ObservationManager,
-    RecorderManager,
     RewardManager,
     TerminationManager,
+    spawn_object_pools,
 )
 
 from .manager_based_rl_env_cfg import ManagerBasedRLEnvCfg
@@ -64,7 +64,6 @@ class ManagerBasedRLEnv(RLEnv):
         self.metrics_manager = MetricsManager(cfg.metrics, context)
         self.observation_manager = ObservationManager(cfg.observations, context, self._reserve_observations)
         self.curriculum_manager = CurriculumManager(cfg.curriculum, context)
-        self.recorder_manager = RecorderManager(cfg.recorders, context)
         stages = self._stages()
         if "policy" not in self.observation_manager.buffers:
             context.problems.append("observations: has no group 'policy'; the learner needs it")
@@ -78,18 +77,14 @@ class ManagerBasedRLEnv(RLEnv):
 
     def _terms(self) -> Iterator[Any]:
         """Functions of all terms in the config."""
-        todo: list[Any] = [
-            getattr(self.cfg, n) for n in ("observations", "rewards", "terminations", "events", "curriculum", "metrics")
-        ]
+        names = "observations", "rewards", "terminations", "events", "curriculum", "metrics"
+        todo: list[Any] = [getattr(self.cfg, n) for n in names]
         while todo:
             cfg = todo.pop()
-            values = cfg.values() if isinstance(cfg, dict) else vars(cfg).values() if hasattr(cfg, "__dict__") else ()
-            for value in values:
+            for value in cfg.values() if isinstance(cfg, dict) else vars(cfg).values() if is_config(cfg) else ():
                 if isinstance(value, wp.Function):
                     yield value
-                elif hasattr(value, "func") or type(value).__name__.endswith(("GroupCfg", "PolicyCfg", "CriticCfg")):
-                    todo.append(value)
-                elif getattr(type(value), "__is_configclass__", False):
+                elif isinstance(value, dict) or is_config(value):
                     todo.append(value)
 
     def _prepare_simulation(self) -> None:
@@ -98,8 +93,7 @@ class ManagerBasedRLEnv(RLEnv):
         self.sim.cfg.observables = tuple(dict.fromkeys([*self.sim.cfg.observables, *wanted]))
 
     def _setup_scene(self) -> None:
-        for pool in ObjectManager.pools(self.cfg.objects).values():
-            pool.spawn(self.scene)
+        spawn_object_pools(self.cfg.objects, self.scene)
         self.scene.clone_environments()
 
     def _num_terminations(self) -> int:
@@ -146,7 +140,7 @@ class ManagerBasedRLEnv(RLEnv):
     # -- the step
 
     def _stages(self) -> list[Stage]:
-        safety, record = self._safety, self.recorder_manager
+        safety = self._safety
         count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"])
         outcome: list[Item] = [
             safety.after_physics(),
@@ -173,11 +167,11 @@ class ManagerBasedRLEnv(RLEnv):
         commands = self.command_manager.compute()
         end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish)]
         return [
-            Stage("actions", [*record.pre_step(), count, *self.action_manager.process()]),
+            Stage("actions", [count, *self.action_manager.process()]),
             Stage("physics", [self._physics()]),
-            Stage("outcome", [*_when(outcome, _STEPPING), *record.post_step()]),
-            Stage("episode log", [*self._final_observations(), *record.pre_reset(), *_when(log, _STEPPING)]),
-            Stage("reset", [*reset, *record.post_reset()]),
+            Stage("outcome", [*_when(outcome, _STEPPING)]),
+            Stage("episode log", [*self._final_observations(), *_when(log, _STEPPING)]),
+            Stage("reset", [*reset]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),
             Stage("forward kinematics", safety.forward()),
@@ -200,10 +194,10 @@ class ManagerBasedRLEnv(RLEnv):
         if not self.cfg.compute_final_obs:
             return []
         compute = self.observation_manager.compute(where_reset=True)
-        copies = []
+        copies, scope = [], self.context.scope
         for name, buffer in self.observation_manager.flat_buffers().items():
-            final = self.outputs.array(f"final.{name}")
-            source, target = (self.context.scope.name(n, a) for n, a in ((f"obs_{name}", buffer), (f"final_{name}", final)))
+            source = scope.name(f"obs_{name}", buffer)
+            target = scope.name(f"final_{name}", self.outputs.array(f"final.{name}"))
             copies += [f"for i in range({target}.shape[1]):", f"    {target}[env, i] = {source}[env, i]"]
         return _when([*compute, Section("final_observations", copies, where_reset=True)], _STEPPING)
 
@@ -251,12 +245,6 @@ class ManagerBasedRLEnv(RLEnv):
             kernels: Also the source of the generated kernels.
         """
         return "\n\n".join([*map(str, self.managers), super().describe(kernels)])
-
-    def close_extras(self, **kwargs: Any) -> None:
-        """Release the recorder's file, renderer and simulation."""
-        if hasattr(self, "recorder_manager"):
-            self.recorder_manager.close()
-        super().close_extras(**kwargs)
 
 
 def _when(items: Iterable[Item], condition: str) -> list[Item]:

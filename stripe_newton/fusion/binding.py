@@ -22,7 +22,13 @@ from .entity import SceneEntityCfg
 
 __all__ = ["TermCall", "TermState", "bind_term", "fields_read"]
 
-_RETURNS: dict[str, Any] = {"reward": float, "metric": float, "termination": bool, "curriculum": float}
+_RETURNS: dict[str, Any] = {
+    "reward": float,
+    "metric": float,
+    "termination": bool,
+    "curriculum": float,
+    "modifier": float,
+}
 _SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
 _NUMPY = {wp.int32: np.int32, wp.bool: np.bool_}
 _VECTORS = (wp.vec2, wp.vec3, wp.vec4, wp.quat)

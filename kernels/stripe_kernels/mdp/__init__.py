@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms: what a policy sees, is rewarded for and can do, as Warp functions of one environment.
 
-``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands`` and ``actions``
-hold one kind each; ``frames`` and ``random`` hold what terms are made of. docs/terms.md lists them.
+``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands``, ``actions``
+and ``curriculums`` hold one kind each; ``frames`` and ``random`` hold what terms are made of. docs/terms.md lists them.
 """
 
 from . import frames, random
@@ -38,6 +38,7 @@ from .commands import (
     velocity_error_xy,
     velocity_error_yaw,
 )
+from .curriculums import modify_env_param, modify_reward_weight, modify_term_cfg
 from .events import (
     apply_external_force_torque,
     push_by_setting_velocity,
@@ -49,6 +50,7 @@ from .events import (
     reset_root_state_uniform,
     reset_root_state_with_random_orientation,
     reset_root_to_default,
+    reset_scene_to_default,
 )
 from .observations import (
     OBSERVATION_SIZES,
@@ -172,6 +174,9 @@ __all__ = [
     "joint_vel_rel",
     "last_action",
     "lin_vel_z_l2",
+    "modify_env_param",
+    "modify_reward_weight",
+    "modify_term_cfg",
     "orientation_command_error",
     "pose_2d_error_heading",
     "pose_2d_error_pos",
@@ -200,6 +205,7 @@ __all__ = [
     "reset_root_state_uniform",
     "reset_root_state_with_random_orientation",
     "reset_root_to_default",
+    "reset_scene_to_default",
     "restart_command",
     "root_ang_vel_w",
     "root_height_below_minimum",

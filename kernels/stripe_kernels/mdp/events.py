@@ -4,6 +4,8 @@
 Joint positions and velocities are written as state, not as targets; link poses follow once forward kinematics ran.
 ``pose_range`` and ``velocity_range`` hold six bounds (low, high): x, y, z [m or m/s], then roll, pitch, yaw [rad] or
 rates about x, y, z [rad/s].
+
+``interval_is_due`` and ``reset_is_due`` are no terms: by them a manager finds where a term runs.
 """
 
 import warp as wp
@@ -22,6 +24,7 @@ __all__ = [
     "reset_root_state_uniform",
     "reset_root_state_with_random_orientation",
     "reset_root_to_default",
+    "reset_scene_to_default",
 ]
 
 
@@ -214,6 +217,21 @@ def reset_joint_targets_to_default(env: int, robot: ArticulationData):
 
 
 @wp.func
+def reset_scene_to_default(env: int, robot: ArticulationData, reset_joint_targets: bool = True):
+    """Put root and joints where they are at the start of an episode; with ``reset_joint_targets`` the targets, too.
+
+    Formula: ``p = p_default + origin`` [m], ``quat = quat_default``, ``v = v_default`` [m/s, rad/s], ``q = q_default``,
+    ``qd = qd_default``, ``q* = q_default`` [m or rad], ``qd* = qd_default`` [m/s or rad/s].
+
+    Source: Isaac Lab, ``mdp.reset_scene_to_default``; an event manager runs it for all assets if none is named.
+    """
+    reset_root_to_default(env, robot)
+    reset_joints_to_default(env, robot)
+    if reset_joint_targets:
+        reset_joint_targets_to_default(env, robot)
+
+
+@wp.func
 def push_by_setting_velocity(
     env: int, robot: ArticulationData, rng: wp.array[wp.uint32], velocity_range: wp.array[wp.vec2]
 ):
@@ -249,3 +267,36 @@ def apply_external_force_torque(
         ty = random.uniform_range(env, rng, torque_range)
         tz = random.uniform_range(env, rng, torque_range)
         robot.external_wrench[env, body_ids[i]] = wp.spatial_vector(fx, fy, fz, tx, ty, tz)
+
+
+@wp.func
+def interval_is_due(
+    env: int, rng: wp.array[wp.uint32], steps_left: wp.array[int], interval_range_s: wp.vec2, step_dt: float
+) -> bool:
+    """Let a step pass on a clock, and say whether its time is up; a clock at 0 draws a new time first.
+
+    Formula: up after ``n = max(1, ceil(U(interval_range_s) / step_dt - 0.001))`` steps: the first multiple of
+    ``step_dt`` that is not earlier, but for rounding.
+    """
+    left = steps_left[env]
+    if left <= 0:
+        time = random.uniform_range(env, rng, interval_range_s)
+        left = wp.int32(wp.clamp(wp.ceil(time / step_dt - 1.0e-3), 1.0, 2.0e9))
+    left = left - 1
+    steps_left[env] = left
+    return left == 0
+
+
+@wp.func
+def reset_is_due(env: int, step: wp.array[wp.int64], last_run: wp.array[wp.int64], min_steps: int) -> bool:
+    """Whether a term that runs at resets may run again, noted if so; it may if it never did.
+
+    ``last_run`` holds ``step[0] + 1`` of the last run, 0 before the first.
+
+    Formula: ``step[0] + 1 - last_run >= min_steps``.
+    """
+    now = step[0] + wp.int64(1)
+    due = last_run[env] == wp.int64(0) or now - last_run[env] >= wp.int64(min_steps)
+    if due:
+        last_run[env] = now
+    return due

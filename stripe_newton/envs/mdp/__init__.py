@@ -1,4 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms."""
+"""Terms for manager-based environments: the functions of ``stripe_kernels.mdp`` and the configs of action and command
+terms, under one name as users write it: ``mdp.track_lin_vel_xy_exp``, ``mdp.JointPositionActionCfg``."""
 
+from stripe_kernels import mdp as _terms
 from stripe_kernels.mdp import *  # noqa: F403
+from stripe_newton.managers import actions_cfg as _actions
+from stripe_newton.managers import commands_cfg as _commands
+from stripe_newton.managers.actions_cfg import *  # noqa: F403
+from stripe_newton.managers.commands_cfg import *  # noqa: F403
+
+__all__ = [*_terms.__all__, *_actions.__all__, *_commands.__all__]

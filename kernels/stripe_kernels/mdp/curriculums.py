@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Curriculums: ``term(step, parameter, ...) -> float`` changes a tuned number for all environments.
+
+One thread runs them at the end of each step; what they write holds from the next step on, and what they return is
+logged. A term that begins with ``env: int`` is one for each environment that ends its episode instead.
+"""
+
+import warp as wp
+
+from ..data import Parameter
+
+__all__ = ["modify_env_param", "modify_reward_weight", "modify_term_cfg"]
+
+
+@wp.func
+def modify_reward_weight(step: wp.array[wp.int64], parameter: Parameter, weight: float, num_steps: int) -> float:
+    """Give a reward another weight once ``num_steps`` steps were taken; returns the weight.
+
+    The reward is named by ``params={"term_name": ...}``.
+
+    Formula: ``w = weight`` if ``step >= num_steps``: the step after that many is the first with it.
+
+    Source: Isaac Lab, ``mdp.modify_reward_weight``.
+    """
+    if step[0] >= wp.int64(num_steps):
+        parameter.values[parameter.index] = weight
+    return parameter.values[parameter.index]
+
+
+@wp.func
+def modify_term_cfg(
+    step: wp.array[wp.int64],
+    parameter: Parameter,
+    memory: wp.array[float],
+    value: float,
+    num_steps: int,
+    start_step: int = -1,
+) -> float:
+    """Give any parameter another value, once ``num_steps`` steps were taken or in a ramp until then; returns it.
+
+    The parameter is named by ``params={"address": ...}``. With ``start_step`` of 0 or more it changes linearly from
+    ``v0``, what it is once that many steps were taken. ``memory`` keeps ``v0``, one number, NaN before.
+
+    Formula: ``v = value`` if ``step >= num_steps``, else after ``start_step``
+    ``v = v0 + (value - v0) (step - start_step) / (num_steps - start_step)``.
+
+    Source: Isaac Lab, ``mdp.modify_term_cfg``, there with a function that changes the value.
+    """
+    now = step[0]
+    start = wp.int64(start_step)
+    end = wp.int64(num_steps)
+    if now >= end:
+        parameter.values[parameter.index] = value
+    elif start_step >= 0 and now >= start:
+        if wp.isnan(memory[0]):
+            memory[0] = parameter.values[parameter.index]
+        share = wp.float32(wp.float64(now - start) / wp.float64(end - start))
+        parameter.values[parameter.index] = memory[0] + (value - memory[0]) * share
+    return parameter.values[parameter.index]
+
+
+@wp.func
+def modify_env_param(
+    step: wp.array[wp.int64],
+    parameter: Parameter,
+    memory: wp.array[float],
+    value: float,
+    num_steps: int,
+    start_step: int = -1,
+) -> float:
+    """``modify_term_cfg`` for a parameter that belongs to no term.
+
+    Formula: that of ``modify_term_cfg``.
+
+    Source: Isaac Lab, ``mdp.modify_env_param``, there with a function that changes the value.
+    """
+    return modify_term_cfg(step, parameter, memory, value, num_steps, start_step)

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configs of command terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from stripe_newton.configclass import MISSING, configclass
+
+__all__ = [
+    "CommandTermCfg",
+    "NormalVelocityCommandCfg",
+    "NullCommandCfg",
+    "UniformPose2dCommandCfg",
+    "UniformPoseCommandCfg",
+    "UniformVelocityCommandCfg",
+]
+
+Range = tuple[float, float]
+
+
+@configclass
+class CommandTermCfg:
+    """A command: what the policy is asked to do.
+
+    A term of one's own gives ``resample(env, command, rng, ...)``, and ``update(env, command, ...)`` if it changes
+    between draws: Warp functions whose argument ``command`` is a ``stripe_kernels.data.CommandData`` that holds
+    ``size`` numbers.
+    """
+
+    asset_name: str = "robot"
+    """Asset that is commanded."""
+    resampling_time_range: Range = MISSING
+    """Bounds of the time between two draws [s]."""
+    resample: Callable[..., Any] | None = None
+    """Warp function that draws a command."""
+    update: Callable[..., Any] | None = None
+    """Warp function that brings it up to date in every step."""
+    size: int = 0
+    """Numbers of the command."""
+    params: dict[str, Any] = {}
+    """Further arguments of the functions."""
+    metrics: dict[str, Callable[..., Any]] = {}
+    """Warp functions ``-> float`` whose mean over the episode is logged."""
+    debug_vis: bool = False
+    """Accepted for compatibility."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        bounds = self.resampling_time_range
+        if bounds is not MISSING and not 0 < bounds[0] <= bounds[1]:
+            yield "resampling_time_range", f"is {bounds}, must be (low, high) with 0 < low <= high [s]"
+
+
+@configclass
+class NullCommandCfg(CommandTermCfg):
+    """No command."""
+
+    resampling_time_range: Range = (math.inf, math.inf)
+
+
+@configclass
+class UniformVelocityCommandCfg(CommandTermCfg):
+    """A velocity drawn uniformly; some environments turn to a heading, some stand."""
+
+    @configclass
+    class Ranges:
+        """Bounds."""
+
+        lin_vel_x: Range = MISSING
+        """Forward velocity [m/s]."""
+        lin_vel_y: Range = MISSING
+        """Sideways velocity [m/s]."""
+        ang_vel_z: Range = MISSING
+        """Yaw rate [rad/s]."""
+        heading: Range | None = None
+        """Heading [rad], where ``heading_command``."""
+
+    heading_command: bool = False
+    """Whether a share of the environments turns to a heading."""
+    heading_control_stiffness: float = 1.0
+    """Yaw rate for an error of one radian [1/s]."""
+    rel_standing_envs: float = 0.0
+    """Share of the environments that stands."""
+    rel_heading_envs: float = 1.0
+    """Share that turns to a heading, where ``heading_command``."""
+    ranges: Ranges = MISSING
+    """Bounds."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from CommandTermCfg.problems(self)
+        if self.heading_command and self.ranges is not MISSING and self.ranges.heading is None:
+            yield "ranges.heading", "is None, but heading_command is set; give bounds [rad]"
+
+
+@configclass
+class NormalVelocityCommandCfg(CommandTermCfg):
+    """A velocity drawn from a normal distribution about a mean of either sign."""
+
+    @configclass
+    class Ranges:
+        """Distribution."""
+
+        mean_vel: tuple[float, float, float] = MISSING
+        """Means: forward, sideways [m/s], yaw rate [rad/s]."""
+        std_vel: tuple[float, float, float] = MISSING
+        """Standard deviations."""
+        zero_prob: tuple[float, float, float] = MISSING
+        """Chances that a component is zero."""
+
+    rel_standing_envs: float = 0.0
+    """Share of the environments that stands."""
+    ranges: Ranges = MISSING
+    """Distribution."""
+
+
+@configclass
+class UniformPoseCommandCfg(CommandTermCfg):
+    """A pose of a body in the root's frame."""
+
+    @configclass
+    class Ranges:
+        """Bounds."""
+
+        pos_x: Range = MISSING
+        """[m]"""
+        pos_y: Range = MISSING
+        """[m]"""
+        pos_z: Range = MISSING
+        """[m]"""
+        roll: Range = MISSING
+        """[rad]"""
+        pitch: Range = MISSING
+        """[rad]"""
+        yaw: Range = MISSING
+        """[rad]"""
+
+    body_name: str = MISSING
+    """Body that is to be there."""
+    make_quat_unique: bool = False
+    """Whether the quaternion has ``w >= 0``."""
+    ranges: Ranges = MISSING
+    """Bounds."""
+
+
+@configclass
+class UniformPose2dCommandCfg(CommandTermCfg):
+    """A place on the ground about the environment's origin, and a heading."""
+
+    @configclass
+    class Ranges:
+        """Bounds."""
+
+        pos_x: Range = MISSING
+        """[m]"""
+        pos_y: Range = MISSING
+        """[m]"""
+        heading: Range = (-math.pi, math.pi)
+        """[rad], without ``simple_heading``."""
+
+    simple_heading: bool = False
+    """Whether the heading is the direction to the place, or the opposite one if that is less of a turn."""
+    ranges: Ranges = MISSING
+    """Bounds."""

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What changes as training goes on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.fusion import Eager, Item, Section, bind_term, single_thread
+
+from .context import ManagerContext
+from .manager_base import ManagerBase, is_warp_term
+
+__all__ = ["CurriculumManager", "CurriculumTermCfg"]
+
+
+@configclass
+class CurriculumTermCfg:
+    """One thing that changes as training goes on."""
+
+    func: Callable[..., Any] = MISSING
+    """Warp function ``(env, ...) -> float`` of an environment whose episode ended, or Warp function without ``env``
+    that one thread runs in every step, or torch function ``(env, env_ids, **params)`` that returns a number, a dict of
+    numbers or None."""
+    params: dict[str, Any] = {}
+    """Its further arguments."""
+
+
+class CurriculumManager(ManagerBase):
+    """Runs curriculum terms and logs what they return as ``Curriculum/<term>``.
+
+    A term that begins with ``env`` runs where episodes ended, before the reset; the mean over those environments is
+    logged. One without runs once a step, at the end, and takes effect from the next step on. Its argument
+    ``memory: wp.array[float]`` is one number of its own that lasts, NaN at first.
+    """
+
+    name: ClassVar[str] = "curriculum"
+
+    def __init__(self, cfg: Any, context: ManagerContext):
+        super().__init__(cfg, context)
+        self._terms: dict[str, CurriculumTermCfg] = self.terms(cfg, CurriculumTermCfg)
+
+    @property
+    def active_terms(self) -> list[str]:
+        """Names of the terms."""
+        return list(self._terms)
+
+    # -- items
+
+    def compute(self) -> list[Item]:
+        """Items that run the terms of environments, and torch terms, where episodes ended."""
+        items: list[Item] = []
+        for name, term in self._terms.items():
+            if not is_warp_term(term.func):
+                items.append(Eager("curriculum", self._torch(name, term), f"torch term '{name}'", [name]))
+                continue
+            value = self._expression(name, term) if _is_per_env(term.func) else None
+            if value is not None:
+                line = self.context.log.line(f"Curriculum/{name}", value, "mean")
+                items.append(Section("curriculum", [line], [name], where_reset=True))
+        return items
+
+    def update(self) -> list[Item]:
+        """The item that runs the terms without ``env``, one thread.
+
+        It goes to the end of the step, before the log is finished. Ask for it after all other managers' items, so that
+        every parameter exists.
+        """
+        body, names = [], []
+        for name, term in self._terms.items():
+            value = self._expression(name, term) if is_warp_term(term.func) and not _is_per_env(term.func) else None
+            if value is not None:
+                body.append(self.context.log.line(f"Curriculum/{name}", value, "last"))
+                names.append(name)
+        return [single_thread(self.context, "curriculum", body, names)] if names else []
+
+    # -- parts of them
+
+    def _expression(self, name: str, term: CurriculumTermCfg) -> str | None:
+        context, where, fixed = self.context, f"{self.name}.{name}", {}
+        func: Any = term.func
+        if "memory" in func.input_types and "memory" not in term.params and not _is_per_env(func):
+            memory = context.shared(f"{where}.memory", float, 1, fill=math.nan)
+            fixed["memory"] = context.scope.name(f"{self.name}_{name}_memory", memory)
+        call = bind_term(context, func, term.params, where, "curriculum", fixed)
+        return None if call is None else call.expression()
+
+    def _torch(self, name: str, term: CurriculumTermCfg) -> Callable[[], None]:
+        context = self.context
+        ended = context.torch(context.reset)
+
+        def run() -> None:
+            env_ids = ended.nonzero().squeeze(-1)
+            if not len(env_ids):
+                return
+            value = term.func(context.owner, env_ids, **term.params)
+            if isinstance(value, dict):
+                for key, part in value.items():
+                    self._log(f"Curriculum/{name}/{key}", part)
+            elif value is not None:
+                self._log(f"Curriculum/{name}", value)
+
+        return run
+
+    def _log(self, key: str, value: Any) -> None:
+        """Hand out a value from now on. It bypasses the sums: the graph that finishes them may not know the key."""
+        log = self.context.log
+        index = log.add(key, "last")
+        self.context.torch(log.values)[index] = value
+
+    def __str__(self) -> str:
+        rows = []
+        for name, term in self._terms.items():
+            if not is_warp_term(term.func):
+                rows.append((name, "torch", "when episodes end"))
+            else:
+                rows.append((name, "Warp", "where an episode ends" if _is_per_env(term.func) else "in every step"))
+        return self.table("Curriculum terms", ("Name", "Kind", "When"), rows)
+
+
+def _is_per_env(func: Any) -> bool:
+    return "env" in func.input_types

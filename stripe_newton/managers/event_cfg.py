@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Config of an event."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from stripe_newton.configclass import MISSING, configclass
+
+__all__ = ["EventTermCfg"]
+
+_MODES = ("prestartup", "startup", "reset", "interval", "step")
+
+
+@configclass
+class EventTermCfg:
+    """Something that happens to environments, at a certain time."""
+
+    func: Callable[..., Any] = MISSING
+    """Warp function ``(env, ...)``, or torch function ``(env, env_ids, **params)`` with an int64 tensor of
+    environments."""
+    params: dict[str, Any] = {}
+    """Its further arguments."""
+    mode: str = MISSING
+    """When it runs: ``"prestartup"``, once before the model is built (torch alone, ``env_ids`` is None); ``"startup"``,
+    once after that; ``"reset"``, where an episode begins; ``"interval"``, from time to time; ``"step"``, in every step.
+    """
+    interval_range_s: tuple[float, float] | None = None
+    """Bounds of the time between two runs [s], drawn uniformly and rounded up to whole steps; for mode ``"interval"``.
+    """
+    is_global_time: bool = False
+    """One clock for all environments rather than one each; it is not restarted by resets."""
+    min_step_count_between_reset: int = 0
+    """Environment steps that must lie between two runs in the same environment; for mode ``"reset"``."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.mode is not MISSING and self.mode not in _MODES:
+            yield "mode", f"is '{self.mode}', must be one of {', '.join(_MODES)}"
+        bounds, count = self.interval_range_s, self.min_step_count_between_reset
+        if self.mode == "interval" and not _is_range(bounds):
+            yield "interval_range_s", f"is {bounds}, must be finite (low, high) with 0 < low <= high [s]"
+        if not isinstance(count, int) or count < 0:
+            yield "min_step_count_between_reset", f"is {count!r}, must be a whole number of steps, 0 or more"
+
+
+def _is_range(bounds: Any) -> bool:
+    if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
+        return False
+    return all(isinstance(b, (int, float)) and math.isfinite(b) for b in bounds) and 0 < bounds[0] <= bounds[1]

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What policy and critic see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import warp as wp
+
+from stripe_kernels.mdp import OBSERVATION_SIZES
+from stripe_kernels.processing import merge_statistics, normalize, sum_moments
+from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
+from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
+
+from .context import ManagerContext
+from .manager_base import ManagerBase, is_warp_term
+from .observation_cfg import (
+    DigitalFilterCfg,
+    IntegratorCfg,
+    ModifierCfg,
+    ObservationGroupCfg,
+    ObservationTermCfg,
+    RunningNormCfg,
+)
+from .processing import delayed, noisy, sampled
+
+__all__ = ["ObservationManager"]
+
+_PARTS = 64
+"""Slices of the environments in a running statistic."""
+
+
+@dataclass
+class _Term:
+    path: str
+    cfg: ObservationTermCfg
+    call: TermCall | None
+    size: int
+    history: int
+    target: str = ""
+    first: int = 0
+    scratch: str = ""
+
+    @property
+    def width(self) -> int:
+        return self.size * max(1, self.history)
+
+
+class ObservationManager(ManagerBase):
+    """Writes each group of observations into one array; with ``concatenate_terms=False`` into one a term."""
+
+    name = "observations"
+
+    def __init__(self, cfg: Any, context: ManagerContext, allocate: Callable[[str, int], wp.array] | None = None):
+        """``allocate(name, size)`` makes the array ``(num_envs, size)`` of a group, or of ``GROUP.TERM``."""
+        super().__init__(cfg, context)
+        self._groups: dict[str, ObservationGroupCfg] = self.terms(cfg, ObservationGroupCfg)
+        self._terms: dict[str, dict[str, _Term]] = {}
+        self.buffers: dict[str, Any] = {}
+        """Arrays by group; a dict by term where the terms are not concatenated."""
+        self._raw: dict[str, wp.array] = {}
+        allocate = allocate or (lambda name, size: context.array(f"observations.{name}", float, size))
+        common = set(ObservationGroupCfg.__dataclass_fields__)
+        for group, group_cfg in self._groups.items():
+            fields = {k: getattr(group_cfg, k) for k in group_cfg.__dataclass_fields__ if k not in common}
+            made = {}
+            for name, term in self.terms(fields, ObservationTermCfg, f"observations.{group}").items():
+                one = self._make(f"observations.{group}.{name}", term, group_cfg)
+                if one is not None:
+                    made[name] = one
+            self._terms[group] = made
+            self._allocate(group, group_cfg, made, allocate)
+
+    def _make(self, path: str, cfg: ObservationTermCfg, group: ObservationGroupCfg) -> _Term | None:
+        context, call = self.context, None
+        size: Any = cfg.size
+        if is_warp_term(cfg.func):
+            call = bind_term(context, cfg.func, cfg.params, path, "observation")
+            if call is None:
+                return None
+            size = OBSERVATION_SIZES.get(cfg.func.func.__name__, size) if size is None else size
+            if callable(size):
+                size = size(call.counts)
+        if not isinstance(size, int) or size < 1:
+            context.problems.append(f"{path}.size: is {size!r}, say how many numbers the term writes")
+            return None
+        if isinstance(cfg.scale, Sequence) and len(cfg.scale) != size:
+            context.problems.append(f"{path}.scale: has {len(cfg.scale)} numbers, the term {size}; give one or {size}")
+            return None
+        history = cfg.history_length if group.history_length is None else group.history_length
+        term = _Term(path, cfg, call, size, history)
+        if history or cfg.delay_max_lag:
+            term.scratch = context.scope.name(f"{path}_now", context.array(f"{path}.now", float, size))
+        return term
+
+    def _allocate(
+        self, group: str, cfg: ObservationGroupCfg, terms: dict[str, _Term], allocate: Callable[[str, int], wp.array]
+    ) -> None:
+        name = self.context.scope.name
+        if not cfg.concatenate_terms:
+            self.buffers[group] = {n: allocate(f"{group}.{n}", t.width) for n, t in terms.items()}
+            for n, term in terms.items():
+                term.target = name(f"obs_{group}_{n}", self.buffers[group][n])
+            return
+        width = sum(t.width for t in terms.values())
+        self.buffers[group] = self._raw[group] = allocate(group, width)
+        if cfg.normalization is not None:  # histories are kept as they were before it
+            self._raw[group] = self.context.array(f"observations.{group}.raw", float, width)
+        target, first = name(f"obs_{group}", self._raw[group]), 0
+        for term in terms.values():
+            term.target, term.first = target, first
+            first += term.width
+
+    # -- what it is
+
+    @property
+    def active_terms(self) -> dict[str, list[str]]:  # type: ignore[override]
+        """Names of the terms by group."""
+        return {group: list(terms) for group, terms in self._terms.items()}
+
+    @property
+    def group_obs_dim(self) -> dict[str, Any]:
+        """Shape of each group for one environment; a list of shapes where its terms are not concatenated."""
+        return {
+            g: [(b.shape[1],) for b in buffer.values()] if isinstance(buffer, dict) else (buffer.shape[1],)
+            for g, buffer in self.buffers.items()
+        }
+
+    @property
+    def group_obs_term_dim(self) -> dict[str, list[tuple[int]]]:
+        """Shape of each term by group, history included."""
+        return {g: [(t.width,) for t in terms.values()] for g, terms in self._terms.items()}
+
+    def flat_buffers(self) -> dict[str, wp.array]:
+        """All arrays by ``GROUP`` or ``GROUP.TERM``."""
+        flat: dict[str, wp.array] = {}
+        for group, buffer in self.buffers.items():
+            flat |= {f"{group}.{n}": b for n, b in buffer.items()} if isinstance(buffer, dict) else {group: buffer}
+        return flat
+
+    # -- items
+
+    def compute(self, where_reset: bool = False) -> list[Item]:
+        """Items that write all groups.
+
+        Args:
+            where_reset: Only in the environments whose episode just ended, which must not have been reset yet.
+        """
+        items: list[Item] = []
+        for group, terms in self._terms.items():
+            corrupt, body = self._groups[group].enable_corruption, []
+            for name, term in terms.items():
+                place = f"{term.scratch}[env]" if term.scratch else self._slice(term)
+                if term.call is not None:
+                    body.append(f"{term.call.expression(place)}  # {name}")
+                else:
+                    items.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
+                body += self._process(term, corrupt)
+            items.append(Section(f"observations_{group}", body, list(terms), where_reset))
+            norm = self._groups[group].normalization
+            if norm is not None:
+                items.append(self._normalization(group, norm, gather=not where_reset))
+        return items
+
+    def reset(self) -> list[Item]:
+        """Items that start episodes: biases and lags are drawn, histories wait for the first observation."""
+        body: list[str] = []
+        for group, terms in self._terms.items():
+            for term in terms.values():
+                if term.cfg.delay_max_lag:
+                    body += delayed(self.context, term.path, term.size, term.cfg).reset()
+                if term.history or term.cfg.modifiers:
+                    body.append(f"{self._fresh(term)}[env] = 1")
+                noise = term.cfg.noise
+                if isinstance(noise, NoiseModelWithAdditiveBiasCfg) and self._groups[group].enable_corruption:
+                    body += self._draw_bias(term, noise)
+        return [Section("observations_reset", body, where_reset=True)] if body else []
+
+    def _slice(self, term: _Term) -> str:
+        return f"{term.target}[env, {term.first}:{term.first + term.width}]"
+
+    def _element(self, term: _Term) -> str:
+        if term.scratch:
+            return f"{term.scratch}[env, i]"
+        return f"{term.target}[env, {term.first} + i]" if term.first else f"{term.target}[env, i]"
+
+    def _fresh(self, term: _Term) -> str:
+        return self.context.scope.name(f"{term.path}_fresh", self.context.array(f"{term.path}.fresh", int, fill=1))
+
+    def _process(self, term: _Term, corrupt: bool) -> list[str]:
+        """Lines after the call of the term: its numbers one by one, then delay and history."""
+        context, cfg, element = self.context, term.cfg, self._element(term)
+        lines: list[str] = []
+        for index, modifier in enumerate(cfg.modifiers):
+            lines += self._modify(term, index, modifier, element)
+        noise = cfg.noise
+        if noise is not None and corrupt:
+            model = noise.noise_cfg if isinstance(noise, NoiseModelCfg) else noise
+            lines += noisy(context, f"{term.path}.noise", model, term.size, element)
+            if isinstance(noise, NoiseModelWithAdditiveBiasCfg):
+                lines.append(f"{element} = {element} + {self._bias(term, noise)}")
+        if cfg.clip is not None:
+            low, high = (
+                context.parameters.add(f"{term.path}.clip.{n}", v, float)
+                for n, v in zip(("low", "high"), cfg.clip, strict=True)
+            )
+            lines.append(f"{element} = wp.clamp({element}, {low}, {high})")
+        if cfg.scale is not None:
+            lines.append(f"{element} = {element} * {self._scale(term)}")
+        out = [f"for i in range({term.size}):", *(f"    {line}" for line in lines)] if lines else []
+        if cfg.delay_max_lag:
+            out += delayed(context, term.path, term.size, cfg).step(element)
+        if term.history:
+            out += self._push(term, element)
+        elif term.scratch:
+            out += [f"for i in range({term.size}):", f"    {term.target}[env, {term.first} + i] = {element}"]
+        if cfg.modifiers and not term.history:
+            out.append(f"{self._fresh(term)}[env] = 0")
+        return out
+
+    def _scale(self, term: _Term) -> str:
+        scale = term.cfg.scale
+        if not isinstance(scale, Sequence):
+            return self.context.parameters.add(f"{term.path}.scale", scale, float)
+        array = self.context.shared(f"{term.path}.scale", float, term.size)
+        self.context.torch(array)[:] = torch.tensor([float(s) for s in scale])
+        return f"{self.context.scope.name(f'{term.path}_scale', array)}[i]"
+
+    def _push(self, term: _Term, element: str) -> list[str]:
+        """The history, oldest first; a new episode fills it with its first observation."""
+        fresh, size, target, first = self._fresh(term), term.size, term.target, term.first
+        return [
+            f"for i in range({size}):",
+            f"    for k in range({term.history - 1}):",
+            f"        {target}[env, {first} + k * {size} + i] = "
+            f"wp.where({fresh}[env] != 0, {element}, {target}[env, {first} + (k + 1) * {size} + i])",
+            f"    {target}[env, {first} + {(term.history - 1) * size} + i] = {element}",
+            f"{fresh}[env] = 0",
+        ]
+
+    def _modify(self, term: _Term, index: int, cfg: ModifierCfg, element: str) -> list[str]:
+        context, path = self.context, f"{term.path}.modifiers.{index}"
+        name, array = context.scope.name, context.array
+        if isinstance(cfg, DigitalFilterCfg):
+            past_x = name(f"{path}_x", array(f"{path}.x", float, len(cfg.B), term.size))
+            past_y = name(f"{path}_y", array(f"{path}.y", float, max(1, len(cfg.A)), term.size))
+            a = [context.parameters.add(f"{path}.A.{k}", v, float) for k, v in enumerate(cfg.A)]
+            b = [context.parameters.add(f"{path}.B.{k}", v, float) for k, v in enumerate(cfg.B)]
+            lines = [f"if {self._fresh(term)}[env] != 0:"]
+            lines += [f"    {past_x}[env, {k}, i] = {element}" for k in range(len(b))]
+            lines += [f"    {past_y}[env, {k}, i] = {element}" for k in range(len(a))]
+            lines += [f"{past_x}[env, {k}, i] = {past_x}[env, {k - 1}, i]" for k in range(len(b) - 1, 0, -1)]
+            lines += [f"{past_x}[env, 0, i] = {element}"]
+            terms = [f"{c} * {past_x}[env, {k}, i]" for k, c in enumerate(b)]
+            terms += [f"-{c} * {past_y}[env, {k}, i]" for k, c in enumerate(a)]
+            lines += [f"{element} = {' + '.join(terms)}"]
+            lines += [f"{past_y}[env, {k}, i] = {past_y}[env, {k - 1}, i]" for k in range(len(a) - 1, 0, -1)]
+            return lines + ([f"{past_y}[env, 0, i] = {element}"] if a else [])
+        if isinstance(cfg, IntegratorCfg):
+            before = name(f"{path}_x", array(f"{path}.x", float, term.size))
+            total = name(f"{path}_y", array(f"{path}.y", float, term.size))
+            dt = context.parameters.add(f"{path}.dt", cfg.dt, float)
+            return [
+                f"if {self._fresh(term)}[env] != 0:",
+                f"    {before}[env, i] = 0.0",
+                f"    {total}[env, i] = 0.0",
+                f"{total}[env, i] = {total}[env, i] + 0.5 * ({element} + {before}[env, i]) * {dt}",
+                f"{before}[env, i] = {element}",
+                f"{element} = {total}[env, i]",
+            ]
+        call = bind_term(context, cfg.func, cfg.params, path, "modifier", {"value": element})
+        return [f"{element} = {call.expression()}"] if call is not None else []
+
+    def _bias(self, term: _Term, cfg: NoiseModelWithAdditiveBiasCfg) -> str:
+        count = term.size if cfg.sample_bias_per_component else 1
+        array = self.context.array(f"{term.path}.bias", float, count)
+        return f"{self.context.scope.name(f'{term.path}_bias', array)}[env, {'i' if count > 1 else 0}]"
+
+    def _draw_bias(self, term: _Term, cfg: NoiseModelWithAdditiveBiasCfg) -> list[str]:
+        count = term.size if cfg.sample_bias_per_component else 1
+        draw = sampled(self.context, f"{term.path}.bias_noise", cfg.bias_noise_cfg, count)
+        if cfg.bias_noise_cfg.operation == "scale":
+            draw = "0.0"  # a bias is its noise applied to zero
+        return [f"for i in range({count}):", f"    {self._bias(term, cfg)} = {draw}"]
+
+    def _torch(self, term: _Term) -> Callable[[], None]:
+        call = self.torch_term(term.cfg.func, term.cfg.params)
+
+        def evaluate() -> None:
+            scope = self.context.scope.values
+            if term.scratch:
+                self.context.torch(scope[term.scratch])[:] = call()
+            else:
+                self.context.torch(scope[term.target])[:, term.first : term.first + term.size] = call()
+
+        return evaluate
+
+    def _normalization(self, group: str, cfg: RunningNormCfg, gather: bool) -> Captured:
+        context, buffer, raw = self.context, self.buffers[group], self._raw[group]
+        count, columns = buffer.shape
+        path = f"observations.{group}.normalization"
+        mean, seen = context.shared(f"{path}.mean", float, columns), context.shared(f"{path}.seen", float, columns)
+        var = context.shared(f"{path}.var", float, columns, fill=1)
+        sums, squares = (context.shared(f"{path}.{n}", float, columns, _PARTS) for n in ("sums", "squares"))
+        update = context.parameters.add(f"{path}.update", cfg.update, bool)
+        index = int(update.partition("[")[2].partition("]")[0])
+
+        def launch() -> None:
+            if gather:
+                wp.launch(sum_moments, (columns, _PARTS), [raw, count, mean], [sums, squares])
+                wp.launch(
+                    merge_statistics,
+                    columns,
+                    [count, context.parameters.ints, index, sums, squares],
+                    [seen, mean, var],
+                )
+            wp.launch(normalize, (count, columns), [raw, mean, var, cfg.eps, cfg.clip], [buffer])
+
+        return Captured(f"running normalisation of '{group}'", launch)
+
+    def __str__(self) -> str:
+        rows = [(g, i, n, t.width) for g, terms in self._terms.items() for i, (n, t) in enumerate(terms.items())]
+        return self.table("Observation terms", ("Group", "Index", "Name", "Size"), rows)
