@@ -16,6 +16,7 @@ from PIL import Image
 from stripe_kernels import mdp
 from stripe_newton.cli import main
 from stripe_newton.cli.bench import table
+from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import fusion_gain as fusion_gain_module
 from stripe_newton.envs import measure, step_times
@@ -414,6 +415,21 @@ def test_fusion_gain_counts_terms(managers):
     assert all(entry["fused_us"] > 0.0 and entry["apart_us"] > 0.0 for entry in gain.values())
 
 
+def test_a_manager_based_task_is_measured_in_both_ways():
+    cfg = load_cfg("Stripe-Cartpole-v0", "env")
+    cfg.scene.num_envs, cfg.sim.device = 4, "cpu"
+    env = make_env("Stripe-Cartpole-v0", cfg)
+    env.reset(seed=1)
+    assert measure_step(env, random_actions(env, LEAD + 8), blocks=1).replay_difference == 0.0
+    gain = fusion_gain(env, rounds=1)
+    observations, rewards, ends = (
+        getattr(env, f"{kind}_manager").active_terms for kind in ("observation", "reward", "termination")
+    )
+    counts = {"observations": len(observations["policy"]), "rewards": len(rewards), "terminations": len(ends)}
+    assert {name: entry["terms"] for name, entry in gain.items()} == {**counts, "all": sum(counts.values())}
+    env.close()
+
+
 def test_launches_are_timed_one_by_one(monkeypatch):
     calls = []
     monkeypatch.setattr(fusion_gain_module, "Clock", CountingClock)
@@ -480,7 +496,7 @@ def test_the_tool_draws_the_cost_over_the_number_of_environments(monkeypatch, tm
 
 
 def test_a_start_counts_the_kernels_that_it_compiled(monkeypatch, tmp_path):
-    def process(command, env, check):
+    def process(command, env, **kwargs):
         cache = Path(env["WARP_CACHE_PATH"]) / "1.19.0"
         if not cache.exists():
             (cache / "wp_a").mkdir(parents=True)
@@ -489,8 +505,8 @@ def test_a_start_counts_the_kernels_that_it_compiled(monkeypatch, tmp_path):
             (cache / "b.cubin").write_text("b")
         else:
             os.utime(cache / "b.cubin", (1, 1))  # compiled anew
-        times = dict.fromkeys(("build_s", "reset_s", "first_step_s"), 1.0)
-        Path(command[command.index("--json") + 1]).write_text(json.dumps({"device": "cpu", **times}))
+        times = {"build_s": 1.0, "reset_s": 1.0, "first_step_s": 1.0}
+        return SimpleNamespace(stdout="a line of another\n" + json.dumps({"device": "cpu", **times}) + "\n")
 
     monkeypatch.setattr(benchmark_table.subprocess, "run", process)
     benchmark_table.main(["out", "--parts", "start"])

@@ -48,6 +48,8 @@ def measure(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any
 
 def fusion(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]:
     """Managers of a task as one kernel each, and as one kernel a term."""
+    import torch
+
     from stripe_newton.cli.common import load_configs, set_device
     from stripe_newton.cli.tasks import make_env
     from stripe_newton.envs.fusion_gain import fusion_gain
@@ -58,39 +60,53 @@ def fusion(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]
     env = make_env(task, cfg)
     try:
         env.reset(seed=0)
-        return {"task": task, "num_envs": num_envs, "managers": fusion_gain(env.unwrapped)}
+        device = env.unwrapped.device
+        name = torch.cuda.get_device_name(device) if device != "cpu" else device
+        return {"task": task, "num_envs": num_envs, "device": name, "managers": fusion_gain(env.unwrapped)}
     finally:
         env.close()
 
 
+def begin(task: str, num_envs: int, device: str | None) -> None:
+    """Build a task and take a step; prints what that took as JSON."""
+    from stripe_newton.cli.common import load_configs, set_device
+    from stripe_newton.cli.tasks import make_env
+    from stripe_newton.envs.measure import timed_start
+
+    cfg = load_configs(task, None, agent=False).env
+    cfg.scene.num_envs = num_envs
+    set_device(cfg, device)
+    env, begun = timed_start(lambda: make_env(task, cfg))
+    print(json.dumps({"device": env.device, **begun}))
+    env.close()
+
+
 def start(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]:
-    """The whole time of a process that builds a task and takes some steps: with an empty kernel cache, and again."""
+    """A process that builds a task and takes a step: with an empty kernel cache, and again."""
     result: dict[str, Any] = {"task": task, "num_envs": num_envs}
-    with tempfile.TemporaryDirectory() as folder:
-        cache, report = Path(folder) / "cache", Path(folder) / "bench.json"
-        words = ["bench", task, "--num-envs", str(num_envs), "--steps", "4", "--json", str(report)]
-        words += ["--device", args.device] if args.device else []
+    call = f"from benchmark_table import begin; begin({task!r}, {num_envs}, {args.device!r})"
+    paths = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    with tempfile.TemporaryDirectory() as cache:
+        variables = {**os.environ, "WARP_CACHE_PATH": cache, "PYTHONPATH": os.pathsep.join(paths)}
         for name in ("cold", "warm"):
-            before = kernel_files(cache)
-            began = time.perf_counter()
-            command = [sys.executable, "-m", "stripe_newton.cli", *words]
-            subprocess.run(command, env={**os.environ, "WARP_CACHE_PATH": str(cache)}, check=True)
-            seconds = time.perf_counter() - began
-            numbers = json.loads(report.read_text(encoding="utf-8"))
-            after = kernel_files(cache)
+            before, began = kernel_files(cache), time.perf_counter()
+            out = subprocess.run(
+                [sys.executable, "-c", call], env=variables, check=True, text=True, stdout=subprocess.PIPE
+            ).stdout
+            seconds, after = time.perf_counter() - began, kernel_files(cache)
             result[name] = {
                 "process_s": seconds,
-                **{key: numbers[key] for key in ("device", "build_s", "reset_s", "first_step_s")},
+                **json.loads(out.splitlines()[-1]),
                 "kernel_files": len(after),
-                "kernel_files_made": sum(time_ != before.get(path) for path, time_ in after.items()),
+                "kernel_files_made": sum(changed != before.get(path) for path, changed in after.items()),
             }
     return result
 
 
-def kernel_files(cache: Path) -> dict[str, int]:
+def kernel_files(cache: str) -> dict[str, int]:
     """Compiled files of a kernel cache, with the times of their last change."""
     endings = (".o", ".cubin", ".ptx", ".fatbin", ".lto")
-    return {str(path): path.stat().st_mtime_ns for path in cache.rglob("*") if path.suffix in endings}
+    return {str(path): path.stat().st_mtime_ns for path in Path(cache).rglob("*") if path.suffix in endings}
 
 
 def run_part(part: str, out: Path, cases: list[tuple[str, int]], call: Callable, args: argparse.Namespace) -> None:
@@ -201,7 +217,9 @@ def page(out: Path) -> str:
     ):
         rows = [row for entry in load(out, part) for row in make(entry)]
         lines += ["", f"## {part}", "", *table(head, rows)] if rows else []
-    devices = {e.get("device_name") or e.get("device") for p in ("tasks", "scaling") for e in load(out, p)} - {None}
+    devices = {
+        e.get("device_name") or e.get("device") for p in ("tasks", "scaling", "fusion") for e in load(out, p)
+    } - {None}
     return "\n".join([f"Measured on {', '.join(sorted(devices)) or 'nothing yet'}.", *lines]) + "\n"
 
 

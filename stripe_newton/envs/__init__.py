@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environments."""
 
+from stripe_newton.managers import EventTermCfg
+
 from .direct_rl_env import DirectRLEnv
 from .direct_rl_env_cfg import DirectRLEnvCfg
 from .manager_based_rl_env import ManagerBasedRLEnv
@@ -12,6 +14,7 @@ from .spaces import to_space
 __all__ = [
     "DirectRLEnv",
     "DirectRLEnvCfg",
+    "EventTermCfg",
     "ManagerBasedRLEnv",
     "ManagerBasedRLEnvCfg",
     "RLEnv",

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.managers.event_cfg import EventTermCfg
+from stripe_newton.managers import EventTermCfg
 
 __all__ = ["EventRunner", "EventTermCfg"]
 

@@ -24,6 +24,7 @@ from stripe_newton.managers import (
     ObservationManager,
     RewardManager,
     TerminationManager,
+    prestartup_events,
     spawn_object_pools,
 )
 
@@ -94,6 +95,8 @@ class ManagerBasedRLEnv(RLEnv):
 
     def _setup_scene(self) -> None:
         spawn_object_pools(self.cfg.objects, self.scene)
+        for item in prestartup_events(self.cfg.events, self):
+            item.function()
         self.scene.clone_environments()
 
     def _num_terminations(self) -> int:
@@ -165,18 +168,20 @@ class ManagerBasedRLEnv(RLEnv):
         ]
         events = [*self.event_manager.interval(), *self.event_manager.step()]
         commands = self.command_manager.compute()
+        observe = self.observation_manager.compute()
+        final = self._final_observations()
         end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish)]
         return [
             Stage("actions", [count, *self.action_manager.process()]),
             Stage("physics", [self._physics()]),
             Stage("outcome", [*_when(outcome, _STEPPING)]),
-            Stage("episode log", [*self._final_observations(), *_when(log, _STEPPING)]),
+            Stage("episode log", [*final, *_when(log, _STEPPING)]),
             Stage("reset", [*reset]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),
             Stage("forward kinematics", safety.forward()),
             Stage("commands", _when(commands, _STEPPING)),
-            Stage("observations", _when(self.observation_manager.compute(), f"({_STEPPING} or reset[env])")),
+            Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
             Stage("log", end),
         ]
 

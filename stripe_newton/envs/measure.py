@@ -14,7 +14,7 @@ import warp as wp
 from .call_counts import count_calls
 from .step_times import LEAD, Clock, measure_step
 
-__all__ = ["benchmark", "binary_count", "random_actions"]
+__all__ = ["benchmark", "binary_count", "random_actions", "timed_start"]
 
 COUNTED = 64
 """Steps whose CUDA calls are counted."""
@@ -33,6 +33,33 @@ def random_actions(env: Any, steps: int, seed: int = 0) -> torch.Tensor:
     return 2.0 * torch.rand((steps, *shape), device=env.device, generator=generator) - 1.0
 
 
+def timed_start(make: Callable[[], Any], seed: int = 0) -> tuple[Any, dict[str, Any]]:
+    """Build an environment, reset it, take one step.
+
+    Returns:
+        The environment without wrappers, and the numbers. Seconds: ``build_s``; ``reset_s`` of the reset;
+        ``first_step_s`` of the step, in which kernels are loaded and graphs recorded. ``binaries_compiled``: files that
+        were added to Warp's kernel cache.
+    """
+    binaries, start = binary_count(), time.perf_counter()
+    env = make().unwrapped
+    clock = Clock(env.sim.device)
+    begun: dict[str, Any] = {"build_s": _since(start, clock)}
+    try:
+        action = random_actions(env, 1, seed)[0]
+        clock.wait()
+        start = time.perf_counter()
+        env.reset(seed=seed)
+        begun["reset_s"] = _since(start, clock)
+        start = time.perf_counter()
+        env.step(action)
+        begun["first_step_s"] = _since(start, clock)
+    except BaseException:
+        env.close()
+        raise
+    return env, {**begun, "binaries_compiled": binary_count() - binaries}
+
+
 def benchmark(make: Callable[[], Any], steps: int = 320, seed: int = 0, warmup: int = 128) -> dict[str, Any]:
     """Build an environment, measure it, close it.
 
@@ -45,25 +72,13 @@ def benchmark(make: Callable[[], Any], steps: int = 320, seed: int = 0, warmup: 
         warmup: Steps before anything but the start is timed.
 
     Returns:
-        Numbers ready for JSON. Seconds: ``build_s``; ``reset_s`` of the first reset; ``first_step_s`` of the first
-        step, in which kernels are loaded and graphs recorded. CUDA calls a step are None on the CPU.
+        Numbers ready for JSON: those of :func:`timed_start` and :class:`StepTimes`, and what was measured. CUDA calls a
+        step are None on the CPU.
     """
-    binaries, start = binary_count(), time.perf_counter()
-    env = make()
+    env, begun = timed_start(make, seed)
     try:
-        clock, env = Clock(env.unwrapped.sim.device), env.unwrapped
-        seconds = {"build_s": _since(start, clock)}
-        block = min(32, steps)
+        clock, block = Clock(env.sim.device), min(32, steps)
         actions = random_actions(env, LEAD + block, seed)
-        clock.wait()
-        start = time.perf_counter()
-        env.reset(seed=seed)
-        seconds["reset_s"] = _since(start, clock)
-        start = time.perf_counter()
-        env.step(actions[0])
-        seconds["first_step_s"] = _since(start, clock)
-        compiled = binary_count() - binaries
-
         generator = torch.Generator(device=env.device).manual_seed(seed)
         phases = torch.randint(
             env.max_episode_length, env.episode_length_buf.shape, generator=generator, device=env.device
@@ -86,8 +101,7 @@ def benchmark(make: Callable[[], Any], steps: int = 320, seed: int = 0, warmup: 
             **times,
             "env_steps_per_s": 1e3 * env.num_envs / times["env_wall_ms"],
             **{f"{kind}_per_step": count for kind, count in calls.items()},
-            **seconds,
-            "binaries_compiled": compiled,
+            **begun,
             "device_memory_mb": _memory_mb(env.sim.device),
         }
     finally:

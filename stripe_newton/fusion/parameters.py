@@ -116,14 +116,18 @@ class Parameters:
         tensor[index : index + size] = torch.tensor([float(v) for v in values], device=tensor.device).to(tensor.dtype)
 
     def reference(self, path: str) -> Parameter:
-        """Where a float parameter is kept, for a term that changes it.
+        """Where a float parameter is kept, for a term that changes it; ``path.0`` is the first element of a vector.
 
         Raises:
             KeyError: if there is no such parameter, or it is no float.
         """
-        kind, index = self._place(path)
+        base, _, element = path.rpartition(".")
+        inside = path not in self._places and element.isdigit() and base in self._places
+        kind, index = self._place(base if inside else path)
+        if inside and int(element) < _VECTORS.get(kind, 0):
+            kind, index = float, index + int(element)
         if kind is not float:
-            raise KeyError(f"'{path}' is {kind.__name__}, must be a float")
+            raise KeyError(f"'{path}' is {kind.__name__}, must be a float; of a vector name an element: '{path}.0'")
         reference = Parameter()
         reference.values, reference.index = self.floats, index
         return reference

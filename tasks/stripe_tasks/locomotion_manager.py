@@ -46,9 +46,10 @@ def observations_of(task: LocomotionEnvCfg) -> ObservationsCfg:
     target = {"target_distance": task.target_distance}
     policy = ObservationsCfg.PolicyCfg(
         base_ang_vel=ObservationTermCfg(func=mdp.base_ang_vel, scale=task.ang_vel_scale),
-        base_angle_to_target=ObservationTermCfg(func=terms.base_angle_to_target, params=target),
-        base_heading_proj=ObservationTermCfg(func=terms.base_heading_proj, params=target),
+        base_angle_to_target=ObservationTermCfg(func=terms.base_angle_to_target, size=1, params=target),
+        base_heading_proj=ObservationTermCfg(func=terms.base_heading_proj, size=1, params=target),
         joint_vel=ObservationTermCfg(func=mdp.joint_vel, scale=task.joint_vel_scale),
+        actions=ObservationTermCfg(func=terms.last_action, size=task.action_space),
     )
     return ObservationsCfg(policy=policy)
 
@@ -109,13 +110,13 @@ class ObservationsCfg:
         base_height: ObservationTermCfg = ObservationTermCfg(func=mdp.base_pos_z)
         base_lin_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.base_lin_vel)
         base_ang_vel: ObservationTermCfg = MISSING
-        base_yaw_roll: ObservationTermCfg = ObservationTermCfg(func=terms.base_yaw_roll)
+        base_yaw_roll: ObservationTermCfg = ObservationTermCfg(func=terms.base_yaw_roll, size=2)
         base_angle_to_target: ObservationTermCfg = MISSING
-        base_up_proj: ObservationTermCfg = ObservationTermCfg(func=terms.base_up_proj)
+        base_up_proj: ObservationTermCfg = ObservationTermCfg(func=terms.base_up_proj, size=1)
         base_heading_proj: ObservationTermCfg = MISSING
         joint_pos: ObservationTermCfg = ObservationTermCfg(func=mdp.joint_pos_limit_normalized)
         joint_vel: ObservationTermCfg = MISSING
-        actions: ObservationTermCfg = ObservationTermCfg(func=terms.last_action)
+        actions: ObservationTermCfg = MISSING
 
     policy: PolicyCfg = MISSING
 
