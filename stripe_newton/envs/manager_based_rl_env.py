@@ -35,6 +35,7 @@ __all__ = ["ManagerBasedRLEnv"]
 
 _NEEDS = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
 """What the solver must report for terms that read these fields."""
+_FIELDS = "observations", "rewards", "terminations", "events", "curriculum", "metrics", "commands", "actions"
 _STEPPING = "stepping[0] != 0"
 
 
@@ -76,9 +77,8 @@ class ManagerBasedRLEnv(RLEnv):
 
     # -- construction
 
-    def _terms(self) -> Iterator[Any]:
-        """Functions of all terms in the config."""
-        names = "observations", "rewards", "terminations", "events", "curriculum", "metrics"
+    def _terms(self, *names: str) -> Iterator[Any]:
+        """Functions of all terms in some fields of the config."""
         todo: list[Any] = [getattr(self.cfg, n) for n in names]
         while todo:
             cfg = todo.pop()
@@ -88,8 +88,13 @@ class ManagerBasedRLEnv(RLEnv):
                 elif isinstance(value, dict) or is_config(value):
                     todo.append(value)
 
+    def _terms_after_reset(self) -> list[Any]:
+        own = list(self._terms("observations", "commands", "curriculum"))
+        known = [v for t in self.command_manager.functions() for v in t if v is not None]
+        return [*own, *known]
+
     def _prepare_simulation(self) -> None:
-        self._read = set[str]().union(*(fields_read(f) for f in self._terms()))
+        self._read = set[str]().union(*(fields_read(f) for f in self._terms(*_FIELDS)))
         wanted = [_NEEDS[name] for name in _NEEDS if name in self._read]
         self.sim.cfg.observables = tuple(dict.fromkeys([*self.sim.cfg.observables, *wanted]))
 
@@ -144,14 +149,13 @@ class ManagerBasedRLEnv(RLEnv):
 
     def _stages(self) -> list[Stage]:
         safety = self._safety
-        count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"])
-        outcome: list[Item] = [
-            safety.after_physics(),
-            *self.termination_manager.compute(),
-            *self.reward_manager.compute(),
-            *self.metrics_manager.compute(),
-        ]
+        process = self.action_manager.process()
+        parts = int(any(isinstance(i, Section) and i.parts for i in process))
+        count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], parts=parts)
+        outcome = [safety.after_physics(), *self.termination_manager.compute()]
+        rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
         log: list[Item] = [
+            *self.reward_manager.total(),
             *self.curriculum_manager.compute(),
             *self.termination_manager.reset(),
             *self.reward_manager.reset(),
@@ -170,20 +174,27 @@ class ManagerBasedRLEnv(RLEnv):
         commands = self.command_manager.compute()
         observe = self.observation_manager.compute()
         final = self._final_observations()
-        end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish)]
+        end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish, beside=True)]
         return [
-            Stage("actions", [count, *self.action_manager.process()]),
+            Stage("actions", [count, *process]),
             Stage("physics", [self._physics()]),
             Stage("outcome", [*_when(outcome, _STEPPING)]),
+            Stage("rewards", _when(rewards, _STEPPING)),
             Stage("episode log", [*final, *_when(log, _STEPPING)]),
             Stage("reset", [*reset]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),
-            Stage("forward kinematics", safety.forward()),
+            Stage("forward kinematics", safety.forward(beside=not self._reads_bodies())),
             Stage("commands", _when(commands, _STEPPING)),
             Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
             Stage("log", end),
         ]
+
+    def _reads_bodies(self) -> bool:
+        """Whether something that runs after the reset reads the poses or velocities of bodies."""
+        read = set[str]().union(*(fields_read(f) for f in self._terms_after_reset()))
+        fixed = not all(a.layout.floating for a in self.scene.articulations.values())
+        return bool(read & {"body_pose", "body_vel", *(("root_pose", "root_vel") if fixed else ())})
 
     def _physics(self) -> Captured:
         steps, sim = self.cfg.decimation, self.sim

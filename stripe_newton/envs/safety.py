@@ -113,16 +113,24 @@ class Safety:
         """The episode starts."""
         return Section("episode_start", ["episode.length[env] = wp.int64(0)"], where_reset=True)
 
-    def forward(self) -> list[Item]:
-        """Bodies follow the joints where those were written, and the solver forgets the episodes that ended."""
+    def forward(self, beside: bool = False) -> list[Item]:
+        """Bodies follow the joints where those were written, and the solver forgets the episodes that ended.
+
+        Args:
+            beside: Whether nothing in the rest of the step reads the bodies.
+        """
         body = [
             *(f"articulation_mask[env, {a}] = moved[env] or reset[env]" for a in range(self._per_env)),
             "world_mask[env] = reset[env]",
         ]
         return [
             Section("masks", body),
-            Captured("forward kinematics", lambda: self._sim.forward_masked()),
-            Captured("solver memory cleared", lambda: self._sim.clear_masked(self._world_mask, self._context.reset)),
+            Captured("forward kinematics", self._sim.forward_masked, beside=beside),
+            Captured(
+                "solver memory cleared",
+                lambda: self._sim.clear_masked(self._world_mask, self._context.reset),
+                beside=True,
+            ),
         ]
 
 

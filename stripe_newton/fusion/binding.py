@@ -55,12 +55,24 @@ class TermCall:
     """Name of the function in the source."""
     arguments: list[str]
     """Expressions; ``{out}`` stands for where an observation is written."""
+    names: list[str] = field(default_factory=list)
+    """Names of the arguments."""
     counts: dict[str, int] = field(default_factory=dict)
     """Lengths of index arrays by argument, and ``num_actions``, ``num_command``, ``num_objects`` where they apply."""
 
-    def expression(self, out: str | None = None) -> str:
-        """Source of the call."""
-        return f"{self.function}({', '.join(a.replace('{out}', out or '') for a in self.arguments)})"
+    def expression(self, out: str | None = None, sliced: Sequence[str] = (), span: str = "") -> str:
+        """Source of the call.
+
+        Args:
+            out: Where an observation is written.
+            sliced: Arguments of which only a part is passed.
+            span: That part, as ``first:last``.
+        """
+        arguments = [a.replace("{out}", out or "") for a in self.arguments]
+        for i, name in enumerate(self.names):
+            if name in sliced:
+                arguments[i] += f"[{span}]"
+        return f"{self.function}({', '.join(arguments)})"
 
 
 def bind_term(
@@ -144,7 +156,7 @@ class _Binding:
         self.context.problems += self.problems
         if self.problems:
             return None
-        return TermCall(self.context.scope.function(self.func), arguments, self.counts)
+        return TermCall(self.context.scope.function(self.func), arguments, list(self.types), self.counts)
 
     @property
     def _name(self) -> str:

@@ -26,6 +26,9 @@ class Section:
     """Whether it runs only in the environments whose episode just ended."""
     condition: str = ""
     """Expression under which it runs at all; empty for always."""
+    parts: int = 0
+    """Threads that share an environment, which the body knows as ``part``; 0 for one thread. Parts may not depend on
+    each other, nor on other sections of their stage that have parts."""
 
 
 @dataclass
@@ -35,6 +38,8 @@ class Captured:
     name: str
     function: Callable[[], None]
     terms: Sequence[str] = ()
+    beside: bool = False
+    """Whether what follows in the same graph does not wait for it."""
 
 
 @dataclass

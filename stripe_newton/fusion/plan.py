@@ -37,6 +37,7 @@ class _Operation:
     name: str
     launch: Callable[[], None]
     fused: FusedKernel | None = None
+    beside: bool = False
 
 
 @dataclass
@@ -61,6 +62,7 @@ class Plan:
         self.captures = use_graph and device != "cpu"
         """Whether it is replayed as graphs."""
         self._device, self._scope, self._num_envs = device, scope, num_envs
+        self._streams: list[wp.Stream] = []
         self._segments = self._cut()
         self._ready = False
 
@@ -79,15 +81,18 @@ class Plan:
         for stage in self.stages:
             for item in stage.items:
                 if isinstance(item, Section):
-                    if item.body:
-                        waiting.append((stage.name, item))
+                    if not item.body:
+                        continue
+                    if waiting and not _fit(waiting[-1], (stage.name, item)):
+                        flush()
+                    waiting.append((stage.name, item))
                     continue
                 flush()
                 if isinstance(item, Eager):
                     segments.append(_Segment(eager=item, stage=stage.name))
                     segments.append(_Segment())
                 else:
-                    segments[-1].operations.append(_Operation(stage.name, item.name, item.function))
+                    segments[-1].operations.append(_Operation(stage.name, item.name, item.function, beside=item.beside))
         flush()
         return [s for s in segments if s.operations or s.eager]
 
@@ -140,13 +145,26 @@ class Plan:
 
     def _record(self, segment: _Segment) -> wp.Graph:
         def launch_all(operations: list[_Operation] = segment.operations) -> None:
+            main, beside = wp.get_stream(self._device), list[wp.Stream]()
             for operation in operations:
-                operation.launch()
+                if operation.beside:
+                    beside.append(self._side_stream(len(beside)))
+                    with wp.ScopedStream(beside[-1], sync_enter=True):
+                        operation.launch()
+                else:
+                    operation.launch()
+            for stream in beside:
+                main.wait_stream(stream)
 
         try:
             return capture_graph(self._device, launch_all)
         except Exception as error:
             raise GraphCaptureError(self._culprit(segment, error)) from error
+
+    def _side_stream(self, index: int) -> wp.Stream:
+        while len(self._streams) <= index:
+            self._streams.append(wp.Stream(self._device))
+        return self._streams[index]
 
     def _culprit(self, segment: _Segment, error: Exception) -> str:
         """Which operation it is that cannot be recorded."""
@@ -190,6 +208,13 @@ class Plan:
         if kernels:
             out += ["", *(f"# {k.path}\n{k.source}" for k in made)]
         return "\n".join(out)
+
+
+def _fit(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
+    """Whether two neighbouring sections may be in one kernel."""
+    if before[1].parts and after[1].parts:
+        return before[0] == after[0]  # parts of a stage do not depend on each other
+    return not before[1].parts and not after[1].parts
 
 
 def _first_line(error: Exception) -> str:

@@ -22,6 +22,9 @@ from .processing import delayed, noisy
 
 __all__ = ["ActionManager"]
 
+_PER_NUMBER = ("joint_ids", "scale", "offset", "clip", "alpha")
+"""Arguments of the terms that have one entry a number."""
+
 
 @dataclass
 class _Term:
@@ -116,6 +119,8 @@ class ActionManager(ManagerBase):
 
     def process(self) -> list[Item]:
         """Items that take the actions in and set the targets that hold for the whole step."""
+        if self._terms and all(self._is_elementwise(t) for t in self._terms.values()):
+            return self._process_side_by_side()
         names, body = self._names, []
         if self.total_action_dim:
             body = [
@@ -132,6 +137,30 @@ class ActionManager(ManagerBase):
             if not term.cfg.per_substep:
                 body += self._call(name, term, "apply", fixed)
         return [Section("actions_process", body, self.active_terms)]
+
+    @staticmethod
+    def _is_elementwise(term: _Term) -> bool:
+        kind = getattr(term.cfg, "kind", "")
+        own = term.cfg.noise is not None or term.cfg.delay_max_lag or term.cfg.per_substep
+        return bool(kind) and not own and "Binary" not in kind
+
+    def _process_side_by_side(self) -> list[Item]:
+        """:meth:`process` with a thread for each number, as its terms treat each on its own."""
+        names, number = self._names, "part:part + 1"
+        body = [
+            f"{names['actions']}.prev_action[env, part] = {names['actions']}.action[env, part]",
+            f"{names['actions']}.action[env, part] = {names['finite']}({names['input']}[env, part], {names['bad']})",
+        ]
+        for name, term in self._terms.items():
+            span = f"part - {term.first}:part - {term.first} + 1" if term.first else number
+            own = f"{names['actions']}.action[env, {number}]"
+            fixed = {"action": own, "processed": f"{term.processed}[env, {span}]"}
+            lines = [
+                *self._call(name, term, "process", fixed, span),
+                *self._call(name, term, "apply", fixed, span),
+            ]
+            body += [f"if part >= {term.first} and part < {term.first + term.size}:", *(f"    {x}" for x in lines)]
+        return [Section("actions_process", body, self.active_terms, parts=self.total_action_dim)]
 
     def apply(self) -> list[Item]:
         """Items that set targets before each physics step, for terms whose targets depend on the state."""
@@ -172,7 +201,7 @@ class ActionManager(ManagerBase):
             body += delayed(context, f"actions.{name}", term.size, term.cfg).step(f"{own}[env, i]")
         return f"{own}[env]"
 
-    def _call(self, name: str, term: _Term, what: str, fixed: Mapping[str, str]) -> list[str]:
+    def _call(self, name: str, term: _Term, what: str, fixed: Mapping[str, str], span: str = "") -> list[str]:
         cfg = term.cfg
         func, params = getattr(cfg, what), dict(cfg.params)
         if isinstance(cfg, JointActionCfg):
@@ -185,9 +214,8 @@ class ActionManager(ManagerBase):
         )
         takes = set(func.input_types)
         fixed = {k: v for k, v in fixed.items() if k in takes}
-        params = {k: v for k, v in params.items() if k in takes or k == "asset_cfg" or k not in ("alpha",)}
         call = bind_term(self.context, func, params, f"actions.{name}", "action", fixed)
-        return [call.expression()] if call is not None else []
+        return [call.expression(sliced=_PER_NUMBER if span else (), span=span)] if call is not None else []
 
     def _builtin(self, name: str, term: _Term, what: str) -> tuple[Any, dict[str, Any]]:
         """Function of one of the terms that come with the package, and the parameters it takes."""

@@ -145,6 +145,10 @@ class CommandManager(ManagerBase):
             raise KeyError(f"no command '{name}'; there is {', '.join(self._terms) or 'none'}")
         return self.context.torch(self._terms[name].data.command)
 
+    def functions(self) -> list[list[Any]]:
+        """Warp functions of each term that run after the reset."""
+        return [[t.resample, t.update, *t.metrics.values()] for t in self._terms.values()]
+
     # -- items
 
     def compute(self) -> list[Item]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -63,6 +64,7 @@ class ManagerContext:
         self.arrays: dict[str, wp.array] = {}
         self.provided: dict[Any, dict[str, Any]] = {}
         self.problems: list[str] = []
+        self._streams: list[str] = []
         self._indices: dict[tuple[int, ...], wp.array] = {}
         self.termination_names: list[str] = []
         self.action_slices: dict[str, tuple[int, int]] = {}
@@ -96,7 +98,21 @@ class ManagerContext:
 
     def seed(self, seed: int) -> None:
         """Restart the random streams."""
+        self._seed = seed
         wp.launch(seed_streams, dim=self.num_envs, inputs=[seed % 2**31], outputs=[self.rng], device=self.device)
+
+        for name in self._streams:
+            own = (seed + zlib.crc32(name.encode())) % 2**31
+            array = self.arrays[name]
+            wp.launch(seed_streams, dim=self.num_envs, inputs=[own], outputs=[array], device=self.device)
+
+    def stream(self, name: str) -> wp.array:
+        """Random streams beside :attr:`rng`, uint32, shape ``(num_envs,)``, for what runs beside other draws."""
+        if name not in self._streams:
+            self._streams.append(name)
+            self.array(name, wp.uint32)
+            self.seed(self._seed)
+        return self.arrays[name]
 
     def array(self, name: str, dtype: Any, *shape: int, fill: float = 0) -> wp.array:
         """An array ``(num_envs, *shape)`` that lasts from step to step; the same one for the same name."""

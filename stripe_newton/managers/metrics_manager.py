@@ -51,8 +51,8 @@ class MetricsManager(ManagerBase):
                 continue
             call = bind_term(self.context, term.func, term.params, f"metrics.{name}", "metric")
             if call is not None:
-                body.append(f"{self._name}[env, {index}] += {call.expression()}  # {name}")
-        return [*items, Section("metrics", body, self.active_terms)] if self._terms else []
+                body += [f"if part == {index}:", f"    {self._name}[env, {index}] += {call.expression()}  # {name}"]
+        return [*items, Section("metrics", body, self.active_terms, parts=len(self._terms))] if self._terms else []
 
     def reset(self) -> list[Item]:
         """Items that log the means and start anew."""

@@ -11,6 +11,7 @@ import torch
 import warp as wp
 
 from stripe_kernels.mdp import OBSERVATION_SIZES
+from stripe_kernels.mdp.observations import Each
 from stripe_kernels.processing import merge_statistics, normalize, sum_moments
 from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
 from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
@@ -29,6 +30,8 @@ from .processing import delayed, noisy, sampled
 
 __all__ = ["ObservationManager"]
 
+_PIECE = 4
+"""Joints or bodies that one thread reads."""
 _PARTS = 64
 """Slices of the environments in a running statistic."""
 
@@ -151,15 +154,15 @@ class ObservationManager(ManagerBase):
         """
         items: list[Item] = []
         for group, terms in self._terms.items():
-            corrupt, body = self._groups[group].enable_corruption, []
+            corrupt, body, parts = self._groups[group].enable_corruption, list[str](), 0
             for name, term in terms.items():
-                place = f"{term.scratch}[env]" if term.scratch else self._slice(term)
-                if term.call is not None:
-                    body.append(f"{term.call.expression(place)}  # {name}")
-                else:
+                if term.call is None:
                     items.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
-                body += self._process(term, corrupt)
-            items.append(Section(f"observations_{group}", body, list(terms), where_reset))
+                for lines in self._parts(term, corrupt):
+                    lines[0] += f"  # {name}"
+                    body += [f"if part == {parts}:", *(f"    {line}" for line in lines)]
+                    parts += 1
+            items.append(Section(f"observations_{group}", body, list(terms), where_reset, parts=parts))
             norm = self._groups[group].normalization
             if norm is not None:
                 items.append(self._normalization(group, norm, gather=not where_reset))
@@ -179,8 +182,27 @@ class ObservationManager(ManagerBase):
                     body += self._draw_bias(term, noise)
         return [Section("observations_reset", body, where_reset=True)] if body else []
 
-    def _slice(self, term: _Term) -> str:
-        return f"{term.target}[env, {term.first}:{term.first + term.width}]"
+    def _parts(self, term: _Term, corrupt: bool) -> list[list[str]]:
+        """The lines of a term, in pieces that do not depend on each other: a few of its joints or bodies each."""
+        call, kind = term.call, OBSERVATION_SIZES.get(getattr(getattr(term.cfg.func, "func", None), "__name__", ""))
+        count = call.counts.get(kind.name, 0) if call is not None and isinstance(kind, Each) else 0
+        whole = term.scratch or term.cfg.modifiers or (corrupt and term.cfg.noise is not None)
+        if call is None or whole or count <= _PIECE or not isinstance(kind, Each) or kind.name not in call.names:
+            place = f"{term.scratch}[env]" if term.scratch else self._slice(term, 0, term.width)
+            lines = [call.expression(place)] if call is not None else []
+            lines += self._process(term, corrupt, 0, term.size)
+            return [lines] if lines else []
+        pieces = []
+        for start in range(0, count, _PIECE):
+            stop = min(count, start + _PIECE)
+            first, last = start * kind.size, stop * kind.size
+            place = self._slice(term, first, last)
+            line = call.expression(place, sliced=(kind.name,), span=f"{start}:{stop}")
+            pieces.append([line, *self._process(term, corrupt, first, last)])
+        return pieces
+
+    def _slice(self, term: _Term, first: int, last: int) -> str:
+        return f"{term.target}[env, {term.first + first}:{term.first + last}]"
 
     def _element(self, term: _Term) -> str:
         if term.scratch:
@@ -190,8 +212,8 @@ class ObservationManager(ManagerBase):
     def _fresh(self, term: _Term) -> str:
         return self.context.scope.name(f"{term.path}_fresh", self.context.array(f"{term.path}.fresh", int, fill=1))
 
-    def _process(self, term: _Term, corrupt: bool) -> list[str]:
-        """Lines after the call of the term: its numbers one by one, then delay and history."""
+    def _process(self, term: _Term, corrupt: bool, first: int, last: int) -> list[str]:
+        """Lines after the call of the term: its numbers from ``first`` to ``last``, then delay and history."""
         context, cfg, element = self.context, term.cfg, self._element(term)
         lines: list[str] = []
         for index, modifier in enumerate(cfg.modifiers):
@@ -199,7 +221,8 @@ class ObservationManager(ManagerBase):
         noise = cfg.noise
         if noise is not None and corrupt:
             model = noise.noise_cfg if isinstance(noise, NoiseModelCfg) else noise
-            lines += noisy(context, f"{term.path}.noise", model, term.size, element)
+            rng = context.scope.name(f"{term.path}_rng", context.stream(f"{term.path}.rng"))
+            lines += noisy(context, f"{term.path}.noise", model, term.size, element, rng)
             if isinstance(noise, NoiseModelWithAdditiveBiasCfg):
                 lines.append(f"{element} = {element} + {self._bias(term, noise)}")
         if cfg.clip is not None:
@@ -210,7 +233,7 @@ class ObservationManager(ManagerBase):
             lines.append(f"{element} = wp.clamp({element}, {low}, {high})")
         if cfg.scale is not None:
             lines.append(f"{element} = {element} * {self._scale(term)}")
-        out = [f"for i in range({term.size}):", *(f"    {line}" for line in lines)] if lines else []
+        out = [f"for i in range({first}, {last}):", *(f"    {line}" for line in lines)] if lines else []
         if cfg.delay_max_lag:
             out += delayed(context, term.path, term.size, cfg).step(element)
         if term.history:

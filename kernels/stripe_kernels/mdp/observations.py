@@ -8,6 +8,7 @@ arrays under their names, and ``num_actions`` and ``num_command``::
 """
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import warp as wp
 
@@ -44,26 +45,32 @@ def _fixed(size: int) -> Callable[[Mapping[str, int]], int]:
     return lambda counts: size
 
 
-def _each(name: str, size: int = 1) -> Callable[[Mapping[str, int]], int]:
-    return lambda counts: size * counts[name]
+class Each(NamedTuple):
+    """``size`` numbers for each of the indices or numbers called ``name``, which do not depend on each other."""
+
+    name: str
+    size: int = 1
+
+    def __call__(self, counts: Mapping[str, int]) -> int:
+        return self.size * counts[self.name]
 
 
 OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
     "base_ang_vel": _fixed(3),
     "base_lin_vel": _fixed(3),
     "base_pos_z": _fixed(1),
-    "body_incoming_wrench": _each("body_ids", 6),
-    "body_pose_w": _each("body_ids", 7),
-    "body_projected_gravity_b": _each("body_ids", 3),
+    "body_incoming_wrench": Each("body_ids", 6),
+    "body_pose_w": Each("body_ids", 7),
+    "body_projected_gravity_b": Each("body_ids", 3),
     "current_time_s": _fixed(1),
-    "generated_commands": _each("num_command"),
-    "joint_effort": _each("joint_ids"),
-    "joint_pos": _each("joint_ids"),
-    "joint_pos_limit_normalized": _each("joint_ids"),
-    "joint_pos_rel": _each("joint_ids"),
-    "joint_vel": _each("joint_ids"),
-    "joint_vel_rel": _each("joint_ids"),
-    "last_action": _each("num_actions"),
+    "generated_commands": Each("num_command"),
+    "joint_effort": Each("joint_ids"),
+    "joint_pos": Each("joint_ids"),
+    "joint_pos_limit_normalized": Each("joint_ids"),
+    "joint_pos_rel": Each("joint_ids"),
+    "joint_vel": Each("joint_ids"),
+    "joint_vel_rel": Each("joint_ids"),
+    "last_action": Each("num_actions"),
     "projected_gravity": _fixed(3),
     "remaining_time_s": _fixed(1),
     "root_ang_vel_w": _fixed(3),

@@ -1,0 +1,490 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names, parameters, the log, terms found by their annotations, generated source, and steps as plans."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import torch
+import warp as wp
+
+from stripe_kernels.data import ArticulationData
+from stripe_newton.envs import mdp
+from stripe_newton.fusion import (
+    Captured,
+    Eager,
+    EpisodeLog,
+    Parameters,
+    Plan,
+    SceneEntityCfg,
+    Scope,
+    Section,
+    Stage,
+    TermState,
+    bind_term,
+)
+from stripe_newton.managers import RewardManager, RewardTermCfg
+from tests.manager_world import manager_context, plan, run, set_reset
+
+
+@wp.func
+def cart_energy(env: int, robot: ArticulationData, joint_ids: wp.array[int], mass: float) -> float:
+    total = wp.float32(0.0)
+    for i in range(joint_ids.shape[0]):
+        speed = robot.joint_vel[env, joint_ids[i]]
+        total += 0.5 * mass * speed * speed
+    return total
+
+
+@wp.func
+def returns_bool(env: int, limit: float) -> bool:
+    return float(env) > limit
+
+
+@wp.func
+def no_annotation(env: int, limit: float):
+    return limit
+
+
+@wp.func
+def count_up(env: int, counter: wp.array[float]) -> float:
+    counter[env] = counter[env] + 1.0
+    return counter[env]
+
+
+@wp.func
+def read_counter(env: int, counter: wp.array[float]) -> float:
+    return counter[env]
+
+
+@wp.func
+def silent(env: int, robot: ArticulationData):
+    robot.joint_pos[env, 0] = 0.0
+
+
+@pytest.fixture
+def cart():
+    return manager_context(robot="cartpole")
+
+
+def problems_of(context, func, params, kind="reward") -> str:
+    before = len(context.problems)
+    assert bind_term(context, func, params, "rewards.x", kind) is None
+    return "\n".join(context.problems[before:])
+
+
+def generated() -> set[str]:
+    folder = Path(wp.config.kernel_cache_dir) / "stripe_newton"
+    return {p.name for p in folder.glob("*")} if folder.exists() else set()
+
+
+# -- names
+
+
+def test_one_name_per_value():
+    scope, one, two = Scope(), wp.zeros(3, dtype=float), wp.zeros(3, dtype=float)
+    assert scope.name("x", one) == "x"
+    assert scope.name("y", one) == "x"
+    assert scope.name("x", two) == "x_2"
+    assert scope.values == {"x": one, "x_2": two}
+    assert scope.function(count_up) == "count_up"
+    assert scope.function(count_up) == "count_up"
+    assert scope.name("count_up", wp.zeros(1, dtype=int)) == "count_up_2"
+
+
+def test_names_are_those_of_neither_python_nor_cpp():
+    scope, names = Scope(), []
+    for wish in ("env", "wp", "class", "template", "lambda", "out", "rewards.a-b", "3d"):
+        name = scope.name(wish, wp.zeros(2, dtype=float))
+        assert name.isidentifier()
+        names.append(name)
+    assert names[:6] == ["env_2", "wp_2", "class_2", "template_2", "lambda_2", "out_2"]
+    assert names[6] == "rewards_a_b"
+
+
+@pytest.mark.parametrize("value", [1.0, 3, True, "x", None, torch.zeros(2)])
+def test_numbers_have_no_names(value):
+    with pytest.raises(TypeError, match=f"'speed': is {type(value).__name__}, must be a Warp array"):
+        Scope().name("speed", value)
+
+
+def test_only_names_that_are_mentioned():
+    scope = Scope()
+    for name in ("joint", "joint_pos", "pos"):
+        scope.name(name, wp.zeros(1, dtype=float))
+    scope.function(count_up)
+    assert scope.mentioned(["joint_pos[env] = thing.pos + 1.0  # joint"]) == (["joint_pos"], [])
+    assert scope.mentioned(["x = count_up(env, pos)"]) == (["pos"], ["count_up"])
+
+
+# -- parameters
+
+
+def test_parameters_of_all_kinds():
+    parameters = Parameters(Scope(), "cpu")
+    given = {
+        "a.float": (1.5, float),
+        "a.int": (-3, int),
+        "a.bool": (True, bool),
+        "a.vec2": ((1.0, 2.0), wp.vec2),
+        "a.vec3": ((1.0, 2.0, 3.0), wp.vec3),
+        "a.quat": ((0.0, 0.0, 0.6, 0.8), wp.quat),
+    }
+    for path, (value, kind) in given.items():
+        parameters.add(path, value, kind)
+    assert parameters.paths() == list(given)
+    for path, (value, kind) in given.items():
+        assert parameters[path] == pytest.approx(value)
+        assert type(parameters[path]) is (kind if kind in (float, int, bool) else tuple)
+        assert path in parameters
+    parameters["a.vec2"] = torch.tensor([4.0, 5.0])
+    parameters["a.bool"] = False
+    parameters["a.int"] = 7
+    assert parameters["a.vec2"] == (4.0, 5.0)
+    assert parameters["a.vec3"] == (1.0, 2.0, 3.0)
+    assert parameters["a.bool"] is False
+    assert parameters["a.int"] == 7
+    assert "a.other" not in parameters
+
+
+def test_wrong_parameters():
+    parameters = Parameters(Scope(), "cpu")
+    parameters.add("rewards.alive.weight", 1.0, float)
+    parameters.add("rewards.alive.bounds", (0.0, 1.0), wp.vec2)
+    parameters.add("count", 1, int)
+    with pytest.raises(KeyError, match=r"no parameter 'rewards.alve.weight'; near it: rewards.alive.weight"):
+        parameters["rewards.alve.weight"] = 2.0
+    with pytest.raises(KeyError, match="no parameter 'zzzz'"):
+        parameters["zzzz"]
+    with pytest.raises(ValueError, match=r"rewards.alive.weight: is 'much', must be a number"):
+        parameters["rewards.alive.weight"] = "much"
+    with pytest.raises(ValueError, match=r"rewards.alive.bounds: is 1.0, must be 2 numbers"):
+        parameters["rewards.alive.bounds"] = 1.0
+    with pytest.raises(ValueError, match=r"count: is 1.5, must be a whole number"):
+        parameters["count"] = 1.5
+    with pytest.raises(ValueError, match="must be a number"):
+        parameters.add("new", "x", float)
+    assert "new" not in parameters
+    assert parameters["rewards.alive.weight"] == 1.0
+
+
+def test_parameters_in_source(cart):
+    out = cart.array("result", float, 4)
+    name, add = cart.scope.name("result", out), cart.parameters.add
+    values = [("f", 2.0, float), ("b", True, bool), ("v", (3.0, 4.0), wp.vec2), ("n", 5, int)]
+    f, b, v, n = (add(*value) for value in values)
+    body = [f"{name}[env, 0] = {f}", f"{name}[env, 1] = wp.where({b}, 1.0, 0.0)"]
+    body += [f"{name}[env, 2] = ({v})[0] * ({v})[1]", f"{name}[env, 3] = float({n})"]
+    work = plan(cart, [Section("read", body)])
+    work.run()
+    assert out.numpy().tolist() == [[2.0, 1.0, 12.0, 5.0]] * 4
+    for path, value in (("f", 0.5), ("b", False), ("v", (2.0, 2.5)), ("n", -1)):
+        cart.parameters[path] = value
+    work.run()
+    assert out.numpy().tolist() == [[0.5, 0.0, 5.0, -1.0]] * 4
+
+
+# -- the log
+
+
+def test_log(cart):
+    log = cart.log
+    lines = [
+        log.line("ended", "float(env) + 1.0", "mean"),
+        log.line("how_many", "1.0", "count"),
+    ]
+    section = Section("log_lines", lines, where_reset=True)
+    last = Section("level", ["if env == 0:", "    " + log.line("level", "float(step[0])", "last")])
+    work = plan(cart, [section, last, Captured("log", log.finish)])
+    values = wp.to_torch(log.values)
+    got = []
+    for step, mask in enumerate([[1, 0, 1, 0], [0, 0, 0, 0], [0, 0, 0, 1]]):
+        set_reset(cart, [bool(m) for m in mask])
+        wp.to_torch(cart.step)[:] = step
+        work.run()
+        got.append(dict(zip(log.keys, values.tolist(), strict=False)))
+    assert log.keys == ["ended", "how_many", "level"]
+    assert got[0] == {"ended": 2.0, "how_many": 2.0, "level": 0.0}
+    assert got[1] == {"ended": 2.0, "how_many": 0.0, "level": 1.0}
+    assert got[2] == {"ended": 4.0, "how_many": 1.0, "level": 2.0}
+
+
+def test_log_keys():
+    log = EpisodeLog(Scope(), "cpu")
+    assert [log.add("a"), log.add("b", "count"), log.add("a")] == [0, 1, 0]
+    with pytest.raises(ValueError, match="log 'c': kind is 'sum', must be one of mean, count, last"):
+        log.add("c", "sum")
+
+
+# -- terms
+
+
+def test_own_term_by_one_line_of_config(cart):
+    cart.entity("robot").data.joint_vel[:] = torch.tensor([[1.0, 2.0]]) * torch.arange(4.0)[:, None]
+    params = {"asset_cfg": SceneEntityCfg("robot", joint_names=["cart_to_pole"]), "mass": 3.0}
+    manager = RewardManager({"energy": RewardTermCfg(cart_energy, params, weight=-0.5)}, cart, scale_by_dt=False)
+    run(cart, manager.compute())
+    expected = -0.5 * 0.5 * 3.0 * (2.0 * torch.arange(4.0)) ** 2
+    torch.testing.assert_close(wp.to_torch(cart.reward), expected)
+    assert cart.parameters["rewards.energy.mass"] == 3.0
+
+
+def test_unknown_argument(cart):
+    text = problems_of(cart, cart_energy, {"masss": 1.0, "mass": 1.0})
+    assert text == "rewards.x.params.masss: 'cart_energy' has no such argument; did you mean 'mass'?"
+    text = problems_of(cart, cart_energy, {"quux": 1.0, "mass": 1.0})
+    assert "it takes robot, joint_ids, mass" in text
+
+
+def test_missing_argument(cart):
+    assert problems_of(cart, cart_energy, {}) == "rewards.x.params.mass: is missing, 'cart_energy' needs it"
+    assert "is 'heavy', must be a number" in problems_of(cart, cart_energy, {"mass": "heavy"})
+
+
+def test_missing_entity(cart):
+    text = problems_of(cart, cart_energy, {"mass": 1.0, "asset_cfg": SceneEntityCfg("cube")})
+    assert "no asset 'cube' in the scene; it has robot" in text
+
+
+def test_joints_that_are_not_there(cart):
+    params = {"mass": 1.0, "asset_cfg": SceneEntityCfg("robot", joint_names=["wheel_.*"])}
+    text = problems_of(cart, cart_energy, params)
+    assert "wheel_.*" in text
+    assert "slider_to_cart" in text
+    assert "cart_to_pole" in text
+
+
+def test_wrong_functions(cart):
+    assert "'returns_bool' returns bool, a reward must be annotated '-> float'" in problems_of(
+        cart, returns_bool, {"limit": 1.0}
+    )
+    assert "has no return annotation" in problems_of(cart, no_annotation, {"limit": 1.0})
+    assert "a termination must be annotated '-> bool'" in problems_of(cart, cart_energy, {"mass": 1.0}, "termination")
+    assert "has no argument 'out: wp.array[float]'" in problems_of(cart, silent, {}, "observation")
+    assert "must be a Warp function (@wp.func)" in problems_of(cart, lambda env: 0.0, {})
+
+
+def test_all_problems_at_once_and_nothing_is_compiled(cart):
+    before = generated()
+    wrong = {
+        "one": RewardTermCfg(cart_energy, {"masss": 1.0}, weight=1.0),
+        "two": RewardTermCfg(returns_bool, {"limit": 1.0, "more": 2.0}, weight=1.0),
+        "three": RewardTermCfg(cart_energy, {"mass": 1.0, "asset_cfg": SceneEntityCfg("cube")}, weight=1.0),
+        "four": "alive",
+    }
+    RewardManager(wrong, cart).compute()
+    paths = {p.partition(":")[0] for p in cart.problems}
+    assert paths >= {
+        "rewards.one.params.mass",
+        "rewards.one.params.masss",
+        "rewards.two.func",
+        "rewards.two.params.more",
+        "rewards.four",
+    }
+    assert any(p.startswith("rewards.three") and "cube" in p for p in cart.problems)
+    assert generated() == before
+
+
+def test_fixed_arguments_and_counts(cart):
+    call = bind_term(cart, cart_energy, {}, "rewards.x", "reward", {"mass": "masses[env]"})
+    assert call.expression().startswith("cart_energy(env, robot, ")
+    assert call.expression().endswith(", masses[env])")
+    assert call.counts == {"joint_ids": 2}
+    observed = bind_term(cart, mdp.joint_pos, {}, "observations.policy.q", "observation")
+    assert "policy[env, 3:5]" in observed.expression("policy[env, 3:5]")
+
+
+def test_terms_share_a_state(cart):
+    state = {"counter": TermState("counter")}
+    terms = {
+        "count": RewardTermCfg(count_up, state, weight=1.0),
+        "read": RewardTermCfg(read_counter, {"counter": TermState("counter")}, weight=100.0),
+        "other": RewardTermCfg(count_up, {"counter": TermState("other")}, weight=10000.0),
+    }
+    manager = RewardManager(terms, cart, scale_by_dt=False)
+    work = plan(cart, manager.compute())
+    for _ in range(3):
+        work.run()
+    assert wp.to_torch(cart.arrays["state.counter"]).tolist() == [3.0] * 4
+    assert wp.to_torch(cart.arrays["state.other"]).tolist() == [3.0] * 4
+    assert wp.to_torch(cart.reward).tolist() == [30303.0] * 4
+
+
+def test_state_of_a_wrong_shape(cart):
+    text = problems_of(cart, count_up, {"counter": TermState("counter", shape=(3,))})
+    assert "rewards.x.params.counter: is a state of float, shape (3,)" in text
+
+
+def test_weight_changes_without_compiling(cart):
+    manager = RewardManager({"alive": RewardTermCfg(mdp.is_alive, weight=2.0)}, cart, scale_by_dt=False)
+    work = plan(cart, manager.compute())
+    work.run()
+    files, kernels = generated(), work.kernels
+    assert wp.to_torch(cart.reward).tolist() == [2.0] * 4
+    for weight in (-3.0, 0.0, 5.0):
+        cart.parameters["rewards.alive.weight"] = weight
+        work.run()
+        assert wp.to_torch(cart.reward).tolist() == [weight] * 4
+    assert work.kernels == kernels
+    assert generated() == files
+
+
+# -- generated source
+
+
+def kernel_of(func, weight: float = 1.0):
+    context = manager_context(robot="cartpole")
+    manager = RewardManager({"own": RewardTermCfg(func, weight=weight)}, context, scale_by_dt=False)
+    work = plan(context, manager.compute())
+    work.run()
+    (kernel,) = work.kernels
+    return kernel, wp.to_torch(context.reward).tolist()
+
+
+def written_term(folder: Path, name: str, body: str):
+    path = folder / f"{name}.py"
+    path.write_text(f"import warp as wp\n\n\n@wp.func\ndef own_term(env: int) -> float:\n    return {body}\n")
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.own_term
+
+
+def test_source_is_a_readable_file(tmp_path):
+    kernel, _ = kernel_of(written_term(tmp_path, "terms_readable", "float(env)"))
+    assert kernel.path.read_text() == kernel.source
+    assert "own_term(env)" in kernel.source
+    assert "# own" in kernel.source
+    assert max(map(len, kernel.source.splitlines())) < 200
+    compile(kernel.source, str(kernel.path), "exec")
+
+
+def test_equal_kernels_share_a_file_and_changed_terms_do_not(tmp_path):
+    term = written_term(tmp_path, "terms_before", "2.0 * float(env)")
+    first, rewards = kernel_of(term)
+    again, _ = kernel_of(term, weight=3.0)
+    changed, others = kernel_of(written_term(tmp_path, "terms_after", "3.0 * float(env)"))
+    assert first.path == again.path
+    assert first.path != changed.path
+    assert rewards == [0.0, 2.0, 4.0, 6.0]
+    assert others == [0.0, 3.0, 6.0, 9.0]
+
+
+@pytest.fixture
+def helper_terms(tmp_path):
+    """A term that calls a helper, twice: the term alike, the helper not."""
+
+    def make(name: str, factor: str):
+        path = tmp_path / f"{name}.py"
+        path.write_text(
+            "import warp as wp\n\n\n@wp.func\ndef helper(x: float) -> float:\n"
+            f"    return {factor} * x\n\n\n@wp.func\ndef own_term(env: int) -> float:\n    return helper(float(env))\n"
+        )
+        spec = importlib.util.spec_from_file_location(name, path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.own_term
+
+    return make
+
+
+def test_a_change_in_what_a_term_calls_counts(helper_terms):
+    _, rewards = kernel_of(helper_terms("terms_helper_a", "2.0"))
+    _, others = kernel_of(helper_terms("terms_helper_b", "5.0"))
+    assert rewards == [0.0, 2.0, 4.0, 6.0]
+    assert others == [0.0, 5.0, 10.0, 15.0]
+
+
+# -- plans
+
+
+def numbers(context, name: str = "numbers"):
+    array = context.array(name, float)
+    return context.scope.name(name, array), wp.to_torch(array)
+
+
+def test_sections_run_in_order(cart):
+    name, values = numbers(cart)
+    order = []
+    items = [
+        Section("one", [f"local = {name}[env] + 1.0", f"{name}[env] = local"]),
+        Section("two", [f"local = {name}[env] * 10.0", f"{name}[env] = local"]),
+        Captured("middle", lambda: order.append(values.tolist())),
+        Section("two", [f"{name}[env] = {name}[env] + float(env)"]),
+        Section("empty", []),
+    ]
+    run(cart, items)
+    assert order == [[10.0] * 4]
+    assert values.tolist() == [10.0, 11.0, 12.0, 13.0]
+
+
+def test_where_reset_and_conditions(cart):
+    name, values = numbers(cart)
+    set_reset(cart, [False, True, True, False])
+    wp.to_torch(cart.stepping)[:] = 0
+    items = [
+        Section("ended", [f"{name}[env] = {name}[env] + 1.0"], where_reset=True),
+        Section("stepping", [f"{name}[env] = {name}[env] + 10.0"], condition="stepping[0] != 0"),
+        Section("both", [f"{name}[env] = {name}[env] + 100.0"], where_reset=True, condition="stepping[0] == 0"),
+    ]
+    work = plan(cart, items)
+    work.run()
+    assert values.tolist() == [0.0, 101.0, 101.0, 0.0]
+    wp.to_torch(cart.stepping)[:] = 1
+    work.run()
+    assert values.tolist() == [10.0, 112.0, 112.0, 10.0]
+
+
+def test_eager_splits_the_step(cart):
+    name, values = numbers(cart)
+
+    def on_host():
+        values.mul_(2.0)
+
+    def plus_one(title: str) -> Section:
+        return Section(title, [f"{name}[env] = {name}[env] + 1.0"], [f"term_{title}"])
+
+    whole = plan(cart, [plus_one("a")], [plus_one("b")])
+    split = plan(cart, [plus_one("a")], [Eager("rewards", on_host, "torch term 'mine'", ["mine"])], [plus_one("b")])
+    assert len(whole.kernels) == 1
+    assert len(split.kernels) == 2
+    split.run()
+    assert values.tolist() == [3.0] * 4
+    rows = split.rows()
+    assert [how for stage, _, how in rows if stage == "part 1"] == ["eager: torch term 'mine'"]
+    text = split.describe()
+    for part in ("part 0", "part 1", "part 2", "mine", "term_a", "torch term 'mine'", "2 fused kernels"):
+        assert part in text
+    assert "graph launch" not in text
+    assert "1 fused kernel" in whole.describe()
+    assert split.kernels[0].source in split.describe(kernels=True)
+
+
+def test_stage_without_items_says_why(cart):
+    stages = [Stage("curriculum", [], "no terms"), Stage("commands", [])]
+    text = Plan("test", stages, cart.scope, cart.num_envs, cart.device, use_graph=False).describe()
+    assert "no terms" in text
+    assert "commands" in text
+
+
+def test_run_without_graph_runs_the_stages_named(cart):
+    calls, (name, values) = [], numbers(cart)
+    barrier = Captured("barrier", lambda: calls.append("barrier"))
+    stages = [
+        Stage("physics", [Captured("physics", lambda: calls.append("physics"))]),
+        Stage("outcome", [Section("outcome", [f"{name}[env] = {name}[env] + 1.0"])]),
+        Stage("host", [Eager("host", lambda: calls.append("host"), "torch")]),
+        Stage("reset", [Section("reset_it", [f"{name}[env] = {name}[env] + 10.0"]), barrier]),
+        Stage("observations", [Section("observe", [f"{name}[env] = {name}[env] + 100.0"])]),
+    ]
+    work = Plan("test", stages, cart.scope, cart.num_envs, cart.device, use_graph=False)
+    work.run_without_graph(["reset", "observations"])
+    assert calls == ["barrier"]
+    assert values.tolist() == [110.0] * 4
+    work.run_without_graph(["host"])
+    assert calls == ["barrier", "host"]
+    work.run()
+    assert calls == ["barrier", "host", "physics", "host", "barrier"]
+    assert values.tolist() == [221.0] * 4
