@@ -25,7 +25,7 @@ from stripe_newton.fusion import (
     TermState,
     bind_term,
 )
-from stripe_newton.managers import RewardManager, RewardTermCfg
+from stripe_newton.managers import MetricsManager, MetricTermCfg, RewardManager, RewardTermCfg
 from tests.manager_world import manager_context, plan, run, set_reset
 
 
@@ -225,7 +225,7 @@ def test_own_term_by_one_line_of_config(cart):
     cart.entity("robot").data.joint_vel[:] = torch.tensor([[1.0, 2.0]]) * torch.arange(4.0)[:, None]
     params = {"asset_cfg": SceneEntityCfg("robot", joint_names=["cart_to_pole"]), "mass": 3.0}
     manager = RewardManager({"energy": RewardTermCfg(cart_energy, params, weight=-0.5)}, cart, scale_by_dt=False)
-    run(cart, manager.compute())
+    run(cart, manager.compute(), manager.total())
     expected = -0.5 * 0.5 * 3.0 * (2.0 * torch.arange(4.0)) ** 2
     torch.testing.assert_close(wp.to_torch(cart.reward), expected)
     assert cart.parameters["rewards.energy.mass"] == 3.0
@@ -260,7 +260,9 @@ def test_wrong_functions(cart):
     assert "'returns_bool' returns bool, a reward must be annotated '-> float'" in problems_of(
         cart, returns_bool, {"limit": 1.0}
     )
-    assert "has no return annotation" in problems_of(cart, no_annotation, {"limit": 1.0})
+    assert "no return annotation, a reward must be annotated '-> float'" in problems_of(
+        cart, no_annotation, {"limit": 1.0}
+    )
     assert "a termination must be annotated '-> bool'" in problems_of(cart, cart_energy, {"mass": 1.0}, "termination")
     assert "has no argument 'out: wp.array[float]'" in problems_of(cart, silent, {}, "observation")
     assert "must be a Warp function (@wp.func)" in problems_of(cart, lambda env: 0.0, {})
@@ -297,19 +299,19 @@ def test_fixed_arguments_and_counts(cart):
 
 
 def test_terms_share_a_state(cart):
-    state = {"counter": TermState("counter")}
-    terms = {
-        "count": RewardTermCfg(count_up, state, weight=1.0),
-        "read": RewardTermCfg(read_counter, {"counter": TermState("counter")}, weight=100.0),
-        "other": RewardTermCfg(count_up, {"counter": TermState("other")}, weight=10000.0),
+    counting = {
+        "count": RewardTermCfg(count_up, {"counter": TermState("counter")}, weight=1.0),
+        "other": RewardTermCfg(count_up, {"counter": TermState("other")}, weight=100.0),
     }
-    manager = RewardManager(terms, cart, scale_by_dt=False)
-    work = plan(cart, manager.compute())
+    rewards = RewardManager(counting, cart, scale_by_dt=False)
+    metrics = MetricsManager({"read": MetricTermCfg(read_counter, {"counter": TermState("counter")})}, cart)
+    work = plan(cart, rewards.compute(), rewards.total(), metrics.compute())
     for _ in range(3):
         work.run()
     assert wp.to_torch(cart.arrays["state.counter"]).tolist() == [3.0] * 4
     assert wp.to_torch(cart.arrays["state.other"]).tolist() == [3.0] * 4
-    assert wp.to_torch(cart.reward).tolist() == [30303.0] * 4
+    assert wp.to_torch(cart.reward).tolist() == [303.0] * 4
+    assert wp.to_torch(cart.arrays["metrics.sums"]).tolist() == [[1.0 + 2.0 + 3.0]] * 4
 
 
 def test_state_of_a_wrong_shape(cart):
@@ -319,7 +321,7 @@ def test_state_of_a_wrong_shape(cart):
 
 def test_weight_changes_without_compiling(cart):
     manager = RewardManager({"alive": RewardTermCfg(mdp.is_alive, weight=2.0)}, cart, scale_by_dt=False)
-    work = plan(cart, manager.compute())
+    work = plan(cart, manager.compute(), manager.total())
     work.run()
     files, kernels = generated(), work.kernels
     assert wp.to_torch(cart.reward).tolist() == [2.0] * 4
@@ -337,9 +339,9 @@ def test_weight_changes_without_compiling(cart):
 def kernel_of(func, weight: float = 1.0):
     context = manager_context(robot="cartpole")
     manager = RewardManager({"own": RewardTermCfg(func, weight=weight)}, context, scale_by_dt=False)
-    work = plan(context, manager.compute())
+    work = plan(context, manager.compute(), manager.total())
     work.run()
-    (kernel,) = work.kernels
+    (kernel,) = (k for k in work.kernels if "own" in k.terms)
     return kernel, wp.to_torch(context.reward).tolist()
 
 
@@ -426,7 +428,7 @@ def test_where_reset_and_conditions(cart):
     wp.to_torch(cart.stepping)[:] = 0
     items = [
         Section("ended", [f"{name}[env] = {name}[env] + 1.0"], where_reset=True),
-        Section("stepping", [f"{name}[env] = {name}[env] + 10.0"], condition="stepping[0] != 0"),
+        Section("within", [f"{name}[env] = {name}[env] + 10.0"], condition="stepping[0] != 0"),
         Section("both", [f"{name}[env] = {name}[env] + 100.0"], where_reset=True, condition="stepping[0] == 0"),
     ]
     work = plan(cart, items)
@@ -435,6 +437,15 @@ def test_where_reset_and_conditions(cart):
     wp.to_torch(cart.stepping)[:] = 1
     work.run()
     assert values.tolist() == [10.0, 112.0, 112.0, 10.0]
+
+
+def test_sections_may_be_called_like_arrays(cart):
+    """As a command of the user may be called like a part of the step."""
+    name, values = numbers(cart)
+    run(
+        cart, [Section(name, [f"{name}[env] = {name}[env] + 1.0"]), Section("step", [f"{name}[env] += float(step[0])"])]
+    )
+    assert values.tolist() == [1.0] * 4
 
 
 def test_eager_splits_the_step(cart):

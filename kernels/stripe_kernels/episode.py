@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Beginning and end of a step: episode lengths, worlds that are not finite, the log."""
 
+from typing import Any
+
 import warp as wp
 
 from .data import ArticulationData
@@ -14,6 +16,7 @@ __all__ = [
     "finish_log",
     "finite_action",
     "log_add",
+    "prefetch_row",
     "reset_targets",
     "restore_row",
     "row_is_finite",
@@ -23,6 +26,18 @@ __all__ = [
 LOG_MEAN = wp.constant(0)
 LOG_COUNT = wp.constant(1)
 LOG_LAST = wp.constant(2)
+
+
+_PREFETCH = """
+#if defined(__CUDA_ARCH__)
+    asm volatile("prefetch.global.L1 [%0];" :: "l"((const char*)array.data + (size_t)row * array.strides[0]));
+#endif
+"""
+
+
+@wp.func_native(_PREFETCH)
+def prefetch_row(array: wp.array(dtype=Any, ndim=1), row: int):  # type: ignore[valid-type]
+    """Ask for ``array[row]`` without waiting for it; nothing on the CPU."""
 
 
 @wp.func

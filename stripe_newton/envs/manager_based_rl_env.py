@@ -155,7 +155,6 @@ class ManagerBasedRLEnv(RLEnv):
         outcome = [safety.after_physics(), *self.termination_manager.compute()]
         rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
         log: list[Item] = [
-            *self.reward_manager.total(),
             *self.curriculum_manager.compute(),
             *self.termination_manager.reset(),
             *self.reward_manager.reset(),

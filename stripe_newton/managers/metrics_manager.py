@@ -35,6 +35,7 @@ class MetricsManager(ManagerBase):
         self._terms: dict[str, MetricTermCfg] = self.terms(cfg, MetricTermCfg)
         self._sums = context.array("metrics.sums", float, len(self._terms))
         self._name = context.scope.name("metric_sums", self._sums)
+        self._steps_name = context.scope.name("metric_steps", context.array("metrics.steps", int))
 
     @property
     def active_terms(self) -> list[str]:
@@ -44,24 +45,23 @@ class MetricsManager(ManagerBase):
     def compute(self) -> list[Item]:
         """Items that add the values of this step."""
         items: list[Item] = []
-        body = []
+        body = ["if part == 0:", f"    {self._steps_name}[env] = {self._steps_name}[env] + 1"]
         for index, (name, term) in enumerate(self._terms.items()):
             if not is_warp_term(term.func):
                 items.append(Eager("metrics", self._torch(index, term), f"torch term '{name}'", [name]))
                 continue
             call = bind_term(self.context, term.func, term.params, f"metrics.{name}", "metric")
             if call is not None:
-                body += [f"if part == {index}:", f"    {self._name}[env, {index}] += {call.expression()}  # {name}"]
-        return [*items, Section("metrics", body, self.active_terms, parts=len(self._terms))] if self._terms else []
+                body.append(f"{self._name}[env, {index}] += {call.expression()}  # {name}")
+        return [*items, Section("metrics", body, self.active_terms)] if self._terms else []
 
     def reset(self) -> list[Item]:
         """Items that log the means and start anew."""
-        lines = []
+        lines = [f"steps = float(wp.max({self._steps_name}[env], 1))", f"{self._steps_name}[env] = 0"]
         for index, name in enumerate(self._terms):
             place = f"{self._name}[env, {index}]"
-            mean = f"{place} / float(wp.max(episode.length[env], wp.int64(1)))"
-            lines += [self.context.log.line(f"Metrics/{name}", mean), f"{place} = 0.0"]
-        return [Section("metrics_log", lines, where_reset=True)] if lines else []
+            lines += [self.context.log.line(f"Metrics/{name}", f"{place} / steps"), f"{place} = 0.0"]
+        return [Section("metrics_log", lines, where_reset=True)] if self._terms else []
 
     def _torch(self, index: int, term: MetricTermCfg) -> Callable[[], None]:
         call, sums = self.torch_term(term.func, term.params), self.context.torch(self._sums)

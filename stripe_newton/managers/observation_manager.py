@@ -30,8 +30,6 @@ from .processing import delayed, noisy, sampled
 
 __all__ = ["ObservationManager"]
 
-_PIECE = 4
-"""Joints or bodies that one thread reads."""
 _PARTS = 64
 """Slices of the environments in a running statistic."""
 
@@ -158,10 +156,9 @@ class ObservationManager(ManagerBase):
             for name, term in terms.items():
                 if term.call is None:
                     items.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
-                for lines in self._parts(term, corrupt):
-                    lines[0] += f"  # {name}"
-                    body += [f"if part == {parts}:", *(f"    {line}" for line in lines)]
-                    parts += 1
+                lines, count = self._parts(term, corrupt, parts)
+                body += [f"# {name}", *lines] if lines else []
+                parts += count
             items.append(Section(f"observations_{group}", body, list(terms), where_reset, parts=parts))
             norm = self._groups[group].normalization
             if norm is not None:
@@ -182,27 +179,23 @@ class ObservationManager(ManagerBase):
                     body += self._draw_bias(term, noise)
         return [Section("observations_reset", body, where_reset=True)] if body else []
 
-    def _parts(self, term: _Term, corrupt: bool) -> list[list[str]]:
-        """The lines of a term, in pieces that do not depend on each other: a few of its joints or bodies each."""
+    def _parts(self, term: _Term, corrupt: bool, part: int) -> tuple[list[str], int]:
+        """Lines of a term and how many threads they are for: one for each joint or body where those are independent."""
         call, kind = term.call, OBSERVATION_SIZES.get(getattr(getattr(term.cfg.func, "func", None), "__name__", ""))
-        count = call.counts.get(kind.name, 0) if call is not None and isinstance(kind, Each) else 0
-        whole = term.scratch or term.cfg.modifiers or (corrupt and term.cfg.noise is not None)
-        if call is None or whole or count <= _PIECE or not isinstance(kind, Each) or kind.name not in call.names:
-            place = f"{term.scratch}[env]" if term.scratch else self._slice(term, 0, term.width)
-            lines = [call.expression(place)] if call is not None else []
-            lines += self._process(term, corrupt, 0, term.size)
-            return [lines] if lines else []
-        pieces = []
-        for start in range(0, count, _PIECE):
-            stop = min(count, start + _PIECE)
-            first, last = start * kind.size, stop * kind.size
-            place = self._slice(term, first, last)
-            line = call.expression(place, sliced=(kind.name,), span=f"{start}:{stop}")
-            pieces.append([line, *self._process(term, corrupt, first, last)])
-        return pieces
+        alone = term.scratch or term.cfg.modifiers or (corrupt and term.cfg.noise is not None)
+        if call is not None and not alone and isinstance(kind, Each) and kind.name in call.names:
+            count, size = call.counts[kind.name], kind.size
+            place = self._slice(term, f"k * {size}", f"(k + 1) * {size}")
+            line = call.expression(place, sliced=(kind.name,), span="k:k + 1")
+            lines = [line, *self._process(term, corrupt, f"k * {size}", f"(k + 1) * {size}")]
+            return [f"if part >= {part} and part < {part + count}:", f"    k = part - {part}", *_indent(lines)], count
+        place = f"{term.scratch}[env]" if term.scratch else self._slice(term, "0", str(term.width))
+        lines = [call.expression(place)] if call is not None else []
+        lines += self._process(term, corrupt, "0", str(term.size))
+        return ([f"if part == {part}:", *_indent(lines)], 1) if lines else ([], 0)
 
-    def _slice(self, term: _Term, first: int, last: int) -> str:
-        return f"{term.target}[env, {term.first + first}:{term.first + last}]"
+    def _slice(self, term: _Term, first: str, last: str) -> str:
+        return f"{term.target}[env, {term.first} + {first}:{term.first} + {last}]"
 
     def _element(self, term: _Term) -> str:
         if term.scratch:
@@ -212,7 +205,7 @@ class ObservationManager(ManagerBase):
     def _fresh(self, term: _Term) -> str:
         return self.context.scope.name(f"{term.path}_fresh", self.context.array(f"{term.path}.fresh", int, fill=1))
 
-    def _process(self, term: _Term, corrupt: bool, first: int, last: int) -> list[str]:
+    def _process(self, term: _Term, corrupt: bool, first: str, last: str) -> list[str]:
         """Lines after the call of the term: its numbers from ``first`` to ``last``, then delay and history."""
         context, cfg, element = self.context, term.cfg, self._element(term)
         lines: list[str] = []
@@ -347,3 +340,7 @@ class ObservationManager(ManagerBase):
     def __str__(self) -> str:
         rows = [(g, i, n, t.width) for g, terms in self._terms.items() for i, (n, t) in enumerate(terms.items())]
         return self.table("Observation terms", ("Group", "Index", "Name", "Size"), rows)
+
+
+def _indent(lines: list[str]) -> list[str]:
+    return [f"    {line}" for line in lines]

@@ -72,6 +72,7 @@ class RewardManager(ManagerBase):
     def compute(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
         parameters, body, eager = self.context.parameters, list[str](), list[Item]()
+        values, ends = list[str](), list[str]()
         scale = parameters.add("rewards.dt", self._dt, float)
         for index, (name, term) in enumerate(self._terms.items()):
             weight = parameters.add(f"rewards.{name}.weight", term.weight, float)
@@ -88,21 +89,17 @@ class RewardManager(ManagerBase):
                 clip = parameters.add(f"rewards.{name}.clip", term.clip, wp.vec2)
                 value = f"wp.clamp({value}, ({clip})[0], ({clip})[1])"
             body += [
-                f"if part == {index}:",
-                f"    value_{index} = wp.float32(0.0)",
-                f"    weight_{index} = {weight}",
-                f"    if weight_{index} != 0.0:",
-                f"        value_{index} = weight_{index} * {value}  # {name}",
-                f"    {step} = value_{index}",
-                f"    {self._sums_name}[env, {index}] += value_{index} * {scale}",
+                f"value_{index} = wp.float32(0.0)",
+                f"weight_{index} = {weight}",
+                f"if weight_{index} != 0.0:",
+                f"    value_{index} = weight_{index} * {value}  # {name}",
             ]
-        return [*eager, Section("rewards", body, self.active_terms, parts=len(self._terms))]
-
-    def total(self) -> list[Item]:
-        """Items that add the terms of the step up; a world that is not finite gets no reward."""
-        scale = self.context.parameters.add("rewards.dt", self._dt, float)
-        values = " + ".join(f"{self._steps_name}[env, {i}]" for i in range(len(self._terms))) or "0.0"
-        return [Section("reward_total", [f"reward[env] = wp.where(nonfinite[env], 0.0, ({values}) * {scale})"])]
+            values.append(f"value_{index}")
+            ends += [f"{step} = value_{index}", f"{self._sums_name}[env, {index}] += value_{index} * scale"]
+        body += [f"scale = {scale}", *ends]  # written last: a write in between would hold the reads after it up
+        total = f"({' + '.join(values) or '0.0'}) * scale"
+        body.append(f"reward[env] = wp.where(nonfinite[env], 0.0, {total})")
+        return [*eager, Section("rewards", body, self.active_terms)]
 
     def reset(self) -> list[Item]:
         """Items that log the sums, per second of the longest episode, and clear them."""

@@ -1,0 +1,362 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recording of episodes."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from stripe_newton.fusion import Eager, Item
+
+from .context import ManagerContext
+from .episode_file import EpisodeFile
+from .manager_base import ManagerBase
+from .recorder_cfg import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
+from .recorders import RecorderTerm
+
+__all__ = ["RecorderManager"]
+
+_SETTINGS = set(RecorderManagerBaseCfg.__dataclass_fields__)
+_ENVS_AT_ONCE = 64
+_GYM = 2  # robomimic's number for an environment of gymnasium
+_UNKNOWN = -1
+EnvIds = Sequence[int] | np.ndarray | torch.Tensor | None
+
+
+class RecorderManager(ManagerBase):
+    """Copies what its terms return into buffers on the device, and writes episodes to a file when they end.
+
+    A key that is recorded in every step takes ``num_envs * max_episode_length`` rows of memory on the device. An
+    episode whose beginning was not seen, or that has no step, is not written; one that is cut off by a reset from
+    outside is. What has not ended is written by :meth:`export_episodes`.
+
+    ``success`` of an episode is what :meth:`set_success_to_episodes` said, else the termination term ``success`` at
+    its end, else, where there is no such term, False as in Isaac Lab.
+    """
+
+    name = "recorders"
+
+    def __init__(self, cfg: Any, context: ManagerContext):
+        super().__init__(cfg, context)
+        self.settings = cfg if isinstance(cfg, RecorderManagerBaseCfg) else RecorderManagerBaseCfg()
+        self._terms = self._make_terms(cfg)
+        self._buffers: dict[str, _Buffer] = {}
+        self._files: list[EpisodeFile] | None = None
+        self._closed = False
+        count = context.num_envs
+        self._started = np.zeros(count, dtype=bool)
+        self._said, self._found = np.full(count, _UNKNOWN), np.full(count, _UNKNOWN)
+        self._counts = {True: 0, False: 0}
+        self._resetting = torch.empty(0, dtype=torch.int64)
+        self._check()
+
+    def _make_terms(self, cfg: Any) -> dict[str, RecorderTerm]:
+        if cfg is not None and not isinstance(cfg, (dict, RecorderManagerBaseCfg)):
+            self.context.problems.append(
+                f"recorders: is {type(cfg).__name__}, must be a RecorderManagerBaseCfg, a dict of terms or None"
+            )
+            return {}
+        if isinstance(cfg, RecorderManagerBaseCfg):
+            cfg = {k: getattr(cfg, k) for k in type(cfg).__dataclass_fields__ if k not in _SETTINGS}
+        made = {}
+        for name, term in self.terms(cfg, RecorderTermCfg).items():
+            kind = term.class_type
+            if isinstance(kind, type) and issubclass(kind, RecorderTerm):
+                made[name] = kind(term, self.context.owner)
+            else:
+                self.context.problems.append(
+                    f"recorders.{name}.class_type: is {kind!r}, must be a subclass of RecorderTerm"
+                )
+        return made
+
+    def _check(self) -> None:
+        if not self._terms:
+            return
+        problems, settings = self.context.problems, self.settings
+        found = [f"recorders.{field}: {message}" for field, message in settings.problems()]
+        problems += found
+        paths = [] if found else settings.paths()
+        if paths and importlib.util.find_spec("h5py") is None:
+            problems.append("recorders: needs h5py, which is not installed: pip install stripe-newton[record]")
+        if settings.dataset_file_mode == "new":
+            problems += [
+                f"recorders.dataset_filename: {path} exists, take another name or set dataset_file_mode to 'append' or "
+                "'overwrite'"
+                for path in paths
+                if path.exists()
+            ]
+        only_succeeded = settings.dataset_export_mode == DatasetExportMode.EXPORT_SUCCEEDED_ONLY
+        if only_succeeded and "success" not in self.context.termination_names:
+            warnings.warn(
+                "recorders: only episodes that succeeded are written and there is no termination term 'success'; "
+                "nothing is written unless set_success_to_episodes is called",
+                stacklevel=4,
+            )
+
+    @property
+    def active_terms(self) -> list[str]:
+        """Names of the terms."""
+        return list(self._terms)
+
+    # -- items
+
+    def pre_step(self) -> list[Item]:
+        """Items after the actions were processed, before physics."""
+        return self._items("record_pre_step", self.record_pre_step)
+
+    def post_step(self) -> list[Item]:
+        """Items after physics, terminations and rewards, before the reset."""
+        return self._items("record_post_step", self.record_post_step)
+
+    def pre_reset(self) -> list[Item]:
+        """Items that conclude the episodes of ``context.reset``; to be run before anything of them is cleared."""
+        if not self._terms:
+            return []
+        reason = "waits for the device to say which episodes ended, and writes those"
+        return [Eager("recorders_pre_reset", self._conclude, reason, self.active_terms)]
+
+    def post_reset(self) -> list[Item]:
+        """Items that record the start of new episodes; to be run after forward kinematics."""
+        return self._items("record_post_reset", lambda: self.record_post_reset(self._resetting))
+
+    def _items(self, hook: str, function: Callable[[], None]) -> list[Item]:
+        terms = [n for n, t in self._terms.items() if getattr(type(t), hook) is not getattr(RecorderTerm, hook)]
+        name = hook.replace("record", "recorders", 1)
+        return [Eager(name, function, "recorder terms are called on the host", terms)] if terms else []
+
+    def _conclude(self) -> None:
+        ended = self.context.torch(self.context.reset).cpu().nonzero().flatten()
+        self._resetting = ended.to(self.context.device)
+        if len(ended):
+            self.record_pre_reset(ended)
+            self.clear(ended)
+            self._started[ended.numpy()] = True
+
+    # -- recording
+
+    def record_pre_step(self) -> None:
+        """Record what the terms return before a step."""
+        self._record("record_pre_step")
+
+    def record_post_step(self) -> None:
+        """Record what the terms return after a step."""
+        self._record("record_post_step")
+
+    def record_pre_reset(self, env_ids: EnvIds = None, force_export_or_skip: bool | None = None) -> None:
+        """Record what the terms return at the end of episodes, look for success, and write the episodes.
+
+        Args:
+            env_ids: Environments, default all.
+            force_export_or_skip: Whether to write them; by default what ``export_in_record_pre_reset`` says.
+        """
+        ids = self._ids(env_ids)
+        if not self._terms or not len(ids):
+            return
+        self._record("record_pre_reset", ids)
+        self._found[ids] = 0
+        terminations = getattr(self.context.owner, "termination_manager", None)
+        if terminations is not None and "success" in terminations.active_terms:
+            self._found[ids] = terminations.get_term("success").cpu().numpy()[ids]
+        export = self.settings.export_in_record_pre_reset if force_export_or_skip is None else force_export_or_skip
+        if export:
+            self.export_episodes(ids)
+
+    def record_post_reset(self, env_ids: EnvIds = None) -> None:
+        """Record what the terms return at the start of episodes."""
+        ids = self._ids(env_ids)
+        if len(ids):
+            self._record("record_post_reset", ids)
+
+    def _record(self, hook: str, ids: np.ndarray | None = None) -> None:
+        if self._closed:
+            return
+        self._open()
+        rows = [] if ids is None else [torch.as_tensor(ids, device=self.context.device)]
+        for name, term in self._terms.items():
+            key, value = getattr(term, hook)(*rows)
+            if key is not None:
+                for path, tensor in _flat(key, value):
+                    self._append(name, path, tensor, ids)
+
+    @torch.inference_mode(False)  # buffers made in an inference mode could not be written outside of it
+    @torch.no_grad()
+    def _append(self, term: str, path: str, value: torch.Tensor, ids: np.ndarray | None) -> None:
+        count = self.context.num_envs if ids is None else len(ids)
+        buffer = self._buffers.get(path)
+        shape = (count, *(buffer.values.shape[2:] if buffer else value.shape[1:]))
+        if tuple(value.shape) != shape:
+            raise ValueError(f"recorders.{term}: '{path}' has shape {tuple(value.shape)}, must be {shape}")
+        if buffer is None:
+            capacity = self.context.max_episode_length if ids is None else 1
+            buffer = self._buffers[path] = _Buffer(value, self.context.num_envs, capacity)
+        buffer.append(value, ids)
+
+    def add_to_episodes(self, key: str, value: Any, env_ids: EnvIds = None) -> None:
+        """Record a tensor, or nested dicts of tensors, with one row for each of ``env_ids``."""
+        ids = None if env_ids is None else self._ids(env_ids)
+        for path, tensor in _flat(key, value):
+            self._append("add_to_episodes", path, tensor, ids)
+
+    def set_success_to_episodes(self, env_ids: EnvIds, success_values: torch.Tensor) -> None:
+        """Say whether running episodes succeeded; bool, one value for each of ``env_ids``."""
+        ids = self._ids(env_ids)
+        self._said[ids] = torch.as_tensor(success_values).reshape(len(ids)).bool().cpu().numpy()
+
+    def clear(self, env_ids: EnvIds = None) -> None:
+        """Forget the running episodes; what follows is not written before the next reset."""
+        ids = self._ids(env_ids)
+        for buffer in self._buffers.values():
+            buffer.clear(ids)
+        for values, value in ((self._said, _UNKNOWN), (self._found, _UNKNOWN), (self._started, False)):
+            values[ids] = value
+
+    def get_episode(self, env_id: int) -> dict[str, Any]:
+        """The running episode of an environment, as nested dicts of tensors whose first dimension is time."""
+        return _nested({path: b.values[env_id, : b.lengths[env_id]].clone() for path, b in self._buffers.items()})
+
+    # -- writing
+
+    @property
+    def exported_successful_episode_count(self) -> int:
+        """Concluded episodes that succeeded, whether or not the mode had them written."""
+        return self._counts[True]
+
+    @property
+    def exported_failed_episode_count(self) -> int:
+        """Concluded episodes that did not succeed, whether or not the mode had them written."""
+        return self._counts[False]
+
+    def export_episodes(self, env_ids: EnvIds = None) -> None:
+        """Conclude episodes as they are: write them where the mode says so, and forget them."""
+        ids, lengths = self._ids(env_ids), self._lengths()
+        success = np.where(self._said != _UNKNOWN, self._said, self._found)
+        done = ids[self._started[ids] & (lengths[ids] > 0)]
+        for succeeded in (True, False):
+            those = done[(success[done] == 1) == succeeded]
+            self._counts[succeeded] += len(those)
+            file = self._target(succeeded)
+            for start in range(0, len(those) if file is not None else 0, _ENVS_AT_ONCE):
+                self._write(file, those[start : start + _ENVS_AT_ONCE], lengths, success)
+        self.clear(ids)
+
+    def _lengths(self) -> np.ndarray:
+        """Steps recorded of the running episodes."""
+        found = [b.lengths for b in self._buffers.values() if b.every_step]
+        return np.max(found, axis=0) if found else np.zeros(self.context.num_envs, dtype=np.int64)
+
+    def _write(self, file: Any, ids: np.ndarray, lengths: np.ndarray, success: np.ndarray) -> None:
+        parts = {path: buffer.fetch(ids) for path, buffer in self._buffers.items()}
+        actions = self._buffers.get("actions")
+        for k, env in enumerate(ids):
+            data = {p: rows[k, : self._buffers[p].lengths[env]] for p, rows in parts.items()}
+            file.write(
+                _nested({path: rows for path, rows in data.items() if len(rows)}),
+                int(actions.lengths[env] if actions else lengths[env]),
+                seed=getattr(self.context.owner, "_np_random_seed", None),  # the public name would draw a seed
+                success=None if success[env] == _UNKNOWN else bool(success[env]),
+                env_index=int(env),
+            )
+
+    def _target(self, success: bool) -> EpisodeFile | None:
+        if self._closed:
+            return None
+        mode, kinds, files = self.settings.dataset_export_mode, DatasetExportMode, self._open()
+        if mode == kinds.EXPORT_SUCCEEDED_FAILED_IN_SEPARATE_FILES:
+            return files[0 if success else 1]
+        wanted = {kinds.EXPORT_ALL: True, kinds.EXPORT_SUCCEEDED_ONLY: success, kinds.EXPORT_FAILED_ONLY: not success}
+        return files[0] if wanted.get(mode, False) else None
+
+    def _open(self) -> list[EpisodeFile]:
+        if self._files is None:
+            settings, made = self.settings, list[EpisodeFile]()
+            more = settings.dataset_file_mode, settings.quaternion_order, settings.dataset_compression
+            try:
+                for path in settings.paths() if self._terms else ():
+                    made.append(EpisodeFile.create(path, self._env_args(), *more))
+            except Exception:
+                for file in made:
+                    file.close()
+                raise
+            self._files = made
+        return self._files
+
+    def _env_args(self) -> dict[str, Any]:
+        owner, context = self.context.owner, self.context
+        cfg: Any = getattr(owner, "cfg", None)
+        name = getattr(cfg, "env_name", None) or getattr(getattr(owner, "spec", None), "id", None) or ""
+        args: dict[str, Any] = {"env_name": name, "type": _GYM, "env_kwargs": {}}
+        if hasattr(cfg, "get_ep_meta"):
+            return args | cfg.get_ep_meta()
+        sim = context.scene.sim
+        args["sim_args"] = {"dt": sim.physics_dt, "decimation": context.decimation, "num_envs": context.num_envs}
+        args["sim_args"]["render_interval"] = sim.cfg.render_interval
+        return args
+
+    def close(self) -> None:
+        """Close the files; episodes that have not ended are not written, and nothing is recorded any more."""
+        self._closed = True
+        for file in self._files or ():
+            file.close()
+
+    def _ids(self, env_ids: EnvIds) -> np.ndarray:
+        if env_ids is None:
+            return np.arange(self.context.num_envs)
+        return np.asarray(env_ids.cpu() if isinstance(env_ids, torch.Tensor) else env_ids, dtype=np.int64).reshape(-1)
+
+    def __str__(self) -> str:
+        rows = [(i, n, type(t).__name__) for i, (n, t) in enumerate(self._terms.items())]
+        where = ", ".join(map(str, self.settings.paths())) or "no file"
+        return self.table(f"Recorder terms, to {where}", ("Index", "Name", "Class"), rows)
+
+
+class _Buffer:
+    """One key of the running episodes, on the device. Lengths are known on both sides, so that nothing waits."""
+
+    def __init__(self, value: torch.Tensor, num_envs: int, capacity: int):
+        shape = num_envs, capacity, *value.shape[1:]
+        self.values = torch.empty(shape, dtype=value.dtype, device=value.device)
+        self.lengths = np.zeros(num_envs, dtype=np.int64)
+        self.every_step = False
+        self._lengths = torch.zeros(num_envs, dtype=torch.int64, device=value.device)
+        self._all = torch.arange(num_envs, device=value.device)
+
+    def append(self, value: torch.Tensor, ids: np.ndarray | None) -> None:
+        where: Any = slice(None) if ids is None else ids
+        self.every_step |= ids is None
+        if len(self.lengths[where]) and self.lengths[where].max() >= self.values.shape[1]:
+            self.values = torch.cat((self.values, torch.empty_like(self.values)), dim=1)
+        rows = self._all if ids is None else torch.as_tensor(ids, device=self._all.device)
+        self.values[rows, self._lengths[rows]] = value
+        self._lengths.index_add_(0, rows, torch.ones_like(rows))
+        self.lengths[where] += 1
+
+    def clear(self, ids: np.ndarray) -> None:
+        self._lengths.index_fill_(0, torch.as_tensor(ids, device=self._all.device), 0)
+        self.lengths[ids] = 0
+
+    def fetch(self, ids: np.ndarray) -> np.ndarray:
+        """Rows of some environments as far as the longest of them goes, on the host."""
+        rows = torch.as_tensor(ids, device=self._all.device)
+        return self.values[:, : self.lengths[ids].max()][rows].cpu().numpy()
+
+
+def _flat(key: str, value: Any) -> list[tuple[str, torch.Tensor]]:
+    if isinstance(value, dict):
+        return [pair for k, v in value.items() for pair in _flat(f"{key}/{k}", v)]
+    return [(key, torch.as_tensor(value))]
+
+
+def _nested(flat: dict[str, Any]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for path, value in flat.items():
+        *above, last = path.split("/")
+        group = out
+        for part in above:
+            group = group.setdefault(part, {})
+        group[last] = value
+    return out
