@@ -75,6 +75,11 @@ def problems_of(context, func, params, kind="reward") -> str:
     return "\n".join(context.problems[before:])
 
 
+def all_of(manager: RewardManager) -> list:
+    """Items until the reward of the step is there."""
+    return [*manager.compute(), *getattr(manager, "total", list)()]
+
+
 def generated() -> set[str]:
     folder = Path(wp.config.kernel_cache_dir) / "stripe_newton"
     return {p.name for p in folder.glob("*")} if folder.exists() else set()
@@ -225,7 +230,7 @@ def test_own_term_by_one_line_of_config(cart):
     cart.entity("robot").data.joint_vel[:] = torch.tensor([[1.0, 2.0]]) * torch.arange(4.0)[:, None]
     params = {"asset_cfg": SceneEntityCfg("robot", joint_names=["cart_to_pole"]), "mass": 3.0}
     manager = RewardManager({"energy": RewardTermCfg(cart_energy, params, weight=-0.5)}, cart, scale_by_dt=False)
-    run(cart, manager.compute(), manager.total())
+    run(cart, all_of(manager))
     expected = -0.5 * 0.5 * 3.0 * (2.0 * torch.arange(4.0)) ** 2
     torch.testing.assert_close(wp.to_torch(cart.reward), expected)
     assert cart.parameters["rewards.energy.mass"] == 3.0
@@ -305,7 +310,7 @@ def test_terms_share_a_state(cart):
     }
     rewards = RewardManager(counting, cart, scale_by_dt=False)
     metrics = MetricsManager({"read": MetricTermCfg(read_counter, {"counter": TermState("counter")})}, cart)
-    work = plan(cart, rewards.compute(), rewards.total(), metrics.compute())
+    work = plan(cart, all_of(rewards), metrics.compute())
     for _ in range(3):
         work.run()
     assert wp.to_torch(cart.arrays["state.counter"]).tolist() == [3.0] * 4
@@ -321,7 +326,7 @@ def test_state_of_a_wrong_shape(cart):
 
 def test_weight_changes_without_compiling(cart):
     manager = RewardManager({"alive": RewardTermCfg(mdp.is_alive, weight=2.0)}, cart, scale_by_dt=False)
-    work = plan(cart, manager.compute(), manager.total())
+    work = plan(cart, all_of(manager))
     work.run()
     files, kernels = generated(), work.kernels
     assert wp.to_torch(cart.reward).tolist() == [2.0] * 4
@@ -339,7 +344,7 @@ def test_weight_changes_without_compiling(cart):
 def kernel_of(func, weight: float = 1.0):
     context = manager_context(robot="cartpole")
     manager = RewardManager({"own": RewardTermCfg(func, weight=weight)}, context, scale_by_dt=False)
-    work = plan(context, manager.compute(), manager.total())
+    work = plan(context, all_of(manager))
     work.run()
     (kernel,) = (k for k in work.kernels if "own" in k.terms)
     return kernel, wp.to_torch(context.reward).tolist()

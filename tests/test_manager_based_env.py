@@ -432,6 +432,21 @@ def test_torch_terms_give_the_same_numbers():
     assert "torch term" not in other.describe()
 
 
+def test_masked_reset_leaves_the_others_alone_beside_torch_terms():
+    env, twin = mixed(use_torch=True), mixed(use_torch=True)
+    for e in (env, twin):
+        e.reset(seed=6)
+        rollout(e, 8)
+    seen, others = env.obs_buf["policy"].clone(), [0, 2]
+    obs, _ = env.reset(options={"reset_mask": torch.tensor([False, True, False, True])})
+    assert torch.equal(obs["policy"][others], seen[others])
+    assert obs["policy"][1, 0] == pytest.approx(2.0 * 0.2)
+    for k in range(8, 40):
+        one, two = env.step(actions_of(k)), twin.step(actions_of(k))
+        assert torch.equal(one[0]["policy"][others], two[0]["policy"][others]), k
+        assert torch.equal(one[1][others], two[1][others]), k
+
+
 def asked_joints(env: ManagerBasedRLEnv, asset_cfg: SceneEntityCfg) -> torch.Tensor:
     return env.scene[asset_cfg.name].data.joint_pos[:, asset_cfg.joint_ids]
 

@@ -267,7 +267,7 @@ def test_overflow_is_an_error_soon_after_it_happened():
     zeros = torch.zeros(120 + BOUND, *env.action_space.shape, device=DEVICE)
     happened, text = error_of(env, zeros[:120], RuntimeError, wait=True)  # the step after it
     assert "dropped" in text
-    assert "nconmax is 1" in text
+    assert "set MuJoCoSolverCfg(nconmax=" in text
     assert happened > 2
     env = falling_ant()
     for action in zeros[:2]:
@@ -275,7 +275,7 @@ def test_overflow_is_an_error_soon_after_it_happened():
     with nobody_waits():
         heard, text = error_of(env, zeros[2 : happened + BOUND], RuntimeError)
     assert heard + 2 >= happened
-    assert "nconmax is 1" in text
+    assert "nconmax is" in text
 
 
 @pytest.mark.parametrize("task", FORMS)

@@ -16,6 +16,7 @@ __all__ = [
     "finish_log",
     "finite_action",
     "log_add",
+    "make_actions_finite",
     "prefetch_row",
     "reset_targets",
     "restore_row",
@@ -121,3 +122,10 @@ def finite_action(value: float, bad: wp.array[int]) -> float:
         wp.atomic_add(bad, 0, 1)
         result = wp.where(wp.isnan(value), 0.0, wp.sign(value) * 1.0e6)
     return result
+
+
+@wp.kernel(enable_backward=False)
+def make_actions_finite(actions: wp.array[float], bad: wp.array[int]):
+    """``finite_action`` of each number, in place."""
+    i = wp.tid()
+    actions[i] = finite_action(actions[i], bad)

@@ -55,8 +55,8 @@ class RootData:
         self.body_names = list(layout.body_names)
         """Names of the bodies, root first."""
         rows = layout.body_slice
-        self._body_q = sim.per_env(sim.state.body_q)[:, rows]
-        self._body_qd = sim.per_env(sim.state.body_qd)[:, rows]
+        self._poses = sim.per_env(sim.state.body_q)[:, rows]
+        self._velocities = sim.per_env(sim.state.body_qd)[:, rows]
         self._body_com = sim.per_env(sim.model.body_com)[:, rows]
         self._body_mass = sim.per_env(sim.model.body_mass)[:, rows]
         self._body_inertia = sim.per_env(sim.model.body_inertia)[:, rows]
@@ -65,7 +65,7 @@ class RootData:
             self._root_pose = sim.per_env(sim.state.joint_q)[:, coord : coord + 7]
             self._root_vel = sim.per_env(sim.state.joint_qd)[:, dof : dof + 6]
         else:
-            self._root_pose, self._root_vel = self._body_q[:, 0], self._body_qd[:, 0]
+            self._root_pose, self._root_vel = self._poses[:, 0], self._velocities[:, 0]
         gravity = wp.to_torch(sim.model.gravity)[0]
         down = gravity / gravity.norm() if gravity.norm() > 0 else torch.tensor([0.0, 0.0, -1.0], device=sim.device)
         self.GRAVITY_VEC_W = down.repeat(sim.num_envs, 1)
@@ -80,6 +80,16 @@ class RootData:
         self._storages = {wp.to_torch(a).untyped_storage().data_ptr() for a in shared if a is not None and a.size}
         self.warp = WarpView(self)
         """The views as Warp arrays: ``data.warp.joint_pos`` and so on."""
+
+    @property
+    def _body_q(self) -> torch.Tensor:
+        self._sim.flush()
+        return self._poses
+
+    @property
+    def _body_qd(self) -> torch.Tensor:
+        self._sim.flush()
+        return self._velocities
 
     # -- root
 

@@ -282,6 +282,8 @@ class DirectRLEnv(RLEnv):
             wp.to_torch(self.warp.actions).copy_(action.reshape(self.num_envs, -1))
         else:
             self._action = action.float().clone() if action.is_floating_point() else action.clone()
+            if action.is_floating_point():
+                self._safety.make_finite(self._action)
 
     def _hand_out(self, values: dict[str, torch.Tensor]) -> Observations:
         if not self._fills("_launch_observations"):

@@ -149,6 +149,7 @@ class ManagerBasedRLEnv(RLEnv):
 
     def _stages(self) -> list[Stage]:
         safety = self._safety
+        self._bodies_later = not self._reads_bodies()
         process = self.action_manager.process()
         parts = int(any(isinstance(i, Section) and i.parts for i in process))
         count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], parts=parts)
@@ -157,10 +158,10 @@ class ManagerBasedRLEnv(RLEnv):
         log: list[Item] = [
             *self.curriculum_manager.compute(),
             *self.termination_manager.reset(),
-            *self.reward_manager.reset(),
-            *self.metrics_manager.reset(),
         ]
         reset: list[Item] = [
+            *self.reward_manager.reset(),
+            *self.metrics_manager.reset(),
             safety.begin_reset(),
             *self.event_manager.reset(),
             *self.object_manager.reset(),
@@ -183,17 +184,22 @@ class ManagerBasedRLEnv(RLEnv):
             Stage("reset", [*reset]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),
-            Stage("forward kinematics", safety.forward(beside=not self._reads_bodies())),
+            Stage("forward kinematics", safety.forward(later=self._bodies_later)),
             Stage("commands", _when(commands, _STEPPING)),
             Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
             Stage("log", end),
         ]
 
     def _reads_bodies(self) -> bool:
-        """Whether something that runs after the reset reads the poses or velocities of bodies."""
-        read = set[str]().union(*(fields_read(f) for f in self._terms_after_reset()))
+        """Whether anything reads bodies between the reset and the end of the next physics step."""
+        sim, read = self.sim, set[str]().union(*(fields_read(f) for f in self._terms_after_reset()))
         fixed = not all(a.layout.floating for a in self.scene.articulations.values())
-        return bool(read & {"body_pose", "body_vel", *(("root_pose", "root_vel") if fixed else ())})
+        return (
+            bool(read & {"body_pose", "body_vel", *(("root_pose", "root_vel") if fixed else ())})
+            or not (sim.cfg.solver.finds_contacts and sim.cfg.solver.reduced_coordinates and sim.cfg.solver.in_place)
+            or sim.external_wrench is not None
+            or bool(self.action_manager.apply())
+        )
 
     def _physics(self) -> Captured:
         steps, sim = self.cfg.decimation, self.sim

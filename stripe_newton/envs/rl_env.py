@@ -205,12 +205,16 @@ class RLEnv(VectorEnv):
         self._stepping.zero_()
         self._stepping_now = False
         self.plan.run_without_graph(self._reset_stages)
+        self.sim.pending = self._bodies_later
         self._stepping.fill_(1)
         self.context.log.clear()
         self.obs_buf = self._hand_out(self.outputs.take())
         self._stepping_now = True
         self.extras["log"] = _own(self.extras.get("log") or {})
         return self.obs_buf, self.extras
+
+    _bodies_later = False
+    """Whether forward kinematics after a reset waits until somebody reads the bodies."""
 
     _reset_stages: ClassVar[tuple[str, ...]] = ("reset", "forward kinematics", "sensors", "observations")
 
@@ -240,6 +244,7 @@ class RLEnv(VectorEnv):
             self._recaptures = self.sim.recaptures
             plan.recapture()
         plan.run()
+        self.sim.pending = self._bodies_later
         self.common_step_counter = count + 1
         if self.cfg.nonfinite_actions == "raise":
             self._safety.raise_for_actions()

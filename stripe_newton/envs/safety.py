@@ -10,6 +10,7 @@ from stripe_kernels.episode import (
     clear_row,
     clear_wrench,
     finite_action,
+    make_actions_finite,
     reset_targets,
     restore_row,
     row_is_finite,
@@ -76,6 +77,11 @@ class Safety:
         wp.to_torch(self._context.moved)[:] = mask
         wp.to_torch(self.nonfinite).zero_()
 
+    def make_finite(self, actions: torch.Tensor) -> None:
+        """Make actions finite, in place, and count those that were not: one kernel."""
+        flat = wp.from_torch(actions.view(-1))
+        wp.launch(make_actions_finite, dim=flat.shape, inputs=[flat, self._actions.array], device=flat.device)
+
     def actions(self, array: str, size: int) -> Section:
         """Make actions finite, in place, and count those that were not."""
         function = self._context.scope.function(finite_action)
@@ -113,25 +119,25 @@ class Safety:
         """The episode starts."""
         return Section("episode_start", ["episode.length[env] = wp.int64(0)"], where_reset=True)
 
-    def forward(self, beside: bool = False) -> list[Item]:
+    def forward(self, later: bool = False) -> list[Item]:
         """Bodies follow the joints where those were written, and the solver forgets the episodes that ended.
 
         Args:
-            beside: Whether nothing in the rest of the step reads the bodies.
+            later: Leave the bodies to :meth:`Simulation.flush`, as nothing in the rest of the step reads them.
         """
         body = [
             *(f"articulation_mask[env, {a}] = moved[env] or reset[env]" for a in range(self._per_env)),
             "world_mask[env] = reset[env]",
         ]
-        return [
-            Section("masks", body),
-            Captured("forward kinematics", self._sim.forward_masked, beside=beside),
-            Captured(
-                "solver memory cleared",
-                lambda: self._sim.clear_masked(self._world_mask, self._context.reset),
-                beside=True,
-            ),
-        ]
+        items: list[Item] = [Section("masks", body)]
+        if not later:
+            items.append(Captured("forward kinematics", self._sim.forward_masked))
+        clear = Captured(
+            "solver memory cleared",
+            lambda: self._sim.clear_masked(self._world_mask, self._context.reset),
+            beside=True,
+        )
+        return [*items, clear]
 
 
 def _rows(sim: Simulation, array: wp.array) -> wp.array:

@@ -72,6 +72,8 @@ def fuse(name: str, sections: Sequence[Section], scope: Scope, dim: int, device:
         everything.update(values)
         aliases.update({f: scope.functions[f] for f in functions})
         title = section.name if sum(s.name == section.name for s in sections) == 1 else f"{section.name}_{index}"
+        while title in scope.values or title in scope.functions:
+            title += "_"
         own = ["env: int", "part: int"] if section.parts else ["env: int"]
         parameters = ", ".join([*own, *(f"{v}: {_annotation(scope.values[v], aliases)}" for v in values)])
         body = textwrap.indent("\n".join(section.body), "    ") or "    pass"

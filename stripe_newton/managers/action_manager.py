@@ -3,22 +3,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 
 from stripe_kernels.data import ActionData
 from stripe_kernels.episode import finite_action
-from stripe_kernels.mdp import ACTIONS
 from stripe_newton.fusion import Item, SceneEntityCfg, Section, bind_term
-from stripe_newton.matching import match_names, match_values
 
-from .actions_cfg import ActionTermCfg, JointActionCfg, NonHolonomicActionCfg
+from .action_layout import ActionLayout, lay_out
+from .actions_cfg import ActionTermCfg
 from .context import ManagerContext
 from .manager_base import ManagerBase
 from .processing import delayed, noisy
+from .term_params import params_for
 
 __all__ = ["ActionManager"]
 
@@ -26,18 +25,11 @@ _PER_NUMBER = ("joint_ids", "scale", "offset", "clip", "alpha")
 """Arguments of the terms that have one entry a number."""
 
 
-@dataclass
-class _Term:
-    cfg: ActionTermCfg
-    first: int
-    size: int
-    processed: str
-    width: int
-    joints: Sequence[str]
-
-
 class ActionManager(ManagerBase):
     """Splits the policy's numbers among its terms and turns them into targets.
+
+    Where two terms set the same target, that of the later one holds. What a term scales, shifts and clips by are arrays
+    that may change: ``context.arrays["actions.legs.scale"]``.
 
     Attributes:
         input: Where the caller puts the actions of a step, float, shape ``(num_envs, total_action_dim)``.
@@ -47,17 +39,18 @@ class ActionManager(ManagerBase):
 
     def __init__(self, cfg: Any, context: ManagerContext):
         super().__init__(cfg, context)
-        self._terms: dict[str, _Term] = {}
+        self._terms: dict[str, ActionLayout] = {}
         first = 0
         for name, term in self.terms(cfg, ActionTermCfg).items():
-            try:
-                self._terms[name] = made = self._layout(name, term, first)
-            except (KeyError, ValueError) as error:
-                context.problems.append(f"actions.{name}: {error.args[0]}")
+            made = lay_out(context, f"actions.{name}", term, first)
+            if made is None:
                 continue
+            # An earlier term that runs before each physics step must not hold against this one.
+            made.per_substep |= any(t.per_substep and t.meets(made) for t in self._terms.values())
+            self._terms[name] = made
+            context.action_slices[name] = first, made.size
+            context.array(f"actions.{name}.processed", float, made.width)
             first += made.size
-        for name, made in self._terms.items():
-            context.action_slices[name] = made.first, made.size
         self.total_action_dim = first
         self.input = context.array("actions.input", float, first)
         self._data = ActionData()
@@ -72,20 +65,6 @@ class ActionManager(ManagerBase):
             "bad": scope.name("nonfinite_actions", bad),
             "finite": scope.function(finite_action),
         }
-
-    def _layout(self, name: str, cfg: ActionTermCfg, first: int) -> _Term:
-        entity = self.context.entity(cfg.asset_name)
-        names = entity.data.joint_names
-        wanted = cfg.joint_names
-        if isinstance(cfg, NonHolonomicActionCfg):
-            wanted = (cfg.x_joint_name, cfg.y_joint_name, cfg.yaw_joint_name)
-        order = cfg.preserve_order or isinstance(cfg, NonHolonomicActionCfg)
-        ids = match_names(wanted, names, order, f"joint of '{cfg.asset_name}'")[0]
-        size = cfg.action_size if cfg.action_size is not None else len(ids)
-        width = cfg.processed_size if cfg.processed_size is not None else len(ids)
-        processed = self.context.array(f"actions.{name}.processed", float, width)
-        wish = self.context.scope.name(f"{name}_commands", processed)
-        return _Term(cfg, first, size, wish, width, [names[i] for i in ids])
 
     # -- what it is
 
@@ -119,7 +98,7 @@ class ActionManager(ManagerBase):
 
     def process(self) -> list[Item]:
         """Items that take the actions in and set the targets that hold for the whole step."""
-        if self._terms and all(self._is_elementwise(t) for t in self._terms.values()):
+        if self._may_be_spread():
             return self._process_side_by_side()
         names, body = self._names, []
         if self.total_action_dim:
@@ -132,17 +111,22 @@ class ActionManager(ManagerBase):
             source = f"{names['actions']}.action[env, {term.first}:{term.first + term.size}]"
             if term.cfg.noise is not None or term.cfg.delay_max_lag:
                 source = self._prepared(name, term, source, body)
-            fixed = {"action": source, "processed": f"{term.processed}[env]"}
+            fixed = {"action": source, "processed": f"{self._processed(name)}[env]"}
             body += self._call(name, term, "process", fixed)
-            if not term.cfg.per_substep:
+            if not term.per_substep:
                 body += self._call(name, term, "apply", fixed)
         return [Section("actions_process", body, self.active_terms)]
 
-    @staticmethod
-    def _is_elementwise(term: _Term) -> bool:
-        kind = getattr(term.cfg, "kind", "")
-        own = term.cfg.noise is not None or term.cfg.delay_max_lag or term.cfg.per_substep
-        return bool(kind) and not own and "Binary" not in kind
+    def _may_be_spread(self) -> bool:
+        """Whether threads may share the work: no number depends on another, and no two terms set the same target."""
+        terms = list(self._terms.values())
+        for index, term in enumerate(terms):
+            apply = term.functions["apply"]
+            if not term.is_elementwise:
+                return False
+            if any(t.meets(term) and t.functions["apply"] is apply for t in terms[:index]):
+                return False
+        return bool(terms)
 
     def _process_side_by_side(self) -> list[Item]:
         """:meth:`process` with a thread for each number, as its terms treat each on its own."""
@@ -154,7 +138,7 @@ class ActionManager(ManagerBase):
         for name, term in self._terms.items():
             span = f"part - {term.first}:part - {term.first} + 1" if term.first else number
             own = f"{names['actions']}.action[env, {number}]"
-            fixed = {"action": own, "processed": f"{term.processed}[env, {span}]"}
+            fixed = {"action": own, "processed": f"{self._processed(name)}[env, {span}]"}
             lines = [
                 *self._call(name, term, "process", fixed, span),
                 *self._call(name, term, "apply", fixed, span),
@@ -166,8 +150,8 @@ class ActionManager(ManagerBase):
         """Items that set targets before each physics step, for terms whose targets depend on the state."""
         body, names = [], []
         for name, term in self._terms.items():
-            if term.cfg.per_substep:
-                body += self._call(name, term, "apply", {"processed": f"{term.processed}[env]"})
+            if term.per_substep:
+                body += self._call(name, term, "apply", {"processed": f"{self._processed(name)}[env]"})
                 names.append(name)
         return [Section("actions_apply", body, names)] if body else []
 
@@ -180,13 +164,16 @@ class ActionManager(ManagerBase):
             f"    {names['actions']}.prev_action[env, i] = 0.0",
         ]
         for name, term in self._terms.items():
-            body += [f"for i in range({term.width}):", f"    {term.processed}[env, i] = 0.0"]
+            body += [f"for i in range({term.width}):", f"    {self._processed(name)}[env, i] = 0.0"]
             if term.cfg.delay_max_lag:
                 body += delayed(self.context, f"actions.{name}", term.size, term.cfg).reset(zero=True)
-            body += self._call(name, term, "reset", {"processed": f"{term.processed}[env]"})
+            body += self._call(name, term, "reset", {"processed": f"{self._processed(name)}[env]"})
         return [Section("actions_reset", body, where_reset=True)] if self._terms else []
 
-    def _prepared(self, name: str, term: _Term, source: str, body: list[str]) -> str:
+    def _processed(self, name: str) -> str:
+        return str(self.context.scope.name(f"{name}_commands", self.context.arrays[f"actions.{name}.processed"]))
+
+    def _prepared(self, name: str, term: ActionLayout, source: str, body: list[str]) -> str:
         """The actions of a term with noise and delay, in an array of its own."""
         context = self.context
         own = context.scope.name(f"{name}_raw", context.array(f"actions.{name}.raw", float, term.size))
@@ -201,55 +188,16 @@ class ActionManager(ManagerBase):
             body += delayed(context, f"actions.{name}", term.size, term.cfg).step(f"{own}[env, i]")
         return f"{own}[env]"
 
-    def _call(self, name: str, term: _Term, what: str, fixed: Mapping[str, str], span: str = "") -> list[str]:
-        cfg = term.cfg
-        func, params = getattr(cfg, what), dict(cfg.params)
-        if isinstance(cfg, JointActionCfg):
-            func, params = self._builtin(name, term, what)
+    def _call(self, name: str, term: ActionLayout, what: str, fixed: Mapping[str, str], span: str = "") -> list[str]:
+        cfg, func = term.cfg, term.functions[what]
         if func is None:
             return []
-        body = cfg.body_name if isinstance(cfg, NonHolonomicActionCfg) else None
-        params["asset_cfg"] = SceneEntityCfg(
-            cfg.asset_name, joint_names=list(term.joints), body_names=body, preserve_order=True
-        )
-        takes = set(func.input_types)
-        fixed = {k: v for k, v in fixed.items() if k in takes}
+        params = params_for(func, cfg.params | term.values)
+        entity = SceneEntityCfg(cfg.asset_name, joint_ids=term.joint_ids, body_names=getattr(cfg, "body_name", None))
+        params.setdefault("asset_cfg", entity)
+        fixed = {k: v for k, v in fixed.items() if k in func.input_types}
         call = bind_term(self.context, func, params, f"actions.{name}", "action", fixed)
         return [call.expression(sliced=_PER_NUMBER if span else (), span=span)] if call is not None else []
-
-    def _builtin(self, name: str, term: _Term, what: str) -> tuple[Any, dict[str, Any]]:
-        """Function of one of the terms that come with the package, and the parameters it takes."""
-        cfg: Any = term.cfg
-        func = getattr(ACTIONS[cfg.kind], what)
-        if func is None:
-            return None, {}
-        given: dict[str, Any] = {"use_default_offset": getattr(cfg, "use_default_offset", None)}
-        given["rescale_to_limits"] = getattr(cfg, "rescale_to_limits", None)
-        joints = term.joints
-        for key in ("scale", "offset", "alpha"):
-            value = getattr(cfg, key, None)
-            if isinstance(value, (tuple, list)):
-                given[key] = list(value)
-            elif value is not None:
-                found = match_values(value, joints, what="joint")
-                default = 0.0 if key == "offset" else 1.0
-                given[key] = [found.get(i, default) for i in range(len(joints))]
-        limits = [(-float("inf"), float("inf"))] * term.width
-        for key, bounds in (cfg.clip or {}).items():
-            for i in match_names(key, joints, what="joint")[0]:
-                limits[i] = tuple(bounds)
-        given["clip"] = limits
-        for key in ("open", "close"):
-            commands = getattr(cfg, f"{key}_command_expr", None)
-            if commands is not None:
-                found = match_values(commands, joints, what="joint")
-                missing = [n for i, n in enumerate(joints) if i not in found]
-                if missing:
-                    self.context.problems.append(
-                        f"actions.{name}.{key}_command_expr: has no value for {', '.join(missing)}"
-                    )
-                given[f"{key}_command"] = [found.get(i, 0.0) for i in range(len(joints))]
-        return func, {k: v for k, v in given.items() if k in func.input_types and v is not None}
 
     def __str__(self) -> str:
         rows = [(i, n, t.size) for i, (n, t) in enumerate(self._terms.items())]

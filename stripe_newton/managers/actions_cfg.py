@@ -24,8 +24,12 @@ __all__ = [
     "RelativeJointPositionActionCfg",
 ]
 
-PerJoint = float | Mapping[str, float]
-"""One number for all joints, or numbers by joint-name expression."""
+PerJoint = float | Mapping[str, float] | Sequence[float]
+"""One number for all joints, numbers by joint-name expression, or one for each joint."""
+
+
+def _numbers(value: Any) -> Sequence[float]:
+    return list(value.values()) if isinstance(value, Mapping) else value if isinstance(value, Sequence) else [value]
 
 
 @configclass
@@ -87,10 +91,8 @@ class JointActionCfg(ActionTermCfg):
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from ActionTermCfg.problems(self)
         for name in ("scale", "offset"):
-            value = getattr(self, name)
-            for number in value.values() if isinstance(value, Mapping) else (value,):
-                if not math.isfinite(number):
-                    yield name, f"is {value}, must be finite"
+            if not all(map(math.isfinite, _numbers(getattr(self, name)))):
+                yield name, f"is {getattr(self, name)}, must be finite"
         for key, (low, high) in (self.clip or {}).items():
             if not low <= high:
                 yield f"clip[{key!r}]", f"is {(low, high)}, must be (low, high) with low <= high"
@@ -111,6 +113,8 @@ class RelativeJointPositionActionCfg(JointActionCfg):
 
     kind: str = "RelativeJointPosition"
     per_substep: bool = True
+    use_zero_offset: bool = True
+    """Whether zero stands in for ``offset``."""
 
 
 @configclass
@@ -146,6 +150,11 @@ class EMAJointPositionToLimitsActionCfg(JointPositionToLimitsActionCfg):
     alpha: PerJoint = 1.0
     """Weight of the new target; 1 does not average."""
 
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from JointActionCfg.problems(self)
+        if not all(0.0 <= a <= 1.0 for a in _numbers(self.alpha)):
+            yield "alpha", f"is {self.alpha}, must be in [0, 1]"
+
 
 @configclass
 class BinaryJointPositionActionCfg(JointActionCfg):
@@ -168,7 +177,10 @@ class BinaryJointVelocityActionCfg(BinaryJointPositionActionCfg):
 
 @configclass
 class NonHolonomicActionCfg(JointActionCfg):
-    """Drive a base as a car that cannot slide: forward speed [m/s] and turn [rad/s]."""
+    """Drive a base as a car that cannot slide: forward speed [m/s] and turn [rad/s].
+
+    ``clip`` bounds the former by the name of the joint along x, the latter by that of the joint about z.
+    """
 
     kind: str = "NonHolonomic"
     per_substep: bool = True
@@ -186,6 +198,3 @@ class NonHolonomicActionCfg(JointActionCfg):
     """Factors on forward speed and turn."""
     offset: tuple[float, float] = (0.0, 0.0)
     """Added to them."""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        yield from ActionTermCfg.problems(self)

@@ -22,6 +22,7 @@ from stripe_kernels.mdp import (
     velocity_error_yaw,
 )
 from stripe_newton.fusion import Item, SceneEntityCfg, Section, bind_term
+from stripe_newton.matching import match_names
 
 from .commands_cfg import (
     CommandTermCfg,
@@ -32,7 +33,8 @@ from .commands_cfg import (
     UniformVelocityCommandCfg,
 )
 from .context import ManagerContext
-from .manager_base import ManagerBase
+from .manager_base import ManagerBase, is_warp_term
+from .term_params import params_for, unknown_params
 
 __all__ = ["CommandManager"]
 
@@ -45,12 +47,18 @@ class _Term:
     update: Any
     params: dict[str, Any]
     metrics: dict[str, Any] = field(default_factory=dict)
+    fixed: dict[str, str] = field(default_factory=dict)
+    """Expressions of arguments."""
 
 
 class CommandManager(ManagerBase):
     """Draws commands at the start of an episode and whenever their time is up.
 
-    All bounds are parameters, such as ``commands.base_velocity.lin_vel_x``, that a curriculum may change.
+    All bounds are parameters, such as ``commands.base_velocity.ranges.lin_vel_x``, that a curriculum may change.
+
+    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which :meth:`compute` ran in the episode.
+    Isaac Lab divides the sum of a velocity's errors by the most steps that a command may last, and logs the last error
+    of a pose.
     """
 
     name = "commands"
@@ -64,69 +72,96 @@ class CommandManager(ManagerBase):
         self._null = [n for n, t in self.terms(cfg, CommandTermCfg).items() if isinstance(t, NullCommandCfg)]
         self._sums = context.array("commands.metrics", float, sum(len(t.metrics) for t in self._terms.values()))
         self._sums_name = context.scope.name("command_metrics", self._sums)
+        self._steps_name = context.scope.name("command_steps", context.array("commands.steps", int))
 
     def _make(self, name: str, cfg: CommandTermCfg) -> _Term:
-        """Arrays, functions and parameters of a term."""
+        """Arrays, functions and arguments of a term."""
         context, path = self.context, f"commands.{name}"
-        known = COMMANDS.get(type(cfg).__name__.removesuffix("Cfg"))
-        size = cfg.size if known is None else known.size
+        kinds = [c.__name__.removesuffix("Cfg") for c in type(cfg).__mro__]  # a subclass is still of its kind
+        known = next((COMMANDS[kind] for kind in kinds if kind in COMMANDS), None)
         data = CommandData()
-        data.command = context.array(f"{path}.command", float, size)
+        data.command = context.array(f"{path}.command", float, cfg.size if known is None else known.size)
         data.time_left = context.array(f"{path}.time_left", float)
         data.counter = context.array(f"{path}.counter", int)
         context.provide(data, name)
-        term = _Term(cfg, data, cfg.resample, cfg.update, dict(cfg.params), dict(cfg.metrics))
-        ranges: Any = getattr(cfg, "ranges", None)
+        params = {"asset_cfg": SceneEntityCfg(cfg.asset_name)} | cfg.params
+        resample, update = (getattr(cfg, n) or getattr(known, n, None) for n in ("resample", "update"))
+        term = _Term(cfg, data, resample, update, params)
+        if known is None and cfg.size < 1:
+            context.problems.append(f"{path}.size: is {cfg.size}, must be 1 or more")
         if isinstance(cfg, (UniformVelocityCommandCfg, NormalVelocityCommandCfg)):
-            velocity = VelocityCommandData()
-            velocity.command = data.command
-            velocity.heading_target = context.array(f"{path}.heading_target", float)
-            velocity.is_heading = context.array(f"{path}.is_heading", wp.bool)
-            velocity.is_standing = context.array(f"{path}.is_standing", wp.bool)
-            context.provide(velocity, name)
-            term.metrics |= {"error_vel_xy": velocity_error_xy, "error_vel_yaw": velocity_error_yaw}
-            if isinstance(cfg, UniformVelocityCommandCfg):
-                term.params |= {
-                    "lin_vel_x": ranges.lin_vel_x,
-                    "lin_vel_y": ranges.lin_vel_y,
-                    "ang_vel_z": ranges.ang_vel_z,
-                    "heading": ranges.heading or (0.0, 0.0),
-                    "rel_heading_envs": cfg.rel_heading_envs if cfg.heading_command else 0.0,
-                    "rel_standing_envs": cfg.rel_standing_envs,
-                    "heading_control_stiffness": cfg.heading_control_stiffness,
-                }
-            else:
-                term.params |= {k: getattr(ranges, k) for k in ("mean_vel", "std_vel", "zero_prob")}
-                term.params["rel_standing_envs"] = cfg.rel_standing_envs
+            self._add_velocity(path, name, term)
         elif isinstance(cfg, UniformPoseCommandCfg):
-            pose = PoseCommandData()
-            pose.pose = wp.from_torch(context.torch(data.command), dtype=wp.transform)
-            context.provide(pose, name)
-            axes = ("pos_x", "pos_y", "pos_z", "roll", "pitch", "yaw")
-            term.params |= {
-                "pose_range": [getattr(ranges, a) for a in axes],
-                "make_quat_unique": cfg.make_quat_unique,
-                "asset_cfg": SceneEntityCfg(cfg.asset_name, body_names=[cfg.body_name]),
-            }
-            term.metrics |= {
-                "position_error": position_command_error,
-                "orientation_error": orientation_command_error,
-            }
+            self._add_pose(path, name, term)
         elif isinstance(cfg, UniformPose2dCommandCfg):
-            place = Pose2dCommandData()
-            place.command = data.command
-            place.pos = context.array(f"{path}.pos", wp.vec3)
-            place.heading = context.array(f"{path}.heading_w", float)
-            context.provide(place, name)
-            term.params |= {"pos_x": ranges.pos_x, "pos_y": ranges.pos_y, "heading": ranges.heading}
-            term.params["simple_heading"] = cfg.simple_heading
-            term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
-        if known is not None:
-            term.resample, term.update = known.resample, known.update
-        elif term.resample is None:
-            context.problems.append(f"{path}.resample: is None, give the Warp function that draws the command")
-        term.params.setdefault("asset_cfg", SceneEntityCfg(cfg.asset_name))
+            self._add_pose_2d(path, name, term)
+        term.metrics |= cfg.metrics
+        functions = {"resample": term.resample, "update": term.update}
+        functions |= {f"metrics.{k}": f for k, f in term.metrics.items()}
+        wrong = {k: f for k, f in functions.items() if not is_warp_term(f) and (k != "update" or f is not None)}
+        for what, function in wrong.items():
+            context.problems.append(f"{path}.{what}: is {function!r}, must be a Warp function (@wp.func)")
+        if not wrong:
+            every = [f for f in functions.values() if f is not None]
+            context.problems += unknown_params(path, every, cfg.params)
+            self._add_fields(path, term, every)
+        else:  # nothing more can be said about it
+            term.resample, term.update, term.metrics = None, None, {}
         return term
+
+    def _add_velocity(self, path: str, name: str, term: _Term) -> None:
+        velocity, array = VelocityCommandData(), self.context.array
+        velocity.command = term.data.command
+        velocity.heading_target = array(f"{path}.heading_target", float)
+        velocity.is_heading = array(f"{path}.is_heading", wp.bool)
+        velocity.is_standing = array(f"{path}.is_standing", wp.bool)
+        self.context.provide(velocity, name)
+        term.metrics |= {"error_vel_xy": velocity_error_xy, "error_vel_yaw": velocity_error_yaw}
+        if isinstance(term.cfg, UniformVelocityCommandCfg) and not term.cfg.heading_command:
+            term.params["rel_heading_envs"] = 0.0
+
+    def _add_pose(self, path: str, name: str, term: _Term) -> None:
+        context, cfg, pose = self.context, term.cfg, PoseCommandData()
+        assert isinstance(cfg, UniformPoseCommandCfg)
+        pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
+        context.provide(pose, name)
+        try:
+            names = context.entity(cfg.asset_name).data.body_names
+            bodies = match_names(cfg.body_name, names, what=f"body of '{cfg.asset_name}'")[1]
+            if len(bodies) > 1:
+                raise ValueError(f"'{cfg.body_name}' matches more than one body, name one of: {', '.join(bodies)}")
+            term.params["asset_cfg"] = SceneEntityCfg(cfg.asset_name, body_names=cfg.body_name)
+            term.metrics |= {"position_error": position_command_error, "orientation_error": orientation_command_error}
+        except (KeyError, ValueError) as error:
+            field = "asset_name" if isinstance(error, KeyError) else "body_name"
+            context.problems.append(f"{path}.{field}: {error.args[0]}")
+        axes = ("pos_x", "pos_y", "pos_z", "roll", "pitch", "yaw")
+        for axis in axes:  # the numbers of new parameters lie side by side: together they are an array
+            context.parameters.add(f"{path}.ranges.{axis}", getattr(cfg.ranges, axis), wp.vec2)
+        first = context.parameters.reference(f"{path}.ranges.pos_x.0").index
+        numbers = context.torch(context.parameters.floats)[first : first + 2 * len(axes)]
+        term.params["pose_range"] = wp.from_torch(numbers.view(len(axes), 2), dtype=wp.vec2)
+
+    def _add_pose_2d(self, path: str, name: str, term: _Term) -> None:
+        place, array = Pose2dCommandData(), self.context.array
+        place.command = term.data.command
+        place.pos = array(f"{path}.pos", wp.vec3)
+        place.heading = array(f"{path}.heading_w", float)
+        self.context.provide(place, name)
+        term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
+
+    def _add_fields(self, path: str, term: _Term, functions: list[Any]) -> None:
+        """Give arguments the values of the config's fields of the same name, those of its ``ranges`` too."""
+        cfg: Any = term.cfg
+        for argument, kind in {a: k for f in functions for a, k in f.input_types.items()}.items():
+            if argument in term.params:
+                continue
+            if argument in getattr(getattr(cfg, "ranges", None), "__dataclass_fields__", ()):
+                value = getattr(cfg.ranges, argument)
+                value = (0.0, 0.0) if value is None else value
+                term.fixed[argument] = self.context.parameters.add(f"{path}.ranges.{argument}", value, kind)
+            elif argument in cfg.__dataclass_fields__:
+                term.params[argument] = getattr(cfg, argument)
 
     # -- what it is
 
@@ -141,6 +176,8 @@ class CommandManager(ManagerBase):
         Raises:
             KeyError: if there is no such term.
         """
+        if name in self._null:
+            raise KeyError(f"command '{name}' is a NullCommand, which has no numbers")
         if name not in self._terms:
             raise KeyError(f"no command '{name}'; there is {', '.join(self._terms) or 'none'}")
         return self.context.torch(self._terms[name].data.command)
@@ -153,7 +190,8 @@ class CommandManager(ManagerBase):
 
     def compute(self) -> list[Item]:
         """Items that run in every step: the clocks, draws that are due, updates, metrics."""
-        context, body, metric = self.context, [], 0
+        context, metric = self.context, 0
+        body = [f"{self._steps_name}[env] = {self._steps_name}[env] + 1"] if self._terms else []
         dt = context.parameters.add("step_dt", context.step_dt, float)
         for name, term in self._terms.items():
             data = context.scope.name(f"{name}_clock", term.data)
@@ -173,18 +211,18 @@ class CommandManager(ManagerBase):
 
     def reset(self) -> list[Item]:
         """Items that log the metrics, the mean over the steps of the episode, and draw the first command."""
-        context, body, metric = self.context, [], 0
+        context, metric = self.context, 0
+        body = [f"steps = float(wp.max({self._steps_name}[env], 1))", f"{self._steps_name}[env] = 0"]
         for name, term in self._terms.items():
             for what in term.metrics:
                 place = f"{self._sums_name}[env, {metric}]"
-                steps = "float(wp.max(episode.length[env], wp.int64(1)))"
-                body += [context.log.line(f"Metrics/{name}/{what}", f"{place} / {steps}"), f"{place} = 0.0"]
+                body += [context.log.line(f"Metrics/{name}/{what}", f"{place} / steps"), f"{place} = 0.0"]
                 metric += 1
             data = context.scope.name(f"{name}_clock", term.data)
             restart = context.scope.function(restart_command)
             body += [f"{restart}(env, {data}, rng, {self._span(name, term)})"]
             body += self._call(name, term, term.resample)
-        return [Section("commands_reset", body, self.active_terms, where_reset=True)] if body else []
+        return [Section("commands_reset", body, self.active_terms, where_reset=True)] if self._terms else []
 
     def _span(self, name: str, term: _Term) -> str:
         path = f"commands.{name}.resampling_time_range"
@@ -193,11 +231,10 @@ class CommandManager(ManagerBase):
     def _call(self, name: str, term: _Term, func: Any, where: str | None = None, kind: str = "command") -> list[str]:
         if func is None:
             return []
-        takes = func.input_types
-        params = {k: v for k, v in term.params.items() if k in takes or k == "asset_cfg"}
-        if any(t in self.context.provided for t in takes.values()):
-            params["command_name"] = name
-        call = bind_term(self.context, func, params, f"commands.{where or name}", kind)
+        params = params_for(func, term.params)
+        if any(t in self.context.provided for t in func.input_types.values()):
+            params.setdefault("command_name", name)
+        call = bind_term(self.context, func, params, f"commands.{where or name}", kind, term.fixed)
         return [call.expression()] if call is not None else []
 
     def __str__(self) -> str:

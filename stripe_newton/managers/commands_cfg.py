@@ -21,13 +21,28 @@ __all__ = [
 Range = tuple[float, float]
 
 
+def _is_share(value: float) -> bool:
+    return 0.0 <= value <= 1.0
+
+
+@configclass
+class _RangesCfg:
+    """Bounds: pairs of numbers."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        for name in type(self).__dataclass_fields__:  # type: ignore[attr-defined]
+            bounds = getattr(self, name)
+            if bounds not in (None, MISSING) and not -math.inf < bounds[0] <= bounds[1] < math.inf:
+                yield name, f"is {bounds}, must be (low, high) with low <= high, both finite"
+
+
 @configclass
 class CommandTermCfg:
     """A command: what the policy is asked to do.
 
     A term of one's own gives ``resample(env, command, rng, ...)``, and ``update(env, command, ...)`` if it changes
     between draws: Warp functions whose argument ``command`` is a ``stripe_kernels.data.CommandData`` that holds
-    ``size`` numbers.
+    ``size`` numbers. Arguments are found in ``params`` and among the config's own fields, which a subclass may add.
     """
 
     asset_name: str = "robot"
@@ -65,7 +80,7 @@ class UniformVelocityCommandCfg(CommandTermCfg):
     """A velocity drawn uniformly; some environments turn to a heading, some stand."""
 
     @configclass
-    class Ranges:
+    class Ranges(_RangesCfg):
         """Bounds."""
 
         lin_vel_x: Range = MISSING
@@ -92,6 +107,9 @@ class UniformVelocityCommandCfg(CommandTermCfg):
         yield from CommandTermCfg.problems(self)
         if self.heading_command and self.ranges is not MISSING and self.ranges.heading is None:
             yield "ranges.heading", "is None, but heading_command is set; give bounds [rad]"
+        for name in ("rel_standing_envs", "rel_heading_envs"):
+            if not _is_share(getattr(self, name)):
+                yield name, f"is {getattr(self, name)}, must be in [0, 1]"
 
 
 @configclass
@@ -109,10 +127,21 @@ class NormalVelocityCommandCfg(CommandTermCfg):
         zero_prob: tuple[float, float, float] = MISSING
         """Chances that a component is zero."""
 
+        def problems(self) -> Iterator[tuple[str, str]]:
+            if self.std_vel is not MISSING and min(self.std_vel) < 0.0:
+                yield "std_vel", f"is {self.std_vel}, must not be negative"
+            if self.zero_prob is not MISSING and not all(map(_is_share, self.zero_prob)):
+                yield "zero_prob", f"is {self.zero_prob}, must be in [0, 1]"
+
     rel_standing_envs: float = 0.0
     """Share of the environments that stands."""
     ranges: Ranges = MISSING
     """Distribution."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from CommandTermCfg.problems(self)
+        if not _is_share(self.rel_standing_envs):
+            yield "rel_standing_envs", f"is {self.rel_standing_envs}, must be in [0, 1]"
 
 
 @configclass
@@ -120,7 +149,7 @@ class UniformPoseCommandCfg(CommandTermCfg):
     """A pose of a body in the root's frame."""
 
     @configclass
-    class Ranges:
+    class Ranges(_RangesCfg):
         """Bounds."""
 
         pos_x: Range = MISSING
@@ -149,7 +178,7 @@ class UniformPose2dCommandCfg(CommandTermCfg):
     """A place on the ground about the environment's origin, and a heading."""
 
     @configclass
-    class Ranges:
+    class Ranges(_RangesCfg):
         """Bounds."""
 
         pos_x: Range = MISSING

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import warp as wp
 
 from stripe_newton.configclass import MISSING, is_config
+from stripe_newton.fusion import SceneEntityCfg
 
 from .context import ManagerContext
 
@@ -62,4 +63,13 @@ class ManagerBase:
 
     def torch_term(self, func: Callable[..., Any], params: dict[str, Any]) -> Callable[[], Any]:
         """A torch term as a call without arguments."""
-        return lambda: func(self.context.owner, **params)
+        given = {}
+        for key, value in params.items():
+            if isinstance(value, SceneEntityCfg):
+                data = self.context.entity(value.name).data
+                value = value.replace(
+                    joint_ids=value.indices("joint", data.joint_names) if hasattr(data, "joint_names") else None,
+                    body_ids=value.indices("body", data.body_names) if hasattr(data, "body_names") else None,
+                )
+            given[key] = value
+        return lambda: func(self.context.owner, **given)

@@ -45,7 +45,7 @@ class MetricsManager(ManagerBase):
     def compute(self) -> list[Item]:
         """Items that add the values of this step."""
         items: list[Item] = []
-        body = ["if part == 0:", f"    {self._steps_name}[env] = {self._steps_name}[env] + 1"]
+        body = [f"{self._steps_name}[env] = {self._steps_name}[env] + 1"]
         for index, (name, term) in enumerate(self._terms.items()):
             if not is_warp_term(term.func):
                 items.append(Eager("metrics", self._torch(index, term), f"torch term '{name}'", [name]))

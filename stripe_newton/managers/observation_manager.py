@@ -93,7 +93,7 @@ class ObservationManager(ManagerBase):
             return None
         history = cfg.history_length if group.history_length is None else group.history_length
         term = _Term(path, cfg, call, size, history)
-        if history or cfg.delay_max_lag:
+        if history or cfg.delay_max_lag or call is None:
             term.scratch = context.scope.name(f"{path}_now", context.array(f"{path}.now", float, size))
         return term
 

@@ -77,11 +77,28 @@ class Simulation:
         self.lights: list[Light] = []
         self.model: newton.Model
         self.build_s = 0.0
+        self.pending = False
+        """Whether :meth:`forward_masked` was left for later."""
         self.roots_moved = False
         """Set by whoever moved the frame that a fixed base is fixed to; the solver is told before the next step."""
         self.recaptures = 0
         """How often an array was replaced that graphs read; whoever captured the physics compares."""
         self._graphs: dict[int, wp.Graph] = {}
+
+    @property
+    def state(self) -> newton.State:
+        """The state, one object for life; asking for it completes what a step left for later."""
+        self.flush()
+        return self._state
+
+    def flush(self) -> None:
+        """Let the bodies follow the joints of the episodes that began in the last step, if that was left for later.
+
+        A step leaves it where nothing in it reads the bodies any more: the next physics step computes them anew.
+        """
+        if self.pending:
+            self.pending = False
+            self.forward_masked()
 
     @property
     def physics_dt(self) -> float:
@@ -147,7 +164,7 @@ class Simulation:
 
     def _allocate(self) -> None:
         model = self.model
-        self.state = model.state()
+        self._state = model.state()
         self._next = None if self.cfg.solver.in_place else model.state()
         self.control = model.control()
         self._actuator_states = [(a.state(), a.state()) if a.is_stateful() else (None, None) for a in model.actuators]
@@ -163,7 +180,7 @@ class Simulation:
         """Velocity limits that are enforced after each step, shape ``(joint_dof_count,)``."""
         self.external_wrench: wp.array | None = None
         """External wrenches about the centres of mass, shape ``(body_count,)``, once one was set."""
-        self.previous_joint_qd = wp.clone(self.state.joint_qd)
+        self.previous_joint_qd = wp.clone(self._state.joint_qd)
         """Joint velocities before the last step, for accelerations."""
         self._world_mask = wp.zeros(self.num_envs + 1, dtype=wp.bool)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
@@ -222,6 +239,7 @@ class Simulation:
         Raises:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
         """
+        self.pending = False
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
@@ -243,11 +261,11 @@ class Simulation:
             if before_each is not None:
                 before_each()
             if index == substeps - 1:
-                wp.copy(self.previous_joint_qd, self.state.joint_qd)
+                wp.copy(self.previous_joint_qd, self._state.joint_qd)
             self._substep()
 
     def _substep(self) -> None:
-        model, state, control, dt = self.model, self.state, self.control, self.physics_dt
+        model, state, control, dt = self.model, self._state, self.control, self.physics_dt
         if model.joint_dof_count:
             wp.launch(
                 apply_effort_targets,
@@ -314,11 +332,12 @@ class Simulation:
         Args:
             env_mask: Environments to update, bool, shape ``(num_envs,)``. Default: all.
         """
+        self.flush()
         mask = None
         if env_mask is not None and self.model.articulation_count:
             mask = self.articulation_mask
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
-        newton.eval_fk(self.model, self.state.joint_q, self.state.joint_qd, self.state, mask=mask)
+        newton.eval_fk(self.model, self._state.joint_q, self._state.joint_qd, self._state, mask=mask)
 
     def clear_solver(self, env_mask: torch.Tensor) -> None:
         """Forget what the solver carries from step to step (warm start, activations) in the given environments.
@@ -330,7 +349,7 @@ class Simulation:
         """
         wp.to_torch(self._world_mask)[:-1] = env_mask
         with wp.ScopedDevice(self.device):
-            self.solver.reset(self.state, world_mask=self._world_mask, flags=0)
+            self.solver.reset(self._state, world_mask=self._world_mask, flags=0)
         for actuator, (current, _) in zip(self.model.actuators, self._actuator_states, strict=True):
             if current is not None:
                 per_env = env_mask.repeat_interleave(actuator.num_actuators // self.num_envs)
@@ -338,7 +357,7 @@ class Simulation:
 
     def forward_masked(self) -> None:
         """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
-        state = self.state
+        state = self._state
         newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, mask=self.articulation_mask)
 
     def clear_masked(self, world_mask: wp.array, env_mask: wp.array) -> None:
@@ -348,7 +367,7 @@ class Simulation:
             world_mask: bool, shape ``(num_envs + 1,)``, the last one False.
             env_mask: The same environments, bool, shape ``(num_envs,)``.
         """
-        self.solver.reset(self.state, world_mask=world_mask, flags=0)
+        self.solver.reset(self._state, world_mask=world_mask, flags=0)
         for actuator, (current, _) in zip(self.model.actuators, self._actuator_states, strict=True):
             if current is not None:
                 count = actuator.num_actuators // self.num_envs
