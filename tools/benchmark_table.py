@@ -26,6 +26,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import stripe_tasks  # noqa: F401  (registers the tasks)
+
 KINDS = ("v0", "Direct-Warp-v0", "Direct-v0")
 TASKS = [f"Stripe-{robot}-{kind}" for robot in ("Cartpole", "Ant", "Humanoid") for kind in KINDS]
 SCALING_TASKS = ["Stripe-Cartpole-v0", "Stripe-Ant-v0"]

@@ -22,6 +22,7 @@ from stripe_newton.managers import (
     MetricsManager,
     ObjectManager,
     ObservationManager,
+    RecorderManager,
     RewardManager,
     TerminationManager,
     prestartup_events,
@@ -66,6 +67,7 @@ class ManagerBasedRLEnv(RLEnv):
         self.metrics_manager = MetricsManager(cfg.metrics, context)
         self.observation_manager = ObservationManager(cfg.observations, context, self._reserve_observations)
         self.curriculum_manager = CurriculumManager(cfg.curriculum, context)
+        self.recorder_manager = RecorderManager(cfg.recorders, context)
         stages = self._stages()
         if "policy" not in self.observation_manager.buffers:
             context.problems.append("observations: has no group 'policy'; the learner needs it")
@@ -148,7 +150,7 @@ class ManagerBasedRLEnv(RLEnv):
     # -- the step
 
     def _stages(self) -> list[Stage]:
-        safety = self._safety
+        safety, record = self._safety, self.recorder_manager
         self._bodies_later = not self._reads_bodies()
         process = self.action_manager.process()
         parts = int(any(isinstance(i, Section) and i.parts for i in process))
@@ -176,18 +178,18 @@ class ManagerBasedRLEnv(RLEnv):
         final = self._final_observations()
         end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish, beside=True)]
         return [
-            Stage("actions", [count, *process]),
+            Stage("actions", [count, *process, *record.pre_step()]),
             Stage("physics", [self._physics()]),
-            Stage("outcome", [*_when(outcome, _STEPPING)]),
-            Stage("rewards", _when(rewards, _STEPPING)),
+            Stage("outcome", _when(outcome, _STEPPING)),
+            Stage("rewards", [*_when(rewards, _STEPPING), *record.post_step()]),
             Stage("episode log", [*final, *_when(log, _STEPPING)]),
-            Stage("reset", [*reset]),
+            Stage("reset", [*record.pre_reset(), *reset]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),
-            Stage("forward kinematics", safety.forward(later=self._bodies_later)),
+            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset()]),
             Stage("commands", _when(commands, _STEPPING)),
-            Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
             Stage("log", end),
+            Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
         ]
 
     def _reads_bodies(self) -> bool:
@@ -199,6 +201,7 @@ class ManagerBasedRLEnv(RLEnv):
             or not (sim.cfg.solver.finds_contacts and sim.cfg.solver.reduced_coordinates and sim.cfg.solver.in_place)
             or sim.external_wrench is not None
             or bool(self.action_manager.apply())
+            or bool(self.recorder_manager.active_terms)
         )
 
     def _physics(self) -> Captured:
@@ -266,6 +269,17 @@ class ManagerBasedRLEnv(RLEnv):
             kernels: Also the source of the generated kernels.
         """
         return "\n\n".join([*map(str, self.managers), super().describe(kernels)])
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """See :meth:`RLEnv.set_state`; what was recorded of the episodes under way is dropped."""
+        super().set_state(state)
+        self.recorder_manager.clear()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Release the recorder's file, renderer and simulation."""
+        if hasattr(self, "recorder_manager"):
+            self.recorder_manager.close()
+        super().close_extras(**kwargs)
 
 
 def _when(items: Iterable[Item], condition: str) -> list[Item]:

@@ -9,6 +9,7 @@ from .command_manager import CommandManager
 from .commands_cfg import CommandTermCfg
 from .context import ManagerContext
 from .curriculum_manager import CurriculumManager, CurriculumTermCfg
+from .episode_file import EpisodeFile
 from .event_cfg import EventTermCfg
 from .event_manager import EventManager, prestartup_events
 from .manager_base import ManagerBase
@@ -24,17 +25,23 @@ from .observation_cfg import (
     RunningNormCfg,
 )
 from .observation_manager import ObservationManager
+from .recorder_cfg import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
+from .recorder_manager import RecorderManager
+from .recorders import ActionStateRecorderManagerCfg, RecorderTerm
 from .reward_manager import RewardManager, RewardTermCfg
 from .termination_manager import TerminationManager, TerminationTermCfg
 
 __all__ = [
     "ActionManager",
+    "ActionStateRecorderManagerCfg",
     "ActionTermCfg",
     "CommandManager",
     "CommandTermCfg",
     "CurriculumManager",
     "CurriculumTermCfg",
+    "DatasetExportMode",
     "DigitalFilterCfg",
+    "EpisodeFile",
     "EventManager",
     "EventTermCfg",
     "IntegratorCfg",
@@ -49,6 +56,10 @@ __all__ = [
     "ObservationGroupCfg",
     "ObservationManager",
     "ObservationTermCfg",
+    "RecorderManager",
+    "RecorderManagerBaseCfg",
+    "RecorderTerm",
+    "RecorderTermCfg",
     "RewardManager",
     "RewardTermCfg",
     "RunningNormCfg",

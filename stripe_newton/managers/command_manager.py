@@ -9,7 +9,7 @@ from typing import Any
 import torch
 import warp as wp
 
-from stripe_kernels.data import CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
+from stripe_kernels.data import ArticulationData, CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
 from stripe_kernels.mdp import (
     COMMANDS,
     advance_command,
@@ -66,10 +66,13 @@ class CommandManager(ManagerBase):
     def __init__(self, cfg: Any, context: ManagerContext):
         super().__init__(cfg, context)
         self._terms: dict[str, _Term] = {}
+        self._lines: dict[tuple[str, Any], list[str]] = {}
+        self._null: list[str] = []
         for name, term in self.terms(cfg, CommandTermCfg).items():
-            if not isinstance(term, NullCommandCfg):
+            if isinstance(term, NullCommandCfg):
+                self._null.append(name)
+            else:
                 self._terms[name] = self._make(name, term)
-        self._null = [n for n, t in self.terms(cfg, CommandTermCfg).items() if isinstance(t, NullCommandCfg)]
         self._sums = context.array("commands.metrics", float, sum(len(t.metrics) for t in self._terms.values()))
         self._sums_name = context.scope.name("command_metrics", self._sums)
         self._steps_name = context.scope.name("command_steps", context.array("commands.steps", int))
@@ -77,6 +80,7 @@ class CommandManager(ManagerBase):
     def _make(self, name: str, cfg: CommandTermCfg) -> _Term:
         """Arrays, functions and arguments of a term."""
         context, path = self.context, f"commands.{name}"
+        before = len(context.problems)
         kinds = [c.__name__.removesuffix("Cfg") for c in type(cfg).__mro__]  # a subclass is still of its kind
         known = next((COMMANDS[kind] for kind in kinds if kind in COMMANDS), None)
         data = CommandData()
@@ -98,14 +102,19 @@ class CommandManager(ManagerBase):
         term.metrics |= cfg.metrics
         functions = {"resample": term.resample, "update": term.update}
         functions |= {f"metrics.{k}": f for k, f in term.metrics.items()}
-        wrong = {k: f for k, f in functions.items() if not is_warp_term(f) and (k != "update" or f is not None)}
-        for what, function in wrong.items():
-            context.problems.append(f"{path}.{what}: is {function!r}, must be a Warp function (@wp.func)")
-        if not wrong:
-            every = [f for f in functions.values() if f is not None]
+        for what, function in functions.items():
+            if not is_warp_term(function) and (what != "update" or function is not None):
+                context.problems.append(f"{path}.{what}: is {function!r}, must be a Warp function (@wp.func)")
+        every = [f for f in functions.values() if is_warp_term(f)]
+        if any(ArticulationData in f.input_types.values() for f in every):
+            try:
+                context.entity(cfg.asset_name)
+            except KeyError as error:
+                context.problems.append(f"{path}.asset_name: {error.args[0]}")
+        if len(context.problems) == before:
             context.problems += unknown_params(path, every, cfg.params)
             self._add_fields(path, term, every)
-        else:  # nothing more can be said about it
+        else:  # one problem is enough for a term
             term.resample, term.update, term.metrics = None, None, {}
         return term
 
@@ -125,16 +134,16 @@ class CommandManager(ManagerBase):
         assert isinstance(cfg, UniformPoseCommandCfg)
         pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
         context.provide(pose, name)
-        try:
+        if cfg.asset_name in context.entity_names():
             names = context.entity(cfg.asset_name).data.body_names
-            bodies = match_names(cfg.body_name, names, what=f"body of '{cfg.asset_name}'")[1]
-            if len(bodies) > 1:
-                raise ValueError(f"'{cfg.body_name}' matches more than one body, name one of: {', '.join(bodies)}")
-            term.params["asset_cfg"] = SceneEntityCfg(cfg.asset_name, body_names=cfg.body_name)
-            term.metrics |= {"position_error": position_command_error, "orientation_error": orientation_command_error}
-        except (KeyError, ValueError) as error:
-            field = "asset_name" if isinstance(error, KeyError) else "body_name"
-            context.problems.append(f"{path}.{field}: {error.args[0]}")
+            try:
+                bodies = match_names(cfg.body_name, names, what=f"body of '{cfg.asset_name}'")[1]
+                if len(bodies) > 1:
+                    raise ValueError(f"'{cfg.body_name}' matches more than one body, name one of: {', '.join(bodies)}")
+            except ValueError as error:
+                context.problems.append(f"{path}.body_name: {error}")
+        term.params["asset_cfg"] = SceneEntityCfg(cfg.asset_name, body_names=cfg.body_name)
+        term.metrics |= {"position_error": position_command_error, "orientation_error": orientation_command_error}
         axes = ("pos_x", "pos_y", "pos_z", "roll", "pitch", "yaw")
         for axis in axes:  # the numbers of new parameters lie side by side: together they are an array
             context.parameters.add(f"{path}.ranges.{axis}", getattr(cfg.ranges, axis), wp.vec2)
@@ -221,7 +230,7 @@ class CommandManager(ManagerBase):
             data = context.scope.name(f"{name}_clock", term.data)
             restart = context.scope.function(restart_command)
             body += [f"{restart}(env, {data}, rng, {self._span(name, term)})"]
-            body += self._call(name, term, term.resample)
+            body += [*self._call(name, term, term.resample), *self._call(name, term, term.update)]
         return [Section("commands_reset", body, self.active_terms, where_reset=True)] if self._terms else []
 
     def _span(self, name: str, term: _Term) -> str:
@@ -234,8 +243,11 @@ class CommandManager(ManagerBase):
         params = params_for(func, term.params)
         if any(t in self.context.provided for t in func.input_types.values()):
             params.setdefault("command_name", name)
-        call = bind_term(self.context, func, params, f"commands.{where or name}", kind, term.fixed)
-        return [call.expression()] if call is not None else []
+        place = f"commands.{where or name}"
+        if (place, func) not in self._lines:
+            call = bind_term(self.context, func, params, place, kind, term.fixed)
+            self._lines[place, func] = [call.expression()] if call is not None else []
+        return self._lines[place, func]
 
     def __str__(self) -> str:
         rows = [

@@ -30,7 +30,7 @@ class _RangesCfg:
     """Bounds: pairs of numbers."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name in type(self).__dataclass_fields__:  # type: ignore[attr-defined]
+        for name in type(self).__dataclass_fields__:
             bounds = getattr(self, name)
             if bounds not in (None, MISSING) and not -math.inf < bounds[0] <= bounds[1] < math.inf:
                 yield name, f"is {bounds}, must be (low, high) with low <= high, both finite"

@@ -239,6 +239,8 @@ class Simulation:
         Raises:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
         """
+        if self.external_wrench is not None:
+            self.flush()  # its frame is the body's
         self.pending = False
         if self.roots_moved:
             self.roots_moved = False
