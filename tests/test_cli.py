@@ -174,7 +174,7 @@ def test_help_shows_fields_of_the_task(capsys):
     [
         (["trian"], "did you mean 'train'?"),
         (["train"], "train needs a task"),
-        (["train", "Fake-Crat-v0"], "did you mean Fake-Cart-v0?"),
+        (["train", "Fake-Crat-v0"], "did you mean Fake-Cart-v0"),
         (["train", "Quux"], "'stripe-newton list' shows all"),
         (["train", TASK, "--env.scene.num-env", "3"], "--env.scene.num-envs"),
         (["train", TASK, "--env.scene.num-envs", "abc"], "invalid literal for int()"),

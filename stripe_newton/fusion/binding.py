@@ -168,9 +168,9 @@ class _Binding:
             note = eval(note, self.func.func.__globals__)
         note = _SCALARS.get(note, note)
         if self.kind in _RETURNS and note is not wanted:
-            has = "no return annotation" if note is None else f"returns {getattr(note, '__name__', note)}"
+            has = "has no return annotation" if note is None else f"returns {getattr(note, '__name__', note)}"
             self.problems.append(
-                f"{self.where}.func: '{self._name}' {has}, a {self.kind} must be annotated '-> {wanted.__name__}'"
+                f"{self.where}.func: '{self._name}' {has}, a {self.kind} must be annotated '-> {_RETURNS[self.kind].__name__}'"
             )
         if self.kind == "observation" and "out" not in self.types:
             self.problems.append(
@@ -306,7 +306,7 @@ class _Binding:
         return self._constant(name, value, kind)
 
     def _constant(self, name: str, value: Any, kind: Any) -> str:
-        data = np.array(value, dtype=_NUMPY.get(kind.dtype, np.float32))
+        data: Any = np.array(value, dtype=_NUMPY.get(kind.dtype, np.float32))
         size = len(data) if data.ndim else 1
         array = self.context.shared(f"{self.where}.{name}", kind.dtype, size)
         try:

@@ -168,5 +168,5 @@ def _compile(name: str, source: str, aliases: dict[str, Any]) -> tuple[Path, wp.
         space = {"wp": wp, "__name__": f"{module}_{again}" if again else module, **aliases}
         exec(compile(source, str(path), "exec"), space)
         _KNOWN[key] = space[name]
-        _KNOWN[(*key, "alive")] = aliases  # ids stay theirs
+        _KNOWN[key + ("alive",)] = aliases
     return path, _KNOWN[key]

@@ -11,6 +11,7 @@ import torch
 import warp as wp
 
 from stripe_kernels.mdp import OBSERVATION_SIZES
+from stripe_kernels.mdp.objects import OBJECT_OBSERVATION_SIZES
 from stripe_kernels.mdp.observations import Each
 from stripe_kernels.processing import merge_statistics, normalize, sum_moments
 from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
@@ -82,7 +83,7 @@ class ObservationManager(ManagerBase):
             call = bind_term(context, cfg.func, cfg.params, path, "observation")
             if call is None:
                 return None
-            size = OBSERVATION_SIZES.get(cfg.func.func.__name__, size) if size is None else size
+            size = _known_size(cfg.func) if size is None else size
             if callable(size):
                 size = size(call.counts)
         if not isinstance(size, int) or size < 1:
@@ -181,7 +182,7 @@ class ObservationManager(ManagerBase):
 
     def _parts(self, term: _Term, corrupt: bool, part: int) -> tuple[list[str], int]:
         """Lines of a term and how many threads they are for: one for each joint or body where those are independent."""
-        call, kind = term.call, OBSERVATION_SIZES.get(getattr(getattr(term.cfg.func, "func", None), "__name__", ""))
+        call, kind = term.call, _known_size(term.cfg.func)
         alone = term.scratch or term.cfg.modifiers or (corrupt and term.cfg.noise is not None)
         if call is not None and not alone and isinstance(kind, Each) and kind.name in call.names:
             count, size = call.counts[kind.name], kind.size
@@ -344,3 +345,8 @@ class ObservationManager(ManagerBase):
 
 def _indent(lines: list[str]) -> list[str]:
     return [f"    {line}" for line in lines]
+
+
+def _known_size(func: Any) -> Any:
+    """How many numbers a term of the package writes, as a function of the lengths of its index arrays."""
+    return (OBSERVATION_SIZES | OBJECT_OBSERVATION_SIZES).get(getattr(getattr(func, "func", None), "__name__", ""))

@@ -96,7 +96,8 @@ class _Delay:
         """Lines that draw a lag; the ring is refilled with the first value, or is zero."""
         draw = self.context.scope.function(random.uniform_range)
         span = f"{draw}(env, rng, {self.bounds})"
-        lines = [f"{self.lag}[env] = wp.clamp(int(wp.floor({span})), 0, {self.depth - 1})", f"{self.filled}[env] = {int(zero)}"]
+        lag = f"wp.clamp(int(wp.floor({span})), 0, {self.depth - 1})"
+        lines = [f"{self.lag}[env] = {lag}", f"{self.filled}[env] = {int(zero)}"]
         if zero:
             lines += [
                 f"for k in range({self.depth}):",
