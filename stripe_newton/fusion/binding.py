@@ -169,9 +169,9 @@ class _Binding:
         note = _SCALARS.get(note, note)
         if self.kind in _RETURNS and note is not wanted:
             has = "has no return annotation" if note is None else f"returns {getattr(note, '__name__', note)}"
-            self.problems.append(
-                f"{self.where}.func: '{self._name}' {has}, a {self.kind} must be annotated '-> {_RETURNS[self.kind].__name__}'"
-            )
+            note = _RETURNS[self.kind].__name__
+            text = f"'{self._name}' {has}, a {self.kind} must be annotated '-> {note}'"
+            self.problems.append(f"{self.where}.func: {text}")
         if self.kind == "observation" and "out" not in self.types:
             self.problems.append(
                 f"{self.where}.func: '{self._name}' has no argument 'out: wp.array[float]', to which an observation "
