@@ -37,7 +37,7 @@ _PREFETCH = """
 
 
 @wp.func_native(_PREFETCH)
-def prefetch_row(array: wp.array(dtype=Any, ndim=1), row: int):  # type: ignore[valid-type]
+def prefetch_row(array: wp.array(dtype=Any, ndim=1), row: int):
     """Ask for ``array[row]`` without waiting for it; nothing on the CPU."""
 
 

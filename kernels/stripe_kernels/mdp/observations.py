@@ -8,7 +8,7 @@ arrays under their names, and ``num_actions`` and ``num_command``::
 """
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -45,7 +45,8 @@ def _fixed(size: int) -> Callable[[Mapping[str, int]], int]:
     return lambda counts: size
 
 
-class Each(NamedTuple):
+@dataclass(frozen=True)
+class Each:
     """``size`` numbers for each of the indices or numbers called ``name``, which do not depend on each other."""
 
     name: str
