@@ -124,6 +124,11 @@ def test_pictures_are_small():
     assert not [file.name for file in files if file.stat().st_size > 400_000]
 
 
+def test_the_readme_names_each_task():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert not [name for name in task_ids() if name.startswith("Stripe-") and f"`{name}`" not in text]
+
+
 def options_type(command: str) -> type:
     """The dataclass that a command parses its arguments into."""
     module = importlib.import_module(COMMANDS[command][0])

@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 
 from stripe_kernels.mdp import objects
+from stripe_newton.envs import mdp as public
 from tests import term_kernels as tk
 from tests import term_reference_objects as reference
 from tests.term_reference_random import Stream
@@ -181,6 +182,15 @@ def test_every_term_has_a_reference_and_every_observation_a_size():
     for kind, table in TABLES.items():
         assert set(table) == set(names(kind))
     assert set(objects.OBJECT_OBSERVATION_SIZES) == set(names("observation"))
+
+
+def test_users_find_the_terms_beside_the_others():
+    for kind, module in KINDS.items():
+        for name in names(kind):
+            assert getattr(public, name) is getattr(objects, name)
+            assert name in public.__all__
+        assert not hasattr(public, module.__name__.rpartition(".")[2]), "a module of terms shows through"
+    assert len(set(public.__all__)) == len(public.__all__), "two terms share a name"
 
 
 def test_objects_that_are_nowhere_are_retired(device):

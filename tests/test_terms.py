@@ -16,6 +16,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from stripe_kernels import mdp
+from stripe_newton.envs import mdp as public
 from tests import term_kernels as tk
 from tests import term_reference as reference
 from tests import term_reference_random as random_reference
@@ -592,3 +593,10 @@ def test_signatures_are_those_of_their_kind():
 def test_the_page_is_up_to_date():
     page = Path(__file__).parents[1] / "docs" / "terms.md"
     assert page.read_text() == term_table.page(), "python tools/term_table.py writes docs/terms.md anew"
+
+
+def test_the_page_has_every_term_that_users_find():
+    page = term_table.page()
+    names = [n for n in public.__all__ if isinstance(getattr(public, n), wp.Function)]
+    assert {"modify_reward_weight", "reach_object", "joint_pos"} <= set(names)
+    assert [n for n in names if page.count(f"\n| `{n}` | ") != 1] == []

@@ -18,7 +18,17 @@ from typing import Any
 import warp as wp
 
 from stripe_kernels import mdp
-from stripe_kernels.mdp import actions, commands, events, observations, rewards, terminations, tracking
+from stripe_kernels.mdp import (
+    actions,
+    commands,
+    curriculums,
+    events,
+    objects,
+    observations,
+    rewards,
+    terminations,
+    tracking,
+)
 
 KINDS: dict[str, tuple[Any, ...]] = {
     "Observations": (observations,),
@@ -28,8 +38,27 @@ KINDS: dict[str, tuple[Any, ...]] = {
     "Commands": (commands,),
     "Actions": (actions,),
 }
-PLUMBING = {"env", "rng", "out", "action", "processed", "return"}
-COUNTS = {"joint_ids": "a joint", "body_ids": "a body", "num_actions": "an action", "num_command": "a number"}
+"""The modules of each kind of term that works on one environment."""
+CURRICULUMS: dict[str, tuple[Any, ...]] = {"Curriculums": (curriculums,)}
+"""Terms that one thread runs for all environments."""
+OBJECTS: dict[str, tuple[Any, ...]] = {
+    "Observations of objects": (objects.observations,),
+    "Rewards for objects": (objects.rewards,),
+    "Terminations by objects": (objects.terminations,),
+    "Events of objects": (objects.events,),
+}
+"""Terms about the objects of a pool."""
+EXTRA_COLUMNS = {"Observations": "numbers"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
+"""By the first word of a kind."""
+PLUMBING = {"env", "rng", "out", "action", "processed", "step", "memory", "return"}
+COUNTS = {
+    "joint_ids": "a joint",
+    "body_ids": "a body",
+    "num_actions": "an action",
+    "num_command": "a number",
+    "num_objects": "an object",
+}
+SIZES = {**mdp.OBSERVATION_SIZES, **objects.OBJECT_OBSERVATION_SIZES}
 
 
 def is_struct(annotation: Any) -> bool:
@@ -45,7 +74,10 @@ def accesses(function: wp.Function) -> tuple[set[str], set[str]]:
     writes: set[str] = set()
     tree = ast.parse(source)
     stored = [n.value for n in ast.walk(tree) if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store)]
+    measured = [n.value for n in ast.walk(tree) if isinstance(n, ast.Attribute) and n.attr == "shape"]
     for node in ast.walk(tree):
+        if any(node is target for target in measured):  # its shape is read, not what it holds
+            continue
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in structs:
             found = writes if any(node is target for target in stored) else reads
             found.add(f"{node.value.id}.{node.attr}")
@@ -86,11 +118,16 @@ def code(names: set[str]) -> str:
 
 def size(name: str) -> str:
     """How many numbers an observation writes."""
-    rule = mdp.OBSERVATION_SIZES[name]
+    rule = SIZES[name]
     fixed = rule(dict.fromkeys(COUNTS, 0))
     if fixed:
         return str(fixed)
     return next(f"{n} {what}" for key, what in COUNTS.items() if (n := rule(dict.fromkeys(COUNTS, 0) | {key: 1})))
+
+
+def extra_column(kind: str) -> str | None:
+    """The column that tables of some kinds have beside the common ones."""
+    return EXTRA_COLUMNS.get(kind.split()[0])
 
 
 def row(kind: str, function: wp.Function) -> str:
@@ -98,12 +135,24 @@ def row(kind: str, function: wp.Function) -> str:
     parameters = {k for k, t in function.func.__annotations__.items() if k not in PLUMBING and not is_struct(t)}
     summary = (inspect.getdoc(function.func) or "").split("\n\n")[0].replace("\n", " ")
     cells = [f"`{function.func.__name__}`", summary, section(function, "Formula"), code(reads), code(parameters)]
-    if kind == "Observations":
-        cells.append(size(function.func.__name__))
-    if kind in ("Events", "Commands", "Actions"):
-        cells.append(code(writes))
+    column = extra_column(kind)
+    if column is not None:
+        cells.append(size(function.func.__name__) if column == "numbers" else code(writes))
     cells.append(section(function, "Source"))
     return "| " + " | ".join(re.sub(r"``", "`", c).replace("|", "\\|") for c in cells) + " |"
+
+
+def tables(kinds: dict[str, tuple[Any, ...]]) -> list[str]:
+    """A section for each kind, with a row for each of its terms."""
+    lines = []
+    for kind, modules in kinds.items():
+        column = extra_column(kind)
+        head = ["name", "what", "formula", "reads", "parameters", *([column] if column else []), "source"]
+        lines += ["", f"## {kind}", "", "| " + " | ".join(head) + " |", "| --- " * len(head) + "|"]
+        for module in modules:
+            functions = [f for n, f in vars(module).items() if n in module.__all__ and isinstance(f, wp.Function)]
+            lines += [row(kind, f) for f in functions]
+    return lines
 
 
 def page() -> str:
@@ -111,18 +160,14 @@ def page() -> str:
     lines = [
         "# Terms",
         "",
-        "Every term that `stripe_kernels.mdp` has, as its docstring and its code say. `robot` is an articulation, a "
-        "subscript `_b` means its root's frame, `U(range)` a uniform draw, `c` a command, `a` an action, `q`, `qd` and "
-        "`tau` positions, velocities and efforts of joints, `*` a target. Linear velocities are those of the centre of "
-        "mass. `python tools/term_table.py` writes this page; a test compares it.",
+        "Every term of `stripe_newton.envs.mdp`, as its docstring and its code in `stripe_kernels.mdp` say. `robot` is "
+        "an articulation, a subscript `_b` means its root's frame, `U(range)` a uniform draw, `c` a command, `a` an "
+        "action, `q`, `qd` and `tau` positions, velocities and efforts of joints, `*` a target. `parameter` is the "
+        "number that a curriculum changes, named by `term_name` (the weight of a reward) or `address` (the path of any "
+        "float that is tuned); `pool` is a pool of objects, `k` one of them. Linear velocities are those of the centre "
+        "of mass. `python tools/term_table.py` writes this page; a test compares it.",
     ]
-    for kind, modules in KINDS.items():
-        extra = {"Observations": ["numbers"], "Events": ["writes"], "Commands": ["writes"], "Actions": ["writes"]}
-        head = ["name", "what", "formula", "reads", "parameters", *extra.get(kind, []), "source"]
-        lines += ["", f"## {kind}", "", "| " + " | ".join(head) + " |", "| --- " * len(head) + "|"]
-        for module in modules:
-            functions = [f for n, f in vars(module).items() if n in module.__all__ and isinstance(f, wp.Function)]
-            lines += [row(kind, f) for f in functions]
+    lines += tables(KINDS)
     lines += ["", "The functions of commands and actions belong together as follows.", ""]
     lines += ["| command | new command | every step | numbers |", "| --- | --- | --- | ---: |"]
     for name, command in mdp.COMMANDS.items():
@@ -132,6 +177,7 @@ def page() -> str:
     for name, action in mdp.ACTIONS.items():
         reset = f"`{action.reset.func.__name__}`" if action.reset else ""
         lines.append(f"| `{name}` | `{action.process.func.__name__}` | `{action.apply.func.__name__}` | {reset} |")
+    lines += tables(CURRICULUMS | OBJECTS)
     return "\n".join(lines) + "\n"
 
 

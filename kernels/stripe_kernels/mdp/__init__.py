@@ -2,7 +2,8 @@
 """Terms: what a policy sees, is rewarded for and can do, as Warp functions of one environment.
 
 ``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands``, ``actions``
-and ``curriculums`` hold one kind each; ``frames`` and ``random`` hold what terms are made of. docs/terms.md lists them.
+and ``curriculums`` hold one kind each, ``objects`` the terms about the objects of a pool; ``frames`` and ``random``
+hold what terms are made of. docs/terms.md lists them.
 """
 
 from . import frames, random
