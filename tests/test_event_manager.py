@@ -457,6 +457,7 @@ def test_the_table_says_when_terms_run():
 
 
 class FakeEnv:
+    scene: dict[str, Any] = {}
     num_envs, device, step_dt, common_step_counter = 3, "cpu", 0.02, 0
 
 
@@ -486,3 +487,25 @@ def test_direct_environments_run_terms_of_every_step_and_count_whole_steps():
     assert seen["long"] == []
     runner.interval(0.02)
     assert seen == {"always": [3] * 250, "long": [3]}
+
+
+def test_torch_events_get_their_joints_as_indices():
+    context = manager_context(num_envs=2, robot="cartpole")
+    seen = []
+    term = EventTermCfg(
+        func=lambda env, env_ids, asset_cfg: seen.append((env_ids.tolist(), asset_cfg.joint_ids)),
+        mode="reset",
+        params={"asset_cfg": SceneEntityCfg("robot", joint_names=context.entity("robot").data.joint_names[1])},
+    )
+    manager = EventManager({"mine": term}, context)
+    set_reset(context, [False, True])
+    run(context, manager.reset())
+    assert seen == [([1], [1])]
+
+
+def test_a_class_is_no_term():
+    context = manager_context(num_envs=2, robot="cartpole")
+    EventManager({"mine": EventTermCfg(func=dict, mode="reset")}, context)
+    assert context.problems == [
+        "events.mine.func: is the class 'dict', must be a function, such as a method of an instance of it"
+    ]

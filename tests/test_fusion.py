@@ -250,7 +250,7 @@ def test_missing_argument(cart):
 
 def test_missing_entity(cart):
     text = problems_of(cart, cart_energy, {"mass": 1.0, "asset_cfg": SceneEntityCfg("cube")})
-    assert "no asset 'cube' in the scene; it has robot" in text
+    assert "no asset or sensor 'cube' in the scene; it has robot" in text
 
 
 def test_joints_that_are_not_there(cart):

@@ -12,7 +12,7 @@ import warp as wp
 
 from stripe_kernels.data import ArticulationData, CommandData
 from stripe_newton.configclass import ConfigError
-from stripe_newton.envs import ManagerBasedRLEnv, mdp
+from stripe_newton.envs import ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
 from stripe_newton.managers import (
     CommandTermCfg,
     CurriculumTermCfg,
@@ -487,7 +487,7 @@ def test_all_problems_at_once():
         "slider_to_cart, cart_to_pole",
         "rewards.alive.params.speed: 'is_alive' has no such argument",
         "rewards.cart_vel",
-        "no asset 'robt' in the scene; it has robot",
+        "no asset or sensor 'robt' in the scene; it has robot",
         "terminations.time_out.func: 'is_alive' returns float, a termination must be annotated '-> bool'",
         "events.reset_pole.params.velocity_range: is missing",
         "actions.joint_effort",
@@ -572,3 +572,14 @@ def test_rsl_rl_trains_it(tmp_path):
     assert any(not torch.equal(a, b) for a, b in zip(before, after, strict=True))
     assert all(torch.isfinite(p).all() for p in after)
     assert env.unwrapped.common_step_counter == 16
+
+
+def test_without_events_a_reset_brings_the_default_state():
+    env = make(events=ManagerBasedRLEnvCfg().events)
+    put(env, [0.4] * N, 0.3)
+    env.reset(seed=0)
+    data = env.scene["robot"].data
+    assert torch.equal(data.joint_pos, data.default_joint_pos)
+    assert not data.joint_vel.any()
+    assert "reset_scene_to_default" in env.describe()
+    env.close()

@@ -129,10 +129,12 @@ class DirectRLEnv(RLEnv):
     # -- the step
 
     def _stages(self) -> list[Stage]:
+        measured = self._measure("launch_measured")
         count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], condition="stepping[0] != 0")
         return [
             Stage("actions", self._action_items()),
             Stage("physics", self._physics_items()),
+            *([Stage("measurements", measured)] if measured else []),
             Stage("outcome", [count, self._safety.after_physics(), *self._outcome_items()]),
             Stage("reset", self._reset_items()),
             Stage("events", self._event_items()),
@@ -215,7 +217,7 @@ class DirectRLEnv(RLEnv):
         if self._events is not None or self._noise_models():
             items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
         items += [self._safety.begin_reset(), Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset))]
-        return [*items, self._safety.end_reset()]
+        return [*items, *self._measure("launch_reset"), self._safety.end_reset()]
 
     def _torch_reset(self) -> None:
         ids = self.reset_buf.nonzero().squeeze(-1)
@@ -250,10 +252,10 @@ class DirectRLEnv(RLEnv):
         return []
 
     def _sensor_items(self) -> list[Item]:
-        if not self.scene.needs_update:
-            return []
-        name = ", ".join(self.scene.sensors) or "assets"
-        return [Eager(name, lambda: self.scene.update(self.step_dt), "host update")]
+        items: list[Item] = []
+        if self.scene.needs_update:
+            items.append(Eager("assets", lambda: self.scene.update_assets(self.step_dt), "host update"))
+        return [*items, *self._measure("launch_observed")]
 
     def _observation_items(self) -> list[Item]:
         noise = ", noise" if self._observation_noise_model is not None else ""

@@ -9,6 +9,7 @@ import torch
 import warp as wp
 
 from stripe_newton.configclass import ConfigError
+from stripe_newton.fusion import resolve_entities
 from stripe_newton.managers import EventTermCfg
 
 __all__ = ["EventRunner", "EventTermCfg"]
@@ -34,6 +35,7 @@ class EventRunner:
         problems = [line for name, term in self._terms.items() for line in _refused(f"events.{name}", term)]
         if problems:
             raise ConfigError(problems)
+        self._params = {k: resolve_entities(v.params, env.scene.__getitem__) for k, v in self._terms.items()}
         self._steps_left: dict[str, torch.Tensor] = {}
         self._last_step: dict[str, torch.Tensor] = {}
         for name, term in self._terms.items():
@@ -49,9 +51,9 @@ class EventRunner:
 
     def startup(self) -> None:
         """Run the startup terms on all environments."""
-        for term in self._terms.values():
+        for name, term in self._terms.items():
             if term.mode == "startup":
-                term.func(self._env, torch.arange(self._env.num_envs, device=self._env.device), **term.params)
+                term.func(self._env, torch.arange(self._env.num_envs, device=self._env.device), **self._params[name])
 
     def reset(self, env_ids: torch.Tensor) -> None:
         """Run the reset terms, and restart the interval clocks, of the environments that were reset."""
@@ -62,7 +64,7 @@ class EventRunner:
                 due = env_ids[now - last[env_ids] >= term.min_step_count_between_reset]
                 if len(due):
                     last[due] = now
-                    term.func(self._env, due, **term.params)
+                    term.func(self._env, due, **self._params[name])
             elif term.mode == "interval" and not term.is_global_time:
                 self._steps_left[name][env_ids] = self._draw(term, len(env_ids))
 
@@ -82,7 +84,7 @@ class EventRunner:
         for name, term in self._terms.items():
             if term.mode == "step":
                 ran = True
-                term.func(self._env, everyone, **term.params)
+                term.func(self._env, everyone, **self._params[name])
             if term.mode != "interval":
                 continue
             left = self._steps_left[name]
@@ -91,7 +93,7 @@ class EventRunner:
             if len(due):
                 ran = True
                 left[due] = self._draw(term, len(due))
-                term.func(self._env, everyone if term.is_global_time else due, **term.params)
+                term.func(self._env, everyone if term.is_global_time else due, **self._params[name])
         return ran
 
 

@@ -176,19 +176,22 @@ class ManagerBasedRLEnv(RLEnv):
         commands = self.command_manager.compute()
         observe = self.observation_manager.compute()
         final = self._final_observations()
+        measured = self._measure("launch_measured")
         end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish, beside=True)]
         return [
             Stage("actions", [count, *process, *record.pre_step()]),
             Stage("physics", [self._physics()]),
+            *([Stage("measurements", measured)] if measured else []),
             Stage("outcome", _when(outcome, _STEPPING)),
             Stage("rewards", [*_when(rewards, _STEPPING), *record.post_step()]),
             Stage("episode log", [*final, *_when(log, _STEPPING)]),
-            Stage("reset", [*record.pre_reset(), *reset]),
+            Stage("reset", [*record.pre_reset(), *reset, *self._measure("launch_reset")]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),
             Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset()]),
             Stage("commands", _when(commands, _STEPPING)),
             Stage("log", end),
+            Stage("sensors", self._measure("launch_observed")),
             Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
         ]
 
@@ -201,6 +204,7 @@ class ManagerBasedRLEnv(RLEnv):
             or not (sim.cfg.solver.finds_contacts and sim.cfg.solver.reduced_coordinates and sim.cfg.solver.in_place)
             or sim.external_wrench is not None
             or bool(self.action_manager.apply())
+            or bool(self._measure("launch_observed"))
             or bool(self.recorder_manager.active_terms)
         )
 

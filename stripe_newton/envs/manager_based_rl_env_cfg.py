@@ -6,11 +6,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from stripe_kernels import mdp
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.managers import EventTermCfg
 
 from .rl_env_cfg import RLEnvCfg
 
-__all__ = ["ManagerBasedRLEnvCfg"]
+__all__ = ["DefaultEventsCfg", "ManagerBasedRLEnvCfg"]
+
+
+@configclass
+class DefaultEventsCfg:
+    """What happens where a config names no events."""
+
+    reset_scene_to_default = EventTermCfg(func=mdp.reset_scene_to_default, mode="reset")
+    """Every asset begins an episode in its default state."""
 
 
 @configclass
@@ -25,6 +35,8 @@ class ManagerBasedRLEnvCfg(RLEnvCfg):
     """Reward terms: :class:`RewardTermCfg`."""
     terminations: Any = MISSING
     """Termination terms: :class:`TerminationTermCfg`."""
+    events: Any = DefaultEventsCfg()
+    """Events: :class:`EventTermCfg`; by default a reset brings everything to its default state."""
     commands: Any = None
     """Command terms."""
     curriculum: Any = None

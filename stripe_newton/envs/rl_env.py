@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import random
+from functools import partial
 from typing import Any, ClassVar
 
 import newton
@@ -17,7 +18,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.fusion import Plan, Stage
+from stripe_newton.fusion import Captured, Item, Plan, Stage
 from stripe_newton.managers import ManagerContext
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation
@@ -270,6 +271,15 @@ class RLEnv(VectorEnv):
 
     def _stages(self) -> list[Stage]:
         raise NotImplementedError
+
+    def _measure(self, when: str) -> list[Item]:
+        """The items of the sensors that launch something at a time, such as ``"launch_measured"``."""
+        items: list[Item] = []
+        for name, sensor in self.scene.sensors.items():
+            if when in sensor.measures:
+                launch = getattr(sensor, when)
+                items.append(Captured(name, partial(launch, self.context.reset) if when == "launch_reset" else launch))
+        return items
 
     def _take_action(self, action: torch.Tensor) -> None:
         """Put the actions where the first stage finds them."""

@@ -2,7 +2,7 @@
 """Terms composed into kernels, kernels into one graph a step."""
 
 from .binding import TermCall, TermState, bind_term, fields_read
-from .entity import SceneEntityCfg
+from .entity import SceneEntityCfg, names_of, resolve_entities
 from .items import Captured, Eager, Item, Section
 from .kernels import FusedKernel, fuse
 from .log import EpisodeLog
@@ -29,5 +29,7 @@ __all__ = [
     "bind_term",
     "fields_read",
     "fuse",
+    "names_of",
+    "resolve_entities",
     "single_thread",
 ]

@@ -18,7 +18,7 @@ from stripe_kernels.data import ActionData, ArticulationData, EpisodeData, Param
 from stripe_newton.configclass import configclass
 from stripe_newton.matching import match_names, match_values
 
-from .entity import SceneEntityCfg
+from .entity import SceneEntityCfg, names_of
 
 __all__ = ["TermCall", "TermState", "bind_term", "fields_read"]
 
@@ -137,6 +137,7 @@ class _Binding:
         self.used: set[str] = set()
         self.counts: dict[str, int] = {}
         self.entity: SceneEntityCfg | None = None
+        self.sensor: SceneEntityCfg | None = None
         self.problems: list[str] = []
 
     def run(self) -> TermCall | None:
@@ -256,9 +257,10 @@ class _Binding:
         prefix = name.removesuffix(f"{kind}_ids").rstrip("_")
         given = self._take(name)
         cfg = self._cfg(prefix, f"{prefix}_cfg") if prefix else None
-        cfg = cfg or self.entity or self._cfg("asset_cfg") or SceneEntityCfg()
-        entity = self.context.entity(cfg.name)
-        names = entity.data.joint_names if kind == "joint" else entity.data.body_names
+        cfg = cfg or self.entity or self.sensor or self._cfg("asset_cfg") or SceneEntityCfg()
+        names = names_of(self.context.entity(cfg.name), kind)
+        if names is None:
+            raise _Missing(f"'{cfg.name}' has no {kind}s to choose from")
         if given is not None:
             texts = isinstance(given, str) or (given and isinstance(given[0], str))
             return match_names(given, names, what=f"{kind} of '{cfg.name}'")[0] if texts else list(given)
@@ -317,8 +319,10 @@ class _Binding:
 
     def _provided(self, name: str, kind: Any) -> str:
         there: dict[str, Any] = self.context.provided[kind]
-        keys = [name, f"{name}_name", *(k for k in ("command_name", "pool_name") if k in self.params)]
-        wanted = self._take(*keys)
+        general = [k for k in ("command_name", "pool_name", "sensor_cfg") if k in self.params]
+        wanted = self._take(name, f"{name}_name", f"{name}_cfg", *general)
+        cfg = wanted if isinstance(wanted, SceneEntityCfg) else None
+        wanted = cfg.name if cfg else wanted
         if wanted is None and len(there) == 1:
             wanted = next(iter(there))
         what = getattr(kind, "key", "struct").rpartition(".")[2]
@@ -326,6 +330,10 @@ class _Binding:
             asked = "is missing" if wanted is None else f"is '{wanted}'"
             raise _Missing(f"{asked}, must name a {what}: {', '.join(there) or 'none there'}")
         value = there[wanted]
+        sensor = self.context.scene.sensors.get(wanted)
+        if sensor is not None and sensor.struct is value:
+            self.sensor = cfg or SceneEntityCfg(wanted)
+            self.counts |= sensor.counts
         command = getattr(value, "command", None)
         if command is not None:
             self.counts["num_command"] = command.shape[1]

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from stripe_newton.configclass import configclass
 from stripe_newton.matching import match_names
 
-__all__ = ["SceneEntityCfg"]
+__all__ = ["SceneEntityCfg", "names_of", "resolve_entities"]
 
 
 @configclass
@@ -45,3 +45,31 @@ class SceneEntityCfg:
         if wrong:
             raise ValueError(f"{kind}_ids: {wrong} of '{self.name}', which has {len(names)}")
         return [int(i) for i in given]
+
+
+def names_of(thing: Any, kind: str) -> list[str] | None:
+    """Names of the joints (``kind="joint"``) or bodies (``"body"``) of an asset or sensor; None if it has no such."""
+    for owner in (getattr(thing, "data", None), thing):
+        if hasattr(owner, f"{kind}_names"):
+            return list(getattr(owner, f"{kind}_names"))
+    return None
+
+
+def resolve_entities(params: Mapping[str, Any], find: Callable[[str], Any]) -> dict[str, Any]:
+    """The parameters of a torch term, in which a :class:`SceneEntityCfg` has its joints and bodies as indices.
+
+    Args:
+        params: What the config says; it stays as it is.
+        find: Asset or sensor by name.
+
+    Raises:
+        ValueError: if an expression matches nothing.
+    """
+    given = dict(params)
+    for key, value in params.items():
+        if isinstance(value, SceneEntityCfg):
+            thing = find(value.name)
+            ids = {f"{kind}_ids": (kind, names_of(thing, kind)) for kind in ("joint", "body")}
+            found = {k: value.indices(kind, names) for k, (kind, names) in ids.items() if names is not None}
+            given[key] = value.replace(**found)
+    return given

@@ -89,6 +89,11 @@ class ManagerContext:
         self.episode = episode
         for name in ("reset", "moved", "reward", "rng", "step", "stepping", "episode"):
             self.scope.name(name, getattr(self, name))
+        for name, sensor in scene.sensors.items():
+            if sensor.struct is not None:
+                self.provide(sensor.struct, name)
+        if getattr(scene.terrain, "struct", None) is not None:
+            self.provide(scene.terrain.struct, "terrain")
         self.arrays |= {
             "log": self.log.values,
             "parameters": self.parameters.floats,
@@ -143,19 +148,21 @@ class ManagerContext:
         return self._indices[key]
 
     def entity_names(self) -> list[str]:
-        """Names of what terms may be about."""
+        """Names of the assets that terms may be about."""
         return [*self.scene.articulations, *self.scene.rigid_objects]
 
     def entity(self, name: str) -> Any:
-        """An articulation or rigid object by name.
+        """An articulation, rigid object or sensor by name.
 
         Raises:
             KeyError: if there is none; the message says what there is.
         """
-        for family in (self.scene.articulations, self.scene.rigid_objects):
+        scene = self.scene
+        for family in (scene.articulations, scene.rigid_objects, scene.sensors):
             if name in family:
                 return family[name]
-        raise KeyError(f"no asset '{name}' in the scene; it has {', '.join(self.entity_names()) or 'none'}")
+        there = ", ".join([*self.entity_names(), *scene.sensors]) or "none"
+        raise KeyError(f"no asset or sensor '{name}' in the scene; it has {there}")
 
     def provide(self, value: Any, name: str) -> None:
         """Offer a struct to terms, by its type and a name."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Eager, Item, Section, bind_term, single_thread
+from stripe_newton.fusion import Eager, Item, Section, bind_term, resolve_entities, single_thread
 
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
@@ -90,12 +90,13 @@ class CurriculumManager(ManagerBase):
     def _torch(self, name: str, term: CurriculumTermCfg) -> Callable[[], None]:
         context = self.context
         ended = context.torch(context.reset)
+        params = resolve_entities(term.params, context.scene.__getitem__)
 
         def run() -> None:
             env_ids = ended.nonzero().squeeze(-1)
             if not len(env_ids):
                 return
-            value = term.func(context.owner, env_ids, **term.params)
+            value = term.func(context.owner, env_ids, **params)
             if isinstance(value, dict):
                 for key, part in value.items():
                     self._log(f"Curriculum/{name}/{key}", part)

@@ -12,7 +12,7 @@ import warp as wp
 
 from stripe_kernels.mdp import events as mdp
 from stripe_newton.configclass import MISSING
-from stripe_newton.fusion import Eager, Item, SceneEntityCfg, Section, bind_term, single_thread
+from stripe_newton.fusion import Eager, Item, SceneEntityCfg, Section, bind_term, resolve_entities, single_thread
 
 from .context import ManagerContext
 from .event_cfg import EventTermCfg
@@ -158,11 +158,12 @@ class EventManager(ManagerBase):
         """A torch term, called with the environments of a mask where there are any."""
         context = self.context
         moved = context.torch(context.moved)
+        params = resolve_entities(term.params, context.scene.__getitem__)
 
         def run() -> None:
             env_ids = mask().nonzero().squeeze(-1)
             if len(env_ids):
-                term.func(context.owner, env_ids, **term.params)
+                term.func(context.owner, env_ids, **params)
                 if moves:
                     moved[env_ids] = True
 

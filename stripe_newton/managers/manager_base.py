@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import warp as wp
 
 from stripe_newton.configclass import MISSING, is_config
-from stripe_newton.fusion import SceneEntityCfg
+from stripe_newton.fusion import resolve_entities
 
 from .context import ManagerContext
 
@@ -50,6 +51,9 @@ class ManagerBase:
                 self.context.problems.append(f"{path}.{name}: is {what}, must be {kind.__name__} or None")
             elif is_config(term) and getattr(term, "func", None) is MISSING:
                 self.context.problems.append(f"{path}.{name}.func: is missing, set the function")
+            elif inspect.isclass(func := getattr(term, "func", None)):
+                text = f"is the class '{func.__name__}', must be a function, such as a method of an instance of it"
+                self.context.problems.append(f"{path}.{name}.func: {text}")
             else:
                 good[name] = term
         return good
@@ -63,13 +67,5 @@ class ManagerBase:
 
     def torch_term(self, func: Callable[..., Any], params: dict[str, Any]) -> Callable[[], Any]:
         """A torch term as a call without arguments."""
-        given = {}
-        for key, value in params.items():
-            if isinstance(value, SceneEntityCfg):
-                data = self.context.entity(value.name).data
-                value = value.replace(
-                    joint_ids=value.indices("joint", data.joint_names) if hasattr(data, "joint_names") else None,
-                    body_ids=value.indices("body", data.body_names) if hasattr(data, "body_names") else None,
-                )
-            given[key] = value
+        given = resolve_entities(params, self.context.scene.__getitem__)
         return lambda: func(self.context.owner, **given)

@@ -92,11 +92,14 @@ class SceneBuilder:
             self._load(static, "/World", ("/World/envs",))
             if self.reports[0].units["scene"] is None:  # the physics scene stands outside the environments
                 template.gravity = static.gravity
+        for sensor in scene.sensors.values():
+            sensor.prepare(sim, template, static)
         scene.built = True
         sim.lights = read_lights(scene.stage)
         sim.build(template, static, scene.env_origins.cpu().numpy())
         for asset in [*scene.assets, *scene.sensors.values()]:
             asset.initialize(sim)
+        sim.after_each = [s.launch_substep for s in scene.sensors.values() if s.every_substep]
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
         stage = self._scene.stage

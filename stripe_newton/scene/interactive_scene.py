@@ -161,13 +161,19 @@ class InteractiveScene(SceneContents):
 
     @property
     def needs_update(self) -> bool:
-        """Whether something in the scene takes note of the time."""
-        return bool(self.sensors) or any(type(a).update is not AssetBase.update for a in self.assets)
+        """Whether an asset takes note of the time."""
+        return any(type(a).update is not AssetBase.update for a in self.assets)
 
     def update(self, dt: float) -> None:
         """Let assets and sensors take note of ``dt`` seconds of physics."""
-        for item in [*self.assets, *self.sensors.values()]:
-            item.update(dt)
+        self.update_assets(dt)
+        for sensor in self.sensors.values():
+            sensor.update(dt)
+
+    def update_assets(self, dt: float) -> None:
+        """Let the assets take note of ``dt`` seconds of physics."""
+        for asset in self.assets:
+            asset.update(dt)
 
     def get_state(self, is_relative: bool = False) -> dict[str, dict[str, dict[str, torch.Tensor]]]:
         """States of all assets: ``{"articulation" | "rigid_object": {name: get_robot_state(name)}}``."""

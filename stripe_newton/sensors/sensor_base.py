@@ -89,6 +89,11 @@ class SensorBase:
         """Names of the bodies it measures, in the order of its data."""
         return []
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """What sizes of observations depend on, such as ``num_rays``."""
+        return {}
+
     # -- what a step launches
 
     def launch_substep(self) -> None:
@@ -117,8 +122,7 @@ class SensorBase:
     def update(self, dt: float) -> None:
         """Measure, after ``dt`` seconds of physics; for scripts and environments with torch hooks."""
         with wp.ScopedDevice(self.device):
-            if not self.every_substep:
-                self.launch_measured()
+            self.launch_measured()
             self.launch_observed()
 
     def reset(self, env_ids: Sequence[int] | torch.Tensor | slice | None = None) -> None:

@@ -84,6 +84,8 @@ class Simulation:
         self.recaptures = 0
         """How often an array was replaced that graphs read; whoever captured the physics compares."""
         self._graphs: dict[int, wp.Graph] = {}
+        self.after_each: list[Callable[[], None]] = []
+        """What launches kernels after every physics step."""
 
     @property
     def state(self) -> newton.State:
@@ -265,6 +267,8 @@ class Simulation:
             if index == substeps - 1:
                 wp.copy(self.previous_joint_qd, self._state.joint_qd)
             self._substep()
+            for function in self.after_each:
+                function()
 
     def _substep(self) -> None:
         model, state, control, dt = self.model, self._state, self.control, self.physics_dt
