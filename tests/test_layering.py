@@ -77,7 +77,7 @@ def test_there_is_something_to_check():
 
 @pytest.mark.parametrize("name", [n for n in MODULES if n.startswith("stripe_kernels")])
 def test_kernels_import_warp_alone(name):
-    allowed = {"warp", "newton", "numpy", "stripe_kernels", *sys.stdlib_module_names}
+    allowed = {"warp", "newton", "mujoco_warp", "numpy", "stripe_kernels", *sys.stdlib_module_names}
     assert {target.split(".")[0] for target in imports(name)} <= allowed
 
 

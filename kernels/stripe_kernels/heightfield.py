@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where spheres, capsules and boxes touch a height field, in the frame of the field.
+
+The field is what MuJoCo makes of it: ``nrow`` by ``ncol`` heights over ``[-x, x]`` by ``[-y, y]``, each cell cut into
+two triangles from its corner (row + 1, column) to its corner (row, column + 1). What is below the surface is solid.
+
+A touch of a sphere is a local minimum of the distance from its centre to the surface, found triangle by triangle,
+nearest first; what lies on or below the tangent plane of a nearer touch is none, so that the edges inside a smooth
+surface are never felt. A capsule is the spheres at its ends, and the points of its axis nearest to a ridge; a box is
+its corners below the surface, and the vertices of the surface inside it.
+"""
+
+import warp as wp
+
+__all__ = [
+    "Field",
+    "Touch",
+    "Touches",
+    "add_touch",
+    "box_touch",
+    "capsule_edge_touch",
+    "field_cells",
+    "field_height",
+    "sphere_touch",
+]
+
+_COINCIDE = wp.constant(1.0e-4)
+"""How far above the tangent plane of a touch another one must lie [m]."""
+
+
+@wp.struct
+class Field:
+    """One height field of MuJoCo's."""
+
+    heights: wp.array[float]
+    """Heights of all fields, as shares of ``size[2]``."""
+    adr: int
+    """Where this one begins."""
+    nrow: int
+    """Rows, along y."""
+    ncol: int
+    """Columns, along x."""
+    size: wp.vec4
+    """Half extents in x and y, scale of the heights, depth of the base [m]."""
+
+
+@wp.struct
+class Touch:
+    """A point of contact."""
+
+    found: bool
+    """Whether there is one."""
+    dist: float
+    """Distance, negative in penetration [m]."""
+    point: wp.vec3
+    """On the surface [m]."""
+    normal: wp.vec3
+    """From the surface to the body."""
+
+
+@wp.struct
+class Touches:
+    """Touches found so far, nearest first."""
+
+    count: int
+    point0: wp.vec3
+    normal0: wp.vec3
+    point1: wp.vec3
+    normal1: wp.vec3
+    point2: wp.vec3
+    normal2: wp.vec3
+
+
+@wp.func
+def add_touch(touches: Touches, touch: Touch) -> Touches:
+    """``touches`` with one more; what does not fit is left out."""
+    if touches.count == 0:
+        touches.point0 = touch.point
+        touches.normal0 = touch.normal
+    elif touches.count == 1:
+        touches.point1 = touch.point
+        touches.normal1 = touch.normal
+    elif touches.count == 2:
+        touches.point2 = touch.point
+        touches.normal2 = touch.normal
+    touches.count += 1
+    return touches
+
+
+@wp.func
+def field_height(field: Field, row: int, col: int) -> float:
+    """Height of a vertex [m]."""
+    return field.heights[field.adr + row * field.ncol + col] * field.size[2]
+
+
+@wp.func
+def _vertex(field: Field, row: int, col: int) -> wp.vec3:
+    x = 2.0 * field.size[0] * float(col) / float(field.ncol - 1) - field.size[0]
+    y = 2.0 * field.size[1] * float(row) / float(field.nrow - 1) - field.size[1]
+    return wp.vec3(x, y, field_height(field, row, col))
+
+
+@wp.func
+def field_cells(field: Field, lower: wp.vec3, upper: wp.vec3) -> wp.vec4i:
+    """Cells below a box: first and last column, first and last row; empty where first exceeds last."""
+    sx = 0.5 * float(field.ncol - 1) / field.size[0]
+    sy = 0.5 * float(field.nrow - 1) / field.size[1]
+    c0 = wp.max(0, int(wp.floor((lower[0] + field.size[0]) * sx)))
+    c1 = wp.min(field.ncol - 2, int(wp.floor((upper[0] + field.size[0]) * sx)))
+    r0 = wp.max(0, int(wp.floor((lower[1] + field.size[1]) * sy)))
+    r1 = wp.min(field.nrow - 2, int(wp.floor((upper[1] + field.size[1]) * sy)))
+    return wp.vec4i(c0, c1, r0, r1)
+
+
+@wp.func
+def _closest_on_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+    """Point of a triangle nearest to ``p`` (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    ab, ac, ap = b - a, c - a, p - a
+    d1, d2 = wp.dot(ab, ap), wp.dot(ac, ap)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return a
+    bp = p - b
+    d3, d4 = wp.dot(ab, bp), wp.dot(ac, bp)
+    if d3 >= 0.0 and d4 <= d3:
+        return b
+    cp = p - c
+    d5, d6 = wp.dot(ab, cp), wp.dot(ac, cp)
+    if d6 >= 0.0 and d5 <= d6:
+        return c
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return a + ab * (d1 / (d1 - d3))
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return a + ac * (d2 / (d2 - d6))
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and (d4 - d3) >= 0.0 and (d5 - d6) >= 0.0:
+        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)))
+    return a + ab * (vb / (va + vb + vc)) + ac * (vc / (va + vb + vc))
+
+
+@wp.func
+def _is_new(touches: Touches, point: wp.vec3) -> bool:
+    """Whether a point lies above the tangent planes of the touches found so far."""
+    if touches.count > 0 and wp.dot(point - touches.point0, touches.normal0) <= _COINCIDE:
+        return False
+    if touches.count > 1 and wp.dot(point - touches.point1, touches.normal1) <= _COINCIDE:
+        return False
+    return not (touches.count > 2 and wp.dot(point - touches.point2, touches.normal2) <= _COINCIDE)
+
+
+@wp.func
+def _far(touches: Touches, point: wp.vec3) -> bool:
+    """Whether a point is not one of those found so far."""
+    if touches.count > 0 and wp.length(point - touches.point0) < 1.0e-3:
+        return False
+    if touches.count > 1 and wp.length(point - touches.point1) < 1.0e-3:
+        return False
+    return not (touches.count > 2 and wp.length(point - touches.point2) < 1.0e-3)
+
+
+@wp.func
+def _up(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+    """Normal of a triangle that is counterclockwise seen from above."""
+    return wp.normalize(wp.cross(b - a, c - a))
+
+
+@wp.func
+def _nearer(best: Touch, centre: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, touches: Touches) -> Touch:
+    """The touch of a point above the surface with a triangle, if it is nearer than ``best``."""
+    normal = _up(a, b, c)
+    if wp.dot(centre - a, normal) < 0.0:
+        return best
+    point = _closest_on_triangle(centre, a, b, c)
+    offset = centre - point
+    dist = wp.length(offset)
+    if dist < best.dist and _is_new(touches, point):
+        best.found = True
+        best.dist = dist
+        best.point = point
+        best.normal = wp.where(dist > 1.0e-7, offset / wp.max(dist, 1.0e-7), normal)
+    return best
+
+
+@wp.func
+def _less_deep(best: Touch, centre: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> Touch:
+    """The touch of a point in the ground with a triangle that its normal meets, if that is less deep than ``best``."""
+    normal = _up(a, b, c)
+    above = wp.dot(centre - a, normal)
+    foot = centre - above * normal
+    beside = wp.length(_closest_on_triangle(foot, a, b, c) - foot)
+    if above <= 0.0 and above > best.dist and beside < 1.0e-5:
+        best.dist = above
+        best.point = foot
+        best.normal = normal
+    return best
+
+
+@wp.func
+def _over(field: Field, centre: wp.vec3) -> Touch:
+    """The surface straight over or under a point; ``dist`` is that to the plane of its triangle."""
+    touch = Touch()
+    u = (centre[0] + field.size[0]) * 0.5 * float(field.ncol - 1) / field.size[0]
+    v = (centre[1] + field.size[1]) * 0.5 * float(field.nrow - 1) / field.size[1]
+    col, row = int(wp.floor(u)), int(wp.floor(v))
+    if col < 0 or col > field.ncol - 2 or row < 0 or row > field.nrow - 2:
+        return touch
+    a = _vertex(field, row, col + 1)
+    normal = _up(_vertex(field, row, col), a, _vertex(field, row + 1, col))
+    if (u - float(col)) + (v - float(row)) > 1.0:
+        normal = _up(a, _vertex(field, row + 1, col + 1), _vertex(field, row + 1, col))
+    touch.found = True
+    touch.dist = wp.dot(centre - a, normal)
+    touch.point = centre - touch.dist * normal
+    touch.normal = normal
+    return touch
+
+
+@wp.func
+def sphere_touch(field: Field, centre: wp.vec3, radius: float, reach: float, touches: Touches) -> Touch:
+    """The nearest touch of a sphere that is not among those found so far.
+
+    Args:
+        field: The field.
+        centre: Centre of the sphere [m].
+        radius: Its radius [m].
+        reach: Greatest distance between sphere and surface [m].
+        touches: Those found so far; with its centre in the ground a sphere has one touch.
+    """
+    best = _over(field, centre)
+    inside = best.found and best.dist < 0.0
+    size = radius + reach
+    if not inside:
+        best.found = False
+        best.dist = size
+    elif touches.count > 0:
+        best.found = False
+        return best
+    cells = field_cells(field, centre - wp.vec3(size, size, size), centre + wp.vec3(size, size, size))
+    for row in range(cells[2], cells[3] + 1):
+        for col in range(cells[0], cells[1] + 1):
+            p00, p01 = _vertex(field, row, col), _vertex(field, row, col + 1)
+            p10, p11 = _vertex(field, row + 1, col), _vertex(field, row + 1, col + 1)
+            if inside:
+                best = _less_deep(best, centre, p00, p01, p10)
+                best = _less_deep(best, centre, p01, p11, p10)
+            elif wp.max(wp.max(p00[2], p01[2]), wp.max(p10[2], p11[2])) >= centre[2] - best.dist:
+                best = _nearer(best, centre, p00, p01, p10, touches)
+                best = _nearer(best, centre, p01, p11, p10, touches)
+    best.dist = best.dist - radius
+    return best
+
+
+@wp.func
+def _nearer_edge(
+    best: Touch,
+    start: wp.vec3,
+    end: wp.vec3,
+    a: wp.vec3,
+    b: wp.vec3,
+    left: wp.vec3,
+    right: wp.vec3,
+    touches: Touches,
+) -> Touch:
+    """The touch of an axis with the ridge ``a`` to ``b`` between two triangles, if it is nearer than ``best``.
+
+    ``left`` and ``right`` are the other vertices of the triangles, left counterclockwise after ``a``, ``b``.
+    """
+    if wp.dot(right - a, _up(a, b, left)) > -1.0e-5:
+        return best  # no ridge: level, or a valley
+    st = wp.closest_point_edge_edge(start, end, a, b, 1.0e-8)
+    if st[0] <= 1.0e-3 or st[0] >= 1.0 - 1.0e-3:
+        return best  # the ends are spheres of their own
+    point = a + (b - a) * st[1]
+    offset = start + (end - start) * st[0] - point
+    dist = wp.length(offset)
+    nearest = wp.dot(offset, left - point) <= 1.0e-5 and wp.dot(offset, right - point) <= 1.0e-5
+    if nearest and dist > 1.0e-6 and offset[2] > 0.0 and dist < best.dist and _far(touches, point):
+        best.found = True
+        best.dist = dist
+        best.point = point
+        best.normal = offset / dist
+    return best
+
+
+@wp.func
+def capsule_edge_touch(
+    field: Field, start: wp.vec3, end: wp.vec3, radius: float, reach: float, touches: Touches
+) -> Touch:
+    """The nearest touch between the inside of a capsule's axis and a ridge of the surface.
+
+    Args:
+        field: The field.
+        start: One end of the axis [m].
+        end: The other [m].
+        radius: Radius of the capsule [m].
+        reach: Greatest distance between capsule and surface [m].
+        touches: Those found so far.
+    """
+    best = Touch()
+    best.dist = radius + reach
+    margin = wp.vec3(best.dist, best.dist, best.dist)
+    lower = wp.min(start, end) - margin
+    cells = field_cells(field, lower, wp.max(start, end) + margin)
+    for row in range(wp.max(cells[2], 1), wp.min(cells[3] + 1, field.nrow - 2) + 1):
+        for col in range(wp.max(cells[0], 1), wp.min(cells[1] + 1, field.ncol - 2) + 1):
+            p00, p01 = _vertex(field, row, col), _vertex(field, row, col + 1)
+            p10, p11 = _vertex(field, row + 1, col), _vertex(field, row + 1, col + 1)
+            if wp.max(wp.max(p00[2], p01[2]), p10[2]) >= lower[2]:
+                below, beside = _vertex(field, row - 1, col + 1), _vertex(field, row + 1, col - 1)
+                best = _nearer_edge(best, start, end, p00, p01, p10, below, touches)
+                best = _nearer_edge(best, start, end, p10, p00, p01, beside, touches)
+                best = _nearer_edge(best, start, end, p01, p10, p00, p11, touches)
+    best.dist = best.dist - radius
+    return best
+
+
+@wp.func
+def _inside(best: Touch, vertex: wp.vec3, pos: wp.vec3, rot: wp.mat33, half: wp.vec3, touches: Touches) -> Touch:
+    """The touch of a vertex of the surface inside a box, if it is deeper than ``best``: out through the nearest side
+    that faces down."""
+    local = wp.transpose(rot) * (vertex - pos)
+    depth, normal = wp.float32(1.0e6), wp.vec3(0.0, 0.0, 1.0)
+    for axis in range(3):
+        for side in range(2):
+            sign = 1.0 - 2.0 * float(side)
+            left = half[axis] - sign * local[axis]
+            if left < 0.0:
+                return best
+            outward = sign * wp.vec3(rot[0, axis], rot[1, axis], rot[2, axis])
+            if outward[2] < -0.1 and left < depth:
+                depth, normal = left, -outward
+    if depth < 1.0e5 and -depth < best.dist and _far(touches, vertex):
+        best.found = True
+        best.dist = -depth
+        best.point = vertex
+        best.normal = normal
+    return best
+
+
+@wp.func
+def box_touch(field: Field, pos: wp.vec3, rot: wp.mat33, half: wp.vec3, reach: float, touches: Touches) -> Touch:
+    """The deepest touch of a box that is not among those found so far.
+
+    Args:
+        field: The field.
+        pos: Centre of the box [m].
+        rot: Its orientation.
+        half: Its half extents [m].
+        reach: Greatest distance between box and surface [m].
+        touches: Those found so far.
+    """
+    best = Touch()
+    best.dist = reach
+    none = Touches()
+    extent = wp.vec3()
+    for i in range(3):
+        extent[i] = wp.abs(rot[i, 0]) * half[0] + wp.abs(rot[i, 1]) * half[1] + wp.abs(rot[i, 2]) * half[2]
+    for corner in range(8):
+        sign = wp.vec3(1.0 - 2.0 * float(corner & 1), 1.0 - float(corner & 2), 1.0 - 0.5 * float(corner & 4))
+        p = pos + rot * wp.cw_mul(sign, half)
+        touch = sphere_touch(field, p, 0.0, wp.max(reach, 0.0) + 1.0e-6, none)
+        if touch.found and touch.dist < best.dist and _far(touches, touch.point):
+            best = touch
+    cells = field_cells(field, pos - extent, pos + extent)
+    for row in range(cells[2], cells[3] + 2):
+        for col in range(cells[0], cells[1] + 2):
+            vertex = _vertex(field, row, col)
+            if vertex[2] >= pos[2] - extent[2]:
+                best = _inside(best, vertex, pos, rot, half, touches)
+    return best
