@@ -261,3 +261,11 @@ def test_mass_of_the_sliders_is_what_the_tests_assume(tmp_path):
 
     scene = make_scene({"robot": mjcf_robot(tmp_path, sliders({"x": "1 0 0"}))})
     assert scene.articulations["robot"].data.body_mass[0].tolist() == [1.0, MASS]
+
+
+def test_shapes_that_do_not_touch_are_no_contacts_to_mujoco():
+    for contacts_of_mujoco, gap in ((True, 0.0), (False, 0.1)):
+        solver = MuJoCoSolverCfg(use_mujoco_contacts=contacts_of_mujoco)
+        builder = Simulation(SimulationCfg(device="cpu", solver=solver)).new_builder()
+        builder.add_shape_sphere(builder.add_body())
+        assert builder.shape_gap == [gap]

@@ -155,6 +155,11 @@ class MuJoCoSolverCfg(SolverCfg):
     """Contacts of spheres, capsules and boxes with height fields from the triangles they touch, many times as fast as
     MuJoCo Warp's convex routine for prisms and without its inner edges; no argument of the solver."""
 
+    def register(self, builder: newton.ModelBuilder) -> None:
+        SolverCfg.register(self, builder)
+        if self.finds_contacts:
+            builder.rigid_gap = 0.0  # shapes that do not touch yet are contacts to Newton's pipeline, to MuJoCo ballast
+
     def create(self, model: newton.Model) -> newton.solvers.SolverBase:
         solver = SolverCfg.create(self, model)
         if self.triangle_contacts and self.use_mujoco_contacts and not self.use_mujoco_cpu:
