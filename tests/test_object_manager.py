@@ -454,4 +454,4 @@ def test_a_robot_that_is_not_there_is_a_problem():
     pool = boxes(pose_range=REGION, min_robot_distance=0.5, robot_name="dog")
     context = manager_context(num_envs=1, objects=pool.bodies("boxes"))
     ObjectManager({"boxes": pool}, context)
-    assert any("objects.boxes" in p and "no asset 'dog'" in p for p in context.problems)
+    assert any("objects.boxes" in p and "no asset or sensor 'dog'" in p for p in context.problems)
