@@ -456,13 +456,8 @@ def c_engine(path: Path, contacts: bool = False) -> mujoco.MjModel:
 
 
 def joint_names(model: mujoco.MjModel) -> list[str]:
-    """Names as Newton gives them: joints of one body are one joint with several degrees of freedom."""
-    names, own = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) for j in range(model.njnt)], []
-    for j in range(1, model.njnt):
-        same = [k for k in range(model.njnt) if model.jnt_bodyid[k] == model.jnt_bodyid[j]]
-        merged = "_".join(names[k] for k in same)
-        own.append(names[j] if len(same) == 1 else f"{merged}:{same.index(j)}")
-    return own
+    """Names of the joints after the free root."""
+    return [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) for j in range(1, model.njnt)]
 
 
 @pytest.mark.filterwarnings("ignore::newton.NewtonWarning")

@@ -1,43 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that run before and after each physics step: efforts, external wrenches, velocity limits,
-overflow."""
+"""Kernels that run before and after each physics step: external wrenches, velocity limits, overflow."""
 
 import warp as wp
 
-__all__ = ["apply_effort_targets", "apply_external_wrench", "clamp_velocity", "note_overflow", "repeat_mask"]
-
-
-@wp.kernel(enable_backward=False)
-def apply_effort_targets(
-    effort_target: wp.array[float],
-    velocity_target: wp.array[float],
-    velocity_gain: wp.array[float],
-    effort_limit: wp.array[float],
-    has_actuator: wp.array[wp.bool],
-    joint_f: wp.array[float],
-):
-    """Write the efforts that accompany the solver's drives.
-
-    ``joint_f = clamp(effort_target + velocity_gain * velocity_target, -effort_limit, effort_limit)``; zero where an
-    explicit actuator follows, which adds its own law with the same target as feed-forward.
-
-    Args:
-        effort_target: Effort asked for [N or N m], shape ``(joint_dof_count,)``.
-        velocity_target: Velocity asked for [m/s or rad/s], shape ``(joint_dof_count,)``.
-        velocity_gain: Damping of a drive that follows a position alone [N s/m or N m s/rad], else zero.
-        effort_limit: Largest effort [N or N m], shape ``(joint_dof_count,)``.
-        has_actuator: Whether an explicit actuator drives the degree of freedom, shape ``(joint_dof_count,)``.
-        joint_f: Output, generalized force [N or N m], shape ``(joint_dof_count,)``.
-    """
-    dof = wp.tid()
-    if has_actuator[dof]:
-        joint_f[dof] = 0.0
-    else:
-        effort = effort_target[dof] + velocity_gain[dof] * velocity_target[dof]
-        if wp.isnan(effort):
-            joint_f[dof] = effort  # clamp would make the largest effort of it, and hide where it came from
-        else:
-            joint_f[dof] = wp.clamp(effort, -effort_limit[dof], effort_limit[dof])
+__all__ = ["apply_external_wrench", "clamp_velocity", "note_overflow", "repeat_mask"]
 
 
 @wp.kernel(enable_backward=False)

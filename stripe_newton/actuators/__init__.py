@@ -1,6 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Actuators: what turns the targets of joints into forces."""
 
-from .actuator_cfg import ActuatorCfg, IdealPDActuatorCfg, ImplicitActuatorCfg
+from .actuator_cfg import ActuatorCfg, ImplicitActuatorCfg
+from .explicit_cfg import (
+    DCMotorCfg,
+    DelayedPDActuatorCfg,
+    IdealPDActuatorCfg,
+    PIDActuatorCfg,
+    RemotizedPDActuatorCfg,
+)
+from .network_cfg import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 
-__all__ = ["ActuatorCfg", "IdealPDActuatorCfg", "ImplicitActuatorCfg"]
+__all__ = [
+    "ActuatorCfg",
+    "ActuatorNetLSTMCfg",
+    "ActuatorNetMLPCfg",
+    "DCMotorCfg",
+    "DelayedPDActuatorCfg",
+    "IdealPDActuatorCfg",
+    "ImplicitActuatorCfg",
+    "PIDActuatorCfg",
+    "RemotizedPDActuatorCfg",
+]

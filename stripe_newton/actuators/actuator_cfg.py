@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.matching import match_names, match_values
@@ -13,22 +13,12 @@ from stripe_newton.matching import match_names, match_values
 if TYPE_CHECKING:
     import newton
 
-__all__ = ["ActuatorCfg", "IdealPDActuatorCfg", "ImplicitActuatorCfg"]
+    from stripe_newton.sim import Simulation
+
+__all__ = ["ActuatorCfg", "ImplicitActuatorCfg", "PerJoint"]
 
 PerJoint = float | dict[str, float] | None
 """One number for all joints of the group, or numbers by joint-name expression; ``None`` keeps what the file says."""
-
-_NON_NEGATIVE = (
-    "stiffness",
-    "damping",
-    "effort_limit",
-    "effort_limit_sim",
-    "velocity_limit",
-    "velocity_limit_sim",
-    "armature",
-    "friction",
-    "viscous_friction",
-)
 
 
 @configclass
@@ -56,11 +46,16 @@ class ActuatorCfg:
     viscous_friction: PerJoint = None
     """Passive damping of the joint [N s/m or N m s/rad]."""
 
+    _not_negative: ClassVar[tuple[str, ...]] = (
+        "stiffness", "damping", "effort_limit", "effort_limit_sim", "velocity_limit", "velocity_limit_sim", "armature",
+        "friction", "viscous_friction",
+    )  # fmt: skip
+
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name in _NON_NEGATIVE:
+        for name in self._not_negative:
             value = getattr(self, name)
             for key, number in value.items() if isinstance(value, Mapping) else [("", value)]:
-                if number is None:
+                if number is None or number is MISSING:
                     continue
                 where = f"{name}[{key!r}]" if key else name
                 if not isinstance(number, (int, float)) or math.isnan(number):
@@ -68,16 +63,13 @@ class ActuatorCfg:
                 elif number < 0:
                     yield where, f"is {number}, must not be negative"
 
-    def apply(
-        self, builder: newton.ModelBuilder, names: Sequence[str], dofs: Sequence[int], coords: Sequence[int]
-    ) -> list[int]:
-        """Write this group onto the builder.
+    def apply(self, builder: newton.ModelBuilder, names: Sequence[str], dofs: Sequence[int]) -> list[int]:
+        """Write this group onto the builder; explicit actuators that the file has for its joints are replaced.
 
         Args:
             builder: Builder of one environment.
             names: Names of the articulation's joints, one a degree of freedom.
             dofs: Their indices into the builder's ``joint_qd``-shaped lists.
-            coords: Their indices into the builder's ``joint_q``-shaped lists.
 
         Returns:
             Indices into ``names`` of the joints in this group.
@@ -91,7 +83,10 @@ class ActuatorCfg:
         self._set(builder.joint_damping, self.viscous_friction, own, ids, dofs)
         limit = self.velocity_limit_sim if self.velocity_limit_sim is not None else self.velocity_limit
         self._set(builder.joint_velocity_limit, limit, own, ids, dofs)
-        self._drive(builder, own, [dofs[i] for i in ids], [coords[i] for i in ids])
+        rows = [dofs[i] for i in ids]
+        for row, gains in remove_actuators(builder, rows).items():
+            builder.joint_target_ke[row], builder.joint_target_kd[row] = gains
+        self._drive(builder, own, rows)
         return ids
 
     def _set(self, array: list[float], values: PerJoint, own: list[str], ids: list[int], dofs: Sequence[int]) -> None:
@@ -99,8 +94,17 @@ class ActuatorCfg:
             for i, value in match_values(values, own, what="joint").items():
                 array[dofs[ids[i]]] = value
 
-    def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int], coords: list[int]) -> None:
+    def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
         raise NotImplementedError
+
+    def bind(self, sim: Simulation, names: Sequence[str], dofs: Sequence[int]) -> None:
+        """What is left to do once the model is there.
+
+        Args:
+            sim: The simulation.
+            names: Names of the articulation's joints, one a degree of freedom.
+            dofs: Their degrees of freedom in an environment.
+        """
 
     def limited_velocities(self, names: Sequence[str]) -> dict[int, float]:
         """Enforced speed limits by index into ``names``."""
@@ -117,7 +121,7 @@ class ImplicitActuatorCfg(ActuatorCfg):
     ``effort = stiffness (q* - q) + damping (qd* - qd) + effort target``, the drive and the effort target each limited.
     """
 
-    def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int], coords: list[int]) -> None:
+    def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
         import newton
 
         every = range(len(names))
@@ -130,36 +134,18 @@ class ImplicitActuatorCfg(ActuatorCfg):
             builder.joint_target_mode[dof] = int(newton.JointTargetMode.from_gains(*gains, has_drive=True))
 
 
-@configclass
-class IdealPDActuatorCfg(ActuatorCfg):
-    """An explicit PD law with limited effort, evaluated before every physics step by Newton's actuator library.
-
-    ``effort = clamp(stiffness (q* - q) + damping (qd* - qd) + effort target, -effort_limit, effort_limit)``
-    """
-
-    def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int], coords: list[int]) -> None:
-        import newton
-        from newton.actuators import ClampingMaxEffort, DrivePD
-
-        gains = {}
-        for field, array in (("stiffness", builder.joint_target_ke), ("damping", builder.joint_target_kd)):
-            values = getattr(self, field)
-            gains[field] = (
-                match_values(values, names, what="joint")
-                if values is not None
-                else dict(enumerate(array[d] for d in dofs))
-            )
-        limits = match_values(self.effort_limit, names, what="joint") if self.effort_limit is not None else {}
-        for i, (dof, coord) in enumerate(zip(dofs, coords, strict=True)):
-            limit = limits.get(i, builder.joint_effort_limit[dof])
-            builder.joint_target_ke[dof] = builder.joint_target_kd[dof] = 0.0
-            builder.joint_target_mode[dof] = int(newton.JointTargetMode.EFFORT)
-            builder.joint_effort_limit[dof] = limit
-            builder.add_actuator(
-                DrivePD,
-                index=dof,
-                pos_index=coord,
-                clamping=[(ClampingMaxEffort, {"max_effort": limit})],
-                kp=gains["stiffness"].get(i, 0.0),
-                kd=gains["damping"].get(i, 0.0),
-            )
+def remove_actuators(builder: newton.ModelBuilder, dofs: Sequence[int]) -> dict[int, tuple[float, float]]:
+    """Take the explicit actuators of some degrees of freedom off a builder; returns the position and velocity gains
+    they had."""
+    gains = {}
+    for key, entry in list(builder.actuator_entries.items()):
+        kept = [k for k, dof in enumerate(entry.indices) if dof not in dofs]
+        for dof, arguments in zip(entry.indices, entry.drive_args, strict=True):
+            if dof in dofs:
+                gains[dof] = arguments.get("kp", 0.0), arguments.get("kd", 0.0)
+        for name in ("indices", "pos_indices", "drive_args", "delay_args", "clamping_args"):
+            values = getattr(entry, name)
+            values[:] = [values[k] for k in kept] if values else []
+        if not kept:
+            del builder.actuator_entries[key]
+    return gains

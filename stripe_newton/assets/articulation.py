@@ -104,7 +104,7 @@ class Articulation(BoundAsset):
         self._velocity_limits: dict[int, float] = {}
         for group, actuator in cfg.actuators.items():
             try:
-                ids = actuator.apply(builder, names, layout.dofs, layout.coords)
+                ids = actuator.apply(builder, names, layout.dofs)
                 self._velocity_limits |= actuator.limited_velocities(names)
             except ValueError as error:
                 problems.append(f"actuators.{group}: {error}")
@@ -125,6 +125,8 @@ class Articulation(BoundAsset):
         self._data.set_defaults(self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device))
         self._data.default_joint_pos = self._data.joint_pos.clone()
         self._data.default_joint_vel = self._data.joint_vel.clone()
+        for actuator in self.cfg.actuators.values():
+            actuator.bind(sim, self.layout.joint_names, self.layout.dofs)
         if self._velocity_limits:
             rows = torch.tensor([self.layout.dofs[i] for i in self._velocity_limits], device=sim.device)
             values = torch.tensor(list(self._velocity_limits.values()), device=sim.device)
@@ -212,11 +214,11 @@ class Articulation(BoundAsset):
     # -- properties
 
     def write_joint_stiffness_to_sim(self, stiffness: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
-        """Set the position gains of the implicit drives [N/m or N m/rad]."""
+        """Set the position gains, implicit or explicit [N/m or N m/rad]."""
         self._change(self._data.joint_stiffness, stiffness, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
 
     def write_joint_damping_to_sim(self, damping: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
-        """Set the velocity gains of the implicit drives [N s/m or N m s/rad]."""
+        """Set the velocity gains, implicit or explicit [N s/m or N m s/rad]."""
         self._change(self._data.joint_damping, damping, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
 
     def write_joint_effort_limit_to_sim(self, limits: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:

@@ -44,9 +44,9 @@ class ArticulationData(RootData):
         self.joint_effort_target = sim.per_env(control.joint_act)[:, dofs]
         """Effort targets [N or N m] (view), shape ``(num_envs, num_joints)``."""
         self.joint_stiffness = sim.per_env(model.joint_target_ke)[:, dofs]
-        """Position gains of the implicit drives [N/m or N m/rad] (view), shape ``(num_envs, num_joints)``."""
+        """Position gains, implicit or explicit [N/m or N m/rad] (view), shape ``(num_envs, num_joints)``."""
         self.joint_damping = sim.per_env(model.joint_target_kd)[:, dofs]
-        """Velocity gains of the implicit drives [N s/m or N m s/rad] (view), shape ``(num_envs, num_joints)``."""
+        """Velocity gains, implicit or explicit [N s/m or N m s/rad] (view), shape ``(num_envs, num_joints)``."""
         self.joint_armature = sim.per_env(model.joint_armature)[:, dofs]
         """Inertia added to the joints [kg or kg m^2] (view), shape ``(num_envs, num_joints)``."""
         self.joint_friction_coeff = sim.per_env(model.joint_friction)[:, dofs]
@@ -57,6 +57,7 @@ class ArticulationData(RootData):
         """Rated speeds [m/s or rad/s] (view), shape ``(num_envs, num_joints)``."""
         self._lower = sim.per_env(model.joint_limit_lower)[:, dofs]
         self._upper = sim.per_env(model.joint_limit_upper)[:, dofs]
+        self._explicit = torch.from_numpy(sim.actuation.explicit[dofs]).to(sim.device)
         self._soft = soft_limit_factor
         self._previous_vel = sim.per_env(sim.previous_joint_qd)[:, dofs]
 
@@ -88,16 +89,23 @@ class ArticulationData(RootData):
         return self.joint_vel_limits
 
     @property
+    def computed_torque(self) -> torch.Tensor:
+        """Efforts that the laws of drives and actuators asked for in the last physics step [N or N m], unlimited.
+
+        Shape ``(num_envs, num_joints)``. For implicit drives it is their law at the state before the step, which the
+        solver integrates implicitly: for them it is an estimate.
+        """
+        return self._sim.per_env(self._sim.actuation.computed_effort)[:, self._dofs]
+
+    @property
     def applied_torque(self) -> torch.Tensor:
         """Efforts of drives and actuators in the last physics step [N or N m], shape ``(num_envs, num_joints)``.
 
-        What MuJoCo reports, where it is the solver; for the others the law of the drives at the present state.
+        For implicit drives what MuJoCo reports, where it is the solver; with others :attr:`computed_torque`, limited.
         """
         sim = self._sim
         other = sim.per_env(sim.control.joint_f)[:, self._dofs]
         if sim.observables is not None and getattr(sim.observables, "qfrc_actuator", None) is not None:
             return sim.per_env(sim.observables.qfrc_actuator)[:, self._dofs] + other
-        fed_forward = sim.per_env(sim.velocity_gain)[:, self._dofs] * self.joint_vel_target  # it is in joint_f
-        law = self.joint_stiffness * (self.joint_pos_target - self.joint_pos) - fed_forward
-        law = law + self.joint_damping * (self.joint_vel_target - self.joint_vel)
-        return law.clamp(-self.joint_effort_limits, self.joint_effort_limits) + other
+        law = self.computed_torque.clamp(-self.joint_effort_limits, self.joint_effort_limits)
+        return torch.where(self._explicit, other, law)

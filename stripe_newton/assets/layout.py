@@ -33,7 +33,7 @@ class Layout:
     dofs: range
     """Degrees of freedom of the joints after a free root."""
     joint_names: list[str]
-    """One name a degree of freedom; a joint with several gives ``name:0``, ``name:1``, ..."""
+    """One name a degree of freedom; a joint with several gives ``name:0``, ``name:1``, ..., in an MJCF file its own."""
     floating: bool
     """Whether the root is free."""
     root_coord: int
@@ -93,7 +93,8 @@ def _layout(builder: newton.ModelBuilder, joints: range, label: str) -> Layout:
     for joint in range(first, joints.stop):
         count = sum(builder.joint_dof_dim[joint])
         name = short[joint - root]
-        names += [name] if count == 1 else [f"{name}:{k}" for k in range(count)]
+        own = [name] if count == 1 else name.split("+")  # joints of an MJCF file that share a body
+        names += own if len(own) == count else [f"{name}:{k}" for k in range(count)]
     bodies = list(dict.fromkeys(builder.joint_child[j] for j in joints))
     return Layout(
         path=label,

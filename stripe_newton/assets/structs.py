@@ -73,7 +73,6 @@ def make_struct(sim: Simulation, layout: Layout, data: Any, soft: float) -> tupl
         struct.joint_other_effort = view(sim.control.joint_f, dofs, wp.float32)
         for name, attribute in _MODEL.items():
             setattr(struct, name, view(getattr(sim.model, attribute), dofs, wp.float32))
-        _explicit_gains(sim, dofs, struct)
         effort = getattr(sim.observables, "qfrc_actuator", None) if sim.observables is not None else None
         if effort is None:
             unavailable["joint_drive_effort"] = f"{type(sim.solver).__name__} does not report it, use MuJoCoSolverCfg"
@@ -89,23 +88,3 @@ def make_struct(sim: Simulation, layout: Layout, data: Any, soft: float) -> tupl
     struct.env_origin = wp.array(sim.env_origins, dtype=wp.vec3, device=sim.device)
     struct.gravity_dir = wp.vec3(*data.GRAVITY_VEC_W[0].tolist())
     return struct, unavailable
-
-
-def _explicit_gains(sim: Simulation, dofs: slice, struct: Any) -> None:
-    """Where an explicit actuator drives a joint the gains are its own, not those of the solver's drive."""
-    for name, gain in (("joint_stiffness", "kp"), ("joint_damping", "kd")):
-        for actuator in sim.model.actuators:
-            values = getattr(actuator.drive, gain, None)
-            if values is None:
-                continue
-            flat = torch.zeros(sim.model.joint_dof_count, device=sim.device)
-            rows = wp.to_torch(actuator.effort_indices).long()
-            flat[rows] = wp.to_torch(values)
-            mine = flat.unflatten(0, (sim.num_envs, -1))[:, dofs]
-            drives = torch.zeros_like(flat, dtype=torch.bool)
-            drives[rows] = True
-            mask = drives.unflatten(0, (sim.num_envs, -1))[:, dofs]
-            if mask.any():
-                before = wp.to_torch(getattr(struct, name))
-                merged = torch.where(mask, mine, before).contiguous()
-                setattr(struct, name, wp.from_torch(merged))

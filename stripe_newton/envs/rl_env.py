@@ -78,6 +78,7 @@ class RLEnv(VectorEnv):
         if self.cfg.seed is not None:
             self.seed(self.cfg.seed)
         self.sim = Simulation(self.cfg.sim)
+        self.sim.decimation = self.cfg.decimation
         self._prepare_simulation()
         self.scene = InteractiveScene(self.cfg.scene, self.sim)
         with self.scene.construction():

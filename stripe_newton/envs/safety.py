@@ -51,6 +51,7 @@ class Safety:
                 self._checked.append((rows, first))
         observed = sim.observables
         left = {"previous_joint_qd": sim.previous_joint_qd, "joint_f": sim.control.joint_f}
+        left["computed_effort"] = sim.actuation.computed_effort
         left |= {n: getattr(observed, n, None) for n in ("qfrc_actuator", "body_qdd", "body_parent_f")}
         self._cleared = [scope.name(f"world_{n}", _rows(sim, a)) for n, a in left.items() if a is not None and a.size]
 

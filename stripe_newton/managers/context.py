@@ -99,6 +99,12 @@ class ManagerContext:
             "parameters": self.parameters.floats,
             "int_parameters": self.parameters.ints,
         }
+        self.arrays |= {f"actuators.{k}": v for k, v in scene.sim.actuation.arrays.items()}
+        self._streams += [k for k in ("actuators.rng",) if k in self.arrays]
+        for name, sensor in scene.sensors.items():
+            lasting = {f"sensors.{name}.{k}": v for k, v in getattr(sensor, "arrays", {}).items()}
+            self.arrays |= lasting
+            self._streams += [k for k in lasting if k.endswith("rng")]
         self.seed(0)
 
     def seed(self, seed: int) -> None:
@@ -107,15 +113,20 @@ class ManagerContext:
         wp.launch(seed_streams, dim=self.num_envs, inputs=[seed % 2**31], outputs=[self.rng], device=self.device)
 
         for name in self._streams:
-            own = (seed + zlib.crc32(name.encode())) % 2**31
             array = self.arrays[name]
-            wp.launch(seed_streams, dim=self.num_envs, inputs=[own], outputs=[array], device=self.device)
+            rows = [array[k] for k in range(array.shape[0])] if array.ndim == 2 else [array]
+            for k, row in enumerate(rows):
+                own = (seed + zlib.crc32(f"{name}.{k}".encode() if k else name.encode())) % 2**31
+                wp.launch(seed_streams, dim=self.num_envs, inputs=[own], outputs=[row], device=self.device)
 
-    def stream(self, name: str) -> wp.array:
-        """Random streams beside :attr:`rng`, uint32, shape ``(num_envs,)``, for what runs beside other draws."""
+    def stream(self, name: str, count: int = 1) -> wp.array:
+        """Random streams beside :attr:`rng`, uint32, shape ``(num_envs,)``, for what runs beside other draws.
+
+        With a ``count`` above 1 so many for each environment, shape ``(count, num_envs)``.
+        """
         if name not in self._streams:
             self._streams.append(name)
-            self.array(name, wp.uint32)
+            self.shared(name, wp.uint32, *([count] if count > 1 else []), self.num_envs)
             self.seed(self._seed)
         return self.arrays[name]
 

@@ -12,6 +12,7 @@ import newton
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from .contents import SceneContents
+from .export_actuators import actuator_dofs, author_actuator
 
 __all__ = ["export_stage"]
 
@@ -30,25 +31,21 @@ def export_stage(scene: SceneContents, path: Path) -> None:
     stage = Usd.Stage.Open(stage.Flatten())
     builder = sim.template
     starts = zip(builder.joint_label, builder.joint_type, builder.joint_q_start, builder.joint_qd_start, strict=True)
-    explicit = _explicit_gains(builder)
+    explicit = actuator_dofs(builder)
+    if sim.actuation.draws_delays:
+        warnings.warn("USD cannot say that a delay is drawn for each episode; the largest is written", stacklevel=3)
     for (label, kind, coord, dof), dims in zip(starts, builder.joint_dof_dim, strict=True):
         prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
         if prim and kind in (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC, newton.JointType.D6):
-            _author_joint(prim, builder, coord, dof, dims, explicit)
+            _author_joint(prim, builder, coord, dof, dims)
+            for i in range(dof, dof + sum(dims)):
+                if i in explicit:
+                    author_actuator(prim, sum(dims) == 1, *explicit[i], folder=path.parent)
     _author_free_roots(stage, builder)
     _author_default_material(stage, scene)
     _author_physics_scene(stage, scene)
     path.parent.mkdir(parents=True, exist_ok=True)
     stage.GetRootLayer().Export(str(path))
-
-
-def _explicit_gains(builder: newton.ModelBuilder) -> dict[int, tuple[float, float]]:
-    """Gains of the explicit PD actuators by degree of freedom."""
-    gains = {}
-    for entry in builder.actuator_entries.values():
-        for dof, arguments in zip(entry.indices, entry.drive_args, strict=True):
-            gains[dof] = arguments.get("kp", 0.0), arguments.get("kd", 0.0)
-    return gains
 
 
 def _author_joint(
@@ -57,7 +54,6 @@ def _author_joint(
     coord: int,
     dof: int,
     dims: tuple[int, int],
-    explicit: dict[int, tuple[float, float]],
 ) -> None:
     """Author drive, state and passive properties of a joint; UsdPhysics has angles in degrees."""
     linear, angular = dims
@@ -81,8 +77,6 @@ def _author_joint(
         prim.CreateAttribute(f"state:{axis}:physics:velocity", Sdf.ValueTypeNames.Float).Set(
             builder.joint_qd[i] * degrees
         )
-        if i in explicit:
-            _author_actuator(prim, single, explicit[i], builder.joint_effort_limit[i])
     degrees = 180.0 / math.pi if angular else 1.0
     prim.AddAppliedSchema("NewtonJointAPI")
     for name, values, factor in (
@@ -106,17 +100,6 @@ def _axis_token(axis: Sequence[float], angular: bool) -> str:
     """``rotX`` and so on, for an axis of a joint with several degrees of freedom."""
     largest = max(range(3), key=lambda k: abs(axis[k]))
     return ("rot" if angular else "trans") + "XYZ"[largest]
-
-
-def _author_actuator(prim: Usd.Prim, single: bool, gains: tuple[float, float], limit: float) -> None:
-    if not single:
-        raise ValueError(f"'{prim.GetPath()}' has an explicit actuator and several axes, which USD cannot say")
-    actuator = prim.GetStage().DefinePrim(prim.GetPath().AppendChild("actuator"), "NewtonActuator")
-    actuator.AddAppliedSchema("NewtonPDControlAPI")
-    actuator.AddAppliedSchema("NewtonMaxEffortClampingAPI")
-    actuator.CreateRelationship("newton:targets").SetTargets([prim.GetPath()])
-    for name, value in (("kp", gains[0]), ("kd", gains[1]), ("maxEffort", limit)):
-        actuator.CreateAttribute(f"newton:{name}", Sdf.ValueTypeNames.Float).Set(float(value))
 
 
 def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:

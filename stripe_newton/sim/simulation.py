@@ -13,13 +13,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.actuation import (
-    apply_effort_targets,
-    apply_external_wrench,
-    clamp_velocity,
-    note_overflow,
-    repeat_mask,
-)
+from stripe_kernels.actuation import apply_external_wrench, clamp_velocity, note_overflow
+from stripe_newton.actuators.actuation import Actuation
 
 from .capture import capture_graph
 from .flags import HostFlags
@@ -84,6 +79,8 @@ class Simulation:
         self.recaptures = 0
         """How often an array was replaced that graphs read; whoever captured the physics compares."""
         self._graphs: dict[int, wp.Graph] = {}
+        self.decimation = 1
+        """Physics steps in a step of the environment, in which sensors count their periods."""
         self.after_each: list[Callable[[], None]] = []
         """What launches kernels after every physics step."""
 
@@ -148,7 +145,12 @@ class Simulation:
         )
         with wp.ScopedDevice(self.device):
             self.model = builder.finalize(device=self.device)
-            self.solver = self._create_solver()
+            knows_modes = self.cfg.solver.kind == "mujoco"
+            self.actuation = Actuation(
+                self.model, self.num_envs, self.physics_dt, knows_modes, use_graph=self.cfg.use_cuda_graph
+            )
+            with self.actuation.solver_gains():
+                self.solver = self._create_solver()
             self._allocate()
         self.forward()
         self.build_s = time.perf_counter() - start
@@ -169,16 +171,8 @@ class Simulation:
         self._state = model.state()
         self._next = None if self.cfg.solver.in_place else model.state()
         self.control = model.control()
-        self._actuator_states = [(a.state(), a.state()) if a.is_stateful() else (None, None) for a in model.actuators]
-        dofs = model.joint_dof_count
-        self.explicit = wp.zeros(dofs, dtype=wp.bool)
-        """Degrees of freedom that an explicit actuator drives, shape ``(joint_dof_count,)``."""
-        for actuator in model.actuators:
-            wp.to_torch(self.explicit)[torch.from_numpy(actuator.effort_indices.numpy().astype(np.int64))] = True
-        self.velocity_gain = wp.zeros(dofs, dtype=float)
-        """Damping of the drives that follow a position alone, which their velocity target is fed forward with."""
-        self.refresh_drives()
-        self.velocity_limit = wp.full(dofs, value=float("inf"), dtype=float)
+        self.actuation.bind(self._state, self.control)
+        self.velocity_limit = wp.full(model.joint_dof_count, value=float("inf"), dtype=float)
         """Velocity limits that are enforced after each step, shape ``(joint_dof_count,)``."""
         self.external_wrench: wp.array | None = None
         """External wrenches about the centres of mass, shape ``(body_count,)``, once one was set."""
@@ -266,29 +260,13 @@ class Simulation:
                 before_each()
             if index == substeps - 1:
                 wp.copy(self.previous_joint_qd, self._state.joint_qd)
+            self.actuation.launch(index, last=index == substeps - 1)
             self._substep()
             for function in self.after_each:
                 function()
 
     def _substep(self) -> None:
         model, state, control, dt = self.model, self._state, self.control, self.physics_dt
-        if model.joint_dof_count:
-            wp.launch(
-                apply_effort_targets,
-                dim=model.joint_dof_count,
-                inputs=[
-                    control.joint_act,
-                    control.joint_target_qd,
-                    self.velocity_gain,
-                    model.joint_effort_limit,
-                    self.explicit,
-                ],
-                outputs=[control.joint_f],
-            )
-        for actuator, (current, following) in zip(model.actuators, self._actuator_states, strict=True):
-            actuator.step(state, control, current, following, dt=dt)
-            if current is not None:
-                current.assign(following)
         if self.external_wrench is not None:
             wp.launch(
                 apply_external_wrench,
@@ -299,7 +277,8 @@ class Simulation:
         if self.pipeline is not None:
             self.pipeline.collide(state, self.contacts)
         following_state = state if self._next is None else self._next
-        self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
+        with self.actuation.solver_gains():
+            self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
         if self.observables is not None and self.observables.is_requested("overflow"):
             wp.launch(
                 note_overflow,
@@ -356,10 +335,7 @@ class Simulation:
         wp.to_torch(self._world_mask)[:-1] = env_mask
         with wp.ScopedDevice(self.device):
             self.solver.reset(self._state, world_mask=self._world_mask, flags=0)
-        for actuator, (current, _) in zip(self.model.actuators, self._actuator_states, strict=True):
-            if current is not None:
-                per_env = env_mask.repeat_interleave(actuator.num_actuators // self.num_envs)
-                current.reset(wp.from_torch(per_env.contiguous(), dtype=wp.bool))
+            self.actuation.reset(wp.from_torch(env_mask.contiguous(), dtype=wp.bool))
 
     def forward_masked(self) -> None:
         """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
@@ -374,24 +350,17 @@ class Simulation:
             env_mask: The same environments, bool, shape ``(num_envs,)``.
         """
         self.solver.reset(self._state, world_mask=world_mask, flags=0)
-        for actuator, (current, _) in zip(self.model.actuators, self._actuator_states, strict=True):
-            if current is not None:
-                count = actuator.num_actuators // self.num_envs
-                mask = wp.empty(self.num_envs * count, dtype=wp.bool)
-                wp.launch(repeat_mask, dim=mask.shape, inputs=[env_mask, count], outputs=[mask])
-                current.reset(mask)
+        self.actuation.reset(env_mask)
 
     def refresh_drives(self) -> None:
-        """Take over changed drive gains: a drive that follows a position gets its velocity target as feed-forward.
-
-        ``ke (q* - q) - kd qd + kd qd*`` is the law of a drive that follows both, without a second actuator.
-        """
-        mode, damping = wp.to_torch(self.model.joint_target_mode), wp.to_torch(self.model.joint_target_kd)
-        wp.to_torch(self.velocity_gain)[:] = torch.where(mode == int(newton.JointTargetMode.POSITION), damping, 0.0)
+        """Take over changed drive gains; :meth:`notify` and every physics step do so too."""
+        with wp.ScopedDevice(self.device):
+            self.actuation.hide_gains()
 
     def notify(self, flags: newton.ModelFlags | int) -> None:
         """Tell the solver which properties of the model were changed in place."""
-        with wp.ScopedDevice(self.device):
+        with wp.ScopedDevice(self.device), self.actuation.solver_gains():
+            self.actuation.hide_gains()
             self.solver.notify_model_changed(flags)
 
     def per_env(self, array: wp.array, shared: int = 0) -> torch.Tensor:

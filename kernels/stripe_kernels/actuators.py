@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What turns the targets of joints into efforts before a physics step: one launch for all joints of all environments.
+
+The laws are those of Newton's actuator library (``newton.actuators``): delay, then drive, then limits. Units are those
+of the joint: N, m and s, or N m, rad and s.
+"""
+
+import newton
+import warp as wp
+
+from .mdp.random import uniform
+
+__all__ = [
+    "LAW_MADE",
+    "LAW_PD",
+    "LAW_PID",
+    "LAW_SOLVER",
+    "JointDrives",
+    "dc_motor_range",
+    "drive_joints",
+    "interpolate_table",
+    "mask_gains",
+    "reset_drives",
+]
+
+LAW_SOLVER = wp.constant(0)
+"""The solver drives the joint itself, and integrates its gains implicitly."""
+LAW_PD = wp.constant(1)
+"""Position and velocity gain."""
+LAW_PID = wp.constant(2)
+"""Position, integral and velocity gain."""
+LAW_MADE = wp.constant(3)
+"""The effort has been made already, by a network say; it is only limited."""
+
+_POSITION = wp.constant(int(newton.JointTargetMode.POSITION))
+_VELOCITY = wp.constant(int(newton.JointTargetMode.VELOCITY))
+_BOTH = wp.constant(int(newton.JointTargetMode.POSITION_VELOCITY))
+
+
+@wp.struct
+class JointDrives:
+    """Everything that decides over the efforts of the joints. Arrays over ``dof`` alone hold for all environments."""
+
+    dt: float
+    """Time step of the physics [s]."""
+    feeds_velocity: bool
+    """Whether the solver's position drives know no velocity target, which they are then fed forward with."""
+    masks_gains: bool
+    """Whether the solver must not see the gains of explicit actuators."""
+    coord: wp.array[int]
+    """Coordinate of each degree of freedom, -1 where it has none of its own, shape ``(dofs,)``."""
+    law: wp.array[int]
+    """Who drives it: ``LAW_SOLVER`` and so on, shape ``(dofs,)``."""
+    mode: wp.array2d[int]
+    """What the solver's drive follows, ``newton.JointTargetMode``, shape ``(num_envs, dofs)``."""
+    joint_pos: wp.array2d[float]
+    """Positions, shape ``(num_envs, coords)``."""
+    joint_vel: wp.array2d[float]
+    """Velocities, shape ``(num_envs, dofs)``."""
+    pos_target: wp.array2d[float]
+    """Position targets, shape ``(num_envs, coords)``."""
+    vel_target: wp.array2d[float]
+    """Velocity targets, shape ``(num_envs, dofs)``."""
+    effort_target: wp.array2d[float]
+    """Effort targets, shape ``(num_envs, dofs)``."""
+    stiffness: wp.array2d[float]
+    """Position gains, of the solver's drive or the explicit one, shape ``(num_envs, dofs)``."""
+    damping: wp.array2d[float]
+    """Velocity gains, of the solver's drive or the explicit one, shape ``(num_envs, dofs)``."""
+    effort_limit: wp.array2d[float]
+    """Largest efforts, shape ``(num_envs, dofs)``."""
+    integral_gain: wp.array2d[float]
+    """Gains of the integrated position error, shape ``(num_envs, dofs)``."""
+    integral_limit: wp.array2d[float]
+    """Largest integrated position error, shape ``(num_envs, dofs)``."""
+    integral: wp.array2d[float]
+    """Integrated position error, shape ``(num_envs, dofs)``."""
+    bias_effort: wp.array2d[float]
+    """Effort that is always added, shape ``(num_envs, dofs)``."""
+    made_effort: wp.array2d[float]
+    """Effort that Newton's actuators made, cleared once read, shape ``(num_envs, dofs)``."""
+    has_curve: wp.array[wp.bool]
+    """Whether the effort is limited by a torque-speed curve, shape ``(dofs,)``."""
+    saturation_effort: wp.array2d[float]
+    """Effort of the motor at standstill, shape ``(num_envs, dofs)``."""
+    no_load_speed: wp.array2d[float]
+    """Speed at which the motor has no effort left, shape ``(num_envs, dofs)``."""
+    table_start: wp.array[int]
+    """First entry of the table of effort limits over the position, shape ``(dofs,)``."""
+    table_count: wp.array[int]
+    """Its entries, 0 for none, shape ``(dofs,)``."""
+    table_pos: wp.array[float]
+    """Positions of the tables, rising in each."""
+    table_effort: wp.array[float]
+    """Effort limits of the tables."""
+    delay_slot: wp.array[int]
+    """Column of delayed targets, -1 for none, shape ``(dofs,)``."""
+    lag: wp.array2d[int]
+    """Physics steps by which targets are late, shape ``(num_envs, slots)``."""
+    pushes: wp.array2d[int]
+    """Targets since the episode began, counted modulo the length of the history once that is full."""
+    history: wp.array3d[wp.vec3]
+    """Past position, velocity and effort targets, shape ``(depth, num_envs, slots)``."""
+    effort: wp.array2d[float]
+    """Output: generalized force beside the solver's drives, shape ``(num_envs, dofs)``."""
+    computed_effort: wp.array2d[float]
+    """Output: what the laws ask for, before any limit, shape ``(num_envs, dofs)``."""
+    solver_stiffness: wp.array2d[float]
+    """Output where ``masks_gains``: position gains of the solver's drives alone, shape ``(num_envs, dofs)``."""
+    solver_damping: wp.array2d[float]
+    """Output where ``masks_gains``: velocity gains of the solver's drives alone, shape ``(num_envs, dofs)``."""
+
+
+@wp.func
+def dc_motor_range(vel: float, saturation: float, no_load_speed: float, limit: float) -> wp.vec2:
+    """Least and largest effort of a DC motor at a velocity.
+
+    ``[max(s (-1 - v/v0), -limit), min(s (1 - v/v0), limit)]``, ``v`` clamped to ``+-v0 (1 + limit/s)``, where the curve
+    meets the limit.
+
+    Source: ``newton.actuators.ClampingDCMotor``, as Isaac Lab's ``DCMotor``.
+    """
+    corner = no_load_speed
+    if saturation > 0.0:
+        ratio = limit / saturation
+        if not wp.isnan(ratio):
+            corner = no_load_speed * (1.0 + ratio)
+    v = wp.clamp(vel, -corner, corner)
+    top = wp.min(saturation * (1.0 - v / no_load_speed), limit)
+    bottom = wp.max(saturation * (-1.0 - v / no_load_speed), -limit)
+    return wp.vec2(bottom, top)
+
+
+@wp.func
+def interpolate_table(x: float, xs: wp.array[float], ys: wp.array[float], start: int, count: int) -> float:
+    """Linear interpolation in the entries ``start`` to ``start + count`` of a table, constant beyond its ends."""
+    last = start + count - 1
+    if x <= xs[start]:
+        return ys[start]
+    if x >= xs[last]:
+        return ys[last]
+    k = start
+    while xs[k + 1] < x:
+        k += 1
+    return ys[k] + (x - xs[k]) / (xs[k + 1] - xs[k]) * (ys[k + 1] - ys[k])
+
+
+@wp.func
+def delayed_targets(env: int, slot: int, now: wp.vec3, drives: JointDrives) -> wp.vec3:
+    """The targets ``lag`` steps ago, or the oldest of the episode if it is younger; remembers those of ``now``."""
+    depth = drives.history.shape[0]
+    n = drives.pushes[env, slot]
+    lag = wp.min(drives.lag[env, slot], n)
+    late = now
+    if lag > 0:
+        late = drives.history[(n - lag) % depth, env, slot]
+    drives.history[n % depth, env, slot] = now
+    n += 1
+    if n >= 2 * depth:
+        n -= depth
+    drives.pushes[env, slot] = n
+    return late
+
+
+@wp.func
+def clamp_number(value: float, low: float, high: float) -> float:
+    """``value`` within bounds; one that is no number stays, so that it shows where it came from."""
+    if wp.isnan(value):
+        return value
+    return wp.clamp(value, low, high)
+
+
+@wp.kernel(enable_backward=False)
+def drive_joints(drives: JointDrives):
+    """Efforts of all joints; a thread for each degree of freedom of each environment.
+
+    Where the solver drives: ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a
+    position alone. Elsewhere ``effort = clamp(kp (q* - q) + ki I + kd (qd* - qd) + effort* + bias)`` within the torque-
+    speed curve, the limit and the table, with delayed targets, and ``I <- clamp(I + dt (q* - q), +-integral_limit)``.
+    """
+    env, dof = wp.tid()
+    law = drives.law[dof]
+    coord = drives.coord[dof]
+    limit = drives.effort_limit[env, dof]
+    kp = drives.stiffness[env, dof]
+    kd = drives.damping[env, dof]
+    pos = wp.float32(0.0)
+    targets = wp.vec3(0.0, drives.vel_target[env, dof], drives.effort_target[env, dof])
+    if coord >= 0:
+        pos = drives.joint_pos[env, coord]
+        targets[0] = drives.pos_target[env, coord]
+    vel = drives.joint_vel[env, dof]
+    if law == LAW_SOLVER:
+        mode = drives.mode[env, dof]
+        if drives.masks_gains:
+            drives.solver_stiffness[env, dof] = kp
+            drives.solver_damping[env, dof] = kd
+        if mode != _POSITION and mode != _BOTH:
+            kp = wp.float32(0.0)
+            if mode != _VELOCITY:
+                kd = wp.float32(0.0)
+        drives.computed_effort[env, dof] = kp * (targets[0] - pos) + kd * (targets[1] - vel) + targets[2]
+        fed = wp.float32(0.0)
+        if drives.feeds_velocity and mode == _POSITION:
+            fed = kd * targets[1]
+        drives.effort[env, dof] = clamp_number(targets[2] + fed, -limit, limit)
+        return
+    slot = drives.delay_slot[dof]
+    if slot >= 0:
+        targets = delayed_targets(env, slot, targets, drives)
+    asked = wp.float32(0.0)
+    if law == LAW_MADE:
+        asked = drives.made_effort[env, dof]
+        drives.made_effort[env, dof] = 0.0
+    else:
+        asked = drives.bias_effort[env, dof] + targets[2] + kp * (targets[0] - pos)
+        if law == LAW_PID:
+            bound = drives.integral_limit[env, dof]
+            integral = wp.clamp(drives.integral[env, dof] + (targets[0] - pos) * drives.dt, -bound, bound)
+            drives.integral[env, dof] = integral
+            asked += drives.integral_gain[env, dof] * integral
+        asked += kd * (targets[1] - vel)
+    drives.computed_effort[env, dof] = asked
+    given = asked
+    if drives.has_curve[dof]:
+        bounds = dc_motor_range(vel, drives.saturation_effort[env, dof], drives.no_load_speed[env, dof], limit)
+        given = clamp_number(given, bounds[0], bounds[1])
+    given = clamp_number(given, -limit, limit)
+    count = drives.table_count[dof]
+    if count > 0:
+        most = interpolate_table(pos, drives.table_pos, drives.table_effort, drives.table_start[dof], count)
+        given = clamp_number(given, -most, most)
+    drives.effort[env, dof] = given
+
+
+@wp.kernel(enable_backward=False)
+def mask_gains(drives: JointDrives):
+    """Gains of the solver's drives alone, as :func:`drive_joints` writes them; a thread for each degree of freedom."""
+    env, dof = wp.tid()
+    if drives.law[dof] == LAW_SOLVER:
+        drives.solver_stiffness[env, dof] = drives.stiffness[env, dof]
+        drives.solver_damping[env, dof] = drives.damping[env, dof]
+
+
+@wp.kernel(enable_backward=False)
+def reset_drives(
+    mask: wp.array[wp.bool],
+    group: wp.array[int],
+    low: wp.array[int],
+    high: wp.array[int],
+    rng: wp.array[wp.uint32],
+    drives: JointDrives,
+):
+    """Begin episodes: forget past targets and integrated errors, draw lags; a thread for each environment.
+
+    Args:
+        mask: Environments that begin anew, shape ``(num_envs,)``.
+        group: Group that a column of delayed targets draws its lag with, -1 for a lag that stays, shape ``(slots,)``.
+        low: Least lag of each group, shape ``(groups,)``.
+        high: Largest lag of each group, shape ``(groups,)``.
+        rng: Random streams, shape ``(num_envs,)``; one draw for each group.
+        drives: What is reset.
+    """
+    env = wp.tid()
+    if not mask[env]:
+        return
+    for dof in range(drives.integral.shape[1]):
+        drives.integral[env, dof] = 0.0
+    for slot in range(group.shape[0]):
+        drives.pushes[env, slot] = 0
+    for g in range(low.shape[0]):
+        lag = low[g] + wp.int32(uniform(env, rng) * wp.float32(high[g] - low[g] + 1))
+        for slot in range(group.shape[0]):
+            if group[slot] == g:
+                drives.lag[env, slot] = wp.min(lag, high[g])

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of actuator networks, made into the ONNX files that Newton's neural drives read."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+import warnings
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+import warp as wp
+
+from . import lstm
+from .lstm import LSTM_NAMES, lstm_model, with_metadata
+
+__all__ = ["prepare_lstm", "prepare_mlp"]
+
+_FORMATS = "ONNX (.onnx) and TorchScript (.pt, .pth, .jit)"
+
+
+def prepare_mlp(file: str, **said: Any) -> Path:
+    """An ONNX file for ``newton.actuators.DriveNeuralMLP``, in a cache beside Warp's kernels.
+
+    Args:
+        file: Path of the network.
+        said: Overrules the metadata of the file: pos_scale, vel_scale, effort_scale, input_order, input_idx.
+
+    Raises:
+        ValueError: if the file is not there, of no known format, or no such network.
+    """
+
+    def make(path: Path) -> onnx.ModelProto:
+        metadata: dict[str, Any] = {}
+        if _is_onnx(path):
+            model = _load_onnx(path)
+            metadata = _metadata(model, path)
+            metadata.setdefault("effort_scale", metadata.pop("torque_scale", 1.0))
+        metadata = {"input_order": "pos_vel", "input_idx": [0], **metadata, **said, "model_type": "mlp"}
+        width = 2 * len(metadata["input_idx"])
+        if not _is_onnx(path):
+            model = _export(_load_torch(path), torch.zeros(1, width), path)
+        _check_shapes(model, path, [(None, width)], [(None, 1)], f"input_idx {metadata['input_idx']}")
+        return with_metadata(model, metadata)
+
+    return _cached(file, make, "mlp", said)
+
+
+def prepare_lstm(file: str) -> Path:
+    """An ONNX file for ``newton.actuators.DriveNeuralLSTM``, in a cache beside Warp's kernels.
+
+    Args:
+        file: Path of the network.
+
+    Raises:
+        ValueError: if the file is not there, of no known format, or no such network.
+    """
+
+    def make(path: Path) -> onnx.ModelProto:
+        if not _is_onnx(path):
+            return lstm_model(_load_torch(path), path)
+        model = _load_onnx(path)
+        state = (None, None, None)
+        _check_shapes(model, path, [(None, None, 2), state, state], [(None, 1), state, state], "an LSTM")
+        names = [[value.name for value in values] for values in (_inputs(model), model.graph.output)]
+        sizes = [d.dim_value for d in _inputs(model)[1].type.tensor_type.shape.dim]
+        metadata = {k: n for keys, own in zip(LSTM_NAMES, names, strict=True) for k, n in zip(keys, own, strict=True)}
+        metadata |= {"num_layers": sizes[0], "hidden_size": sizes[2]}
+        metadata |= _metadata(model, path) | {"model_type": "lstm"}
+        if not (metadata["num_layers"] and metadata["hidden_size"]):
+            raise ValueError(f"network_file '{path}': neither shapes nor metadata say its num_layers and hidden_size")
+        return with_metadata(model, metadata)
+
+    return _cached(file, make, "lstm", {})
+
+
+# -- reading
+
+
+def _is_onnx(path: Path) -> bool:
+    return path.suffix.lower() == ".onnx"
+
+
+def _cached(file: str, make: Callable[[Path], onnx.ModelProto], kind: str, said: Mapping[str, Any]) -> Path:
+    path = Path(file).expanduser()
+    if not path.is_file():
+        raise ValueError(f"network_file '{file}': there is no such file")
+    if path.suffix.lower() not in (".onnx", ".pt", ".pth", ".jit"):
+        raise ValueError(f"network_file '{file}': '{path.suffix}' is no known format, there are {_FORMATS}")
+    digest = hashlib.sha256(path.read_bytes())
+    digest.update(json.dumps([kind, path.suffix, dict(sorted(said.items()))]).encode())
+    for source in (__file__, lstm.__file__):  # what was converted by other code is converted anew
+        digest.update(Path(source).read_bytes())
+    wp.init()  # which chooses the folder
+    folder = Path(wp.config.kernel_cache_dir) / "stripe_newton" / "networks"
+    made = folder / f"{path.stem}_{digest.hexdigest()[:16]}.onnx"
+    if not made.is_file():
+        model = make(path)
+        _check_operators(model, path)
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as own:
+            onnx.save(model, f"{own}/network.onnx")
+            os.replace(f"{own}/network.onnx", made)
+    return made
+
+
+def _load_onnx(path: Path) -> onnx.ModelProto:
+    try:
+        model = onnx.load(str(path))
+        onnx.checker.check_model(model)
+    except Exception as error:
+        raise ValueError(f"network_file '{path}': it is no ONNX model: {error}") from error
+    return model
+
+
+def _load_torch(path: Path) -> Any:
+    """The network of a TorchScript file, on the CPU."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            inside = {name.split("/", 1)[-1] for name in archive.namelist()}
+    except zipfile.BadZipFile as error:
+        raise ValueError(f"network_file '{path}': it is no file of torch; there are {_FORMATS}") from error
+    if not any(name.startswith("code/") for name in inside):
+        raise ValueError(
+            f"network_file '{path}': it is no TorchScript; write it by torch.jit.save(torch.jit.script(network), path) "
+            "or torch.onnx.export"
+        )
+    try:
+        return torch.jit.load(str(path), map_location="cpu").eval()
+    except Exception as error:
+        raise ValueError(f"network_file '{path}': torch cannot read it: {error}") from error
+
+
+def _metadata(model: onnx.ModelProto, path: Path) -> dict[str, Any]:
+    found = {p.key: p.value for p in model.metadata_props}
+    try:
+        return json.loads(found["metadata"]) if "metadata" in found else {k: _parsed(v) for k, v in found.items()}
+    except json.JSONDecodeError as error:
+        raise ValueError(f"network_file '{path}': its metadata are no JSON: {error}") from error
+
+
+def _parsed(text: str) -> Any:
+    with contextlib.suppress(json.JSONDecodeError):
+        return json.loads(text)
+    return text
+
+
+def _inputs(model: onnx.ModelProto) -> list[Any]:
+    constants = {value.name for value in model.graph.initializer}
+    return [value for value in model.graph.input if value.name not in constants]
+
+
+def _check_shapes(model: onnx.ModelProto, path: Path, inputs: list[Any], outputs: list[Any], why: str) -> None:
+    for what, values, wanted in (("input", _inputs(model), inputs), ("output", model.graph.output, outputs)):
+        shapes = [tuple(d.dim_value or None for d in v.type.tensor_type.shape.dim) for v in values]
+        fits = len(shapes) == len(wanted) and all(
+            len(a) == len(b) and all(x is None or y is None or x == y for x, y in zip(a, b, strict=True))
+            for a, b in zip(shapes, wanted, strict=True)
+        )
+        if not fits:
+            show = ", ".join(str(s).replace("None", "n") for s in shapes)
+            must = ", ".join(str(s).replace("None", "n") for s in wanted)
+            raise ValueError(f"network_file '{path}': {what}s have shapes {show}; {why} needs {must}")
+
+
+def _check_operators(model: onnx.ModelProto, path: Path) -> None:
+    from warp_nn.runtime import OnnxRuntime  # type: ignore[import-untyped]
+
+    with tempfile.TemporaryDirectory() as folder:
+        onnx.save(model, f"{folder}/network.onnx")
+        try:
+            OnnxRuntime(f"{folder}/network.onnx", device="cpu")
+        except (NotImplementedError, ValueError) as error:
+            raise ValueError(f"network_file '{path}': Warp-NN cannot run it: {error}") from error
+
+
+# -- converting
+
+
+def _export(network: Any, example: torch.Tensor, path: Path) -> onnx.ModelProto:
+    """A TorchScript network as ONNX, with any number of rows."""
+    names: dict[str, Any] = {"input_names": ["input"], "output_names": ["output"]}
+    rows = {"input": {0: "n"}, "output": {0: "n"}}
+    try:
+        with warnings.catch_warnings(), torch.no_grad():
+            warnings.simplefilter("ignore")  # this exporter, which alone takes TorchScript, calls itself old
+            network(example)
+            with tempfile.TemporaryDirectory() as folder:
+                torch.onnx.export(network, (example,), f"{folder}/n.onnx", dynamo=False, dynamic_axes=rows, **names)
+                return onnx.load(f"{folder}/n.onnx")
+    except Exception as error:
+        shape = tuple(example.shape)
+        raise ValueError(f"network_file '{path}': it does not take an input of shape {shape}: {error}") from error
