@@ -5,10 +5,12 @@ from .articulation import Articulation, ArticulationCfg
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg
 from .layout import Layout, articulation_layouts
+from .library import ROBOT_SOURCES, file_spawner, find_robot
 from .rigid_object import RigidObject, RigidObjectCfg
 from .root_data import RootData
 
 __all__ = [
+    "ROBOT_SOURCES",
     "Articulation",
     "ArticulationCfg",
     "ArticulationData",
@@ -19,4 +21,6 @@ __all__ = [
     "RigidObjectCfg",
     "RootData",
     "articulation_layouts",
+    "file_spawner",
+    "find_robot",
 ]

@@ -18,6 +18,7 @@ from stripe_newton.sim.stage import ENV_0
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
 from .contents import SceneContents
+from .mjcf import complete_mjcf, count_actuators
 
 __all__ = ["SceneBuilder"]
 
@@ -139,10 +140,13 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
     position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
     xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
     counts = builder.body_count, builder.joint_count, builder.shape_count, builder.articulation_count
+    keyframe, actuators = options.pop("keyframe", None), count_actuators(builder)
     add = builder.add_urdf if kind == "urdf" else builder.add_mjcf
     _take_newton_for_pgs(builder)
     try:
         add(path, xform=xform, **options)
+        if kind == "mjcf":
+            complete_mjcf(builder, path, counts[1], actuators, keyframe, xform, options["scale"])
     except Exception as error:
         raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}': {error}") from error
     if builder.body_count == counts[0]:

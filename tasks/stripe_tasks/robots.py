@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that the installed Newton packages, as articulation configs."""
+"""Robots as articulation configs: those that the installed Newton packages, and a quadruped of this package's own."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from newton.examples import get_asset
 
@@ -9,7 +11,9 @@ from stripe_newton.actuators import ImplicitActuatorCfg
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.sim import ArticulationRootPropertiesCfg, MassPropertiesCfg, UsdFileCfg
 
-__all__ = ["ANT_CFG", "CARTPOLE_CFG", "CART_DOUBLE_POLE_CFG", "HUMANOID_CFG"]
+__all__ = ["ANT_CFG", "CARTPOLE_CFG", "CART_DOUBLE_POLE_CFG", "HUMANOID_CFG", "HUMANOID_POSITION_CFG", "QUADRUPED_CFG"]
+
+_ASSETS = Path(__file__).parent / "assets"
 
 _NO_SELF_COLLISION = ArticulationRootPropertiesCfg(enabled_self_collisions=False)
 
@@ -97,3 +101,87 @@ HUMANOID_CFG = ArticulationCfg(
     },
 )
 """A humanoid of 41 kg with 21 degrees of freedom, on weak springs about its standing pose."""
+
+HUMANOID_POSITION_CFG = HUMANOID_CFG.replace(
+    init_state=ArticulationCfg.InitialStateCfg(
+        pos=(0.0, 0.0, 1.256),
+        joint_pos={
+            ".*_thigh:1": -0.29,
+            ".*_knee": -0.6,
+            ".*_foot:0": -0.3,
+            ".*_upper_arm:.": 0.0,
+            ".*_elbow": -0.3,
+        },
+    ),
+    soft_joint_pos_limit_factor=0.9,
+    actuators={
+        "legs": ImplicitActuatorCfg(
+            joint_names_expr=[".*_thigh:.", ".*_knee"],
+            stiffness={".*_thigh:[02]": 200.0, ".*_thigh:1": 300.0, ".*_knee": 300.0},
+            damping=10.0,
+            effort_limit={".*_thigh:[02]": 45.0, ".*_thigh:1": 135.0, ".*_knee": 90.0},
+            velocity_limit=20.0,
+            armature=0.02,
+        ),
+        "feet": ImplicitActuatorCfg(
+            joint_names_expr=[".*_foot:."],
+            stiffness=300.0,
+            damping=10.0,
+            effort_limit=45.0,
+            velocity_limit=20.0,
+            armature=0.02,
+        ),
+        "waist": ImplicitActuatorCfg(
+            joint_names_expr=["lower_waist:.", "abdomen_x"],
+            stiffness=300.0,
+            damping=8.0,
+            effort_limit=67.5,
+            velocity_limit=20.0,
+            armature=0.02,
+        ),
+        "arms": ImplicitActuatorCfg(
+            joint_names_expr=[".*_upper_arm:.", ".*_elbow"],
+            stiffness=40.0,
+            damping=2.0,
+            effort_limit={".*_upper_arm:.": 67.5, ".*_elbow": 45.0},
+            velocity_limit=20.0,
+            armature=0.02,
+        ),
+    },
+)
+"""The humanoid under position control, for velocity commands: it stands on its default pose, knees bent. Effort limits
+are the gears of Newton's ``nv_humanoid.xml``, twice that at the ankles."""
+
+QUADRUPED_CFG = ArticulationCfg(
+    spawn=UsdFileCfg(usd_path=str(_ASSETS / "quadruped.usda"), articulation_props=_NO_SELF_COLLISION),
+    init_state=ArticulationCfg.InitialStateCfg(
+        pos=(0.0, 0.0, 0.34),
+        joint_pos={
+            ".L_hip_joint": 0.1,
+            ".R_hip_joint": -0.1,
+            "F._thigh_joint": 0.8,
+            "R._thigh_joint": 1.0,
+            ".*_calf_joint": -1.5,
+        },
+    ),
+    soft_joint_pos_limit_factor=0.9,
+    actuators={
+        "hips": ImplicitActuatorCfg(
+            joint_names_expr=[".*_hip_joint", ".*_thigh_joint"],
+            stiffness=25.0,
+            damping=0.6,
+            effort_limit=23.7,
+            velocity_limit=30.1,
+            armature=0.00448,
+        ),
+        "knees": ImplicitActuatorCfg(
+            joint_names_expr=[".*_calf_joint"],
+            stiffness=25.0,
+            damping=0.6,
+            effort_limit=45.43,
+            velocity_limit=15.7,
+            armature=0.01647,
+        ),
+    },
+)
+"""A quadruped of 15 kg with twelve joints, of the class of Unitree's Go2; see ``tools/author_quadruped.py``."""

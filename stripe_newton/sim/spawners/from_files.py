@@ -230,9 +230,12 @@ class MjcfFileCfg(_ImporterCfg):
     """Function that authors the prim."""
     ignore_names: list[str] = ["floor", "ground"]
     """Geometries and bodies left out, by name: the file's own ground."""
+    keyframe: str | None = None
+    """Keyframe of the file that gives what ``init_state`` leaves ``None``: positions of the joints, pose of a free
+    root."""
 
     def importer_options(self) -> dict[str, Any]:
-        return {**super().importer_options(), "ignore_names": self.ignore_names}
+        return {**super().importer_options(), "ignore_names": self.ignore_names, "keyframe": self.keyframe}
 
 
 @configclass

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an MJCF file says of its joints that Newton's importer reads in another way than MuJoCo means it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import newton
+import numpy as np
+import warp as wp
+from newton.solvers import SolverMuJoCo
+
+__all__ = ["complete_mjcf", "count_actuators"]
+
+_HINGES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def count_actuators(builder: newton.ModelBuilder) -> int:
+    """How many actuators of MJCF files the builder holds."""
+    return len(_rows(builder, "ctrl_source"))
+
+
+def complete_mjcf(
+    builder: newton.ModelBuilder,
+    path: str,
+    first_joint: int,
+    first_actuator: int,
+    keyframe: str | None = None,
+    xform: wp.transform | None = None,
+    scale: float = 1.0,
+) -> None:
+    """Complete what ``builder.add_mjcf(path)`` just added.
+
+    * Hinges and slides that share a body, which Newton merges into one joint, get their own names back: the joint is
+      labelled ``a+b+c``, one name a degree of freedom.
+    * Servos become drives. Newton reads ``<position>`` as a drive that follows the position target, but the same law
+      written ``<general biastype="affine">`` as an actuator that pulls towards its own control, for ever zero.
+    * The force range of a drive, and the control range of a ``<motor>`` times its gear, become the joint's effort
+      limit, which an actuator config can then replace.
+    * The positions of ``keyframe`` become the initial ones.
+
+    Args:
+        builder: Where to.
+        path: The file.
+        first_joint: Number of joints before the file was added.
+        first_actuator: :func:`count_actuators` before the file was added.
+        keyframe: Name of a keyframe of the file.
+        xform: Where the file's world frame stands.
+        scale: Scale of lengths.
+
+    Raises:
+        ValueError: there is no such keyframe; the message lists what there is.
+    """
+    _servos_to_drives(builder, first_actuator)
+    shared = [j for j in range(first_joint, builder.joint_count) if sum(builder.joint_dof_dim[j]) > 1]
+    shared = [j for j in shared if builder.joint_type[j] == newton.JointType.D6]
+    if not shared and keyframe is None:
+        return
+    spec = mujoco.MjSpec.from_file(path)
+    bodies = {_sanitized(body.name): body for body in spec.bodies if body.name}
+    for joint in shared:
+        parent, _, own = builder.joint_label[joint].rpartition("/")
+        names = [_sanitized(j.name) for j in _joints(bodies.get(_body_name(builder, joint)))]
+        if len(names) == sum(builder.joint_dof_dim[joint]) and all(names) and sorted(own) == sorted("_".join(names)):
+            builder.joint_label[joint] = f"{parent}/{'+'.join(names)}"
+    if keyframe is not None:
+        _set_keyframe(builder, spec, bodies, first_joint, keyframe, xform, scale)
+
+
+def _set_keyframe(
+    builder: newton.ModelBuilder,
+    spec: Any,
+    bodies: dict[str, Any],
+    first_joint: int,
+    keyframe: str,
+    xform: wp.transform | None,
+    scale: float,
+) -> None:
+    names = [key.name for key in spec.keys]
+    if keyframe not in names:
+        raise ValueError(f"there is no keyframe '{keyframe}', it has {', '.join(names) or 'none'}")
+    model = spec.compile()
+    qpos = model.key_qpos[names.index(keyframe)]
+    for joint in range(first_joint, builder.joint_count):
+        start = builder.joint_q_start[joint]
+        for own in _joints(bodies.get(_body_name(builder, joint))):
+            at = int(model.jnt_qposadr[own.id])
+            if own.type == mujoco.mjtJoint.mjJNT_FREE:
+                position, quat = qpos[at : at + 3] * scale, qpos[at + 3 : at + 7]
+                pose = wp.transform(wp.vec3(*position), wp.quat(*quat[1:], quat[0]))
+                values = list(pose if xform is None else xform * pose)
+            elif own.type == mujoco.mjtJoint.mjJNT_BALL:
+                values = [*qpos[at + 1 : at + 4], qpos[at]]
+            else:
+                offset = qpos[at] - model.qpos0[at]
+                values = [offset * (scale if own.type == mujoco.mjtJoint.mjJNT_SLIDE else 1.0)]
+            builder.joint_q[start : start + len(values)] = [float(v) for v in values]
+            start += len(values)
+
+
+def _joints(body: Any) -> list[Any]:
+    """The joints of an MJCF body in Newton's order: what slides comes first."""
+    joints = list(body.joints) if body is not None else []
+    return sorted(joints, key=lambda j: j.type == mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def _body_name(builder: newton.ModelBuilder, joint: int) -> str:
+    return builder.body_label[builder.joint_child[joint]].rpartition("/")[2]
+
+
+def _sanitized(name: str) -> str:
+    """A name as Newton's importers write it."""
+    return name.replace("-", "_")
+
+
+def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
+    source, kind = _rows(builder, "ctrl_source"), _rows(builder, "ctrl_type")
+    for row in range(first, len(source)):
+        if _value(builder, "actuator_trntype", row) != SolverMuJoCo.TrnType.JOINT:
+            continue
+        dof = int(_value(builder, "actuator_trnid", row)[0])
+        if dof < 0:
+            continue
+        if source[row] == SolverMuJoCo.CtrlSource.CTRL_DIRECT:
+            gains = _servo_gains(builder, row)
+            if gains is None:
+                _limit_effort(builder, dof, _motor_range(builder, row))
+                continue
+            builder.joint_target_ke[dof], builder.joint_target_kd[dof] = gains
+            follows = newton.JointTargetMode.POSITION if gains[0] > 0.0 else newton.JointTargetMode.VELOCITY
+            builder.joint_target_mode[dof] = int(follows)
+            source[row] = int(SolverMuJoCo.CtrlSource.JOINT_TARGET)
+            kind[row] = int(SolverMuJoCo.CtrlType.POSITION if gains[0] > 0.0 else SolverMuJoCo.CtrlType.VELOCITY)
+        if _limit_effort(builder, dof, _force_range(builder, row)):
+            _rows(builder, "actuator_has_forcerange")[row] = 0
+
+
+def _servo_gains(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:
+    """Stiffness and damping of a ``<general>`` actuator that is a servo; ``None`` if it is something else."""
+    affine = _value(builder, "actuator_biastype", row) == 1
+    static = _value(builder, "actuator_dyntype", row) == 0 and _value(builder, "actuator_gaintype", row) == 0
+    if not (affine and static and _gear(builder, row) == 1.0):
+        return None
+    gain, (offset, stiffness, damping) = _value(builder, "actuator_gainprm", row)[0], _bias(builder, row)
+    if offset != 0.0 or gain <= 0.0 or stiffness > 0.0 or damping > 0.0:
+        return None  # a positive bias[2] is a damping ratio, which Newton resolves itself
+    if np.isclose(gain, -stiffness) or (stiffness == 0.0 and np.isclose(gain, -damping)):
+        return -stiffness, -damping
+    return None
+
+
+def _motor_range(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:
+    """Efforts that a ``<motor>`` can be told; ``None`` if they have no end or it is no motor."""
+    plain = not any(_value(builder, f"actuator_{t}type", row) for t in ("dyn", "gain", "bias"))
+    if not plain or not _value(builder, "actuator_has_ctrlrange", row):
+        return _force_range(builder, row)
+    factor = abs(_gear(builder, row) * _value(builder, "actuator_gainprm", row)[0])
+    low, high = _value(builder, "actuator_ctrlrange", row)
+    return factor * low, factor * high
+
+
+def _force_range(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:
+    if not _value(builder, "actuator_has_forcerange", row) or _value(builder, "actuator_forcelimited", row) == 0:
+        return None
+    low, high = _value(builder, "actuator_forcerange", row)
+    factor = abs(_gear(builder, row))
+    return factor * low, factor * high
+
+
+def _limit_effort(builder: newton.ModelBuilder, dof: int, bounds: tuple[float, float] | None) -> bool:
+    """Lower the effort limit of a joint to symmetric bounds [N or N m]; whether they are that."""
+    if bounds is None or not np.isclose(bounds[0], -bounds[1]) or bounds[1] <= 0.0:
+        return False
+    builder.joint_effort_limit[dof] = min(builder.joint_effort_limit[dof], float(bounds[1]))
+    return True
+
+
+def _gear(builder: newton.ModelBuilder, row: int) -> float:
+    return float(_value(builder, "actuator_gear", row)[0])
+
+
+def _bias(builder: newton.ModelBuilder, row: int) -> Iterator[float]:
+    return (float(v) for v in list(_value(builder, "actuator_biasprm", row))[:3])
+
+
+def _rows(builder: newton.ModelBuilder, name: str) -> list[Any]:
+    attribute = builder.custom_attributes.get(f"mujoco:{name}")
+    return attribute.values if attribute is not None and isinstance(attribute.values, list) else []
+
+
+def _value(builder: newton.ModelBuilder, name: str, row: int) -> Any:
+    """The value of a row, which is the attribute's default where nothing was written."""
+    values = _rows(builder, name)
+    value = values[row] if row < len(values) else None
+    return builder.custom_attributes[f"mujoco:{name}"].default if value is None else value
