@@ -43,6 +43,7 @@ $(VENV)/.base: pyproject.toml | $(VENV)/.torch
 
 $(VENV)/.dev: pyproject.toml | $(VENV)/.torch
 	$(PIP) install -e ".[dev]"
+	$(PIP) install --no-deps "mjlab~=1.6.0"  # for its robot files alone
 	@touch $@ $(VENV)/.base
 
 train: $(VENV)/.base
