@@ -33,6 +33,7 @@ TASK = "Stripe-Cartpole-Direct-v0"
 KEYS = {
     *("task", "device", "num_envs", "decimation", "physics_ms", "env_ms", "overhead_ratio", "env_steps_per_s"),
     *("graph_launches_per_step", "kernel_launches_per_step", "host_syncs_per_step", "build_s", "first_step_s"),
+    *("import_s", "ready_s"),
 }
 
 
@@ -317,8 +318,11 @@ def test_the_table_of_a_gpu_has_the_calls():
         "host_syncs_per_step": 0.015625,
         "build_s": 1.0,
         "first_step_s": 2.0,
+        "import_s": 1.5,
+        "ready_s": 4.5,
     }
     text = table(result)
+    assert "4.50 s from the command" in text
     assert "T-v0, 4096 environments on NVIDIA X" in text
     assert "5.0 % of the physics" in text
     assert "1 graph launches, 0 kernel launches, 0.01562 host syncs" in text
@@ -505,8 +509,8 @@ def test_a_start_counts_the_kernels_that_it_compiled(monkeypatch, tmp_path):
             (cache / "b.cubin").write_text("b")
         else:
             os.utime(cache / "b.cubin", (1, 1))  # compiled anew
-        times = {"build_s": 1.0, "reset_s": 1.0, "first_step_s": 1.0}
-        return SimpleNamespace(stdout="a line of another\n" + json.dumps({"device": "cpu", **times}) + "\n")
+        times = {f"{part}_s": 1.0 for part in ("ready", "import", "build", "reset", "first_step")}
+        Path(command[command.index("--json") + 1]).write_text(json.dumps({"device": "cpu", **times}))
 
     monkeypatch.setattr(benchmark_table.subprocess, "run", process)
     benchmark_table.main(["out", "--parts", "start"])

@@ -11,7 +11,7 @@ import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
@@ -19,11 +19,14 @@ import tyro
 import warp as wp
 
 from stripe_newton.configclass import ConfigError, validate
-from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, RunFolder
+from stripe_newton.rl import RunFolder
 
 from .errors import UserError
 from .fields import apply_options, apply_saved, options_of
 from .tasks import find_task, load_cfg, make_env, task_argument
+
+if TYPE_CHECKING:  # rsl_rl takes a second to import, and bench has no use for it
+    from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
 
 __all__ = [
     "Configs",
@@ -155,6 +158,8 @@ def build(
     task: str, configs: Configs, log_dir: Path | None = None, render: bool = False, checkpoint: Path | None = None
 ) -> OnPolicyRunner:
     """The environment and the runner of a task, with the policy of ``checkpoint`` if one is given."""
+    from stripe_newton.rl import OnPolicyRunner
+
     runner = OnPolicyRunner(build_env(task, configs, render), configs.agent, log_dir)
     if checkpoint is not None:
         runner.load(checkpoint, load_cfg={"actor": True})
@@ -163,6 +168,8 @@ def build(
 
 def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvWrapper:
     """The wrapped environment of a task, able to render if that is wanted."""
+    from stripe_newton.rl import RslRlVecEnvWrapper
+
     wp.config.log_level = wp.LOG_WARNING  # not a line for every kernel
     print(
         f"{task}: building {configs.env.scene.num_envs} environments on {configs.env.sim.device}"
