@@ -250,7 +250,16 @@ def test_train_eval_play(capsys):
 
     assert main(["eval", TASK, "--checkpoint", str(run), "--episodes", "5", "--json", "out/r.json"]) == 0
     result = json.loads(Path("out/r.json").read_text())
-    assert list(result) == ["task", "episodes", "mean_return", "mean_length", "max_length", "success_rate"]
+    assert list(result) == [
+        "task",
+        "episodes",
+        "mean_return",
+        "mean_length",
+        "max_length",
+        "terminated_rate",
+        "success_rate",
+        "metrics",
+    ]
     assert (result["task"], result["episodes"], result["max_length"]) == (TASK, 5, 30)
     checkpoint = str(run / "checkpoints/model_5.pt")
     assert main(["eval", TASK, "--checkpoint", checkpoint, "--episodes", "5", "--json", "out/again.json"]) == 0

@@ -381,8 +381,9 @@ class ScriptedEnv(FakeCartEnv):
         done = self._length >= lengths
         self.success = done & (lengths == 2)
         self._length[done] = 0
-        zeros = torch.zeros(self.num_envs)
-        return self._observe(), zeros + 1.0, done, torch.zeros_like(done), {}
+        log = {"Metrics/length": lengths[done].float().mean(), "Episode_Reward/x": torch.tensor(3.0)}
+        early = done & (lengths == 2)
+        return self._observe(), torch.ones(self.num_envs), early, done & ~early, {"log": log}
 
 
 def scripted_env(num_envs: int) -> RslRlVecEnvWrapper:
@@ -400,7 +401,9 @@ def test_evaluate_does_not_favour_short_episodes():
         "mean_return": 8.0,  # (2 + 3 * 10) / 4; the first four episodes to end would give (4 * 2) / 4
         "mean_length": 8.0,
         "max_length": 30,
+        "terminated_rate": 0.25,
         "success_rate": 0.25,
+        "metrics": {"length": 6.5},  # (2 + 3 * 8) / 4: what else ended in the same step is in its mean
     }
     assert evaluate(env, ZeroPolicy(env), 5).mean_length == (2 + 2 + 30) / 5
     assert evaluate(env, ZeroPolicy(env), 2).mean_length == 6.0

@@ -59,8 +59,10 @@ def run(argv: list[str]) -> int:
         result = evaluate(runner.env, policy, args.episodes, task=task, seed=configs.env.seed).to_dict()
     finally:
         runner.env.close()
-    for name, value in result.items():
-        print(f"{name:<14}{value:.4g}" if isinstance(value, float) else f"{name:<14}{value}")
+    shown = {k: v for k, v in result.items() if k != "metrics"} | result["metrics"]
+    width = max(map(len, shown)) + 2
+    for name, value in shown.items():
+        print(f"{name:<{width}}{value:.4g}" if isinstance(value, float) else f"{name:<{width}}{value}")
     if args.json is not None:
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json_module.dumps(result, indent=2) + "\n", encoding="utf-8")

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections import defaultdict
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import torch
@@ -28,8 +29,12 @@ class EvalResult:
     """Mean over episodes of the number of steps."""
     max_length: int
     """Steps after which the clock ends an episode."""
+    terminated_rate: float
+    """Share of episodes that something else than the clock ended, such as a fall."""
     success_rate: float | None = None
     """Share of episodes whose last step was a success; None if the task does not say what success is."""
+    metrics: dict[str, float] = field(default_factory=dict)
+    """Means of what the environment logs as ``Metrics/NAME`` in the steps in which these episodes end, by name."""
 
     def to_dict(self) -> dict[str, Any]:
         """The fields by name, without a success rate that is None."""
@@ -63,13 +68,14 @@ def evaluate(
     count = torch.zeros_like(quota)
     steps = torch.zeros_like(quota)
     returns = torch.zeros(env.num_envs, dtype=torch.float64, device=env.device)
-    total_steps, total_return, successes = 0, 0.0, 0
+    total_steps, total_return, successes, terminated = 0, 0.0, 0, 0
+    metrics: dict[str, float] = defaultdict(float)
     has_success = hasattr(env.unwrapped, "success")
 
     obs = env.reset(seed=seed)
     policy.reset()
     while bool((count < quota).any()):
-        obs, rewards, dones, _ = env.step(policy(obs))
+        obs, rewards, dones, extras = env.step(policy(obs))
         policy.reset(dones)
         steps += 1
         returns += rewards
@@ -78,6 +84,10 @@ def evaluate(
         if bool(counted.any()):
             total_steps += int(steps[counted].sum())
             total_return += float(returns[counted].sum())
+            terminated += int((counted & ~extras["time_outs"].bool()).sum())
+            for name, value in extras.get("log", {}).items():
+                if name.startswith("Metrics/"):
+                    metrics[name.removeprefix("Metrics/")] += float(value) * int(counted.sum()) / episodes
             if has_success:
                 successes += int(env.unwrapped.success[counted].sum())
         elif int(steps.max()) > 2 * env.max_episode_length:
@@ -93,5 +103,7 @@ def evaluate(
         mean_return=total_return / episodes,
         mean_length=total_steps / episodes,
         max_length=int(env.max_episode_length),
+        terminated_rate=terminated / episodes,
+        metrics=dict(metrics),
         success_rate=successes / episodes if has_success else None,
     )
