@@ -5,7 +5,8 @@
 
 Each task is trained, evaluated over 256 episodes and filmed through the command line, as a user would. OUT gets the
 learning curve, metrics, video and evaluation of each, and ``results.md`` with the table: seconds of the whole training
-command, return, episode length and its limit.
+command, of its iterations, and until 90 % of the best return in training; return, episode length and its limit, share of
+episodes that ended early, and the task's own metrics.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+from stripe_newton.rl import read_metrics
 
 
 def run(*words: str) -> str:
@@ -48,15 +51,27 @@ def train(out: Path, name: str, iterations: str | None, num_envs: str | None) ->
     for item in [*folder.glob("videos/*.mp4"), folder / "learning_curve.png", folder / "metrics.csv"]:
         shutil.copy(item, out / f"{name}-{item.name}")
     result = json.loads(report.read_text())
-    steps = f"{result['mean_length']:.0f} / {result['max_length']}"
-    return f"| {name} | {seconds:.0f} s | {result['mean_return']:.1f} | {steps} |"
+    curve = read_metrics(folder / "metrics.csv")
+    elapsed, returns = curve["elapsed_s"], curve["Train/mean_reward"]
+    reached = next(t for t, r in zip(elapsed, returns, strict=True) if r >= 0.9 * max(x for x in returns if x == x))
+    row = [
+        name,
+        f"{seconds:.0f} s",
+        f"{elapsed[-1]:.0f} s",
+        f"{reached:.0f} s",
+        f"{result['mean_return']:.1f}",
+        f"{result['mean_length']:.0f} / {result['max_length']}",
+        f"{100 * result['terminated_rate']:.1f} %",
+        ", ".join(f"{metric} {value:.3g}" for metric, value in result["metrics"].items()),
+    ]
+    return "| " + " | ".join(row) + " |"
 
 
 def main() -> None:
     """Train every task that the arguments name."""
     out = Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    rows = ["| task | training | mean return | mean length |", "|---|---|---|---|"]
+    rows = ["| task | command | iterations | to 90 % | return | length | ended early | metrics |", "|---" * 8 + "|"]
     for word in sys.argv[2:]:
         name, iterations, num_envs = re.fullmatch(r"([\w-]+)(?::(\d+))?(?:@(\d+))?", word).groups()
         rows.append(train(out, name, iterations, num_envs))
