@@ -5,8 +5,8 @@
 
 Each task is trained, evaluated over 256 episodes and filmed through the command line, as a user would. OUT gets the
 learning curve, metrics, video and evaluation of each, and ``results.md`` with the table: seconds of the whole training
-command, of its iterations, and until 90 % of the best return in training; return, episode length and its limit, share of
-episodes that ended early, and the task's own metrics.
+command, of its iterations, and until 90 % of the best return in training; return, episode length and its limit, share
+of episodes that ended early, and the task's own metrics.
 """
 
 from __future__ import annotations
