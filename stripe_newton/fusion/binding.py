@@ -15,6 +15,8 @@ import torch
 import warp as wp
 
 from stripe_kernels.data import ActionData, ArticulationData, EpisodeData, Parameter
+from stripe_kernels.model_data import EncoderData
+from stripe_kernels.terrain import TerrainData
 from stripe_newton.configclass import configclass
 from stripe_newton.matching import match_names, match_values
 
@@ -149,6 +151,10 @@ class _Binding:
             except (_Missing, ValueError, KeyError) as error:
                 text = error.args[0] if error.args else str(error)
                 self.problems.append(f"{self.where}.params.{name}: {text}")
+        ids, sensor_ids = (self.counts.get(n) for n in ("body_ids", "sensor_body_ids"))
+        if None not in (ids, sensor_ids) and ids != sensor_ids:
+            text = f"sensor_cfg names {sensor_ids} bodies, asset_cfg {ids}; they must be the same, in the same order"
+            self.problems.append(f"{self.where}.params: {text}")
         takes = [n for n in self.types if n not in ("env", "out", "rng")]
         for extra in self.params.keys() - self.used - {"asset_cfg"}:
             near = difflib.get_close_matches(extra, takes, n=1)
@@ -266,6 +272,13 @@ class _Binding:
             return match_names(given, names, what=f"{kind} of '{cfg.name}'")[0] if texts else list(given)
         return cfg.indices(kind, names)
 
+    def _rays(self, name: str) -> list[int]:
+        """Rays of the sensor; all of them where none are chosen."""
+        there, chosen = range(self.counts["num_rays"]), self._take(name)
+        for wrong in (i for i in chosen or () if i not in there):
+            raise _Missing(f"has {wrong}, the sensor has rays 0 to {there[-1]}")
+        return list(there if chosen is None else chosen)
+
     def _array(self, name: str, kind: Any) -> str:
         context = self.context
         if name == "term_ids":
@@ -277,7 +290,13 @@ class _Binding:
                 ids = self._indices(name, what)
                 self.counts[name] = len(ids)
                 return str(context.scope.name(f"{what}_ids", context.index_array(ids)))
+        if name == "ray_ids" and "num_rays" in self.counts:
+            rays = self._rays(name)
+            self.counts[name] = len(rays)
+            return str(context.scope.name(name, context.index_array(rays)))
         value = self._take(name)
+        if value is None and kind.ndim == 2 and "body_ids" in self.counts:  # the term's own memory, a column a body
+            value = TermState(f"{self.where}.{name}", kind.dtype, (self.counts["body_ids"],))
         if value is None:
             raise _Missing(f"is missing, '{self._name}' needs {kind}")
         if isinstance(value, TermState):
@@ -319,10 +338,15 @@ class _Binding:
 
     def _provided(self, name: str, kind: Any) -> str:
         there: dict[str, Any] = self.context.provided[kind]
-        general = [k for k in ("command_name", "pool_name", "sensor_cfg") if k in self.params]
+        general = [
+            k for k in ("command_name", "pool_name", "sensor_cfg") if k in self.params and kind is not TerrainData
+        ]
         wanted = self._take(name, f"{name}_name", f"{name}_cfg", *general)
         cfg = wanted if isinstance(wanted, SceneEntityCfg) else None
         wanted = cfg.name if cfg else wanted
+        if wanted is None and kind is EncoderData and len(there) > 1:
+            owner = self.entity or self._cfg("asset_cfg")
+            wanted = owner.name if owner is not None else None
         if wanted is None and len(there) == 1:
             wanted = next(iter(there))
         what = getattr(kind, "key", "struct").rpartition(".")[2]
@@ -334,6 +358,9 @@ class _Binding:
         if sensor is not None and sensor.struct is value:
             self.sensor = cfg or SceneEntityCfg(wanted)
             self.counts |= sensor.counts
+            reasons = getattr(sensor, "unavailable", {})
+            for missing in sorted(fields_read(self.func) & reasons.keys()):
+                raise _Missing(f"'{self._name}' reads '{missing}' of '{wanted}': {reasons[missing]}")
         command = getattr(value, "command", None)
         if command is not None:
             self.counts["num_command"] = command.shape[1]

@@ -12,6 +12,7 @@ import warp as wp
 
 from stripe_kernels.data import EpisodeData
 from stripe_kernels.episode import seed_streams
+from stripe_kernels.model_data import EncoderData
 from stripe_newton.fusion import EpisodeLog, Parameters, Scope
 from stripe_newton.scene import InteractiveScene
 
@@ -94,6 +95,11 @@ class ManagerContext:
                 self.provide(sensor.struct, name)
         if getattr(scene.terrain, "struct", None) is not None:
             self.provide(scene.terrain.struct, "terrain")
+        self.arrays |= {f"terrain.{k}": v for k, v in getattr(scene.terrain, "arrays", {}).items()}
+        for name, articulation in scene.articulations.items():
+            encoder = EncoderData()
+            encoder.bias = wp.zeros((self.num_envs, articulation.num_joints), dtype=float, device=self.device)
+            self.provide(encoder, name)
         self.arrays |= {
             "log": self.log.values,
             "parameters": self.parameters.floats,

@@ -18,6 +18,8 @@ __all__ = [
     "RunningNormCfg",
 ]
 
+_FLAT = "is False, but histories are handed out flat; reshape them in the network"
+
 
 @configclass
 class ModifierCfg:
@@ -36,7 +38,11 @@ class DigitalFilterCfg(ModifierCfg):
     A: Sequence[float] = ()
     """Feedback coefficients; without any the filter has a finite response."""
     B: Sequence[float] = (1.0,)
-    """Feed-forward coefficients."""
+    """Feed-forward coefficients, one or more."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if not self.B:
+            yield "B", "is empty, must have the coefficient of the present value at least"
 
 
 @configclass
@@ -95,7 +101,7 @@ class ObservationTermCfg:
         if self.history_length < 0:
             yield "history_length", f"is {self.history_length}, must be 0 or more"
         if not self.flatten_history_dim:
-            yield "flatten_history_dim", "is False, but histories are handed out flat; reshape them in the network"
+            yield "flatten_history_dim", _FLAT
 
 
 @configclass
@@ -120,3 +126,7 @@ class ObservationGroupCfg:
             yield "concatenate_dim", f"is {self.concatenate_dim}, only the last dimension (-1) is supported"
         if self.normalization is not None and not self.concatenate_terms:
             yield "normalization", "is set, but concatenate_terms is False; a normalised group is one tensor"
+        if self.history_length is not None and self.history_length < 0:
+            yield "history_length", f"is {self.history_length}, must be 0 or more"
+        if not self.flatten_history_dim:
+            yield "flatten_history_dim", _FLAT

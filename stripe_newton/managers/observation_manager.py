@@ -11,13 +11,18 @@ import torch
 import warp as wp
 
 from stripe_kernels.mdp import OBSERVATION_SIZES
+from stripe_kernels.mdp.contact import CONTACT_OBSERVATION_SIZES
+from stripe_kernels.mdp.imu import IMU_OBSERVATION_SIZES
 from stripe_kernels.mdp.objects import OBJECT_OBSERVATION_SIZES
 from stripe_kernels.mdp.observations import Each
+from stripe_kernels.mdp.randomization_encoder import ENCODER_OBSERVATION_SIZES
+from stripe_kernels.mdp.scan import SCAN_OBSERVATION_SIZES
 from stripe_kernels.processing import merge_statistics, normalize, sum_moments
 from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
 from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
 
 from .context import ManagerContext
+from .image import image, image_shape, image_source, image_writer
 from .manager_base import ManagerBase, is_warp_term
 from .observation_cfg import (
     DigitalFilterCfg,
@@ -33,6 +38,8 @@ __all__ = ["ObservationManager"]
 
 _PARTS = 64
 """Slices of the environments in a running statistic."""
+_OWN_STREAMS = 32
+"""From so many independent parts on, each part of a noisy term has its own thread, and its own random streams."""
 
 
 @dataclass
@@ -45,6 +52,12 @@ class _Term:
     target: str = ""
     first: int = 0
     scratch: str = ""
+    picture: tuple[wp.array, bool] | None = None
+    """What an image term shows, and whether that is normalised."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return image_shape(self.picture[0]) if self.picture else (self.width,)
 
     @property
     def width(self) -> int:
@@ -78,6 +91,8 @@ class ObservationManager(ManagerBase):
 
     def _make(self, path: str, cfg: ObservationTermCfg, group: ObservationGroupCfg) -> _Term | None:
         context, call = self.context, None
+        if cfg.func is image:
+            return self._make_image(path, cfg, group)
         size: Any = cfg.size
         if is_warp_term(cfg.func):
             call = bind_term(context, cfg.func, cfg.params, path, "observation")
@@ -97,6 +112,21 @@ class ObservationManager(ManagerBase):
         if history or cfg.delay_max_lag or call is None:
             term.scratch = context.scope.name(f"{path}_now", context.array(f"{path}.now", float, size))
         return term
+
+    def _make_image(self, path: str, cfg: ObservationTermCfg, group: ObservationGroupCfg) -> _Term | None:
+        """A picture, which stands for itself and is written by its own kernels."""
+        fields = {k: getattr(group, k) for k in group.__dataclass_fields__ if isinstance(getattr(group, k), type(cfg))}
+        if group.normalization is not None or (group.concatenate_terms and len(fields) > 1):
+            text = "is a picture: give it a group of its own, without normalization, or set concatenate_terms=False"
+            self.context.problems.append(f"{path}: {text}")
+        given = {k: getattr(cfg, k) for k in ("modifiers", "noise", "clip", "scale", "delay_max_lag", "history_length")}
+        for name in (k for k, v in given.items() if v):
+            self.context.problems.append(f"{path}.{name}: is set, but pictures are handed out as the camera saw them")
+        picture = image_source(self.context, cfg.params, path)
+        if picture is None:
+            return None
+        height, width, channels = image_shape(picture[0])
+        return _Term(path, cfg, None, height * width * channels, 0, picture=picture)
 
     def _allocate(
         self, group: str, cfg: ObservationGroupCfg, terms: dict[str, _Term], allocate: Callable[[str, int], wp.array]
@@ -127,14 +157,23 @@ class ObservationManager(ManagerBase):
     def group_obs_dim(self) -> dict[str, Any]:
         """Shape of each group for one environment; a list of shapes where its terms are not concatenated."""
         return {
-            g: [(b.shape[1],) for b in buffer.values()] if isinstance(buffer, dict) else (buffer.shape[1],)
+            g: [self.shape(g, t) for t in buffer] if isinstance(buffer, dict) else self.shape(g)
             for g, buffer in self.buffers.items()
         }
 
+    def shape(self, group: str, term: str | None = None) -> tuple[int, ...]:
+        """Shape of a group, or of a term that is handed out by itself, for one environment; a picture's has three."""
+        terms = self._terms[group]
+        alone = next(iter(terms.values())) if term is None and len(terms) == 1 else terms.get(term or "")
+        if alone is not None and alone.picture:
+            return alone.shape
+        buffer = self.buffers[group] if term is None else self.buffers[group][term]
+        return (buffer.shape[1],)
+
     @property
-    def group_obs_term_dim(self) -> dict[str, list[tuple[int]]]:
+    def group_obs_term_dim(self) -> dict[str, list[tuple[int, ...]]]:
         """Shape of each term by group, history included."""
-        return {g: [(t.width,) for t in terms.values()] for g, terms in self._terms.items()}
+        return {g: [t.shape for t in terms.values()] for g, terms in self._terms.items()}
 
     def flat_buffers(self) -> dict[str, wp.array]:
         """All arrays by ``GROUP`` or ``GROUP.TERM``."""
@@ -155,12 +194,18 @@ class ObservationManager(ManagerBase):
         for group, terms in self._terms.items():
             corrupt, body, parts = self._groups[group].enable_corruption, list[str](), 0
             for name, term in terms.items():
+                if term.picture:
+                    array = self.context.scope.values[term.target]
+                    items.append(Captured(name, image_writer(*term.picture, array, term.first), [name]))
+                    continue
                 if term.call is None:
                     items.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
                 lines, count = self._parts(term, corrupt, parts)
                 body += [f"# {name}", *lines] if lines else []
                 parts += count
-            items.append(Section(f"observations_{group}", body, list(terms), where_reset, parts=parts))
+            own = [name for name, term in terms.items() if not term.picture]
+            if own or not terms:
+                items.append(Section(f"observations_{group}", body, own, where_reset, parts=parts))
             norm = self._groups[group].normalization
             if norm is not None:
                 items.append(self._normalization(group, norm, gather=not where_reset))
@@ -181,14 +226,16 @@ class ObservationManager(ManagerBase):
         return [Section("observations_reset", body, where_reset=True)] if body else []
 
     def _parts(self, term: _Term, corrupt: bool, part: int) -> tuple[list[str], int]:
-        """Lines of a term and how many threads they are for: one for each joint or body where those are independent."""
+        """Lines of a term and how many threads they are for: one for each joint, body or ray where independent."""
         call, kind = term.call, _known_size(term.cfg.func)
-        alone = term.scratch or term.cfg.modifiers or (corrupt and term.cfg.noise is not None)
-        if call is not None and not alone and isinstance(kind, Each) and kind.name in call.names:
-            count, size = call.counts[kind.name], kind.size
+        alone = term.scratch or term.cfg.modifiers
+        count = call.counts[kind.name] if call and isinstance(kind, Each) and kind.name in call.names else 0
+        noisy_parts = corrupt and term.cfg.noise is not None
+        if call is not None and count and not alone and (count >= _OWN_STREAMS or not noisy_parts):
+            size = kind.size
             place = self._slice(term, f"k * {size}", f"(k + 1) * {size}")
             line = call.expression(place, sliced=(kind.name,), span="k:k + 1")
-            lines = [line, *self._process(term, corrupt, f"k * {size}", f"(k + 1) * {size}")]
+            lines = [line, *self._process(term, corrupt, f"k * {size}", f"(k + 1) * {size}", streams=count)]
             return [f"if part >= {part} and part < {part + count}:", f"    k = part - {part}", *_indent(lines)], count
         place = f"{term.scratch}[env]" if term.scratch else self._slice(term, "0", str(term.width))
         lines = [call.expression(place)] if call is not None else []
@@ -206,8 +253,11 @@ class ObservationManager(ManagerBase):
     def _fresh(self, term: _Term) -> str:
         return self.context.scope.name(f"{term.path}_fresh", self.context.array(f"{term.path}.fresh", int, fill=1))
 
-    def _process(self, term: _Term, corrupt: bool, first: str, last: str) -> list[str]:
-        """Lines after the call of the term: its numbers from ``first`` to ``last``, then delay and history."""
+    def _process(self, term: _Term, corrupt: bool, first: str, last: str, streams: int = 1) -> list[str]:
+        """Lines after the call of the term: its numbers from ``first`` to ``last``, then delay and history.
+
+        Noise draws from a stream of the term's, or where it has several from the one of part ``k``.
+        """
         context, cfg, element = self.context, term.cfg, self._element(term)
         lines: list[str] = []
         for index, modifier in enumerate(cfg.modifiers):
@@ -215,7 +265,8 @@ class ObservationManager(ManagerBase):
         noise = cfg.noise
         if noise is not None and corrupt:
             model = noise.noise_cfg if isinstance(noise, NoiseModelCfg) else noise
-            rng = context.scope.name(f"{term.path}_rng", context.stream(f"{term.path}.rng"))
+            rng = context.scope.name(f"{term.path}_rng", context.stream(f"{term.path}.rng", streams))
+            rng += "[k]" if streams > 1 else ""
             lines += noisy(context, f"{term.path}.noise", model, term.size, element, rng)
             if isinstance(noise, NoiseModelWithAdditiveBiasCfg):
                 lines.append(f"{element} = {element} + {self._bias(term, noise)}")
@@ -304,14 +355,16 @@ class ObservationManager(ManagerBase):
         return [f"for i in range({count}):", f"    {self._bias(term, cfg)} = {draw}"]
 
     def _torch(self, term: _Term) -> Callable[[], None]:
-        call = self.torch_term(term.cfg.func, term.cfg.params)
+        call, shape = self.torch_term(term.cfg.func, term.cfg.params), (self.context.num_envs, term.size)
+        target, first = (term.scratch, 0) if term.scratch else (term.target, term.first)
 
         def evaluate() -> None:
-            scope = self.context.scope.values
-            if term.scratch:
-                self.context.torch(scope[term.scratch])[:] = call()
-            else:
-                self.context.torch(scope[term.target])[:, term.first : term.first + term.size] = call()
+            values = call()
+            if tuple(values.shape) != shape:
+                raise ValueError(
+                    f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"
+                )
+            self.context.torch(self.context.scope.values[target])[:, first : first + term.size] = values
 
         return evaluate
 
@@ -327,11 +380,11 @@ class ObservationManager(ManagerBase):
 
         def launch() -> None:
             if gather:
-                wp.launch(sum_moments, (columns, _PARTS), [raw, count, mean], [sums, squares])
+                wp.launch(sum_moments, (columns, _PARTS), [raw, count, seen, mean], [sums, squares])
                 wp.launch(
                     merge_statistics,
                     columns,
-                    [count, context.parameters.ints, index, sums, squares],
+                    [raw, count, context.parameters.ints, index, sums, squares],
                     [seen, mean, var],
                 )
             wp.launch(normalize, (count, columns), [raw, mean, var, cfg.eps, cfg.clip], [buffer])
@@ -349,4 +402,9 @@ def _indent(lines: list[str]) -> list[str]:
 
 def _known_size(func: Any) -> Any:
     """How many numbers a term of the package writes, as a function of the lengths of its index arrays."""
-    return (OBSERVATION_SIZES | OBJECT_OBSERVATION_SIZES).get(getattr(getattr(func, "func", None), "__name__", ""))
+    known = OBSERVATION_SIZES | OBJECT_OBSERVATION_SIZES | SCAN_OBSERVATION_SIZES
+    known = known | CONTACT_OBSERVATION_SIZES | IMU_OBSERVATION_SIZES | ENCODER_OBSERVATION_SIZES
+    function = getattr(func, "func", None)
+    if function is None or not function.__module__.startswith("stripe_kernels."):
+        return None
+    return known.get(function.__name__)

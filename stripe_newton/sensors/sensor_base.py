@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import torch
 import warp as wp
@@ -54,7 +54,7 @@ class SensorBase:
         struct: What terms read, a Warp struct of arrays that lead with the environment.
     """
 
-    every_substep: ClassVar[bool] = False
+    every_substep: bool = False
     """Whether it measures after every physics step; a sensor may set it for itself."""
 
     cfg: Any

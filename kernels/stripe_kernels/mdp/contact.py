@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Terms about contacts: rewards ``-> float``, a termination ``-> bool``, and observations that write to ``out``.
+
+Sums run over the bodies ``i`` that ``sensor_cfg`` names among those of a contact sensor. ``F_i`` is the largest size of
+a body's force in the sensor's history, ``f_i`` its force now. Rewards for feet are in ``feet``.
+
+``CONTACT_OBSERVATION_SIZES`` completes ``OBSERVATION_SIZES``.
+"""
+
+from collections.abc import Callable, Mapping
+
+import warp as wp
+
+from ..sensors.contact import ContactSensorData, largest_force
+from .observations import Each
+
+__all__ = [
+    "CONTACT_OBSERVATION_SIZES",
+    "contact_forces",
+    "desired_contacts",
+    "feet_contact",
+    "feet_contact_forces",
+    "feet_current_air_time",
+    "illegal_contact",
+    "undesired_contacts",
+]
+
+CONTACT_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
+    "feet_contact": Each("body_ids"),
+    "feet_contact_forces": Each("body_ids", 3),
+    "feet_current_air_time": Each("body_ids"),
+}
+"""Numbers that each observation writes: name -> function of the counts."""
+
+
+# -- rewards
+
+
+@wp.func
+def undesired_contacts(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float) -> float:
+    """How many of the bodies have a contact.
+
+    Formula: ``sum_i (F_i > threshold)``, ``threshold`` [N].
+
+    Source: Isaac Lab, ``mdp.undesired_contacts``.
+    """
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        if largest_force(env, sensor, body_ids[i]) > threshold:
+            total += 1.0
+    return total
+
+
+@wp.func
+def desired_contacts(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float = 1.0) -> float:
+    """Whether none of the bodies has a contact.
+
+    Formula: ``1`` if ``F_i <= threshold`` for all ``i``, else ``0``; ``threshold`` [N].
+
+    Source: Isaac Lab, ``mdp.desired_contacts``.
+    """
+    for i in range(body_ids.shape[0]):
+        if largest_force(env, sensor, body_ids[i]) > threshold:
+            return 0.0
+    return 1.0
+
+
+@wp.func
+def contact_forces(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float) -> float:
+    """How much contact forces exceed a bound.
+
+    Formula: ``sum_i max(F_i - threshold, 0)`` [N].
+
+    Source: Isaac Lab, ``mdp.contact_forces``.
+    """
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        total += wp.max(largest_force(env, sensor, body_ids[i]) - threshold, 0.0)
+    return total
+
+
+# -- termination
+
+
+@wp.func
+def illegal_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float) -> bool:
+    """One of the bodies has a contact.
+
+    Formula: ``max_i F_i > threshold``, ``threshold`` [N].
+
+    Source: Isaac Lab, ``mdp.illegal_contact``.
+    """
+    touches = wp.bool(False)
+    for i in range(body_ids.shape[0]):
+        touches = touches or largest_force(env, sensor, body_ids[i]) > threshold
+    return touches
+
+
+# -- observations
+
+
+@wp.func
+def feet_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
+    """Which bodies are in contact.
+
+    Formula: ``1`` if ``|f_i| > force_threshold`` of the sensor, else ``0``.
+
+    Source: mjlab, ``mdp.foot_contact`` of its velocity task.
+    """
+    for i in range(body_ids.shape[0]):
+        force = wp.length(sensor.net_forces_w[env, body_ids[i]])
+        out[i] = wp.where(force > sensor.force_threshold, 1.0, 0.0)
+
+
+@wp.func
+def feet_current_air_time(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
+    """How long bodies have been in the air; 0 in contact.
+
+    Formula: ``t_air,i`` [s].
+
+    Source: mjlab, ``mdp.foot_air_time`` of its velocity task.
+    """
+    for i in range(body_ids.shape[0]):
+        out[i] = sensor.current_air_time[env, body_ids[i]]
+
+
+@wp.func
+def feet_contact_forces(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
+    """Contact forces on a scale that large ones fit on, in the world frame, three numbers a body.
+
+    Formula: ``sign(f_ik) ln(1 + |f_ik|)``, ``f`` [N].
+
+    Source: mjlab, ``mdp.foot_contact_forces`` of its velocity task.
+    """
+    for i in range(body_ids.shape[0]):
+        force = sensor.net_forces_w[env, body_ids[i]]
+        for k in range(3):
+            out[3 * i + k] = wp.sign(force[k]) * wp.log(1.0 + wp.abs(force[k]))

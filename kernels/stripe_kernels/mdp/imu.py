@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observations of an IMU, named by ``sensor_cfg`` or, as in Isaac Lab, by ``asset_cfg``; the only one there
+is needs no name.
+
+``IMU_OBSERVATION_SIZES`` completes ``OBSERVATION_SIZES``.
+"""
+
+from collections.abc import Callable, Mapping
+
+import warp as wp
+
+from ..sensors.imu import ImuData
+
+__all__ = ["IMU_OBSERVATION_SIZES", "imu_ang_vel", "imu_lin_acc", "imu_orientation", "imu_projected_gravity"]
+
+IMU_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
+    "imu_ang_vel": lambda counts: 3,
+    "imu_lin_acc": lambda counts: 3,
+    "imu_orientation": lambda counts: 4,
+    "imu_projected_gravity": lambda counts: 3,
+}
+"""Numbers that each observation writes: name -> function of the counts."""
+
+
+@wp.func
+def imu_ang_vel(env: int, asset: ImuData, out: wp.array[float]):
+    """Angular velocity in the IMU's frame.
+
+    Formula: ``R^T w`` [rad/s].
+
+    Source: Isaac Lab, ``mdp.imu_ang_vel``.
+    """
+    for k in range(3):
+        out[k] = asset.ang_vel_b[env][k]
+
+
+@wp.func
+def imu_lin_acc(env: int, asset: ImuData, out: wp.array[float]):
+    """Acceleration in the IMU's frame, the sensor's gravity bias included.
+
+    Formula: ``R^T (a + bias)`` [m/s^2].
+
+    Source: Isaac Lab, ``mdp.imu_lin_acc``.
+    """
+    for k in range(3):
+        out[k] = asset.lin_acc_b[env][k]
+
+
+@wp.func
+def imu_orientation(env: int, asset: ImuData, out: wp.array[float]):
+    """Orientation of the IMU's frame in the world, (x, y, z, w).
+
+    Formula: ``q``.
+
+    Source: Isaac Lab, ``mdp.imu_orientation``, there (w, x, y, z) before version 3.
+    """
+    for k in range(4):
+        out[k] = asset.quat_w[env][k]
+
+
+@wp.func
+def imu_projected_gravity(env: int, asset: ImuData, out: wp.array[float]):
+    """Direction of gravity in the IMU's frame; (0, 0, -1) when upright.
+
+    Formula: ``R^T g / |g|``.
+
+    Source: Isaac Lab, ``mdp.imu_projected_gravity``.
+    """
+    for k in range(3):
+        out[k] = asset.projected_gravity_b[env][k]

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact forces on bodies, and how long they have been in contact or in the air.
+
+A measurement is two launches: ``begin_contacts`` shifts the history and zeroes what is summed, then one kernel adds the
+forces, a thread a contact (``contact_mujoco.add_mujoco_contacts``, or ``add_newton_contacts`` for the other solvers).
+The times of a measurement are kept by the next ``begin_contacts``, or by ``finish_contacts`` at the end of the step.
+"""
+
+import warp as wp
+
+__all__ = [
+    "ContactSensorData",
+    "add_force",
+    "add_newton_contacts",
+    "begin_contacts",
+    "finish_contacts",
+    "first_air",
+    "first_contact",
+    "largest_force",
+    "reset_contacts",
+]
+
+
+@wp.struct
+class ContactSensorData:
+    """What a contact sensor measures; forces act on the body, in the world frame, friction included."""
+
+    net_forces_w: wp.array2d[wp.vec3]
+    """Contact force on each body [N], shape ``(num_envs, num_bodies)``."""
+    net_forces_w_history: wp.array3d[wp.vec3]
+    """The last measurements of it, newest first [N], shape ``(num_envs, max(1, history_length), num_bodies)``."""
+    force_matrix_w: wp.array3d[wp.vec3]
+    """The part of each filter in it [N], shape ``(num_envs, num_bodies, num_filters)``."""
+    current_air_time: wp.array2d[float]
+    """Time in the air; 0 in contact [s], shape ``(num_envs, num_bodies)``."""
+    last_air_time: wp.array2d[float]
+    """Time in the air before the last contact [s], shape ``(num_envs, num_bodies)``."""
+    current_contact_time: wp.array2d[float]
+    """Time in contact; 0 in the air [s], shape ``(num_envs, num_bodies)``."""
+    last_contact_time: wp.array2d[float]
+    """Time in contact before the body last left it [s], shape ``(num_envs, num_bodies)``."""
+    force_threshold: float
+    """Force above which a body is in contact [N]."""
+    measurement_dt: float
+    """Time between two measurements [s]."""
+
+
+@wp.func
+def first_contact(env: int, sensor: ContactSensorData, body: int, dt: float) -> bool:
+    """Whether a contact began in the last ``dt`` seconds and lasts.
+
+    Formula: ``0 < t_contact < dt + h / 2``, ``h`` the time between two measurements.
+
+    Source: Isaac Lab, ``ContactSensor.compute_first_contact``, there with a tolerance of 1e-8 s.
+    """
+    time = sensor.current_contact_time[env, body]
+    return time > 0.0 and time < dt + 0.5 * sensor.measurement_dt
+
+
+@wp.func
+def first_air(env: int, sensor: ContactSensorData, body: int, dt: float) -> bool:
+    """Whether a body left the contact in the last ``dt`` seconds and is in the air.
+
+    Formula: ``0 < t_air < dt + h / 2``, ``h`` the time between two measurements.
+
+    Source: Isaac Lab, ``ContactSensor.compute_first_air``, there with a tolerance of 1e-8 s.
+    """
+    time = sensor.current_air_time[env, body]
+    return time > 0.0 and time < dt + 0.5 * sensor.measurement_dt
+
+
+@wp.func
+def largest_force(env: int, sensor: ContactSensorData, body: int) -> float:
+    """Size of the largest contact force in the history [N]."""
+    largest = wp.float32(0.0)
+    for k in range(sensor.net_forces_w_history.shape[1]):
+        largest = wp.max(largest, wp.length(sensor.net_forces_w_history[env, k, body]))
+    return largest
+
+
+# -- a measurement
+
+
+@wp.func
+def _keep_times(env: int, body: int, elapsed: float, sensor: ContactSensorData):
+    air = sensor.current_air_time[env, body]
+    contact = sensor.current_contact_time[env, body]
+    if wp.length(sensor.net_forces_w[env, body]) > sensor.force_threshold:
+        if air > 0.0:
+            sensor.last_air_time[env, body] = air + elapsed
+        sensor.current_air_time[env, body] = 0.0
+        sensor.current_contact_time[env, body] = contact + elapsed
+    else:
+        if contact > 0.0:
+            sensor.last_contact_time[env, body] = contact + elapsed
+        sensor.current_contact_time[env, body] = 0.0
+        sensor.current_air_time[env, body] = air + elapsed
+
+
+@wp.kernel(enable_backward=False)
+def begin_contacts(
+    due: wp.array[wp.bool],
+    elapsed: wp.array[float],
+    track_times: bool,
+    pending: wp.array2d[wp.bool],
+    sensor: ContactSensorData,
+):
+    """Make room for a measurement; threads (environment, body).
+
+    Args:
+        due: Environments that measure, shape ``(num_envs,)``.
+        elapsed: Time between two measurements [s], shape ``(1,)``.
+        track_times: Whether times in contact and in the air are kept.
+        pending: Whether those of the last measurement are yet to be, shape ``(num_envs, num_bodies)``.
+        sensor: What is written.
+    """
+    env, body = wp.tid()
+    if not due[env]:
+        return
+    if pending[env, body]:
+        _keep_times(env, body, elapsed[0], sensor)
+    pending[env, body] = track_times
+    count = sensor.net_forces_w_history.shape[1]
+    for k in range(1, count):
+        slot = count - k
+        sensor.net_forces_w_history[env, slot, body] = sensor.net_forces_w_history[env, slot - 1, body]
+    sensor.net_forces_w[env, body] = wp.vec3()
+    for k in range(sensor.force_matrix_w.shape[2]):
+        sensor.force_matrix_w[env, body, k] = wp.vec3()
+
+
+@wp.kernel(enable_backward=False)
+def finish_contacts(elapsed: wp.array[float], pending: wp.array2d[wp.bool], sensor: ContactSensorData):
+    """Keep the times of the last measurement; threads (environment, body)."""
+    env, body = wp.tid()
+    if pending[env, body]:
+        _keep_times(env, body, elapsed[0], sensor)
+        pending[env, body] = False
+
+
+@wp.kernel(enable_backward=False)
+def reset_contacts(mask: wp.array[wp.bool], pending: wp.array2d[wp.bool], sensor: ContactSensorData):
+    """Forget everything in the environments of ``mask``; threads (environment, body)."""
+    env, body = wp.tid()
+    if not mask[env]:
+        return
+    pending[env, body] = False
+    for k in range(sensor.net_forces_w_history.shape[1]):
+        sensor.net_forces_w_history[env, k, body] = wp.vec3()
+    for k in range(sensor.force_matrix_w.shape[2]):
+        sensor.force_matrix_w[env, body, k] = wp.vec3()
+    sensor.current_air_time[env, body] = 0.0
+    sensor.last_air_time[env, body] = 0.0
+    sensor.current_contact_time[env, body] = 0.0
+    sensor.last_contact_time[env, body] = 0.0
+
+
+# -- forces
+
+
+@wp.func
+def add_force(row: int, column: int, force: wp.vec3, sensor: ContactSensorData):
+    """Add a force to a body and, where ``column`` is not negative, to a filter; ``row = env * num_bodies + body``."""
+    bodies = sensor.net_forces_w.shape[1]
+    env = row // bodies
+    body = row - env * bodies
+    wp.atomic_add(sensor.net_forces_w, env, body, force)
+    if column >= 0:
+        wp.atomic_add(sensor.force_matrix_w, env, body, column, force)
+
+
+@wp.kernel(enable_backward=False)
+def add_newton_contacts(
+    due: wp.array[wp.bool],
+    contact_count: wp.array[int],
+    contact_shape0: wp.array[int],
+    contact_shape1: wp.array[int],
+    contact_force: wp.array[wp.spatial_vector],
+    shape_row: wp.array[int],
+    shape_column: wp.array[int],
+    sensor: ContactSensorData,
+):
+    """Add the forces of Newton's contacts, a thread each.
+
+    Args:
+        due: Environments that measure, shape ``(num_envs,)``.
+        contact_count: Contacts there are, shape ``(1,)``.
+        contact_shape0: First shapes of the contacts.
+        contact_shape1: Second shapes.
+        contact_force: Wrenches on the first shapes, in the world frame [N, N m].
+        shape_row: ``env * num_bodies + body`` of each shape of a sensing body, else -1; shape ``(shape_count,)``.
+        shape_column: Filter that each shape belongs to, else -1; shape ``(shape_count,)``.
+        sensor: What is added to.
+    """
+    contact = wp.tid()
+    if contact >= contact_count[0]:
+        return
+    shape0 = contact_shape0[contact]
+    shape1 = contact_shape1[contact]
+    if shape0 < 0 or shape1 < 0:
+        return
+    row0 = shape_row[shape0]
+    row1 = shape_row[shape1]
+    row = wp.max(row0, row1)
+    if row < 0 or not due[row // sensor.net_forces_w.shape[1]]:
+        return
+    force = wp.spatial_top(contact_force[contact])
+    if row0 >= 0:
+        add_force(row0, shape_column[shape1], force, sensor)
+    if row1 >= 0:
+        add_force(row1, shape_column[shape0], -force, sensor)

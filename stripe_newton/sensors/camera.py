@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras: colour, depth, normals and segmentation of every environment, by Newton's camera sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import newton
+import numpy as np
+import torch
+import warp as wp
+from newton.sensors import SensorCamera
+from scipy.spatial.transform import Rotation
+
+from stripe_kernels.sensors import camera as kernels
+from stripe_newton.configclass import ConfigError
+
+from .camera_cfg import DATA_TYPES, CameraCfg
+from .camera_data import FROM_WORLD, CameraData
+from .camera_labels import shape_labels
+from .clock import SensorClock
+from .picture_chain import PictureChain
+from .prims import Frame
+from .ray_caster_mount import find_mount
+from .sensor_base import SensorBase
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+__all__ = ["Camera"]
+
+_IMAGES = ("rgb", "distance_to_image_plane", "distance_to_camera", "normals")
+_LABELS = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
+_NOTHING = 0xFFFFFFFF
+
+
+class Camera(SensorBase):
+    """A camera in every environment; it looks after the reset of a step, before the observations.
+
+    Every shape that is visible is seen, of the environment and of what all share, colliders or not.
+
+    Attributes:
+        data: What it saw, :class:`CameraData`.
+        renderer: Newton's sensor.
+    """
+
+    cfg: CameraCfg
+
+    def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
+        self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
+        offset = self.cfg.offset
+        turn = Rotation.from_quat(offset.rot) * FROM_WORLD[offset.convention].inv()
+        mount = find_mount(template, self.cfg.prim_path, self._where, own_prim=True)
+        pose = wp.transform(wp.vec3(*offset.pos), wp.quat(*map(float, turn.as_quat())))
+        self._mount = Frame(mount.name, mount.body, mount.pose * pose)
+
+    def initialize(self, sim: Simulation) -> None:
+        super().initialize(sim)
+        cfg, shape = self.cfg, (self.num_envs, self.cfg.height, self.cfg.width)
+        with wp.ScopedDevice(sim.device):
+            self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True)
+            self._setup = self._make_setup(sim)
+            self._pose = wp.zeros(self.num_envs, dtype=wp.transform)
+            self._world = wp.zeros(self.num_envs, dtype=int)
+            self._make_rays()
+            self._make_images(sim, shape)
+            self._hand_out()
+            self.renderer = self._make_renderer(sim)
+        self.data = self._make_data()
+
+    def _make_setup(self, sim: Simulation) -> kernels.CameraSetup:
+        setup = kernels.CameraSetup()
+        setup.body_pose, setup.num_bodies = sim.state.body_q, sim.template.body_count
+        setup.body = self._mount.body
+        setup.env_origin = wp.array(sim.env_origins, dtype=wp.vec3)
+        setup.mount = wp.full(self.num_envs, value=self._mount.pose, dtype=wp.transform)
+        setup.due = self.clock.due
+        return setup
+
+    def _make_rays(self) -> None:
+        """Rays from the near plane through the middles of the pixels, in the frame that looks along -z."""
+        cfg = self.cfg
+        pixels = cfg.spawn.pixel_directions(cfg.width, cfg.height) * (1.0, -1.0, -1.0)
+        length = np.linalg.norm(pixels, axis=-1)
+        rays = np.stack([pixels * cfg.spawn.clipping_range[0], pixels / length[..., None]], axis=2)
+        self._rays = wp.array(rays[:, :, None].astype(np.float32), dtype=wp.vec3)
+        self._slant = wp.array((1.0 / length).astype(np.float32), dtype=float)
+        self._reach = float(cfg.spawn.clipping_range[1] * length.max())
+
+    def _make_images(self, sim: Simulation, shape: tuple[int, int, int]) -> None:
+        """What is rendered into."""
+        wanted = {DATA_TYPES[name] for name in self.cfg.data_types}
+        self._raw = raw = kernels.CameraData()
+        raw.pos_w, raw.quat_w_world = (wp.zeros(self.num_envs, dtype=t) for t in (wp.vec3, wp.quat))
+        self._absent = [name for name in (*_IMAGES, *_LABELS) if name not in wanted]
+        self._color = wp.zeros(shape if "rgb" in wanted else (0, 0, 0), dtype=wp.uint32)
+        raw.rgb = wp.from_torch(_bytes(self._color)[..., :3], dtype=wp.uint8)
+        for name in (*_IMAGES[1:], *_LABELS):
+            kind = wp.vec3 if name == "normals" else wp.int32 if name in _LABELS else wp.float32
+            array = wp.zeros(shape if name in wanted else (0, 0, 0), dtype=kind)
+            if kind is wp.float32:
+                array.fill_(math.inf)
+            setattr(raw, name, array)
+        self._info: dict[str, dict[int, str]] = {}
+        self._labels: dict[str, wp.array] = {}
+        for name in (n for n in _LABELS if n in wanted):
+            numbers, self._info[name] = shape_labels(self._scene, sim.model, name)
+            self._labels[name] = wp.array(numbers, dtype=int)
+        self._shapes = wp.full(shape if self._labels else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
+
+    def _hand_out(self) -> None:
+        """What terms and users read: the same arrays, unless noise or delay lies between."""
+        cfg, raw = self.cfg, self._raw
+        self._missing = {"none": math.inf, "max": cfg.spawn.clipping_range[1], "zero": 0.0}[cfg.depth_clipping_behavior]
+        self._chain = chain = PictureChain(self.num_envs, cfg.delay, self.device)
+        self.struct = data = kernels.CameraData()
+        for name in ("pos_w", "quat_w_world", *_IMAGES[1:], *_LABELS):
+            array = getattr(raw, name)
+            if cfg.noise is not None and name.startswith("distance_to") and array.size:
+                array = chain.noise(name, array, cfg.noise, self._missing, f"{self._where}.noise")
+            setattr(data, name, chain.lag(name, array))
+        self._seen_color = chain.lag("color", self._color)
+        self._rgba = _bytes(self._seen_color)
+        data.rgb = wp.from_torch(self._rgba[..., :3], dtype=wp.uint8)
+
+    def _make_renderer(self, sim: Simulation) -> SensorCamera:
+        from stripe_newton.viewers.lighting import lighting_from
+
+        cfg = self.cfg
+        red, green, blue = (round(255.0 * c) for c in cfg.background_color)
+        clear = SensorCamera.ClearData(
+            clear_color=0xFF000000 | blue << 16 | green << 8 | red, clear_depth=-1.0, clear_shape_index=_NOTHING
+        )
+        textured = any(isinstance(s, newton.Mesh) and s.texture is not None for s in sim.model.shape_source)
+        config = SensorCamera.RenderConfig(
+            enable_textures=textured,
+            enable_backface_culling=False,
+            enable_shadows=cfg.shadows,
+            max_distance=self._reach,
+        )
+        renderer = SensorCamera(
+            sim.model, default_clear_data=clear, default_render_config=config, load_textures=textured
+        )
+        light = lighting_from(sim.lights)
+        direction = wp.vec3(*(-light.to_sun).tolist())
+        renderer.create_default_light(enable_shadows=cfg.shadows, direction=direction, color=light.sun.tolist())
+        renderer.set_ambient_light(light.sky.tolist(), light.ground.tolist())
+        return renderer
+
+    def _make_data(self) -> CameraData:
+        cfg, data = self.cfg, CameraData(self.struct, self._absent)
+        matrix = torch.as_tensor(cfg.spawn.matrix(cfg.width, cfg.height), dtype=torch.float32, device=self.device)
+        data.intrinsic_matrices = matrix.repeat(self.num_envs, 1, 1)
+        data.image_shape = cfg.height, cfg.width
+        data.output, data.info = {}, {}
+        for name in cfg.data_types:
+            values = self._rgba if name == "rgba" else getattr(data, DATA_TYPES[name])
+            data.output[name] = values if values.ndim == 4 else values.unsqueeze(-1)
+            data.info[name] = {"idToLabels": self._info[DATA_TYPES[name]]} if DATA_TYPES[name] in _LABELS else {}
+        return data
+
+    # -- what is known of it
+
+    @property
+    def body_names(self) -> list[str]:
+        return [self._mount.name]
+
+    @property
+    def arrays(self) -> dict[str, wp.array]:
+        """What lasts from step to step, by name; pictures only where some steps make none."""
+        kept = {"mount": self._setup.mount} | self.clock.arrays | self._chain.arrays
+        if self.clock.period == 1:
+            return kept
+        seen = {name: getattr(self.struct, name) for name in self.struct._cls.vars if name != "rgb"}
+        return kept | seen | ({"color": self._seen_color.view(wp.int32)} if self._seen_color.size else {})
+
+    def describe(self) -> str:
+        """The camera in one line."""
+        return f"{self.cfg.width} x {self.cfg.height} on '{self._mount.name}': {', '.join(self.cfg.data_types)}"
+
+    def image(self, data_type: str) -> wp.array:
+        """The array that holds a data type; ``rgba`` is none.
+
+        Raises:
+            KeyError: if it is not rendered; the message says what is.
+        """
+        there = [name for name in self.cfg.data_types if name != "rgba"]
+        if data_type not in there:
+            raise KeyError(f"'{data_type}' is not among the data_types that the camera renders: {', '.join(there)}")
+        return getattr(self.struct, DATA_TYPES[data_type])
+
+    # -- where it is
+
+    def set_world_poses(
+        self,
+        positions: torch.Tensor | None = None,
+        orientations: torch.Tensor | None = None,
+        env_ids: Sequence[int] | torch.Tensor | None = None,
+        convention: str = "ros",
+    ) -> None:
+        """Move a camera that is fixed to the environment; the next picture shows it.
+
+        Args:
+            positions: In the world [m], shape ``(n, 3)``; default as they are.
+            orientations: Quaternions (x, y, z, w) of the convention's frame, shape ``(n, 4)``; default as they are.
+            env_ids: Environments, default all.
+            convention: ``"ros"``, ``"opengl"`` or ``"world"``.
+
+        Raises:
+            ConfigError: if a body carries it, or for an unknown convention.
+        """
+        if self._mount.body >= 0:
+            raise ConfigError([f"{self._where}: body '{self._mount.name}' carries it, it goes where that goes"])
+        if convention not in FROM_WORLD:
+            raise ConfigError([f"convention: is {convention!r}, must be one of {', '.join(FROM_WORLD)}"])
+        mount, origins = wp.to_torch(self._setup.mount), wp.to_torch(self._setup.env_origin)
+        rows: Any = slice(None) if env_ids is None else env_ids
+        if positions is not None:
+            mount[rows, :3] = torch.as_tensor(positions, dtype=torch.float32, device=self.device) - origins[rows]
+        if orientations is not None:
+            turn = Rotation.from_quat(torch.as_tensor(orientations).cpu().numpy()) * FROM_WORLD[convention].inv()
+            mount[rows, 3:] = torch.as_tensor(turn.as_quat(), dtype=torch.float32).to(self.device)
+
+    def set_world_poses_from_view(
+        self, eyes: torch.Tensor, targets: torch.Tensor, env_ids: Sequence[int] | torch.Tensor | None = None
+    ) -> None:
+        """Put a camera that is fixed to the environment at ``eyes`` and look at ``targets``, z up.
+
+        Args:
+            eyes: Positions in the world [m], shape ``(n, 3)``.
+            targets: What is in the middle of the picture [m], shape ``(n, 3)``.
+            env_ids: Environments, default all.
+        """
+        forward = (torch.as_tensor(targets) - torch.as_tensor(eyes)).double().cpu().numpy()
+        yaw, flat = np.arctan2(forward[:, 1], forward[:, 0]), np.hypot(forward[:, 0], forward[:, 1])
+        turn = Rotation.from_euler("ZY", np.stack([yaw, -np.arctan2(forward[:, 2], flat)], axis=1)).as_quat()
+        self.set_world_poses(eyes, torch.as_tensor(turn), env_ids, "world")
+
+    # -- what a step launches
+
+    def launch_measured(self) -> None:
+        self.clock.count()
+
+    def launch_reset(self, env_mask: wp.array) -> None:
+        self.clock.restart(env_mask)
+        self._chain.restart(env_mask)
+
+    def launch_observed(self) -> None:
+        state, model, raw = self._sim.state, self._sim.model, self._raw
+        idle = int(SensorCamera.WorldRenderFlag.DISABLE_PRESERVE)
+        aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist()), idle]
+        wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[raw, self._pose, self._world])
+        model.bvh_refit_shapes(state)
+        self.renderer.update(
+            state,
+            self._pose,
+            self._rays,
+            color_image=_or_none(self._color),
+            forward_depth_image=_or_none(raw.distance_to_image_plane),
+            depth_image=_or_none(raw.distance_to_camera),
+            normal_image=_or_none(raw.normals),
+            shape_index_image=_or_none(self._shapes),
+            world_indices=self._world,
+        )
+        dim = (self.num_envs, self.cfg.height, self.cfg.width)
+        if raw.distance_to_image_plane.size or raw.distance_to_camera.size:
+            near, far = map(float, self.cfg.spawn.clipping_range)
+            missing = self._missing if self.cfg.noise is None else math.inf
+            inputs = [self.clock.due, self._slant, near, far, missing]
+            outputs = [raw.distance_to_image_plane, raw.distance_to_camera]
+            wp.launch(kernels.clip_depth, dim=dim, inputs=inputs, outputs=outputs)
+        for name, labels in self._labels.items():
+            inputs = [self.clock.due, self._shapes, labels]
+            wp.launch(kernels.label_shapes, dim=dim, inputs=inputs, outputs=[getattr(raw, name)])
+        self._chain.launch(self.clock.due)
+        self.clock.settle()
+
+
+def _or_none(array: wp.array) -> wp.array | None:
+    return array if array.size else None
+
+
+def _bytes(color: wp.array) -> torch.Tensor:
+    """Packed colours as bytes, the same memory, shape ``(num_envs, height, width, 4)``."""
+    return wp.to_torch(color.view(wp.int32)).view(torch.uint8).view(*color.shape, 4)

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What cameras hand out, and how their frames are called."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from scipy.spatial.transform import Rotation
+
+from .sensor_data import SensorData
+
+__all__ = ["FROM_WORLD", "CameraData"]
+
+_TO_OPENGL = Rotation.from_matrix([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+_TO_ROS = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+FROM_WORLD = {"world": Rotation.identity(), "opengl": _TO_OPENGL, "ros": _TO_ROS}
+"""Rotations from the frame with x forward and z up to each convention's."""
+
+
+class CameraData(SensorData):
+    """What a camera saw: torch views of the memory that is rendered into.
+
+    Attributes:
+        pos_w: Position [m], shape ``(num_envs, 3)``.
+        quat_w_world: Orientation, quaternion (x, y, z, w), of a frame with x forward and z up, ``(num_envs, 4)``.
+        intrinsic_matrices: ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`` [px], shape ``(num_envs, 3, 3)``.
+        image_shape: ``(height, width)``.
+        output: By data type, shape ``(num_envs, height, width, channels)``: ``rgb`` and ``rgba`` uint8; ``depth`` or
+            ``distance_to_image_plane`` and ``distance_to_camera`` [m]; ``normals`` in the world; segmentations int32.
+        info: By data type; for a segmentation ``{"idToLabels": {number: name}}``.
+    """
+
+    pos_w: torch.Tensor
+    quat_w_world: torch.Tensor
+    intrinsic_matrices: torch.Tensor
+    image_shape: tuple[int, int]
+    output: dict[str, torch.Tensor]
+    info: dict[str, Any]
+
+    @property
+    def quat_w_ros(self) -> torch.Tensor:
+        """Orientation of the frame that looks along z with y down, ``(num_envs, 4)``; a copy."""
+        return self._turned("ros")
+
+    @property
+    def quat_w_opengl(self) -> torch.Tensor:
+        """Orientation of the frame that looks along -z with y up, ``(num_envs, 4)``; a copy."""
+        return self._turned("opengl")
+
+    def _turned(self, convention: str) -> torch.Tensor:
+        turned = Rotation.from_quat(self.quat_w_world.double().cpu().numpy()) * FROM_WORLD[convention]
+        return torch.as_tensor(turned.as_quat(), dtype=torch.float32).to(self.quat_w_world.device)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the pixels of a camera show: numbers for assets, bodies and shapes, the same in every environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stripe_newton.sim.stage import ENV_0
+
+__all__ = ["shape_labels"]
+
+
+def shape_labels(scene: Any, model: Any, kind: str) -> tuple[np.ndarray, dict[int, str]]:
+    """A number for each shape of a model, and what the numbers mean.
+
+    Args:
+        scene: The scene, for the names of its assets.
+        model: The model.
+        kind: ``"semantic_segmentation"`` (assets by their names in the scene, else top prims),
+            ``"instance_segmentation"`` (bodies, and prims that do not move) or ``"instance_id_segmentation"`` (shapes).
+
+    Returns:
+        int32, shape ``(shape_count,)``, from 1 on; and the names by number, 0 being the background.
+    """
+    owners = [str(model.body_label[body]) if body >= 0 else "" for body in model.shape_body.numpy()]
+    labels, assets = list(zip(map(str, model.shape_label), owners, strict=True)), _assets(scene)
+    named = {(label, owner): _name(label, owner, assets, kind) for label, owner in dict.fromkeys(labels)}
+    names = [named[label] for label in labels]
+    numbers = {name: i + 1 for i, name in enumerate(dict.fromkeys(names))}
+    meaning = {0: "BACKGROUND", **{i: name for name, i in numbers.items()}}
+    return np.array([numbers[name] for name in names], dtype=np.int32), meaning
+
+
+def _assets(scene: Any) -> dict[str, str]:
+    """Names of the assets by path."""
+    families = {**scene.articulations, **scene.rigid_objects, **scene.extras}
+    found = {asset.path: name for name, asset in families.items() if getattr(asset, "path", None)}
+    path = getattr(scene.terrain, "path", None) or getattr(getattr(scene.terrain, "cfg", None), "prim_path", None)
+    return found | ({str(path): "terrain"} if path else {})
+
+
+def _name(label: str, owner: str, assets: dict[str, str], kind: str) -> str:
+    """What a shape is called, by its label and that of its body."""
+    path = label if label.startswith(owner) else f"{owner}/{label}"
+    if kind == "instance_id_segmentation":
+        return path
+    if kind == "instance_segmentation" and owner:
+        return owner
+    at = max((p for p in assets if path == p or path.startswith(p + "/")), key=len, default="")
+    if kind == "semantic_segmentation" and at:
+        return assets[at]
+    parts = path.split("/")
+    return at or "/".join(parts[: 5 if path.startswith(ENV_0) else 3])

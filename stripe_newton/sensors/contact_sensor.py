@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact forces on bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import newton
+import numpy as np
+import torch
+import warp as wp
+
+from stripe_kernels.sensors import contact as kernels
+from stripe_newton.configclass import ConfigError
+from stripe_newton.matching import match_names
+
+from .clock import SensorClock, period_steps
+from .corruption import Corruption
+from .prims import find_bodies, find_colliders, per_shape
+from .sensor_base import SensorBase
+from .sensor_data import SensorData
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+    from .contact_sensor_cfg import ContactSensorCfg
+
+__all__ = ["ContactSensor"]
+
+_TIMES = "current_air_time", "last_air_time", "current_contact_time", "last_contact_time"
+
+
+class ContactSensor(SensorBase):
+    """Net and filtered contact forces on bodies, their history, and times in contact and in the air.
+
+    With MuJoCo Warp forces are read from its contacts and constraints: two launches a measurement, and one more a step
+    for the times. Other solvers must report contact forces, which is switched on. A measurement is of the forces in the
+    last physics step; those of an episode begin with its first.
+
+    ``data`` has ``net_forces_w``, ``net_forces_w_history``, ``force_matrix_w``, ``current_air_time``,
+    ``last_air_time``, ``current_contact_time``, ``last_contact_time`` (see the struct
+    :class:`stripe_kernels.sensors.contact.ContactSensorData`), ``pos_w`` and ``quat_w``; ``None`` for what the config
+    does not ask for.
+
+    Attributes:
+        cfg: The config.
+        struct: What terms read.
+        filter_names: Names of the bodies or prims that the columns of ``force_matrix_w`` are about.
+        unavailable: Fields of the struct that terms may not read, with the reason.
+    """
+
+    cfg: ContactSensorCfg
+    struct: Any
+
+    def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
+        where = f"{type(self).__name__} '{self.cfg.prim_path}'"
+        self._bodies, self._names = find_bodies(template, self.cfg.prim_path, f"{where}.prim_path")
+        self.filter_names: list[str] = []
+        self._columns = np.full(template.shape_count, -1), np.full(static.shape_count, -1)
+        for path in self.cfg.filter_prim_paths_expr:
+            for name, shapes in find_colliders(template, static, path, f"{where}.filter_prim_paths_expr").items():
+                self._add_filter(name, shapes, f"{where}.filter_prim_paths_expr: '{path}'")
+        self._period = period_steps(sim, self.cfg.update_period, where)
+        substeps = self.cfg.substeps
+        if substeps is None:
+            substeps = self.cfg.history_length > 0 or 0.0 < self.cfg.update_period < sim.physics_dt * sim.decimation
+        self.every_substep = bool(substeps) and self._period == 1
+        solver: Any = sim.cfg.solver
+        self._native = solver.kind == "mujoco" and not solver.use_mujoco_cpu
+        if not self._native:
+            if "contact_f" not in getattr(newton.solvers, solver.solver_class).SUPPORTED_OBSERVABLES:
+                raise ConfigError(
+                    [f"{where}: {solver.solver_class} does not report contact forces, use MuJoCoSolverCfg"]
+                )
+            sim.cfg.contact_forces = True
+
+    def _add_filter(self, name: str, shapes: tuple[list[int], list[int]], where: str) -> None:
+        for column, indices in zip(self._columns, shapes):
+            taken = column[indices].max(initial=-1)
+            if taken >= 0:
+                raise ConfigError([f"{where} has colliders of '{self.filter_names[taken]}' too; name each once"])
+            column[indices] = len(self.filter_names)
+        self.filter_names.append(name)
+
+    def initialize(self, sim: Simulation) -> None:
+        super().initialize(sim)
+        self._clock = SensorClock(sim, self.cfg.update_period, type(self).__name__, starts_fresh=False)
+        step = sim.physics_dt * (1 if self.every_substep else sim.decimation * self._period)
+        self.struct = struct = kernels.ContactSensorData()
+        shape = self.num_envs, len(self._bodies)
+        with wp.ScopedDevice(self.device):
+            struct.net_forces_w_history = wp.zeros((shape[0], max(1, self.cfg.history_length), shape[1]), dtype=wp.vec3)
+            struct.net_forces_w = struct.net_forces_w_history[:, 0]
+            struct.force_matrix_w = wp.zeros((*shape, len(self.filter_names)), dtype=wp.vec3)
+            for name in _TIMES:
+                setattr(struct, name, wp.zeros(shape, dtype=float))
+            struct.force_threshold, struct.measurement_dt = self.cfg.force_threshold, step
+            self._pending = wp.zeros(shape, dtype=wp.bool)
+            self._elapsed = wp.full(1, value=step, dtype=float)
+            self._raw = struct
+            self._corruption: Corruption | None = None
+            if self.cfg.noise is not None or self.cfg.delay:
+                self._corrupt(struct)
+            self._make_tables(sim)
+        missing = [] if self.cfg.track_air_time else list(_TIMES)
+        self.unavailable = dict.fromkeys(missing, "not kept; set track_air_time=True in the sensor's config")
+        self._data = _Data(struct, [*missing, *([] if self.filter_names else ["force_matrix_w"])])
+        if self.cfg.track_pose:
+            self._data.track(sim, self._bodies)
+
+    def _corrupt(self, struct: Any) -> None:
+        """Keep the net forces that are measured apart from those that are read."""
+        self._raw = kernels.ContactSensorData()
+        for name in struct._cls.vars:
+            setattr(self._raw, name, getattr(struct, name))
+        bodies = len(self._bodies)
+        block, out = wp.zeros((self.num_envs, 3 * bodies), dtype=float), wp.to_torch(struct.net_forces_w).flatten(1)
+        self._raw.net_forces_w = wp.from_torch(wp.to_torch(block).unflatten(1, (bodies, 3)), dtype=wp.vec3)
+        where = f"{type(self).__name__} '{self.cfg.prim_path}'.noise"
+        noise = [] if self.cfg.noise is None else [(slice(0, 3 * bodies), self.cfg.noise)]
+        self._corruption = Corruption(block, noise, self.cfg.delay, where, wp.from_torch(out))
+
+    def _make_tables(self, sim: Simulation) -> None:
+        """Which shape, or which of MuJoCo's geoms, is of which body and which filter."""
+        template, static, count = sim.template, sim.static, len(self._bodies)
+        place = np.full(template.body_count + 1, -1)  # the last one for what has no body
+        place[self._bodies] = np.arange(count)
+        here = place[np.array(template.shape_body, dtype=int)]
+        rows = per_shape(here, np.full(static.shape_count, -1), self.num_envs)
+        env = np.arange(self.num_envs).repeat(template.shape_count)
+        rows[static.shape_count :] += np.where(rows[static.shape_count :] >= 0, env * count, 0).astype(np.int32)
+        there = template.shape_count, static.shape_count  # perhaps more than there were: sensors may add sites
+        own, shared = (np.append(c, [-1] * (n - len(c))) for c, n in zip(self._columns, there))
+        columns = per_shape(own, shared, self.num_envs)
+        if self._native:
+            solver: Any = sim.solver
+            shapes = solver.mjc_geom_to_newton_shape.numpy()
+            first = count * np.arange(len(shapes))[:, None]
+            rows = np.where((shapes >= 0) & (rows[shapes] >= 0), rows[shapes] - first, -1).astype(np.int32)
+            columns = np.where(shapes >= 0, columns[shapes], -1)
+            if (rows == rows[0]).all() and (columns == columns[0]).all():
+                rows, columns = rows[:1], columns[:1]
+        self._rows, self._filters = wp.array(rows, dtype=int), wp.array(columns, dtype=int)
+
+    # -- what it is about
+
+    @property
+    def data(self) -> Any:
+        """Forces [N] and times [s], as tensors."""
+        return self._data
+
+    @property
+    def body_names(self) -> list[str]:
+        return list(self._names)
+
+    @property
+    def num_bodies(self) -> int:
+        """Number of bodies."""
+        return len(self._names)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {"num_filters": len(self.filter_names)}
+
+    def find_bodies(self, name_keys: str | Sequence[str], preserve_order: bool = False) -> tuple[list[int], list[str]]:
+        """Indices and names of the bodies that match regular expressions.
+
+        Raises:
+            ValueError: if an expression matches nothing.
+        """
+        return match_names(name_keys, self._names, preserve_order, f"body of '{self.cfg.prim_path}'")
+
+    def compute_first_contact(self, dt: float, abs_tol: float | None = None) -> torch.Tensor:
+        """Which bodies came into contact in the last ``dt`` seconds and still are.
+
+        Args:
+            dt: The time [s], such as the step of the environment.
+            abs_tol: Tolerance [s], by default half the time between two measurements.
+
+        Returns:
+            bool, shape ``(num_envs, num_bodies)``.
+
+        Raises:
+            RuntimeError: if the sensor keeps no times.
+        """
+        return self._began(self._data.current_contact_time, dt, abs_tol)
+
+    def compute_first_air(self, dt: float, abs_tol: float | None = None) -> torch.Tensor:
+        """Which bodies left the contact in the last ``dt`` seconds; see :meth:`compute_first_contact`."""
+        return self._began(self._data.current_air_time, dt, abs_tol)
+
+    def _began(self, time: torch.Tensor | None, dt: float, abs_tol: float | None) -> torch.Tensor:
+        if time is None:
+            raise RuntimeError(f"ContactSensor '{self.cfg.prim_path}' keeps no times: set 'track_air_time=True'")
+        tolerance = 0.5 * self.struct.measurement_dt if abs_tol is None else abs_tol
+        return (time > 0.0) & (time < dt + tolerance)
+
+    # -- what a step launches
+
+    def _launch_measurement(self) -> None:
+        sim, struct, due = self._sim, self._raw, self._clock.due
+        keep = self.cfg.track_air_time
+        shape = struct.net_forces_w.shape
+        wp.launch(kernels.begin_contacts, shape, [due, self._elapsed, keep], [self._pending, struct])
+        if self._native:
+            from stripe_kernels.sensors.contact_mujoco import CONTACT_FIELDS, add_mujoco_contacts
+
+            solver: Any = sim.solver
+            data, contact = solver.mjw_data, solver.mjw_data.contact
+            fields = [getattr(contact, name) for name in CONTACT_FIELDS]
+            tables = [due, self._rows, self._filters, solver.mjw_model.opt.cone]
+            inputs = [*tables, *fields, data.efc.force, data.njmax, data.nacon]
+            wp.launch(add_mujoco_contacts, data.naconmax, inputs, [struct])
+        else:
+            contacts: Any = sim.contacts
+            observables: Any = sim.observables
+            found = [contacts.rigid_contact_count, contacts.rigid_contact_shape0, contacts.rigid_contact_shape1]
+            inputs = [due, *found, observables.contact_f, self._rows, self._filters]
+            wp.launch(kernels.add_newton_contacts, contacts.rigid_contact_max, inputs, [struct])
+        if self._corruption is not None:
+            self._corruption.launch(due)
+
+    def launch_substep(self) -> None:
+        self._launch_measurement()
+
+    def launch_measured(self) -> None:
+        if not self.every_substep:
+            self._launch_measurement()
+        if self.cfg.track_air_time:
+            shape = self._pending.shape
+            wp.launch(kernels.finish_contacts, shape, [self._elapsed], [self._pending, self._raw])
+        self._clock.advance()
+
+    def launch_reset(self, env_mask: wp.array) -> None:
+        wp.launch(kernels.reset_contacts, self._pending.shape, [env_mask], [self._pending, self.struct])
+        self._clock.restart(env_mask)
+        if self._corruption is not None:
+            self._corruption.restart(env_mask)
+
+    def update(self, dt: float) -> None:
+        """Measure, after ``dt`` seconds of physics; for scripts and environments with torch hooks."""
+        if not self.every_substep:
+            self._elapsed.fill_(dt * self._period)
+            self.struct.measurement_dt = dt * self._period
+        super().update(dt)
+
+    @property
+    def arrays(self) -> dict[str, wp.array]:
+        """What lasts from step to step, by name."""
+        struct = self.struct
+        kept = {name: getattr(struct, name) for name in ("net_forces_w_history", "force_matrix_w", *_TIMES)}
+        return kept | self._clock.arrays | (self._corruption.arrays if self._corruption else {})
+
+
+class _Data(SensorData):
+    """The arrays, and the poses of the bodies."""
+
+    _sim: Simulation | None = None
+
+    def track(self, sim: Simulation, bodies: list[int]) -> None:
+        contiguous = bodies == list(range(bodies[0], bodies[-1] + 1))
+        self._sim, self._rows = sim, slice(bodies[0], bodies[-1] + 1) if contiguous else bodies
+
+    @property
+    def pos_w(self) -> torch.Tensor | None:
+        """Origins of the bodies, world frame [m], shape ``(num_envs, num_bodies, 3)``."""
+        return None if self._sim is None else self._sim.per_env(self._sim.state.body_q)[:, self._rows, :3]
+
+    @property
+    def quat_w(self) -> torch.Tensor | None:
+        """Orientations of the bodies (x, y, z, w), world frame, shape ``(num_envs, num_bodies, 4)``."""
+        return None if self._sim is None else self._sim.per_env(self._sim.state.body_q)[:, self._rows, 3:]

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lies between a rendered picture and the one that is handed out: noise of depths, and delay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import warp as wp
+
+from stripe_kernels.sensors import picture_delay as kernels
+from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+
+from .corruption import Corruption
+
+__all__ = ["PictureChain"]
+
+
+class PictureChain:
+    """Noise of depths and delay of everything, on the device.
+
+    Attributes:
+        arrays: What lasts from step to step, by name; what ends in ``rng`` are random streams.
+    """
+
+    def __init__(self, num_envs: int, delay: int, device: str):
+        """``delay`` is how many pictures old those are that are handed out."""
+        self._num_envs, self._delay, self._device = num_envs, delay, device
+        self._count = wp.zeros(num_envs, dtype=int, device=device)
+        self._noisy: dict[str, tuple[Corruption, float, wp.array]] = {}
+        self._rings: dict[str, tuple[wp.array, wp.array, wp.array]] = {}
+
+    def noise(self, name: str, raw: wp.array, cfg: NoiseCfg | NoiseModelCfg, missing: float, where: str) -> wp.array:
+        """Put noise on depths.
+
+        Args:
+            name: What they are.
+            raw: Depths, infinite where nothing was seen [m], shape ``(num_envs, height, width)``.
+            cfg: The noise.
+            missing: What stands for nothing [m].
+            where: Path of the config's field.
+
+        Returns:
+            Where the noisy depths are, same shape.
+        """
+        flat = raw.reshape((self._num_envs, -1))
+        out = wp.zeros(raw.shape, dtype=float, device=self._device)
+        corruption = Corruption(flat, [(slice(0, flat.shape[1]), cfg)], 0, f"{where}.{name}")
+        self._noisy[name] = corruption, missing, out.reshape(flat.shape)
+        return out
+
+    def lag(self, name: str, taken: wp.array) -> wp.array:
+        """Where what is ``taken``, an array of 4-byte elements or vectors of them, is handed out later; like it."""
+        if not self._delay or not taken.size:
+            return taken
+        out = wp.zeros(taken.shape, dtype=taken.dtype, device=self._device)
+        words = _words(taken)
+        ring = wp.zeros((self._num_envs, self._delay + 1, words.shape[1]), dtype=int, device=self._device)
+        self._rings[name] = words, ring, _words(out)
+        return out
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        found = {"pictures": self._count} if self._rings else {}
+        for name, (corruption, _, out) in self._noisy.items():
+            own = {f"{name}.{k.removeprefix('corruption.')}": v for k, v in corruption.arrays.items()}
+            found |= own | {f"{name}.noisy": out}
+        return found | {f"{name}.ring": ring for name, (_, ring, _) in self._rings.items()}
+
+    def launch(self, due: wp.array) -> None:
+        """Let the pictures of some environments pass; ``due`` is bool, shape ``(num_envs,)``."""
+        for corruption, missing, out in self._noisy.values():
+            corruption.launch(due)
+            wp.launch(kernels.fill_missing, dim=out.shape, inputs=[due, missing, corruption.out], outputs=[out])
+        for words, ring, out in self._rings.values():
+            wp.launch(kernels.delay_words, dim=out.shape, inputs=[due, self._count, words], outputs=[ring, out])
+        if self._rings:
+            wp.launch(kernels.count_pictures, dim=self._num_envs, inputs=[due], outputs=[self._count])
+
+    def restart(self, env_mask: wp.array) -> None:
+        """Begin episodes; ``env_mask`` is bool, shape ``(num_envs,)``."""
+        for corruption, *_ in self._noisy.values():
+            corruption.restart(env_mask)
+        if self._rings:
+            wp.launch(kernels.forget_pictures, dim=self._num_envs, inputs=[env_mask], outputs=[self._count])
+
+
+def _words(array: wp.array) -> wp.array:
+    """The same memory as int32, shape ``(num_envs, size)``."""
+    values = wp.to_torch(array.view(wp.int32) if array.dtype is wp.uint32 else array)
+    return wp.from_torch(values.view(len(values), -1).view(torch.int32), dtype=wp.int32)

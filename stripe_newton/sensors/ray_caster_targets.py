@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the rays of a sensor may hit: a height field that is read directly, and shapes in a tree of their bounds."""
+
+from __future__ import annotations
+
+import copy
+import re
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from stripe_kernels.sensors.ray_field import RayField
+from stripe_newton.configclass import ConfigError
+from stripe_newton.sim.stage import ENV_0
+
+__all__ = ["ShapeTree", "choose_shapes", "field_of"]
+
+_FAR = 1.0e6
+"""Half the extent of the field that stands for a plane [m]."""
+_CHOSEN = 1 << 30
+"""Bit of the shape flags that stands for a shape of the tree."""
+
+
+def choose_shapes(model: newton.Model, expressions: Any, own: str, where: str) -> np.ndarray:
+    """Which colliders the rays hit.
+
+    Args:
+        model: The model.
+        expressions: Prim paths; empty for all.
+        own: Path of an asset that is left out; empty for none.
+        where: The sensor, for errors.
+
+    Returns:
+        bool, shape ``(shape_count,)``.
+
+    Raises:
+        ConfigError: if an expression matches no collider, or none is left.
+    """
+    flags, bodies = model.shape_flags.numpy(), model.shape_body.numpy()
+    paths = [_path(model, i, int(bodies[i])) for i in range(model.shape_count)]
+    collides = (flags & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
+    chosen = np.zeros(len(paths), dtype=bool) if len(expressions) else collides.copy()
+    problems = []
+    for i, text in enumerate(expressions):
+        pattern = text.replace("{ENV_REGEX_NS}", ENV_0).replace("/World/envs/env_.*", ENV_0)
+        hits = _matching(paths, pattern.rstrip("/")) & collides
+        chosen |= hits
+        if not hits.any():
+            there = sorted({_short(p) for p, c in zip(paths, collides, strict=True) if c})
+            problems.append(
+                f"{where}.mesh_prim_paths[{i}]: no collider at or below '{text}'; there is {', '.join(there) or 'none'}"
+            )
+    if problems:
+        raise ConfigError(problems)
+    if own:
+        chosen &= ~_matching(paths, re.escape(own))
+    if not chosen.any():
+        why = f"all of them belong to '{own}', which carries it" if own and collides.any() else "there is none"
+        raise ConfigError([f"{where}: no collider for its rays to hit, {why}; name some by mesh_prim_paths"])
+    return chosen
+
+
+def _path(model: newton.Model, shape: int, body: int) -> str:
+    """Path of a shape, below that of its body."""
+    label = str(model.shape_label[shape])
+    owner = str(model.body_label[body]) if body >= 0 else ""
+    return label if label.startswith(owner) else f"{owner}/{label}"
+
+
+def _matching(paths: list[str], pattern: str) -> np.ndarray:
+    found = re.compile(f"{pattern}(/.*)?")
+    seen: dict[str, bool] = {}
+    for path in paths:
+        if path not in seen:
+            seen[path] = found.fullmatch(path) is not None
+    return np.array([seen[path] for path in paths], dtype=bool)
+
+
+def _short(path: str) -> str:
+    """Path of the asset that a shape belongs to."""
+    depth = 5 if path.startswith(ENV_0) else 3
+    return "/".join(path.split("/")[:depth]).replace(ENV_0, "{ENV_REGEX_NS}")
+
+
+def field_of(model: newton.Model, chosen: np.ndarray, terrain: Any) -> tuple[int, RayField] | None:
+    """The height field among the chosen shapes that rays look up directly.
+
+    It is the only one, is shared by all environments and stands upright along the world's axes. If there is none, the
+    only shared level plane without end is a field of one cell.
+
+    Args:
+        model: The model.
+        chosen: Shapes, bool, shape ``(shape_count,)``.
+        terrain: Struct with ``heights``, ``lower`` and ``cell`` whose memory is used if it is that field, or None.
+
+    Returns:
+        The shape's index and the field, or None if there is no such field.
+    """
+    kinds, shared = model.shape_type.numpy(), (model.shape_body.numpy() < 0) & (model.shape_world.numpy() < 0)
+    fields = np.flatnonzero(chosen & (kinds == int(newton.GeoType.HFIELD)))
+    if not len(fields):
+        return _plane_field(model, np.flatnonzero(chosen & (kinds == int(newton.GeoType.PLANE))), shared)
+    if len(fields) != 1 or not shared[fields[0]]:
+        return None
+    shape = int(fields[0])
+    source, scale = model.shape_source[shape], model.shape_scale.numpy()[shape]
+    pose = model.shape_transform.numpy()[shape]
+    if not np.allclose(np.abs(pose[3:]), (0.0, 0.0, 0.0, 1.0), atol=1.0e-6):
+        return None
+    half = np.array([source.hx, source.hy]) * scale[:2]
+    heights = (source.min_z + source.data * (source.max_z - source.min_z)) * scale[2] + pose[2]
+    field = RayField()
+    lower, cell = pose[:2] - half, 2.0 * half / (source.ncol - 1, source.nrow - 1)
+    field.lower, field.cell = wp.vec2(*map(float, lower)), wp.vec2(*map(float, cell))
+    field.bottom, field.top = float(heights.min()), float(heights.max())
+    known = getattr(terrain, "heights", None)
+    same = (
+        known is not None
+        and tuple(known.shape) == heights.shape
+        and np.allclose([*terrain.lower, *terrain.cell], [*lower, *cell], rtol=1.0e-5, atol=1.0e-5)
+        and np.allclose(known.numpy(), heights, atol=1.0e-4)
+    )
+    field.heights = known if same else wp.array(heights.astype(np.float32), dtype=float, device=model.device)
+    return shape, field
+
+
+def _plane_field(model: newton.Model, planes: np.ndarray, shared: np.ndarray) -> tuple[int, RayField] | None:
+    """A level plane as a field of one cell."""
+    if len(planes) != 1 or not shared[planes[0]]:
+        return None
+    shape = int(planes[0])
+    pose, scale = model.shape_transform.numpy()[shape], model.shape_scale.numpy()[shape]
+    up = wp.quat_rotate(wp.quat(*map(float, pose[3:])), wp.vec3(0.0, 0.0, 1.0))
+    if scale[:2].any() or not up[2] > 1.0 - 1.0e-7:
+        return None
+    field, height = RayField(), float(pose[2])
+    field.lower, field.cell = wp.vec2(-_FAR, -_FAR), wp.vec2(2.0 * _FAR, 2.0 * _FAR)
+    field.bottom = field.top = height
+    field.heights = wp.full((2, 2), value=height, dtype=float, device=model.device)
+    return shape, field
+
+
+class ShapeTree:
+    """Some shapes of a model in a tree of bounding volumes, made and refitted by Newton.
+
+    Attributes:
+        view: The model with this tree instead of its own.
+        moves: Whether a body carries one of the shapes, so that :meth:`refit` is needed.
+    """
+
+    def __init__(self, model: newton.Model, chosen: np.ndarray, state: newton.State):
+        """``chosen`` are the shapes, bool, shape ``(shape_count,)``."""
+        self.view = copy.copy(model)
+        flags = np.where(chosen, model.shape_flags.numpy() | _CHOSEN, model.shape_flags.numpy() & ~_CHOSEN)
+        self.view.shape_flags = wp.array(flags.astype(np.int32), dtype=int, device=model.device)
+        self.view.bvh_build_shapes(state, shape_flags=_CHOSEN)
+        self.moves = bool((model.shape_body.numpy()[chosen] >= 0).any())
+
+    def refit(self, state: newton.State) -> None:
+        """Follow the bodies; launches kernels only."""
+        if self.moves:
+            self.view.bvh_refit_shapes(state)
+
+    def targets(self) -> Any:
+        """The struct that ``stripe_kernels.sensors.ray_shapes`` reads."""
+        from stripe_kernels.sensors.ray_shapes import RayTargets
+
+        view, made = self.view, RayTargets()
+        made.tree, made.roots, made.leaves = view.bvh_shapes.id, view.bvh_shapes_group_roots, view.bvh_shape_enabled
+        made.pose, made.kind, made.scale = view.bvh_shape_world_transforms, view.shape_type, view.shape_scale
+        made.source = view.shape_source_ptr
+        return made
