@@ -125,15 +125,15 @@ class ManagerBasedRLEnv(RLEnv):
         return array
 
     def _make_spaces(self) -> None:
-        def box(size: int) -> spaces.Box:
-            return spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        def box(*shape: int) -> spaces.Box:
+            return spaces.Box(-np.inf, np.inf, shape, np.float32)
 
-        groups = {}
-        for name, buffer in self.observation_manager.buffers.items():
+        groups, manager = {}, self.observation_manager
+        for name, buffer in manager.buffers.items():
             if isinstance(buffer, dict):
-                groups[name] = spaces.Dict({k: box(v.shape[1]) for k, v in buffer.items()})
+                groups[name] = spaces.Dict({k: box(*manager.shape(name, k)) for k in buffer})
             else:
-                groups[name] = box(buffer.shape[1])
+                groups[name] = box(*manager.shape(name))
         self._set_spaces(groups, box(self.action_manager.total_action_dim))
         self._action_input = wp.to_torch(self.action_manager.input)
 
@@ -241,11 +241,12 @@ class ManagerBasedRLEnv(RLEnv):
 
     def _groups(self, values: dict[str, torch.Tensor], prefix: str) -> Observations:
         groups: Observations = {}
-        for name, buffer in self.observation_manager.buffers.items():
+        manager = self.observation_manager
+        for name, buffer in manager.buffers.items():
             if isinstance(buffer, dict):
-                groups[name] = {k: values[f"{prefix}.{name}.{k}"] for k in buffer}
+                groups[name] = {k: values[f"{prefix}.{name}.{k}"].view(-1, *manager.shape(name, k)) for k in buffer}
             else:
-                groups[name] = values[f"{prefix}.{name}"]
+                groups[name] = values[f"{prefix}.{name}"].view(-1, *manager.shape(name))
         return groups
 
     # -- what users ask for

@@ -17,6 +17,7 @@ from stripe_newton.managers import actions_cfg as _actions
 from stripe_newton.managers import commands_cfg as _commands
 from stripe_newton.managers.actions_cfg import *  # noqa: F403
 from stripe_newton.managers.commands_cfg import *  # noqa: F403
+from stripe_newton.managers.image import image
 
 __all__ = [
     *_terms.__all__,
@@ -26,4 +27,5 @@ __all__ = [
     *_object_terminations.__all__,
     *_actions.__all__,
     *_commands.__all__,
+    "image",
 ]

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where rays meet a height field: straight down by a lookup, slanted ones by a march from cell to cell.
+
+A height field is ``nrow`` by ``ncol`` heights, rows along y; each cell is cut into two triangles from its corner
+(row + 1, column) to its corner (row, column + 1), as Newton and MuJoCo do for contacts. It is a surface without sides:
+a ray that starts below it meets it from below.
+"""
+
+import warp as wp
+
+__all__ = ["RayField", "field_height", "march_field"]
+
+_HUGE = wp.constant(1.0e30)
+
+
+@wp.struct
+class RayField:
+    """A height field in the world."""
+
+    heights: wp.array2d[float]
+    """Heights [m], shape ``(nrow, ncol)``; empty where there is no field."""
+    lower: wp.vec2
+    """World x and y of ``heights[0, 0]`` [m]."""
+    cell: wp.vec2
+    """Spacing in x and y [m]."""
+    bottom: float
+    """No height is below it [m]."""
+    top: float
+    """No height is above it [m]."""
+
+
+@wp.func
+def field_height(field: RayField, x: float, y: float) -> float:
+    """Height of the surface at a point [m]; infinite beside the field."""
+    u, v = (x - field.lower[0]) / field.cell[0], (y - field.lower[1]) / field.cell[1]
+    nrow, ncol = field.heights.shape[0], field.heights.shape[1]
+    if not (u >= 0.0 and v >= 0.0 and u <= float(ncol - 1) and v <= float(nrow - 1)):  # not a number neither
+        return wp.inf
+    col, row = wp.min(int(u), ncol - 2), wp.min(int(v), nrow - 2)
+    u -= float(col)
+    v -= float(row)
+    right, above = field.heights[row, col + 1], field.heights[row + 1, col]
+    if u + v <= 1.0:
+        corner = field.heights[row, col]
+        return corner + u * (right - corner) + v * (above - corner)
+    corner = field.heights[row + 1, col + 1]
+    return corner + (1.0 - u) * (above - corner) + (1.0 - v) * (right - corner)
+
+
+@wp.func
+def _clip(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
+    """The part of ``span`` in which one coordinate of a ray is between two bounds; empty where first exceeds last."""
+    if wp.abs(direction) < 1.0e-12:
+        if start < lower or start > upper:
+            return wp.vec2(1.0, 0.0)
+        return span
+    a, b = (lower - start) / direction, (upper - start) / direction
+    return wp.vec2(wp.max(span[0], wp.min(a, b)), wp.min(span[1], wp.max(a, b)))
+
+
+@wp.func
+def _above(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -> float:
+    """Height of a point over the plane of one triangle of a cell, whose corners are in the order of rows."""
+    if far_side:
+        return z - corners[3] - (1.0 - u) * (corners[2] - corners[3]) - (1.0 - v) * (corners[1] - corners[3])
+    return z - corners[0] - u * (corners[1] - corners[0]) - v * (corners[2] - corners[0])
+
+
+@wp.func
+def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: float) -> float:
+    """Distance along a ray to the surface [m]; -1 if it is over ``limit`` or there is none.
+
+    The ray goes from cell to cell, and the sign of its height over the surface from triangle to triangle, so that it
+    slips through no edge.
+    """
+    nrow, ncol = field.heights.shape[0], field.heights.shape[1]
+    upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
+    upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
+    span = _clip(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
+    span = _clip(field.lower[1], upper_y, start[1], direction[1], span)
+    span = _clip(field.bottom - 1.0e-3, field.top + 1.0e-3, start[2], direction[2], span)
+    if not (span[0] <= span[1]):
+        return -1.0
+    u0, v0 = (start[0] - field.lower[0]) / field.cell[0], (start[1] - field.lower[1]) / field.cell[1]
+    du, dv = direction[0] / field.cell[0], direction[1] / field.cell[1]
+    t = span[0]
+    col = wp.clamp(int(wp.floor(u0 + t * du)), 0, ncol - 2)
+    row = wp.clamp(int(wp.floor(v0 + t * dv)), 0, nrow - 2)
+    side = wp.float32(0.0)  # of the surface on which the ray is, 0 at its start
+    while True:
+        next_u, next_v = _HUGE, _HUGE
+        if wp.abs(du) > 1.0e-12:
+            next_u = (float(wp.where(du > 0.0, col + 1, col)) - u0) / du
+        if wp.abs(dv) > 1.0e-12:
+            next_v = (float(wp.where(dv > 0.0, row + 1, row)) - v0) / dv
+        leave = wp.min(wp.min(next_u, next_v), span[1])
+        a, b = field.heights[row, col], field.heights[row, col + 1]
+        corners = wp.vec4(a, b, field.heights[row + 1, col], field.heights[row + 1, col + 1])
+        u, v = u0 - float(col), v0 - float(row)  # where the ray would be at its start, seen from this cell
+        middle = leave
+        if wp.abs(du + dv) > 1.0e-12:
+            diagonal = (1.0 - u - v) / (du + dv)
+            if diagonal > t and diagonal < leave:
+                middle = diagonal
+        for part in range(2):
+            first, last = wp.where(part == 0, t, middle), wp.where(part == 0, middle, leave)
+            if part == 0 or middle < leave:
+                centre = 0.5 * (first + last)
+                far_side = u + v + centre * (du + dv) > 1.0
+                before = _above(corners, u + first * du, v + first * dv, start[2] + first * direction[2], far_side)
+                after = _above(corners, u + last * du, v + last * dv, start[2] + last * direction[2], far_side)
+                if side == 0.0:
+                    side = wp.where(before >= 0.0, 1.0, -1.0)
+                if side * after <= 0.0:
+                    share = wp.float32(0.0)
+                    if side * before > 0.0:
+                        share = before / (before - after)
+                    return first + share * (last - first)
+        if leave >= span[1]:
+            return -1.0
+        t = leave
+        if next_u <= next_v:
+            col += wp.where(du > 0.0, 1, -1)
+        else:
+            row += wp.where(dv > 0.0, 1, -1)
+        if col < 0 or col > ncol - 2 or row < 0 or row > nrow - 2:
+            return -1.0

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The picture of a camera as an observation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+import warp as wp
+
+from stripe_kernels.sensors import image as kernels
+from stripe_newton.fusion import SceneEntityCfg
+
+from .context import ManagerContext
+
+__all__ = ["image", "image_shape", "image_source", "image_writer"]
+
+
+def image(env: Any, sensor_cfg: Any, data_type: str = "rgb", normalize: bool = True) -> torch.Tensor:
+    """The picture of a camera, float32, shape ``(num_envs, height, width, channels)``.
+
+    An observation manager knows this term and writes the same numbers by kernels that are part of the step's graph.
+    It stands in a group without other terms, or in one whose terms are not concatenated.
+
+    Formula: ``rgb``: ``c / 255`` less its mean over the picture; depths: 0 instead of infinity [m]; ``normals``:
+    ``(n + 1) / 2``; segmentations: their numbers. Without ``normalize`` all as they are.
+
+    Source: Isaac Lab, ``mdp.image``.
+
+    Args:
+        env: The environment.
+        sensor_cfg: The camera, by a :class:`SceneEntityCfg` or by name.
+        data_type: One of the camera's ``data_types`` but ``rgba``.
+        normalize: Whether the numbers are brought to a common range.
+    """
+    sensor = env.scene.sensors[getattr(sensor_cfg, "name", sensor_cfg)]
+    sensor.image(data_type)
+    values: torch.Tensor = sensor.data.output[data_type].float()
+    if normalize and data_type == "rgb":
+        values = (values - values.mean(dim=(1, 2), keepdim=True)) / 255.0
+    elif normalize and data_type in ("depth", "distance_to_image_plane", "distance_to_camera"):
+        values = values.masked_fill(torch.isinf(values), 0.0)
+    elif normalize and data_type == "normals":
+        values = 0.5 * (values + 1.0)
+    return values
+
+
+def image_shape(array: wp.array) -> tuple[int, int, int]:
+    """Height, width and channels of a camera's array."""
+    channels = array.shape[3] if array.ndim == 4 else 3 if array.dtype is wp.vec3 else 1
+    return array.shape[1], array.shape[2], channels
+
+
+def image_source(context: ManagerContext, params: dict[str, Any], where: str) -> tuple[wp.array, bool] | None:
+    """The array that an image term reads, and whether it is normalised; None after a problem was noted."""
+    given = dict(params)
+    cfg, data_type = given.pop("sensor_cfg", None), given.pop("data_type", "rgb")
+    normalize = bool(given.pop("normalize", True))
+    context.problems += [
+        f"{where}.params.{extra}: 'image' has no such argument; it takes sensor_cfg, data_type, normalize"
+        for extra in given
+    ]
+    cameras = {name: s for name, s in context.scene.sensors.items() if hasattr(s, "image")}
+    name = cfg.name if isinstance(cfg, SceneEntityCfg) else cfg
+    if name is None and len(cameras) == 1:
+        name = next(iter(cameras))
+    if name not in cameras:
+        asked = "is missing" if name is None else f"is '{name}'"
+        there = ", ".join(cameras) or "the scene has none"
+        context.problems.append(f"{where}.params.sensor_cfg: {asked}, must name a camera: {there}")
+        return None
+    try:
+        return cameras[name].image(data_type), normalize
+    except KeyError as error:
+        context.problems.append(f"{where}.params.data_type: {error.args[0]}")
+        return None
+
+
+def image_writer(source: wp.array, normalize: bool, target: wp.array, first: int) -> Callable[[], None]:
+    """A function that launches the kernels which write a picture into ``target`` from column ``first`` on."""
+    dim, device = source.shape[:3], source.device
+    if source.ndim == 4:
+        sums = wp.zeros((source.shape[0], 3), dtype=wp.uint32, device=device)
+
+        def write_colors() -> None:
+            if normalize:
+                sums.zero_()
+                wp.launch(kernels.sum_colors, dim=dim, inputs=[source], outputs=[sums], device=device)
+            inputs = [source, normalize, sums, first]
+            wp.launch(kernels.write_colors, dim=dim, inputs=inputs, outputs=[target], device=device)
+
+        return write_colors
+    by_type = {wp.float32: kernels.write_depth, wp.vec3: kernels.write_normals, wp.int32: kernels.write_labels}
+    kernel = by_type[source.dtype]
+    return lambda: wp.launch(kernel, dim=dim, inputs=[source, normalize, first], outputs=[target], device=device)
