@@ -17,6 +17,7 @@ from stripe_newton.fusion import Eager, Item, SceneEntityCfg, Section, bind_term
 from .context import ManagerContext
 from .event_cfg import EventTermCfg
 from .manager_base import ManagerBase, is_warp_term
+from .model_events import ModelEvents
 
 __all__ = ["EventManager", "prestartup_events"]
 
@@ -33,6 +34,7 @@ class EventManager(ManagerBase):
 
     def __init__(self, cfg: Any, context: ManagerContext):
         super().__init__(cfg, context)
+        self._model = ModelEvents(context)
         self._terms: dict[str, EventTermCfg] = {}
         for name, term in self.terms(cfg, EventTermCfg).items():
             problems = [f"{self.name}.{name}.{field}: {text}" for field, text in _problems(term)]
@@ -81,7 +83,7 @@ class EventManager(ManagerBase):
         clocks = [f"{self._clock(n)}[env] = 0" for n, t in self._of_mode("interval") if not t.is_global_time]
         if clocks:
             _append(items, Section("events_clocks", clocks, where_reset=True))
-        return items
+        return self._model.complete("reset", items, last=not self._changes_model("interval", "step"))
 
     def interval(self) -> list[Item]:
         """Items that let a step pass on the clocks, and run the terms whose time is up; ``moved`` is set there."""
@@ -100,7 +102,7 @@ class EventManager(ManagerBase):
             if not term.is_global_time:
                 _append(items, Section("events_interval", [due], [name]))
             items.append(self._eager("interval", name, term, self._time_is_up(name), moves=True))
-        return items
+        return self._model.complete("interval", items, last=not self._changes_model("step"))
 
     def _everywhere(self, mode: str) -> list[Item]:
         items: list[Item] = []
@@ -112,7 +114,7 @@ class EventManager(ManagerBase):
             else:
                 everyone = torch.ones(self.context.num_envs, dtype=torch.bool, device=self.context.device)
                 items.append(self._eager(mode, name, term, partial(_same, everyone), moves))
-        return items
+        return self._model.complete(mode, items, last=True)
 
     # -- parts of them
 
@@ -127,8 +129,15 @@ class EventManager(ManagerBase):
         params = [term.params]
         if term.func is mdp.reset_scene_to_default and not term.params.keys() & {"asset_cfg", "robot", "robot_cfg"}:
             params = [{**term.params, "asset_cfg": SceneEntityCfg(n)} for n in self.context.entity_names()]
+        elif self._model.concerns(term.func):
+            found = self._model.resolve(f"{self.name}.{name}", term)
+            params = [found] if found is not None else []
         calls = [bind_term(self.context, term.func, p, f"{self.name}.{name}", "event") for p in params]
-        return [c.expression() for c in calls if c is not None]
+        lines = [c.expression() for c in calls if c is not None]
+        return [*lines, *self._model.mark(term.func)] if lines else []
+
+    def _changes_model(self, *modes: str) -> bool:
+        return any(t.mode in modes and self._model.concerns(t.func) for t in self._terms.values())
 
     def _clock(self, name: str) -> str:
         """Name of the array of steps until a term is due; 0 where its time is up or is to be drawn."""

@@ -152,9 +152,19 @@ class SceneController:
         """Remember a field of the model as it was built, before somebody else changes it."""
         self._field(name)
 
+    def field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """A field of the model by environment, the model's memory, and its values as the model was built.
+
+        Shapes are ``(num_envs, n, ...)``. The field counts among :attr:`randomized` from then on.
+        """
+        return self._field(name)
+
     def _field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
         """A field of the model by environment, and its values as built."""
         sim = self._scene.sim
         shared = sim.static.shape_count if name.startswith("shape") else 0
-        field = sim.per_env(getattr(sim.model, name), shared)
+        array = getattr(sim.model, name)
+        if name == "gravity":  # its last entry is for what belongs to no environment
+            array = array[: sim.num_envs]
+        field = sim.per_env(array, shared)
         return field, self._defaults.setdefault(name, field.clone())

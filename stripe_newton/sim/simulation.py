@@ -57,7 +57,8 @@ class Simulation:
         num_envs: Number of environments, each a Newton world.
         template: Builder of one environment, at the origin.
         static: Builder of what all environments share.
-        env_origins: Origin of each environment in the world frame [m], shape ``(num_envs, 3)``.
+        env_origins: Where the environments were built in the world frame [m], shape ``(num_envs, 3)``.
+        env_origin: Where they start now, on the device [m], shape ``(num_envs,)``: a terrain moves them.
         lights: Lights of the scene, for rendering.
         build_s: Seconds that :meth:`build` took.
     """
@@ -70,6 +71,7 @@ class Simulation:
         self.device = resolve_device(cfg.device)
         self.num_envs = 0
         self.lights: list[Light] = []
+        self.env_origin: wp.array | None = None
         self.model: newton.Model
         self.build_s = 0.0
         self.pending = False
@@ -83,6 +85,8 @@ class Simulation:
         """Physics steps in a step of the environment, in which sensors count their periods."""
         self.after_each: list[Callable[[], None]] = []
         """What launches kernels after every physics step."""
+        self.after_notify: list[Callable[[], None]] = []
+        """What launches kernels after the solver was told of changes, see :meth:`notify`."""
 
     @property
     def state(self) -> newton.State:
@@ -135,6 +139,8 @@ class Simulation:
             raise ValueError("the environments hold no rigid body and no articulation: there is nothing to simulate")
         self.template, self.static, self.env_origins = template, static, np.asarray(env_origins, dtype=np.float32)
         self.num_envs = len(env_origins)
+        if self.env_origin is None:
+            self.env_origin = wp.array(self.env_origins, dtype=wp.vec3, device=self.device)
         builder = self.new_builder()
         builder.add_builder(static)
         builder.gravity = static.gravity if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
@@ -362,6 +368,9 @@ class Simulation:
         with wp.ScopedDevice(self.device), self.actuation.solver_gains():
             self.actuation.hide_gains()
             self.solver.notify_model_changed(flags)
+        with wp.ScopedDevice(self.device):
+            for function in self.after_notify:
+                function()
 
     def per_env(self, array: wp.array, shared: int = 0) -> torch.Tensor:
         """A zero-copy view of a flat array, one row an environment: shape ``(num_envs, count, ...)``.

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Events that randomise drives and joints.
+
+``operation`` and ``distribution`` are numbers of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``; a config names
+them. Quantities whose range is ``randomization.KEEP`` stay as they are and take no draw.
+"""
+
+import warp as wp
+
+from ..data import ArticulationData
+from ..model_data import JointModelData
+from .randomization import KEEP, Randomization, is_kept, randomize
+
+__all__ = [
+    "JOINT_RANDOMIZATIONS",
+    "randomize_actuator_gains",
+    "randomize_effort_limits",
+    "randomize_joint_default_pos",
+    "randomize_joint_parameters",
+    "randomize_pd_gains",
+]
+
+_BY_VALUE = {"operation": "abs", "distribution": "uniform"}
+_BY_FACTOR = {"operation": "scale", "distribution": "uniform"}
+
+JOINT_RANDOMIZATIONS: dict[str, Randomization] = {
+    "randomize_actuator_gains": Randomization(
+        {"stiffness_distribution_params": KEEP, "damping_distribution_params": KEEP, **_BY_VALUE},
+        {
+            "stiffness_distribution_params": ("stiffness", "not negative"),
+            "damping_distribution_params": ("damping", "not negative"),
+        },
+    ),
+    "randomize_pd_gains": Randomization(
+        _BY_FACTOR, {"kp_range": ("stiffness", "not negative"), "kd_range": ("damping", "not negative")}
+    ),
+    "randomize_effort_limits": Randomization(_BY_FACTOR, {"effort_limit_range": ("effort_limit", "not negative")}),
+    "randomize_joint_parameters": Randomization(
+        {
+            f"{name}_distribution_params": KEEP
+            for name in ("friction", "armature", "lower_limit", "upper_limit", "stiffness", "damping")
+        }
+        | _BY_VALUE,
+        {
+            "friction_distribution_params": ("friction", "not negative"),
+            "armature_distribution_params": ("armature", "not negative"),
+            "lower_limit_distribution_params": ("lower", "any"),
+            "upper_limit_distribution_params": ("upper", "any"),
+            "stiffness_distribution_params": ("passive_stiffness", "not negative"),
+            "damping_distribution_params": ("passive_damping", "not negative"),
+        },
+    ),
+    "randomize_joint_default_pos": Randomization(
+        {"operation": "add", "distribution": "uniform"}, {"ranges": ("initial_joint_pos", "any")}
+    ),
+}
+"""What a config may say about each term."""
+
+
+@wp.func
+def _not_negative(
+    env: int, rng: wp.array[wp.uint32], default: float, params: wp.vec2, operation: int, distribution: int
+) -> float:
+    return wp.max(randomize(env, rng, default, params, operation, distribution), 0.0)
+
+
+@wp.func
+def randomize_actuator_gains(
+    env: int,
+    model: JointModelData,
+    rng: wp.array[wp.uint32],
+    joint_ids: wp.array[int],
+    stiffness_distribution_params: wp.vec2,
+    damping_distribution_params: wp.vec2,
+    operation: int,
+    distribution: int,
+):
+    """Draw new gains of the drives of joints, implicit or explicit.
+
+    Formula: ``kp_i = max(op(kp_default,i, draw), 0)`` [N/m or N m/rad], ``kd_i = max(op(kd_default,i, draw), 0)``
+    [N s/m or N m s/rad].
+
+    Source: Isaac Lab, ``mdp.randomize_actuator_gains``.
+    """
+    kp_range = stiffness_distribution_params
+    kd_range = damping_distribution_params
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        if not is_kept(kp_range):
+            kp = model.default_stiffness[env, joint]
+            model.stiffness[env, joint] = _not_negative(env, rng, kp, kp_range, operation, distribution)
+        if not is_kept(kd_range):
+            kd = model.default_damping[env, joint]
+            model.damping[env, joint] = _not_negative(env, rng, kd, kd_range, operation, distribution)
+
+
+@wp.func
+def randomize_pd_gains(
+    env: int,
+    model: JointModelData,
+    rng: wp.array[wp.uint32],
+    joint_ids: wp.array[int],
+    kp_range: wp.vec2,
+    kd_range: wp.vec2,
+    operation: int,
+    distribution: int,
+):
+    """``randomize_actuator_gains`` by mjlab's parameters: factors, if nothing else is said.
+
+    Formula: ``kp_i = max(op(kp_default,i, draw), 0)`` [N/m or N m/rad], ``kd_i = max(op(kd_default,i, draw), 0)``
+    [N s/m or N m s/rad].
+
+    Source: mjlab, ``dr.pd_gains``.
+    """
+    randomize_actuator_gains(env, model, rng, joint_ids, kp_range, kd_range, operation, distribution)
+
+
+@wp.func
+def randomize_effort_limits(
+    env: int,
+    model: JointModelData,
+    rng: wp.array[wp.uint32],
+    joint_ids: wp.array[int],
+    effort_limit_range: wp.vec2,
+    operation: int,
+    distribution: int,
+):
+    """Draw new effort limits of joints.
+
+    Formula: ``limit_i = max(op(limit_default,i, draw), 0)`` [N or N m].
+
+    Source: mjlab, ``dr.effort_limits``.
+    """
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        limit = model.default_effort_limit[env, joint]
+        model.effort_limit[env, joint] = _not_negative(env, rng, limit, effort_limit_range, operation, distribution)
+
+
+@wp.func
+def randomize_joint_parameters(
+    env: int,
+    model: JointModelData,
+    rng: wp.array[wp.uint32],
+    joint_ids: wp.array[int],
+    friction_distribution_params: wp.vec2,
+    armature_distribution_params: wp.vec2,
+    lower_limit_distribution_params: wp.vec2,
+    upper_limit_distribution_params: wp.vec2,
+    stiffness_distribution_params: wp.vec2,
+    damping_distribution_params: wp.vec2,
+    operation: int,
+    distribution: int,
+):
+    """Draw new Coulomb friction, armature, limits, and passive stiffness and damping of joints.
+
+    Formula: ``x_i = op(x_default,i, draw)``, not below 0 but for limits [N or N m; kg or kg m^2; m or rad; per m, rad
+    and their rates]; limits that would cross both lie at their middle.
+
+    Source: Isaac Lab, ``mdp.randomize_joint_parameters``; stiffness and damping: mjlab, ``dr.joint_stiffness``,
+    ``dr.joint_damping``.
+    """
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        if not is_kept(friction_distribution_params):
+            friction = model.default_friction[env, joint]
+            model.friction[env, joint] = _not_negative(
+                env, rng, friction, friction_distribution_params, operation, distribution
+            )
+        if not is_kept(armature_distribution_params):
+            armature = model.default_armature[env, joint]
+            model.armature[env, joint] = _not_negative(
+                env, rng, armature, armature_distribution_params, operation, distribution
+            )
+        lower = model.lower[env, joint]
+        upper = model.upper[env, joint]
+        if not is_kept(lower_limit_distribution_params):
+            lower = randomize(
+                env, rng, model.default_lower[env, joint], lower_limit_distribution_params, operation, distribution
+            )
+        if not is_kept(upper_limit_distribution_params):
+            upper = randomize(
+                env, rng, model.default_upper[env, joint], upper_limit_distribution_params, operation, distribution
+            )
+        if lower > upper:
+            lower = 0.5 * (lower + upper)
+            upper = lower
+        model.lower[env, joint] = lower
+        model.upper[env, joint] = upper
+        if not is_kept(stiffness_distribution_params):
+            stiffness = model.default_passive_stiffness[env, joint]
+            model.passive_stiffness[env, joint] = _not_negative(
+                env, rng, stiffness, stiffness_distribution_params, operation, distribution
+            )
+        if not is_kept(damping_distribution_params):
+            damping = model.default_passive_damping[env, joint]
+            model.passive_damping[env, joint] = _not_negative(
+                env, rng, damping, damping_distribution_params, operation, distribution
+            )
+
+
+@wp.func
+def randomize_joint_default_pos(
+    env: int,
+    robot: ArticulationData,
+    model: JointModelData,
+    rng: wp.array[wp.uint32],
+    joint_ids: wp.array[int],
+    ranges: wp.vec2,
+    operation: int,
+    distribution: int,
+):
+    """Draw new positions of joints at the start of an episode, from which actions and observations are counted too, and
+    make them the targets. Name it before the term that brings the joints there.
+
+    Formula: ``q_default,i = op(q_configured,i, draw)``, ``q*_i = q_default,i`` [m or rad].
+
+    Source: mjlab, ``dr.joint_default_pos``.
+    """
+    for i in range(joint_ids.shape[0]):
+        joint = joint_ids[i]
+        configured = model.initial_joint_pos[env, joint]
+        position = randomize(env, rng, configured, ranges, operation, distribution)
+        robot.default_joint_pos[env, joint] = position
+        robot.joint_pos_target[env, joint] = position

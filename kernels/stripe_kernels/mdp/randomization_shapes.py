@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Events that randomise colliders, sites, and what cameras see.
+
+``shape_ids`` are the shapes of the bodies that a config names, narrowed by its ``shape_names``; ``operation`` and
+``distribution`` are numbers of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``. Quantities whose range is
+``randomization.KEEP`` stay as they are and take no draw.
+"""
+
+import newton
+import warp as wp
+
+from ..model_data import ShapeModelData
+from . import random
+from .randomization import KEEP, Randomization, is_kept, operate, randomize, sample
+
+__all__ = [
+    "SHAPE_RANDOMIZATIONS",
+    "randomize_geom_friction",
+    "randomize_geom_pose",
+    "randomize_geom_size",
+    "randomize_rigid_body_collider_offsets",
+    "randomize_rigid_body_material",
+    "randomize_site_pose",
+    "randomize_visual_color",
+]
+
+_ONE_COEFFICIENT = "Newton has one coefficient of sliding friction, drawn from static_friction_range"
+_BY_VALUE = {"operation": "abs", "distribution": "uniform"}
+
+SHAPE_RANDOMIZATIONS: dict[str, Randomization] = {
+    "randomize_rigid_body_material": Randomization(
+        {"restitution_range": KEEP},
+        {
+            "static_friction_range": ("friction", "not negative"),
+            "restitution_range": ("restitution", "not negative"),
+        },
+        {
+            "dynamic_friction_range": _ONE_COEFFICIENT,
+            "make_consistent": _ONE_COEFFICIENT,
+            "num_buckets": "the number of materials has no bound, each shape gets a draw of its own",
+        },
+        "colliders",
+    ),
+    "randomize_geom_friction": Randomization(
+        {"torsional_range": KEEP, "rolling_range": KEEP, **_BY_VALUE},
+        {
+            "ranges": ("friction", "not negative"),
+            "torsional_range": ("torsional_friction", "not negative"),
+            "rolling_range": ("rolling_friction", "not negative"),
+        },
+        {},
+        "colliders",
+    ),
+    "randomize_rigid_body_collider_offsets": Randomization(
+        {
+            "rest_offset_distribution_params": KEEP,
+            "contact_offset_distribution_params": KEEP,
+            "distribution": "uniform",
+        },
+        {
+            "rest_offset_distribution_params": ("margin", "any"),
+            "contact_offset_distribution_params": ("gap", "any"),
+        },
+        {},
+        "colliders",
+    ),
+    "randomize_geom_pose": Randomization(shapes="colliders"),
+    "randomize_geom_size": Randomization(
+        {"operation": "scale", "distribution": "uniform", "shared_random": False},
+        {"ranges": ("size", "positive")},
+        {},
+        "primitives",
+    ),
+    "randomize_site_pose": Randomization(shapes="sites"),
+    "randomize_visual_color": Randomization(shapes="visible shapes"),
+}
+"""What a config may say about each term."""
+
+_SPHERE = wp.constant(int(newton.GeoType.SPHERE))
+_CAPSULE = wp.constant(int(newton.GeoType.CAPSULE))
+_CYLINDER = wp.constant(int(newton.GeoType.CYLINDER))
+_ELLIPSOID = wp.constant(int(newton.GeoType.ELLIPSOID))
+_SMALLEST = wp.constant(1.0e-4)
+
+
+@wp.func
+def randomize_rigid_body_material(
+    env: int,
+    model: ShapeModelData,
+    rng: wp.array[wp.uint32],
+    shape_ids: wp.array[int],
+    static_friction_range: wp.vec2,
+    restitution_range: wp.vec2,
+):
+    """Draw new coefficients of friction and restitution of colliders.
+
+    Formula: ``mu_i = U(static_friction_range)``, ``e_i = U(restitution_range)``.
+
+    Source: Isaac Lab, ``mdp.randomize_rigid_body_material``, which on Newton draws from the static range, too.
+    """
+    for i in range(shape_ids.shape[0]):
+        shape = shape_ids[i]
+        model.friction[env, shape] = wp.max(random.uniform_range(env, rng, static_friction_range), 0.0)
+        if not is_kept(restitution_range):
+            model.restitution[env, shape] = wp.max(random.uniform_range(env, rng, restitution_range), 0.0)
+
+
+@wp.func
+def randomize_geom_friction(
+    env: int,
+    model: ShapeModelData,
+    rng: wp.array[wp.uint32],
+    shape_ids: wp.array[int],
+    ranges: wp.vec2,
+    torsional_range: wp.vec2,
+    rolling_range: wp.vec2,
+    operation: int,
+    distribution: int,
+):
+    """Draw new coefficients of sliding friction of colliders, and of torsional [m] and rolling [m] friction.
+
+    Formula: ``mu_i = max(op(mu_default,i, draw), 0)``, each of the three on its own.
+
+    Source: mjlab, ``dr.geom_friction``, there with ``axes``.
+    """
+    for i in range(shape_ids.shape[0]):
+        shape = shape_ids[i]
+        sliding = randomize(env, rng, model.default_friction[env, shape], ranges, operation, distribution)
+        model.friction[env, shape] = wp.max(sliding, 0.0)
+        if not is_kept(torsional_range):
+            default = model.default_torsional_friction[env, shape]
+            torsional = randomize(env, rng, default, torsional_range, operation, distribution)
+            model.torsional_friction[env, shape] = wp.max(torsional, 0.0)
+        if not is_kept(rolling_range):
+            default = model.default_rolling_friction[env, shape]
+            rolling = randomize(env, rng, default, rolling_range, operation, distribution)
+            model.rolling_friction[env, shape] = wp.max(rolling, 0.0)
+
+
+@wp.func
+def randomize_rigid_body_collider_offsets(
+    env: int,
+    model: ShapeModelData,
+    rng: wp.array[wp.uint32],
+    shape_ids: wp.array[int],
+    rest_offset_distribution_params: wp.vec2,
+    contact_offset_distribution_params: wp.vec2,
+    distribution: int,
+):
+    """Draw at which distance contacts of colliders rest and within which they are found.
+
+    Formula: ``margin_i = draw`` [m], ``gap_i = max(draw - margin_i, 0)`` [m].
+
+    Source: Isaac Lab, ``mdp.randomize_rigid_body_collider_offsets``, as it does on Newton.
+    """
+    for i in range(shape_ids.shape[0]):
+        shape = shape_ids[i]
+        if not is_kept(rest_offset_distribution_params):
+            model.margin[env, shape] = sample(env, rng, rest_offset_distribution_params, distribution)
+        if not is_kept(contact_offset_distribution_params):
+            reach = sample(env, rng, contact_offset_distribution_params, distribution)
+            model.gap[env, shape] = wp.max(reach - model.margin[env, shape], 0.0)
+
+
+@wp.func
+def randomize_geom_pose(
+    env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], pose_range: wp.array[wp.vec2]
+):
+    """Move and turn colliders on their bodies; masses stay as they are.
+
+    Formula: ``p_i = p_default,i + U`` [m] in the body's frame, ``q_i = q_default,i Rz(U) Ry(U) Rx(U)``.
+
+    Source: mjlab, ``dr.geom_pos``, ``dr.geom_quat``.
+    """
+    for i in range(shape_ids.shape[0]):
+        shape = shape_ids[i]
+        default = model.default_pose[env, shape]
+        offset = random.uniform_vec3(env, rng, pose_range, 0)
+        angles = random.uniform_vec3(env, rng, pose_range, 3)
+        turn = wp.quat_rpy(angles[0], angles[1], angles[2])
+        model.pose[env, shape] = wp.transform(
+            wp.transform_get_translation(default) + offset, wp.transform_get_rotation(default) * turn
+        )
+
+
+@wp.func
+def randomize_site_pose(
+    env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], pose_range: wp.array[wp.vec2]
+):
+    """Move and turn sites on their bodies, for what reads them from the model.
+
+    Formula: ``p_i = p_default,i + U`` [m] in the body's frame, ``q_i = q_default,i Rz(U) Ry(U) Rx(U)``.
+
+    Source: mjlab, ``dr.site_pos``, ``dr.site_quat``.
+    """
+    randomize_geom_pose(env, model, rng, shape_ids, pose_range)
+
+
+@wp.func
+def _lengths(kind: int) -> int:
+    """How many numbers the size of a primitive has."""
+    if kind == _SPHERE:
+        return 1
+    if kind == _CAPSULE:
+        return 2
+    if kind == _CYLINDER:
+        return 2
+    return 3
+
+
+@wp.func
+def _bounding_radius(kind: int, size: wp.vec3) -> float:
+    """Radius of the smallest sphere about a primitive's centre that holds it."""
+    if kind == _SPHERE:
+        return size[0]
+    if kind == _CAPSULE:
+        return size[0] + size[1]
+    if kind == _CYLINDER:
+        return wp.sqrt(size[0] * size[0] + size[1] * size[1])
+    if kind == _ELLIPSOID:
+        return wp.max(wp.max(size[0], size[1]), size[2])
+    return wp.length(size)
+
+
+@wp.func
+def randomize_geom_size(
+    env: int,
+    model: ShapeModelData,
+    rng: wp.array[wp.uint32],
+    shape_ids: wp.array[int],
+    ranges: wp.vec2,
+    operation: int,
+    distribution: int,
+    shared_random: bool,
+):
+    """Draw new sizes of spheres, capsules, cylinders, ellipsoids and boxes; with ``shared_random`` one draw a shape for
+    all its lengths. Masses stay as they are.
+
+    Formula: ``s_i,k = max(op(s_default,i,k, draw), 0.0001)`` [m]: radius, half height, or half extents.
+
+    Source: mjlab, ``dr.geom_size``.
+    """
+    for i in range(shape_ids.shape[0]):
+        shape = shape_ids[i]
+        kind = model.kind[shape]
+        size = model.default_size[env, shape]
+        draw = wp.float32(0.0)
+        for k in range(_lengths(kind)):
+            if k == 0 or not shared_random:
+                draw = sample(env, rng, ranges, distribution)
+            size[k] = wp.max(operate(size[k], draw, operation), _SMALLEST)
+        model.size[env, shape] = size
+        model.radius[env, shape] = _bounding_radius(kind, size)
+
+
+@wp.func
+def randomize_visual_color(
+    env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], colors: wp.array[wp.vec2]
+):
+    """Draw new colours of visible shapes, for cameras; a config says ``colors={"r": (low, high), "g": ..., "b": ...}``.
+
+    Formula: ``c_i = (U(colors_r), U(colors_g), U(colors_b))``, sRGB from 0 to 1.
+
+    Source: Isaac Lab, ``mdp.randomize_visual_color``; mjlab, ``dr.geom_rgba``.
+    """
+    for i in range(shape_ids.shape[0]):
+        model.color[env, shape_ids[i]] = random.uniform_vec3(env, rng, colors, 0)

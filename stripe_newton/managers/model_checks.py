@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be wrong with an event that randomises the model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stripe_kernels.actuators import LAW_MADE
+from stripe_kernels.mdp.randomization import DISTRIBUTIONS, OPERATIONS
+from stripe_kernels.model_data import JointModelData, ShapeModelData
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+__all__ = ["range_problems", "solver_problems"]
+
+_PENALTY = {"friction", "effort_limit"}
+_UNREAD: dict[str, dict[Any, set[str]]] = {
+    "mujoco": {ShapeModelData: {"restitution"}},
+    "xpbd": {JointModelData: {*_PENALTY, "armature", "passive_stiffness", "passive_damping"}},
+    "semiimplicit": {
+        JointModelData: {*_PENALTY, "armature"},
+        ShapeModelData: {"restitution", "torsional_friction", "rolling_friction"},
+    },
+    "featherstone": {
+        JointModelData: _PENALTY,
+        ShapeModelData: {"restitution", "torsional_friction", "rolling_friction"},
+    },
+}
+"""Fields that solvers do not read, as their documentation says."""
+
+
+def range_problems(params: Mapping[str, Any], name: str, bound: str) -> Iterator[str]:
+    """What is wrong with a range.
+
+    Args:
+        params: Parameters of the term, ``operation`` and ``distribution`` as numbers.
+        name: Which of them is the range.
+        bound: What the values must be: ``"positive"``, ``"not negative"`` or ``"any"``.
+    """
+    pair = params[name]
+    try:
+        low, high = (float(x) for x in pair)
+    except (TypeError, ValueError):
+        yield f"is {pair!r}, must be two numbers"
+        return
+    if math.isnan(low) and math.isnan(high):
+        return  # left alone
+    distribution = params.get("distribution", DISTRIBUTIONS["uniform"])
+    if not (math.isfinite(low) and math.isfinite(high)):
+        yield f"is {pair}, must be finite"
+    elif distribution == DISTRIBUTIONS["gaussian"]:
+        if high < 0.0:
+            yield f"is {pair}, must be (mean, standard deviation), and that not negative"
+    elif low > high:
+        yield f"is {pair}, must be (low, high) with low <= high"
+    elif distribution == DISTRIBUTIONS["log_uniform"] and low <= 0.0:
+        yield f"is {pair}, must be positive for distribution 'log_uniform'"
+    elif params.get("operation", OPERATIONS["abs"]) == OPERATIONS["add"] or bound == "any":
+        return  # the sum is what matters, and is kept within bounds where it is computed
+    elif low < 0.0 or (low == 0.0 and bound == "positive"):
+        yield f"is {pair}, must be {bound}"
+
+
+def solver_problems(sim: Simulation, kind: Any, field: str, dofs: list[int], largest: float) -> Iterator[str]:
+    """Why the solver would not heed a field.
+
+    Args:
+        sim: The simulation.
+        kind: Struct that the field is of.
+        field: The field.
+        dofs: Degrees of freedom of an environment that it is about, for joints.
+        largest: Upper end of the range.
+    """
+    cfg: Any = sim.cfg.solver
+    solver = sim.solver
+    name = type(solver).__name__
+    if field == "effort_limit" and sim.actuation.explicit[dofs].any():
+        return  # the actuators heed it
+    unread = field in _UNREAD.get(cfg.kind, {}).get(kind, ())
+    if field == "restitution" and cfg.kind == "xpbd":
+        unread = not cfg.enable_restitution
+    if unread and not (field == "restitution" and largest == 0.0):
+        instead = ", use (0.0, 0.0) or leave it out" if field == "restitution" else ""
+        yield f"{name} knows no {field.replace('_', ' ')}{instead}"
+    if cfg.kind != "mujoco":
+        return
+    if field == "margin" and solver._use_mujoco_contacts and solver._zero_margins_for_native_ccd:
+        yield f"{name} ignores margins of boxes and meshes, set MuJoCoSolverCfg(use_mujoco_contacts=False)"
+    if field in ("lower", "upper") and not _limited(solver, dofs):
+        yield "none of these joints has limits that the solver could move, give them some in the file"
+    if field in ("stiffness", "damping") and not _driven(sim, dofs):
+        yield "none of these joints has a drive with gains, give them actuators in ArticulationCfg"
+
+
+def _limited(solver: Any, dofs: list[int]) -> bool:
+    joints = np.isin(solver.mjc_jnt_to_newton_dof.numpy()[0], dofs)
+    return bool(solver.mj_model.jnt_limited[joints].any())
+
+
+def _driven(sim: Simulation, dofs: list[int]) -> bool:
+    solver = sim.solver
+    law = sim.actuation.drives.law.numpy()[dofs]
+    if (sim.actuation.explicit[dofs] & (law != LAW_MADE)).any():
+        return True
+    if solver.mjc_actuator_ctrl_source is None or solver.mjc_actuator_to_newton_idx is None:
+        return False
+    codes = solver.mjc_actuator_to_newton_idx.numpy()[solver.mjc_actuator_ctrl_source.numpy() == 0]
+    return bool(np.isin(np.where(codes >= 0, codes, -2 - codes), dofs).any())
