@@ -13,6 +13,7 @@ import re
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -21,12 +22,22 @@ from stripe_kernels import mdp
 from stripe_kernels.mdp import (
     actions,
     commands,
+    contact,
     curriculums,
     events,
+    feet,
+    imu,
     objects,
     observations,
+    randomization_bodies,
+    randomization_encoder,
+    randomization_joints,
+    randomization_scene,
+    randomization_shapes,
     rewards,
+    scan,
     terminations,
+    terrain,
     tracking,
 )
 
@@ -48,17 +59,59 @@ OBJECTS: dict[str, tuple[Any, ...]] = {
     "Events of objects": (objects.events,),
 }
 """Terms about the objects of a pool."""
+RAYS: dict[str, tuple[Any, ...]] = {"Observations of rays": (scan,)}
+"""Terms about what a sensor's rays hit."""
+
+
+def part(module: Any, *names: str) -> Any:
+    """Some terms of a module."""
+    return SimpleNamespace(__all__=names, **{n: getattr(module, n) for n in names})
+
+
+CONTACTS: dict[str, tuple[Any, ...]] = {
+    "Observations of contacts and IMUs": (part(contact, *contact.CONTACT_OBSERVATION_SIZES), imu),
+    "Rewards for contacts": (part(contact, "undesired_contacts", "desired_contacts", "contact_forces"), feet),
+    "Terminations by contacts": (part(contact, "illegal_contact"),),
+}
+"""Terms of docs/sensors.md."""
+RANDOMIZATION: dict[str, tuple[Any, ...]] = {
+    "Events that randomise the model": (
+        randomization_bodies,
+        randomization_joints,
+        part(randomization_encoder, "randomize_encoder_bias"),
+        randomization_shapes,
+        randomization_scene,
+    ),
+    "Observations of encoders": (part(randomization_encoder, "joint_pos_biased", "joint_pos_rel_biased"),),
+    "Actions by encoders": (part(randomization_encoder, "apply_joint_position_biased"),),
+}
+"""Terms of docs/randomization.md."""
+GROUND: dict[str, tuple[Any, ...]] = {
+    "Terminations by the ground": (part(terrain, "terrain_out_of_bounds"),),
+    "Events on the ground": (part(terrain, "reset_root_state_from_terrain", "reset_root_state_uniform_on_terrain"),),
+    "Curriculums on the ground": (part(terrain, "terrain_levels_vel"),),
+    "Commands on the ground": (part(terrain, "resample_terrain_based_pose_2d"),),
+}
+"""Terms of docs/terrain.md."""
 EXTRA_COLUMNS = {"Observations": "numbers"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
 """By the first word of a kind."""
-PLUMBING = {"env", "rng", "out", "action", "processed", "step", "memory", "return"}
+PLUMBING = {"env", "rng", "out", "action", "processed", "step", "memory", "peak", "return"}
 COUNTS = {
     "joint_ids": "a joint",
     "body_ids": "a body",
+    "ray_ids": "a ray",
     "num_actions": "an action",
     "num_command": "a number",
     "num_objects": "an object",
 }
-SIZES = {**mdp.OBSERVATION_SIZES, **objects.OBJECT_OBSERVATION_SIZES}
+SIZES = {
+    **mdp.OBSERVATION_SIZES,
+    **randomization_encoder.ENCODER_OBSERVATION_SIZES,
+    **objects.OBJECT_OBSERVATION_SIZES,
+    **scan.SCAN_OBSERVATION_SIZES,
+    **contact.CONTACT_OBSERVATION_SIZES,
+    **imu.IMU_OBSERVATION_SIZES,
+}
 
 
 def is_struct(annotation: Any) -> bool:
@@ -177,7 +230,7 @@ def page() -> str:
     for name, action in mdp.ACTIONS.items():
         reset = f"`{action.reset.func.__name__}`" if action.reset else ""
         lines.append(f"| `{name}` | `{action.process.func.__name__}` | `{action.apply.func.__name__}` | {reset} |")
-    lines += tables(CURRICULUMS | OBJECTS)
+    lines += tables(CURRICULUMS | OBJECTS | RAYS | CONTACTS | RANDOMIZATION | GROUND)
     return "\n".join(lines) + "\n"
 
 

@@ -85,6 +85,6 @@ def make_struct(sim: Simulation, layout: Layout, data: Any, soft: float) -> tupl
                      "joint_other_effort", *_MODEL):  # fmt: skip
             setattr(struct, name, empty)
     struct.soft_limit_factor, struct.physics_dt = soft, sim.physics_dt
-    struct.env_origin = wp.array(sim.env_origins, dtype=wp.vec3, device=sim.device)
+    struct.env_origin = sim.env_origin
     struct.gravity_dir = wp.vec3(*data.GRAVITY_VEC_W[0].tolist())
     return struct, unavailable

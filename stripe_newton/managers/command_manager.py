@@ -28,6 +28,7 @@ from .commands_cfg import (
     CommandTermCfg,
     NormalVelocityCommandCfg,
     NullCommandCfg,
+    TerrainBasedPose2dCommandCfg,
     UniformPose2dCommandCfg,
     UniformPoseCommandCfg,
     UniformVelocityCommandCfg,
@@ -158,6 +159,10 @@ class CommandManager(ManagerBase):
         place.heading = array(f"{path}.heading_w", float)
         self.context.provide(place, name)
         term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
+        there = getattr(self.context.scene.terrain, "flat_patches", {})
+        if isinstance(term.cfg, TerrainBasedPose2dCommandCfg) and "target" not in there:
+            text = "the scene's terrain has no level patches named 'target'; ask for them by flat_patch_sampling"
+            self.context.problems.append(f"{path}: {text}")
 
     def _add_fields(self, path: str, term: _Term, functions: list[Any]) -> None:
         """Give arguments the values of the config's fields of the same name, those of its ``ranges`` too."""

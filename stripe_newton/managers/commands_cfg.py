@@ -13,6 +13,7 @@ __all__ = [
     "CommandTermCfg",
     "NormalVelocityCommandCfg",
     "NullCommandCfg",
+    "TerrainBasedPose2dCommandCfg",
     "UniformPose2dCommandCfg",
     "UniformPoseCommandCfg",
     "UniformVelocityCommandCfg",
@@ -191,4 +192,19 @@ class UniformPose2dCommandCfg(CommandTermCfg):
     simple_heading: bool = False
     """Whether the heading is the direction to the place, or the opposite one if that is less of a turn."""
     ranges: Ranges = MISSING
+    """Bounds."""
+
+
+@configclass
+class TerrainBasedPose2dCommandCfg(UniformPose2dCommandCfg):
+    """A place among the level patches ``"target"`` of the environment's tile of the terrain, and a heading."""
+
+    @configclass
+    class Ranges(_RangesCfg):
+        """Bounds."""
+
+        heading: Range = (-math.pi, math.pi)
+        """[rad], without ``simple_heading``."""
+
+    ranges: Any = Ranges()
     """Bounds."""

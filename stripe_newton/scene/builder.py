@@ -75,7 +75,8 @@ class SceneBuilder:
         if scene.built:
             raise RuntimeError("the scene is built already")
         template = sim.new_builder()
-        self._load(template, self.template_root, ())
+        fields = self._find_terrain()
+        self._load(template, self.template_root, fields if self.template_root == "/" else ())
         layouts = articulation_layouts(template)
         if self.adopt:
             self._adopt(layouts)
@@ -90,17 +91,29 @@ class SceneBuilder:
         self.reports[0].joints = joint_rows(template)  # with the drives of the actuator configs
         static = sim.new_builder()
         if self.template_root != "/":
-            self._load(static, "/World", ("/World/envs",))
+            self._load(static, "/World", ("/World/envs", *fields))
             if self.reports[0].units["scene"] is None:  # the physics scene stands outside the environments
                 template.gravity = static.gravity
+        if hasattr(scene.terrain, "add_to"):
+            scene.terrain.add_to(static)
         for sensor in scene.sensors.values():
             sensor.prepare(sim, template, static)
         scene.built = True
         sim.lights = read_lights(scene.stage)
-        sim.build(template, static, scene.env_origins.cpu().numpy())
+        sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
+        sim.build(template, static, scene.env_origins.cpu().numpy().copy())
         for asset in [*scene.assets, *scene.sensors.values()]:
             asset.initialize(sim)
         sim.after_each = [s.launch_substep for s in scene.sensors.values() if s.every_substep]
+
+    def _find_terrain(self) -> tuple[str, ...]:
+        """Make the terrain of a height field that an exported stage holds; its path, which no importer is to read."""
+        from stripe_newton.terrains.exchange import found_terrain
+
+        if self._scene.terrain is None and (cfg := found_terrain(self._scene.stage)) is not None:
+            self.build_terrain(cfg)
+        terrain = self._scene.terrain
+        return (f"{terrain.path}/terrain",) if getattr(terrain, "ground", None) is not None else ()
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
         stage = self._scene.stage

@@ -42,6 +42,8 @@ def export_stage(scene: SceneContents, path: Path) -> None:
                 if i in explicit:
                     author_actuator(prim, sum(dims) == 1, *explicit[i], folder=path.parent)
     _author_free_roots(stage, builder)
+    if hasattr(scene.terrain, "author"):
+        scene.terrain.author(stage)
     _author_default_material(stage, scene)
     _author_physics_scene(stage, scene)
     path.parent.mkdir(parents=True, exist_ok=True)

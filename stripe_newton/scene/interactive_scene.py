@@ -63,7 +63,7 @@ class InteractiveScene(SceneContents):
             value = getattr(self.cfg, name)
             if value is None or value is MISSING:
                 continue
-            if name == "terrain":
+            if name == "terrain" or hasattr(value, "terrain_type"):
                 self.builder.build_terrain(value)
             elif isinstance(value, ArticulationCfg):
                 self.builder.build_robot(name, value)

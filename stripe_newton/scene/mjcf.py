@@ -135,6 +135,9 @@ def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
             kind[row] = int(SolverMuJoCo.CtrlType.POSITION if gains[0] > 0.0 else SolverMuJoCo.CtrlType.VELOCITY)
         if _limit_effort(builder, dof, _force_range(builder, row)):
             _rows(builder, "actuator_has_forcerange")[row] = 0
+            limited = _rows(builder, "actuator_forcelimited")
+            if row < len(limited):
+                limited[row] = 0  # else a file that says "true" asks for a range that is gone
 
 
 def _servo_gains(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:

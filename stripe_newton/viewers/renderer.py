@@ -106,7 +106,8 @@ class SceneRenderer:
         origin, followed = np.zeros(3), self._movable[:0]
         if cfg.origin_type != "world":
             first = env_ids[0] if cfg.env_index not in env_ids else cfg.env_index
-            origin = np.asarray(sim.env_origins[first], dtype=float)
+            now = getattr(sim, "env_origin", None)  # a terrain moves the origins
+            origin = np.asarray(sim.env_origins[first] if now is None else now.numpy()[first], dtype=float)
         if cfg.origin_type == "asset_root":
             copy = list(env_ids).index(cfg.env_index) if cfg.env_index in env_ids else 0
             body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)

@@ -2,8 +2,9 @@
 """Terms: what a policy sees, is rewarded for and can do, as Warp functions of one environment.
 
 ``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands``, ``actions``
-and ``curriculums`` hold one kind each, ``objects`` the terms about the objects of a pool; ``frames`` and ``random``
-hold what terms are made of. docs/terms.md lists them.
+and ``curriculums`` hold one kind each, ``objects`` the terms about the objects of a pool, ``contact`` and ``feet``
+those about contacts, ``imu`` and ``scan`` those about other sensors, ``terrain`` those about the ground; ``frames`` and
+``random`` hold what terms are made of. The ``randomization_*`` modules change the model. docs/terms.md lists them.
 """
 
 from . import frames, random
@@ -39,6 +40,15 @@ from .commands import (
     velocity_error_xy,
     velocity_error_yaw,
 )
+from .contact import (
+    contact_forces,
+    desired_contacts,
+    feet_contact,
+    feet_contact_forces,
+    feet_current_air_time,
+    illegal_contact,
+    undesired_contacts,
+)
 from .curriculums import modify_env_param, modify_reward_weight, modify_term_cfg
 from .events import (
     apply_external_force_torque,
@@ -53,6 +63,16 @@ from .events import (
     reset_root_to_default,
     reset_scene_to_default,
 )
+from .feet import (
+    feet_air_time,
+    feet_air_time_positive_biped,
+    feet_clearance,
+    feet_slide,
+    feet_slip,
+    feet_swing_height,
+    soft_landing,
+)
+from .imu import imu_ang_vel, imu_lin_acc, imu_orientation, imu_projected_gravity
 from .observations import (
     OBSERVATION_SIZES,
     base_ang_vel,
@@ -77,6 +97,35 @@ from .observations import (
     root_pos_w,
     root_quat_w,
 )
+from .randomization_bodies import (
+    randomize_pseudo_inertia,
+    randomize_rigid_body_com,
+    randomize_rigid_body_inertia,
+    randomize_rigid_body_mass,
+)
+from .randomization_encoder import (
+    apply_joint_position_biased,
+    joint_pos_biased,
+    joint_pos_rel_biased,
+    randomize_encoder_bias,
+)
+from .randomization_joints import (
+    randomize_actuator_gains,
+    randomize_effort_limits,
+    randomize_joint_default_pos,
+    randomize_joint_parameters,
+    randomize_pd_gains,
+)
+from .randomization_scene import randomize_physics_scene_gravity
+from .randomization_shapes import (
+    randomize_geom_friction,
+    randomize_geom_pose,
+    randomize_geom_size,
+    randomize_rigid_body_collider_offsets,
+    randomize_rigid_body_material,
+    randomize_site_pose,
+    randomize_visual_color,
+)
 from .rewards import (
     action_l2,
     action_rate_l2,
@@ -98,6 +147,7 @@ from .rewards import (
     joint_vel_limits,
     lin_vel_z_l2,
 )
+from .scan import height_scan
 from .terminations import (
     bad_orientation,
     command_resample,
@@ -108,6 +158,13 @@ from .terminations import (
     joint_vel_out_of_manual_limit,
     root_height_below_minimum,
     time_out,
+)
+from .terrain import (
+    resample_terrain_based_pose_2d,
+    reset_root_state_from_terrain,
+    reset_root_state_uniform_on_terrain,
+    terrain_levels_vel,
+    terrain_out_of_bounds,
 )
 from .tracking import (
     orientation_command_error,
@@ -134,6 +191,7 @@ __all__ = [
     "apply_external_force_torque",
     "apply_joint_effort",
     "apply_joint_position",
+    "apply_joint_position_biased",
     "apply_joint_velocity",
     "apply_non_holonomic",
     "apply_relative_joint_position",
@@ -147,10 +205,27 @@ __all__ = [
     "body_pose_w",
     "body_projected_gravity_b",
     "command_resample",
+    "contact_forces",
     "current_time_s",
+    "desired_contacts",
+    "feet_air_time",
+    "feet_air_time_positive_biped",
+    "feet_clearance",
+    "feet_contact",
+    "feet_contact_forces",
+    "feet_current_air_time",
+    "feet_slide",
+    "feet_slip",
+    "feet_swing_height",
     "flat_orientation_l2",
     "frames",
     "generated_commands",
+    "height_scan",
+    "illegal_contact",
+    "imu_ang_vel",
+    "imu_lin_acc",
+    "imu_orientation",
+    "imu_projected_gravity",
     "is_alive",
     "is_terminated",
     "is_terminated_term",
@@ -159,11 +234,13 @@ __all__ = [
     "joint_effort",
     "joint_effort_out_of_limit",
     "joint_pos",
+    "joint_pos_biased",
     "joint_pos_limit_normalized",
     "joint_pos_limits",
     "joint_pos_out_of_limit",
     "joint_pos_out_of_manual_limit",
     "joint_pos_rel",
+    "joint_pos_rel_biased",
     "joint_pos_target_l2",
     "joint_torques_l2",
     "joint_vel",
@@ -192,8 +269,27 @@ __all__ = [
     "projected_gravity",
     "push_by_setting_velocity",
     "random",
+    "randomize_actuator_gains",
+    "randomize_effort_limits",
+    "randomize_encoder_bias",
+    "randomize_geom_friction",
+    "randomize_geom_pose",
+    "randomize_geom_size",
+    "randomize_joint_default_pos",
+    "randomize_joint_parameters",
+    "randomize_pd_gains",
+    "randomize_physics_scene_gravity",
+    "randomize_pseudo_inertia",
+    "randomize_rigid_body_collider_offsets",
+    "randomize_rigid_body_com",
+    "randomize_rigid_body_inertia",
+    "randomize_rigid_body_mass",
+    "randomize_rigid_body_material",
+    "randomize_site_pose",
+    "randomize_visual_color",
     "remaining_time_s",
     "resample_normal_velocity",
+    "resample_terrain_based_pose_2d",
     "resample_uniform_pose",
     "resample_uniform_pose_2d",
     "resample_uniform_velocity",
@@ -203,7 +299,9 @@ __all__ = [
     "reset_joints_by_scale",
     "reset_joints_to_default",
     "reset_joints_within_limits_range",
+    "reset_root_state_from_terrain",
     "reset_root_state_uniform",
+    "reset_root_state_uniform_on_terrain",
     "reset_root_state_with_random_orientation",
     "reset_root_to_default",
     "reset_scene_to_default",
@@ -213,12 +311,16 @@ __all__ = [
     "root_lin_vel_w",
     "root_pos_w",
     "root_quat_w",
+    "soft_landing",
     "stand_still",
+    "terrain_levels_vel",
+    "terrain_out_of_bounds",
     "time_out",
     "track_ang_vel_z_exp",
     "track_ang_vel_z_world_exp",
     "track_lin_vel_xy_exp",
     "track_lin_vel_xy_yaw_frame_exp",
+    "undesired_contacts",
     "update_uniform_pose_2d",
     "update_uniform_velocity",
     "velocity_error_xy",

@@ -11,6 +11,7 @@ import warp as wp
 
 from ..data import ArticulationData, CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
 from . import frames, random
+from .terrain import resample_terrain_based_pose_2d
 
 __all__ = [
     "COMMANDS",
@@ -284,5 +285,6 @@ COMMANDS: dict[str, CommandTerm] = {
     "NormalVelocityCommand": CommandTerm(resample_normal_velocity, None, 3),
     "UniformPoseCommand": CommandTerm(resample_uniform_pose, None, 7),
     "UniformPose2dCommand": CommandTerm(resample_uniform_pose_2d, update_uniform_pose_2d, 4),
+    "TerrainBasedPose2dCommand": CommandTerm(resample_terrain_based_pose_2d, update_uniform_pose_2d, 4),
 }
 """Command terms by the names of Isaac Lab's classes."""

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Terms about the ground: who stands on which tile of it, starts on it, walks off it.
+
+``terrain`` is the ground of the scene. Where it is no grid of generated tiles (a plane, a file), environments keep
+their origins, and a term that draws a patch takes the origin instead.
+"""
+
+import warp as wp
+
+from ..data import ArticulationData, EpisodeData, Pose2dCommandData, VelocityCommandData
+from ..terrain import TerrainData, terrain_max_height
+from . import frames, random
+
+__all__ = [
+    "resample_terrain_based_pose_2d",
+    "reset_root_state_from_terrain",
+    "reset_root_state_uniform_on_terrain",
+    "terrain_levels_vel",
+    "terrain_out_of_bounds",
+]
+
+
+@wp.func
+def terrain_levels_vel(
+    env: int,
+    robot: ArticulationData,
+    terrain: TerrainData,
+    command: VelocityCommandData,
+    episode: EpisodeData,
+    rng: wp.array[wp.uint32],
+) -> float:
+    """Move a robot to a harder tile when it got far, to an easier one when it did not get as far as told.
+
+    Formula: ``d = |(p - origin).xy|`` [m]; ``level + 1`` if ``d > tile.x / 2``, else ``level - 1`` if
+    ``d < |c.xy| T / 2``, ``T`` the length of an episode [s]; past the last level any level, with equal chance; then
+    ``origin = origins[level, kind]``. Returns the level.
+
+    Source: Isaac Lab, ``mdp.terrain_levels_vel``; N. Rudin et al., "Learning to Walk in Minutes", 2022.
+    """
+    levels = terrain.origins.shape[0]
+    if levels > 1:
+        level = terrain.level[env]
+        way = wp.transform_get_translation(robot.root_pose[env]) - terrain.env_origin[env]
+        walked = wp.length(wp.vec2(way[0], way[1]))
+        told = wp.length(wp.vec2(command.command[env, 0], command.command[env, 1])) * episode.max_length_s
+        if walked > 0.5 * terrain.tile[0]:
+            level += 1
+        elif walked < 0.5 * told:
+            level = wp.max(level - 1, 0)
+        if level >= levels:
+            level = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
+        terrain.level[env] = level
+        terrain.env_origin[env] = terrain.origins[level, terrain.kind[env]]
+    return float(terrain.level[env])
+
+
+@wp.func
+def terrain_out_of_bounds(
+    env: int, robot: ArticulationData, terrain: TerrainData, distance_buffer: float = 3.0
+) -> bool:
+    """The root is near the edge of the ground, or past it; a plane has none.
+
+    Formula: ``p.x < x_min + b or p.x > x_max - b``, the same for y, ``b = distance_buffer`` [m].
+
+    Source: Isaac Lab, ``mdp.terrain_out_of_bounds``.
+    """
+    pos = wp.transform_get_translation(robot.root_pose[env])
+    lower = terrain.lower
+    upper_x = lower[0] + float(terrain.heights.shape[1] - 1) * terrain.cell[0]
+    upper_y = lower[1] + float(terrain.heights.shape[0] - 1) * terrain.cell[1]
+    out_x = pos[0] < lower[0] + distance_buffer or pos[0] > upper_x - distance_buffer
+    out_y = pos[1] < lower[1] + distance_buffer or pos[1] > upper_y - distance_buffer
+    return out_x or out_y
+
+
+@wp.func
+def _draw_patch(env: int, terrain: TerrainData, patches: wp.array3d[wp.vec3], rng: wp.array[wp.uint32]) -> wp.vec3:
+    """One of the patches of the environment's tile, its origin where there are none; takes one draw."""
+    count = patches.shape[2]
+    u = random.uniform(env, rng)
+    if count == 0:
+        return terrain.env_origin[env]
+    index = wp.min(int(u * float(count)), count - 1)
+    return patches[terrain.level[env], terrain.kind[env], index]
+
+
+@wp.func
+def reset_root_state_from_terrain(
+    env: int,
+    robot: ArticulationData,
+    terrain: TerrainData,
+    rng: wp.array[wp.uint32],
+    pose_range: wp.array[wp.vec2],
+    velocity_range: wp.array[wp.vec2],
+):
+    """Put the root over one of the level patches ``init_pos`` of its tile; of ``pose_range`` the angles count.
+
+    Formula: ``p = patch + p_default`` [m], ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U`` [m/s, rad/s].
+
+    Source: Isaac Lab, ``mdp.reset_root_state_from_terrain``, there without ``q_default``.
+    """
+    pose = robot.default_root_pose[env]
+    pos = wp.transform_get_translation(pose) + _draw_patch(env, terrain, terrain.init_pos, rng)
+    angles = random.uniform_vec3(env, rng, pose_range, 3)
+    rot = wp.transform_get_rotation(pose) * wp.quat_rpy(angles[0], angles[1], angles[2])
+    robot.root_pose[env] = wp.transform(pos, rot)
+    robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
+
+
+@wp.func
+def reset_root_state_uniform_on_terrain(
+    env: int,
+    robot: ArticulationData,
+    terrain: TerrainData,
+    rng: wp.array[wp.uint32],
+    pose_range: wp.array[wp.vec2],
+    velocity_range: wp.array[wp.vec2],
+    footprint: float = 0.0,
+):
+    """``reset_root_state_uniform`` with the height counted from the ground below the root, not from the origin.
+
+    With a ``footprint`` [m] it is counted from the highest ground in the square of that half side about the root, so
+    that no foot starts in a step.
+
+    Formula: ``p.xy = (p_default + origin + U).xy``, ``p.z = max(ground) + (p_default + U).z`` [m],
+    ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U`` [m/s, rad/s].
+
+    Source: Isaac Lab, ``mdp.reset_root_state_uniform``, there without the ground.
+    """
+    pose = robot.default_root_pose[env]
+    offset = random.uniform_vec3(env, rng, pose_range, 0)
+    angles = random.uniform_vec3(env, rng, pose_range, 3)
+    pos = wp.transform_get_translation(pose) + offset
+    x, y = pos[0] + terrain.env_origin[env][0], pos[1] + terrain.env_origin[env][1]
+    z = pos[2] + terrain_max_height(terrain, x, y, footprint)
+    rot = wp.transform_get_rotation(pose) * wp.quat_rpy(angles[0], angles[1], angles[2])
+    robot.root_pose[env] = wp.transform(wp.vec3(x, y, z), rot)
+    robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
+
+
+@wp.func
+def resample_terrain_based_pose_2d(
+    env: int,
+    command: Pose2dCommandData,
+    robot: ArticulationData,
+    terrain: TerrainData,
+    rng: wp.array[wp.uint32],
+    heading: wp.vec2,
+    simple_heading: bool,
+):
+    """Draw one of the level patches ``target`` of the environment's tile, at the height of the root over the ground.
+
+    Formula: ``p = patch + (0, 0, p_default.z)`` [m]; heading ``U(heading)`` [rad], or with ``simple_heading`` the
+    direction to the place or the opposite one, whichever is less of a turn.
+
+    Source: Isaac Lab, ``TerrainBasedPose2dCommand``.
+    """
+    height = wp.transform_get_translation(robot.default_root_pose[env])[2]
+    pos = _draw_patch(env, terrain, terrain.target, rng) + wp.vec3(0.0, 0.0, height)
+    target = random.uniform_range(env, rng, heading)
+    if simple_heading:
+        way = pos - wp.transform_get_translation(robot.root_pose[env])
+        target = wp.atan2(way[1], way[0])
+        if wp.abs(frames.wrap_to_pi(target - frames.heading_w(env, robot))) >= 0.5 * wp.pi:
+            target = frames.wrap_to_pi(target + wp.pi)
+    command.pos[env] = pos
+    command.heading[env] = target

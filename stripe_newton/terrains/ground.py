@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A height field with its tiles, on the host."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import newton
+import numpy as np
+
+__all__ = ["Ground"]
+
+
+@dataclass
+class Ground:
+    """Heights on a grid along the axes of the world, and where one starts and goes on it.
+
+    Heights are those that Newton and MuJoCo have: they keep each as a share of the whole range, in float32.
+    """
+
+    heights: np.ndarray
+    """World z [m], shape ``(nrow, ncol)``, rows along y, columns along x."""
+    lower: tuple[float, float]
+    """World x and y of ``heights[0, 0]`` [m]."""
+    cell: tuple[float, float]
+    """Spacing in x and y [m]."""
+    origins: np.ndarray | None = None
+    """Origins of the tiles [m], shape ``(levels, types, 3)``; None where there are no tiles."""
+    tile: tuple[float, float] = (0.0, 0.0)
+    """Size of a tile in x and y [m]."""
+    patches: dict[str, np.ndarray] = field(default_factory=dict)
+    """Level patches by name [m], shape ``(levels, types, num_patches, 3)``."""
+
+    seed: int = 0
+    """Seed of the levels on which environments start."""
+
+    def __post_init__(self) -> None:
+        heights = np.ascontiguousarray(self.heights, dtype=np.float32)
+        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+            raise ValueError(f"heights of shape {heights.shape}: must be finite, at least 2 rows and 2 columns")
+        self.raw = heights  # as they were given; equal ones give an equal field
+        size_x, size_y = self.size
+        nrow, ncol = heights.shape
+        self.source = newton.Heightfield(heights, nrow, ncol, hx=0.5 * size_x, hy=0.5 * size_y)
+        low, high = self.source.min_z, self.source.max_z
+        self.heights = (np.float32(low) + self.source.data * np.float32(high - low)).astype(np.float32)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Extent in x and y [m]."""
+        nrow, ncol = self.heights.shape
+        return (ncol - 1) * self.cell[0], (nrow - 1) * self.cell[1]
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """World x and y of the middle [m]."""
+        return self.lower[0] + 0.5 * self.size[0], self.lower[1] + 0.5 * self.size[1]
+
+    def height_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Height at points of the world [m], as ``stripe_kernels.terrain.terrain_height`` has it."""
+        nrow, ncol = self.heights.shape
+        u = np.clip((np.asarray(x, dtype=float) - self.lower[0]) / self.cell[0], 0.0, ncol - 1)
+        v = np.clip((np.asarray(y, dtype=float) - self.lower[1]) / self.cell[1], 0.0, nrow - 1)
+        col, row = np.minimum(u.astype(int), ncol - 2), np.minimum(v.astype(int), nrow - 2)
+        fx, fy = u - col, v - row
+        h = self.heights
+        right, up = h[row, col + 1].astype(float), h[row + 1, col].astype(float)
+        near, far = h[row, col].astype(float), h[row + 1, col + 1].astype(float)
+        low = near + fx * (right - near) + fy * (up - near)
+        return np.where(fx + fy <= 1.0, low, far + (1.0 - fx) * (up - far) + (1.0 - fy) * (right - far))
