@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 
+from stripe_newton.configclass import configclass
 from stripe_newton.fusion import Plan, Stage
-from stripe_newton.managers import ManagerContext
+from stripe_newton.managers import ManagerContext, ObservationGroupCfg, ObservationManager
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
 from stripe_tasks.robots import ANT_CFG, CARTPOLE_CFG
@@ -65,3 +67,51 @@ def plan(context: ManagerContext, *item_lists: list[Any]) -> Plan:
 def set_reset(context: ManagerContext, mask: list[bool] | torch.Tensor) -> None:
     """Say whose episodes just ended."""
     wp.to_torch(context.reset)[:] = torch.as_tensor(mask)
+
+
+def observation_group(terms: dict[str, Any], **fields: Any) -> ObservationGroupCfg:
+    """A group of observations of these terms."""
+    made: ObservationGroupCfg = configclass(type("Group", (ObservationGroupCfg,), dict(terms)))(**fields)
+    return made
+
+
+class ObservationWorld:
+    """An observation manager on a robot whose joint positions are what a test says."""
+
+    def __init__(
+        self, groups: dict[str, Any], num_envs: int = 4, robot: str = "ant", seed: int = 3, where_reset: bool = False
+    ):
+        self.context = context = manager_context(num_envs, robot, seed=seed)
+        context.owner = context
+        self.robot = context.entity("robot").data.struct
+        self.manager = ObservationManager(groups, context)
+        self.items = self.manager.compute()
+        self._compute = plan(context, self.items)
+        self._reset = plan(context, self.manager.reset())
+        self._where_reset = plan(context, self.manager.compute(where_reset=True)) if where_reset else None
+
+    def step(self, joint_pos: Any = None) -> None:
+        """Move the joints, then observe."""
+        if joint_pos is not None:
+            self.context.torch(self.robot.joint_pos)[:] = torch.as_tensor(joint_pos, dtype=torch.float32)
+        self._compute.run()
+
+    def reset(self, *envs: int) -> None:
+        """Start new episodes in some environments."""
+        set_reset(self.context, [i in envs for i in range(self.context.num_envs)])
+        self._reset.run()
+
+    def observe_ended(self, *envs: int) -> None:
+        """Observe only the environments whose episode ended."""
+        assert self._where_reset is not None
+        set_reset(self.context, [i in envs for i in range(self.context.num_envs)])
+        self._where_reset.run()
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A copy of a group, or of ``GROUP.TERM`` of one that is not concatenated."""
+        values: np.ndarray = self.manager.flat_buffers()[name].numpy().copy()
+        return values
+
+    def state(self) -> dict[str, np.ndarray]:
+        """A copy of all arrays that last from step to step."""
+        return {name: array.numpy().copy() for name, array in self.context.arrays.items()}

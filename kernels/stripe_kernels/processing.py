@@ -51,20 +51,34 @@ def combine_noise(value: float, noise: float, operation: int) -> float:
     return noise
 
 
+@wp.func
+def _origin(column: int, values: wp.array2d[float], seen: wp.array[float], mean: wp.array[float]) -> float:
+    """What moments are taken about, lest a spread be lost beside a large mean: the mean so far, or the first value."""
+    if seen[column] == 0.0:
+        return values[0, column]
+    return mean[column]
+
+
 @wp.kernel(enable_backward=False)
 def sum_moments(
-    values: wp.array2d[float], count: int, mean: wp.array[float], sums: wp.array2d[float], squares: wp.array2d[float]
+    values: wp.array2d[float],
+    count: int,
+    seen: wp.array[float],
+    mean: wp.array[float],
+    sums: wp.array2d[float],
+    squares: wp.array2d[float],
 ):
     """Sums and squares of what lies in a slice of the environments, about the present mean; threads (column, slice).
 
     Slices are fixed, so the result does not depend on the order of the threads.
     """
     column, part = wp.tid()
+    origin = _origin(column, values, seen, mean)
     size = (count + sums.shape[1] - 1) // sums.shape[1]
     total = wp.float32(0.0)
     square = wp.float32(0.0)
     for k in range(part * size, wp.min(count, (part + 1) * size)):
-        d = values[k, column] - mean[column]
+        d = values[k, column] - origin
         total += d
         square += d * d
     sums[column, part] = total
@@ -73,6 +87,7 @@ def sum_moments(
 
 @wp.kernel(enable_backward=False)
 def merge_statistics(
+    values: wp.array2d[float],
     count: int,
     update: wp.array[int],
     index: int,
@@ -96,12 +111,14 @@ def merge_statistics(
         square += squares[column, part]
     n = seen[column]
     m = float(count)
-    delta = total / m
-    batch = wp.max(square / m - delta * delta, 0.0)
-    mean[column] = mean[column] + delta * m / (n + m)
+    offset = total / m
+    batch = wp.max(square / m - offset * offset, 0.0)
+    delta = _origin(column, values, seen, mean) + offset - mean[column]
     if n == 0.0:
+        mean[column] = mean[column] + delta
         var[column] = batch
     else:
+        mean[column] = mean[column] + delta * m / (n + m)
         var[column] = (n * var[column] + m * batch + delta * delta * n * m / (n + m)) / (n + m)
     seen[column] = n + m
 
