@@ -200,8 +200,8 @@ class Plan:
     def describe(self, kernels: bool = False) -> str:
         """The stages as a table in plain text, and with ``kernels`` the source of what was fused."""
         rows = self.rows()
-        widths = [max(len(row[i]) for row in rows) for i in range(2)]
-        out = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
+        first, second = (max(len(row[i]) for row in rows) for i in (0, 2))
+        out = [f"{stage:<{first}}  {how:<{second}}  {what}" for stage, what, how in rows]
         graphs, made = self.graph_count, self.kernels
         count = f"{graphs} graph launch{'es' * (graphs != 1)} a step, " if self.captures else ""
         out.append(f"{count}{len(made)} fused kernel{'s' * (len(made) != 1)}")
