@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the pictures of the README: ``python tools/make_pictures.py [docs/images]``.
 
-``hero.png`` shows ants and humanoids of the tasks at a run, ``cartpole.png`` and so on one environment of each task.
-The robots are posed, not simulated: no training is needed.
+``hero.png`` shows ants and humanoids of the tasks at a run, ``pack.png`` quadrupeds on generated ground, and
+``cartpole.png`` and so on one environment of each task. No training is needed: robots are posed, those of the pack stand
+by themselves.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from stripe_newton.sim import (
     DistantLightCfg,
     DomeLightCfg,
     GroundPlaneCfg,
+    PreviewSurfaceCfg,
     Simulation,
     SimulationCfg,
 )
@@ -167,12 +169,47 @@ def task(path: Path, name: str, **camera: object) -> None:
     env.close()
 
 
+def pack(path: Path) -> None:
+    """Quadrupeds on blocks, stairs and slopes."""
+    name = "Stripe-Velocity-Rough-Quadruped-v0"
+    cfg = resolve_name(gymnasium.spec(name).kwargs["env_cfg_entry_point"])()
+    places = [(0.3, -1.1), (-1.2, 0.6), (1.5, 0.9), (-0.7, -2.9), (-2.5, -0.6), (-3.4, 1.9), (-5.4, 0.1), (-1.0, 3.2)]
+    places += [(-5.6, 3.6), (-7.9, 1.6), (-3.6, 5.4), (-8.4, 4.9), (-6.1, -2.6), (-10.9, 3.1), (-11.6, 6.4)]
+    cfg.scene.num_envs, cfg.sim.device, cfg.seed = len(places), "cpu", 2
+    tiles = cfg.scene.terrain.terrain_generator
+    tiles.num_rows, tiles.num_cols, tiles.border_width, tiles.size = 4, 4, 8.0, (5.0, 5.0)
+    for name_, share in zip(tiles.sub_terrains, (1.0, 0.6, 1.2, 0.9, 0.6, 0.3), strict=True):
+        tiles.sub_terrains[name_].proportion = share
+        if hasattr(tiles.sub_terrains[name_], "platform_width"):
+            tiles.sub_terrains[name_].platform_width = 1.2
+    cfg.scene.terrain.visual_material = PreviewSurfaceCfg(diffuse_color=(0.34, 0.33, 0.29))
+    cfg.scene.sky.spawn.intensity, cfg.scene.sun.spawn.intensity = 1000.0, 2300.0
+    cfg.scene.sun.init_state.rot = (0.20, 0.56, 0.0, 0.80)
+    env = gymnasium.make_vec(name, cfg=cfg).unwrapped
+    env.reset(seed=2)
+    rng, robot = np.random.default_rng(3), env.scene["robot"]
+    pose = robot.data.root_pose_w.clone()
+    for i, (x, y) in enumerate(places):
+        turn = quat_from_euler_xyz(*torch.tensor([[0.0], [0.0], [rng.uniform(-0.5, 0.5)]]))
+        near = np.meshgrid(x + np.linspace(-0.3, 0.3, 7), y + np.linspace(-0.2, 0.2, 5))
+        top = env.scene.terrain.ground.height_at(*near).max()
+        pose[i] = torch.cat((torch.tensor([x, y, top + 0.34]), turn[0]))
+    robot.write_root_pose_to_sim(pose)
+    actions = torch.zeros(len(places), 12)
+    for _ in range(35):
+        env.step(actions)
+    camera = viewer(1280, 560, eye=(4.4, -4.2, 1.7), lookat=(-2.3, 1.0, 0.05), fov=24.0, origin_type="world")
+    save(path, SceneRenderer(env.sim, camera, range(len(places))))
+    env.close()
+
+
 def main() -> None:
     """Draw all pictures."""
     wp.config.log_level = wp.LOG_WARNING
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
     out.mkdir(parents=True, exist_ok=True)
     hero(out / "hero.png")
+    pack(out / "pack.png")
     task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0", eye=(3.3, -1.2, 2.75), lookat=(0.0, 0.45, 2.35), fov=30.0)
     task(
         out / "cart_double_pole.png",
