@@ -2,8 +2,8 @@
 """Draw the pictures of the README: ``python tools/make_pictures.py [docs/images]``.
 
 ``hero.png`` shows ants and humanoids of the tasks at a run, ``pack.png`` quadrupeds on generated ground, and
-``cartpole.png`` and so on one environment of each task. No training is needed: robots are posed, those of the pack stand
-by themselves.
+``cartpole.png`` and so on one environment of each task. No training is needed: robots are posed, those of the pack
+stand by themselves.
 """
 
 from __future__ import annotations
