@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+import gc
 import importlib
 import importlib.metadata
 import sys
@@ -102,7 +103,15 @@ def load_cfg(task: str, kind: str) -> Any:
 
 
 def make_env(task: str, cfg: Any, render_mode: str | None = None) -> Any:
-    """The vector environment of a task, made from ``cfg``."""
+    """The vector environment of a task, made from ``cfg``; several agents are seen as one."""
     creator = find_task(task).vector_entry_point
     creator = resolve_name(creator) if isinstance(creator, str) else creator
-    return creator(cfg=cfg, render_mode=render_mode)
+    env = creator(cfg=cfg, render_mode=render_mode)
+    if not gc.isenabled():  # see main
+        gc.freeze()
+        gc.enable()
+    if hasattr(env.unwrapped, "possible_agents"):
+        from stripe_newton.envs import multi_agent_to_single_agent
+
+        return multi_agent_to_single_agent(env.unwrapped)
+    return env

@@ -3,22 +3,30 @@
 
 from stripe_newton.managers import EventTermCfg
 
+from .direct_marl_env import DirectMARLEnv
+from .direct_marl_env_cfg import DirectMARLEnvCfg
 from .direct_rl_env import DirectRLEnv
 from .direct_rl_env_cfg import DirectRLEnvCfg
 from .manager_based_rl_env import ManagerBasedRLEnv
 from .manager_based_rl_env_cfg import DefaultEventsCfg, ManagerBasedRLEnvCfg
+from .multi_agent import ParallelEnvView, SingleAgentView, multi_agent_to_single_agent
 from .rl_env import RLEnv
 from .rl_env_cfg import RLEnvCfg
 from .spaces import to_space
 
 __all__ = [
     "DefaultEventsCfg",
+    "DirectMARLEnv",
+    "DirectMARLEnvCfg",
     "DirectRLEnv",
     "DirectRLEnvCfg",
     "EventTermCfg",
     "ManagerBasedRLEnv",
     "ManagerBasedRLEnvCfg",
+    "ParallelEnvView",
     "RLEnv",
     "RLEnvCfg",
+    "SingleAgentView",
+    "multi_agent_to_single_agent",
     "to_space",
 ]

@@ -6,8 +6,12 @@ from stripe_newton.registration import register_task
 _DIRECT = {
     "Stripe-Ant-Direct-v0": ("ant", "Ant"),
     "Stripe-CartDoublePole-Direct-v0": ("cart_double_pole", "CartDoublePole"),
+    "Stripe-CartDoublePole-MARL-Direct-v0": ("cart_double_pole_marl", "CartDoublePoleMARL"),
     "Stripe-Cartpole-Direct-v0": ("cartpole", "Cartpole"),
     "Stripe-Humanoid-Direct-v0": ("humanoid", "Humanoid"),
+    "Stripe-Quadcopter-Direct-v0": ("quadcopter", "Quadcopter"),
+    "Stripe-Velocity-Flat-Humanoid-Direct-Warp-v0": ("velocity_humanoid_warp", "HumanoidFlatWarp"),
+    "Stripe-Velocity-Flat-Quadruped-Direct-Warp-v0": ("velocity_quadruped_warp", "QuadrupedFlatWarp"),
 }
 _DIRECT_WARP = {
     "Stripe-Ant-Direct-Warp-v0": ("locomotion_warp", "ant", "Ant"),
@@ -19,8 +23,18 @@ _MANAGER_BASED = {
     "Stripe-Cartpole-v0": ("cartpole_manager", "Cartpole"),
     "Stripe-Humanoid-v0": ("locomotion_manager", "Humanoid"),
 }
+_GOALS = {
+    "Stripe-PushBall-Ant-v0": ("push_ball", "PushBall"),
+    "Stripe-Reach-v0": ("reach", "Reach"),
+}
+_VELOCITY = {
+    "Stripe-Velocity-Flat-Humanoid-v0": ("velocity_humanoid", "HumanoidFlat"),
+    "Stripe-Velocity-Flat-Quadruped-v0": ("velocity_quadruped", "QuadrupedFlat"),
+    "Stripe-Velocity-Rough-Humanoid-v0": ("velocity_humanoid", "HumanoidRough"),
+    "Stripe-Velocity-Rough-Quadruped-v0": ("velocity_quadruped", "QuadrupedRough"),
+}
 
-for _id, (_module, _name) in _DIRECT.items():
+for _id, (_module, _name) in (_DIRECT | _GOALS).items():
     register_task(
         _id,
         env=f"stripe_tasks.{_module}:{_name}Env",
@@ -40,4 +54,11 @@ for _id, (_module, _name) in _MANAGER_BASED.items():
         env="stripe_newton.envs:ManagerBasedRLEnv",
         env_cfg=f"stripe_tasks.{_module}:{_name}ManagerEnvCfg",
         rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}ManagerPPORunnerCfg",
+    )
+for _id, (_module, _name) in _VELOCITY.items():
+    register_task(
+        _id,
+        env="stripe_newton.envs:ManagerBasedRLEnv",
+        env_cfg=f"stripe_tasks.{_module}:{_name}EnvCfg",
+        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}PPORunnerCfg",
     )

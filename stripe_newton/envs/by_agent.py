@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Dicts of tensors by agent: what comes in and what hooks return, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import torch
+import warp as wp
+from gymnasium import spaces
+
+from stripe_newton.configclass import ConfigError
+
+__all__ = [
+    "AgentNoise",
+    "ByAgent",
+    "check_observations",
+    "checked_actions",
+    "checked_state",
+    "ends_of_envs",
+    "of_all",
+    "tensors_by_agent",
+]
+
+ByAgent = dict[str, torch.Tensor]
+
+
+def of_all(agents: Sequence[str], what: str, values: Any) -> ByAgent:
+    """``values`` in the order of the agents.
+
+    Raises:
+        ValueError: if one is missing, or there is one too many.
+    """
+    if not isinstance(values, Mapping) or set(values) != set(agents):
+        got = ", ".join(map(str, values)) if isinstance(values, Mapping) else type(values).__name__
+        raise ValueError(f"{what}: has {got or 'nothing'}, must be a dict of exactly {', '.join(agents)}")
+    return {a: values[a] for a in agents}
+
+
+def checked_actions(
+    actions: Any, action_spaces: Mapping[str, spaces.Space], num_envs: int, device: str, refuse_nonfinite: bool
+) -> ByAgent:
+    """Actions as tensors on the device, in the order of the agents.
+
+    Raises:
+        ValueError: if an agent is missing or unknown, a shape does not fit, or numbers are not finite where that is to
+            be refused.
+    """
+    checked = {}
+    for agent, value in of_all(list(action_spaces), "actions", actions).items():
+        value = torch.as_tensor(value, device=device)
+        expected = (num_envs, *(action_spaces[agent].shape or ()))
+        if tuple(value.shape) != expected:
+            raise ValueError(f"actions of '{agent}' have shape {tuple(value.shape)}, expected {expected}")
+        if refuse_nonfinite and value.is_floating_point() and not bool(torch.isfinite(value).all()):
+            raise ValueError(
+                f"actions of '{agent}' are not finite; look at the policy, or set nonfinite_actions='clamp'"
+            )
+        checked[agent] = value
+    return checked
+
+
+def check_observations(groups: ByAgent, observation_spaces: Mapping[str, spaces.Space], num_envs: int) -> None:
+    """Compare observations with their spaces.
+
+    Raises:
+        ConfigError: with every shape that does not fit.
+    """
+    problems = []
+    for agent, value in groups.items():
+        expected = (num_envs, *(observation_spaces[agent].shape or ()))
+        if tuple(value.shape) != expected:
+            path = f"observation_spaces[{agent!r}]"
+            problems.append(f"{path}: asks for shape {expected}, _get_observations returned {tuple(value.shape)}")
+    if problems:
+        raise ConfigError(problems)
+
+
+def checked_state(state: torch.Tensor | None, space: spaces.Space, num_envs: int) -> torch.Tensor:
+    """The state, compared with its space.
+
+    Raises:
+        ConfigError: if it does not fit.
+    """
+    expected = (num_envs, *(space.shape or ()))
+    if state is None or tuple(state.shape) != expected:
+        got = "None" if state is None else f"shape {tuple(state.shape)}"
+        raise ConfigError([f"state_space: asks for shape {expected}, _get_states returned {got}"])
+    return state
+
+
+def ends_of_envs(terminated: ByAgent, time_outs: ByAgent) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Environments all of whose agents are done, those all of whose agents terminated, and those that ended otherwise
+    or all of whose agents ran out of time; bool, shape ``(num_envs,)`` each."""
+    failed, late = torch.stack([*terminated.values()]), torch.stack([*time_outs.values()])
+    ended, all_failed = (failed | late).all(dim=0), failed.all(dim=0)
+    return ended, all_failed, late.all(dim=0) | (ended & ~all_failed)
+
+
+def tensors_by_agent(
+    attributes: Mapping[str, Any], agents: Sequence[str], elsewhere: Sequence[wp.array]
+) -> Iterator[tuple[tuple[str, str], torch.Tensor]]:
+    """Tensors in attributes that are dicts by agent, as ``(attribute, agent), tensor``.
+
+    Args:
+        attributes: Attributes of an object.
+        agents: Names of the agents.
+        elsewhere: Arrays that are saved elsewhere; tensors that share memory with them are left out.
+    """
+    shared = {wp.to_torch(a).untyped_storage().data_ptr() for a in elsewhere}
+    for name, values in attributes.items():
+        if isinstance(values, dict) and values and set(values) <= set(agents):
+            for agent, value in values.items():
+                if isinstance(value, torch.Tensor) and value.untyped_storage().data_ptr() not in shared:
+                    yield (name, agent), value
+
+
+class AgentNoise:
+    """Noise models of agents; those without one are left as they are."""
+
+    def __init__(self, cfgs: Mapping[str, Any] | None, num_envs: int, device: str):
+        given = {a: c for a, c in (cfgs or {}).items() if c is not None}
+        self._models = {a: c.class_type(c, num_envs, device) for a, c in given.items()}
+
+    def __call__(self, agent: str, value: torch.Tensor) -> torch.Tensor:
+        if value.is_floating_point():
+            value = value.float()
+        return self._models[agent](value.float()) if agent in self._models else value
+
+    def reset(self, env_ids: torch.Tensor) -> None:
+        """Begin new episodes."""
+        for model in self._models.values():
+            model.reset(env_ids)
+
+    def parts(self) -> list[dict[str, Any]]:
+        """What the models remember, as the dicts that they keep it in."""
+        return [model.__dict__ for model in self._models.values()]

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ball that rolling slows down, as it does a real one; without that a push would never end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from stripe_newton.configclass import configclass
+from stripe_newton.sim import RigidBodyMaterialCfg, SphereCfg
+from stripe_newton.sim.spawners.shapes import spawn_shape
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+__all__ = ["RollingBallCfg", "spawn_rolling_ball"]
+
+
+def spawn_rolling_ball(
+    prim_path: str, cfg: RollingBallCfg, translation: Any = None, orientation: Any = None
+) -> Usd.Prim:
+    """Author a sphere whose contacts also resist rolling: MuJoCo's contacts of six dimensions."""
+    from pxr import Sdf
+
+    prim = spawn_shape(prim_path, cfg, translation, orientation)
+    stage, path = prim.GetStage(), prim.GetPath()
+    stage.GetPrimAtPath(f"{path}/geometry/mesh").CreateAttribute("mjc:condim", Sdf.ValueTypeNames.Int).Set(6)
+    material = stage.GetPrimAtPath(f"{path}/{cfg.physics_material_path}")
+    material.CreateAttribute("newton:rollingFriction", Sdf.ValueTypeNames.Float).Set(cfg.rolling_friction)
+    return prim
+
+
+@configclass
+class RollingBallCfg(SphereCfg):
+    """A sphere with rolling friction."""
+
+    func: Callable[..., Any] = spawn_rolling_ball
+    """Function that authors the prim."""
+    physics_material: RigidBodyMaterialCfg | None = RigidBodyMaterialCfg(static_friction=0.8, dynamic_friction=0.8)
+    """Friction of its surface."""
+    rolling_friction: float = 0.02
+    """Moment that resists rolling, by the normal force [m]: on the ground a solid ball of mass m and radius r slows by
+    ``g rolling_friction / (1.4 r)`` [m/s^2]."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from SphereCfg.problems(self)
+        if not self.rolling_friction >= 0.0:
+            yield "rolling_friction", f"is {self.rolling_friction}, must be zero or more [m]"
+        if self.physics_material is None:
+            yield "physics_material", "is None, must be a RigidBodyMaterialCfg: it carries the rolling friction"
