@@ -11,6 +11,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python3.10; 
 VENV ?= .venv
 TORCH ?= torch==2.13.0
 TORCH_CPU_INDEX = https://download.pytorch.org/whl/cpu
+PYTEST_ARGS ?= --numprocesses 2 --dist loadfile
 TASK ?= Stripe-Cartpole-Direct-v0
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip --disable-pip-version-check

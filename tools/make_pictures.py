@@ -203,6 +203,21 @@ def pack(path: Path) -> None:
     env.close()
 
 
+def snapshot(path: Path, name: str, steps: int = 12) -> None:
+    """One environment of a task by its own camera, a moment after it began."""
+    cfg = resolve_name(gymnasium.spec(name).kwargs["env_cfg_entry_point"])()
+    cfg.scene.num_envs, cfg.sim.device, cfg.seed = 1, "cpu", 3
+    cfg.viewer.resolution, cfg.viewer.shadow_resolution = (480 * OVERSAMPLING, 360 * OVERSAMPLING), 2048
+    env = gymnasium.make_vec(name, cfg=cfg, render_mode="rgb_array")
+    env.reset(seed=3)
+    for _ in range(steps):
+        env.step(torch.zeros(1, *env.unwrapped.single_action_space.shape))
+    frame = env.render()
+    picture = Image.fromarray(frame[0] if isinstance(frame, (list, tuple)) else frame)
+    picture.resize((480, 360), Image.Resampling.BOX).save(path, optimize=True)
+    env.close()
+
+
 def main() -> None:
     """Draw all pictures."""
     wp.config.log_level = wp.LOG_WARNING
@@ -218,6 +233,9 @@ def main() -> None:
         lookat=(0.0, 0.3, 2.85),
         fov=30.0,
     )
+    snapshot(out / "reach.png", "Stripe-Reach-v0")
+    snapshot(out / "quadcopter.png", "Stripe-Quadcopter-Direct-v0")
+    snapshot(out / "push_ball.png", "Stripe-PushBall-Ant-v0")
     task(out / "ant.png", "Stripe-Ant-Direct-v0", azimuth=-40.0)
     task(out / "humanoid.png", "Stripe-Humanoid-Direct-v0", azimuth=-35.0)
 
