@@ -264,9 +264,9 @@ def test_implicit_drives_equal_mujoco_position_actuators(tmp_path):
     )
     plain = text.replace(
         "</mujoco>",
-        '<actuator><position joint="a" kp="60" kv="5"/><position joint="b" kp="300" kv="20"/></actuator></mujoco>',
+        '<actuator><position joint="a" kp="60" kv="5" forcerange="-7 7"/>'
+        '<position joint="b" kp="300" kv="20"/></actuator></mujoco>',
     )
-    plain = plain.replace('name="a" type="slide"', 'name="a" type="slide" actuatorfrcrange="-7 7"')
     model = mujoco.MjModel.from_xml_string(plain)
     data = mujoco.MjData(model)
     actuators = {

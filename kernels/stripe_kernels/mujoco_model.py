@@ -15,7 +15,7 @@ from newton._src.solvers.mujoco.kernels import (
     quat_xyzw_to_wxyz,
 )
 
-__all__ = ["MuJoCoJoints", "write_bodies", "write_gravity", "write_joints", "write_shapes"]
+__all__ = ["MuJoCoJoints", "copy_limits", "write_bodies", "write_gravity", "write_joints", "write_shapes"]
 
 _POSITION = wp.constant(int(newton.JointTargetMode.POSITION))
 _SLIDE = wp.constant(2)
@@ -100,6 +100,18 @@ def write_joints(mask: wp.array[wp.bool], joints: MuJoCoJoints):
             kd = joints.joint_target_kd[world * joints.dofs_per_world - 2 - code]
             joints.actuator_gainprm[world, i][0] = kd
             joints.actuator_biasprm[world, i][2] = -kd
+
+
+@wp.kernel(enable_backward=False)
+def copy_limits(
+    drives: wp.array[int],
+    joints: wp.array[int],
+    jnt_actfrcrange: wp.array2d[wp.vec2],
+    actuator_forcerange: wp.array2d[wp.vec2],
+):
+    """Limit the forces of drives as the efforts of their joints are; threads (row of the limits, drive)."""
+    row, i = wp.tid()
+    actuator_forcerange[row, drives[i]] = jnt_actfrcrange[row % jnt_actfrcrange.shape[0], joints[i]]
 
 
 @wp.kernel(enable_backward=False)

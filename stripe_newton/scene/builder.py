@@ -156,12 +156,16 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
     keyframe, actuators = options.pop("keyframe", None), count_actuators(builder)
     add = builder.add_urdf if kind == "urdf" else builder.add_mjcf
     _take_newton_for_pgs(builder)
+    shapes, default_friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
     try:
+        shapes.mu = 1.0 if kind == "mjcf" else default_friction  # what MuJoCo means where a file says nothing
         add(path, xform=xform, **options)
         if kind == "mjcf":
             complete_mjcf(builder, path, counts[1], actuators, keyframe, xform, options["scale"])
     except Exception as error:
         raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}': {error}") from error
+    finally:
+        shapes.mu = default_friction
     if builder.body_count == counts[0]:
         raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}' has no bodies")
     labels = (builder.body_label, builder.joint_label, builder.shape_label, builder.articulation_label)

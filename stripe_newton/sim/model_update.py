@@ -138,6 +138,8 @@ class ModelUpdate:
                 count = max(self._joints.dof_map.shape[1], self._joints.joint_map.shape[1],
                             self._joints.actuator_map.shape[0])  # fmt: skip
                 wp.launch(write_joints, dim=(worlds, count), inputs=[mask, self._joints])
+                if "joint_effort_limit" in self._names and sim.drive_limits is not None:
+                    sim.drive_limits.launch()
             if self._changes("body_"):
                 wp.launch(
                     write_bodies,

@@ -17,6 +17,7 @@ from stripe_kernels.actuation import apply_external_wrench, clamp_velocity, note
 from stripe_newton.actuators.actuation import Actuation
 
 from .capture import capture_graph
+from .drive_limits import DriveLimits
 from .flags import HostFlags
 from .overflow import overflow_message
 from .simulation_cfg import SimulationCfg
@@ -85,6 +86,8 @@ class Simulation:
         """Physics steps in a step of the environment, in which sensors count their periods."""
         self.after_each: list[Callable[[], None]] = []
         """What launches kernels after every physics step."""
+        self.drive_limits: DriveLimits | None = None
+        """With MuJoCo: the effort limits of its drives."""
         self.after_notify: list[Callable[[], None]] = []
         """What launches kernels after the solver was told of changes, see :meth:`notify`."""
 
@@ -157,6 +160,9 @@ class Simulation:
             )
             with self.actuation.solver_gains():
                 self.solver = self._create_solver()
+            if self.cfg.solver.kind == "mujoco":
+                self.drive_limits = DriveLimits(self.solver)
+                self.after_notify.append(self.drive_limits.launch)
             self._allocate()
         self.forward()
         self.build_s = time.perf_counter() - start
