@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""This package beside mjlab, on mjlab's own task: its Go1 follows velocity commands on a plane.
+
+    python tools/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
+        [--train-iterations 100] [--parts step train] [--json FILE] [--plot FILE]
+
+mjlab needs other versions of MuJoCo than this package, so it runs under an interpreter of its own (``--mjlab-python``),
+or under this one with the folder that it was installed to first on the path (``--mjlab-path``). Each side runs in a
+fresh process, one after the other, and is measured by the same functions (``compare_mjlab_measure.py``). Prints a table
+with a column a side; ``docs/comparison.md`` says what is the same and where the two differ.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+TOOLS = Path(__file__).parent
+SIDES = ("stripe-newton", "mjlab")
+ROWS = (
+    ("start: build and first reset [s]", "build_s", ".1f", -1),
+    ("whole step [ms]", "step_ms", ".3f", -1),
+    ("physics alone [ms]", "physics_ms", ".3f", -1),
+    ("whole step over physics alone", "overhead", ".2f", -1),
+    ("environment steps a second", "env_steps_per_s", ",.0f", 1),
+    ("graph launches a step", "graph_launches_per_step", ".1f", -1),
+    ("kernel launches a step, outside graphs", "kernel_launches_per_step", ".1f", -1),
+    ("copies and fills a step, outside graphs", "copies_per_step", ".1f", -1),
+    ("waits of the host a step", "host_syncs_per_step", ".1f", -1),
+    ("kernels on the GPU a step", "kernels_per_step", ".1f", -1),
+    ("device memory [MiB]", "memory_mb", ",.0f", -1),
+    ("training: samples a second", "samples_per_s", ",.0f", 1),
+    ("training: collection, an iteration [s]", "collect_s", ".3f", -1),
+    ("training: learning, an iteration [s]", "learn_s", ".3f", -1),
+    ("training: device memory [MiB]", "train_memory_mb", ",.0f", -1),
+)
+"""Label, key, format, and whether more (1) or less (-1) is better."""
+
+
+class Peer:
+    """mjlab, in a process of its own."""
+
+    def __init__(self, python: str | None, path: str | None):
+        """Take an interpreter, or a folder that goes first on the path of this one, or both."""
+        self._python, env = python or sys.executable, dict(os.environ)
+        inherited = [] if python else [env["PYTHONPATH"]] if env.get("PYTHONPATH") else []
+        found = os.pathsep.join([*([path] if path else []), *inherited])
+        self._env = {k: v for k, v in env.items() if k != "PYTHONPATH"} | ({"PYTHONPATH": found} if found else {})
+
+    def ask(self, what: str, request: dict[str, Any], out: Path) -> Path:
+        """Run ``compare_mjlab_peer.py`` and return the file of its answer.
+
+        Raises:
+            SystemExit: if it failed; the message ends as its output does.
+        """
+        return _run([self._python, str(TOOLS / "compare_mjlab_peer.py"), what], request, out, self._env)
+
+
+def _run(command: list[str], request: dict[str, Any], out: Path, env: dict[str, str]) -> Path:
+    """Run a program that takes a request and writes its answer to ``out``."""
+    asked, log = out.with_suffix(".request"), out.with_suffix(".log")
+    asked.write_text(json.dumps({**request, "out": str(out)}))
+    with log.open("w") as file:
+        try:
+            status = subprocess.run([*command, str(asked)], env=env, stdout=file, stderr=subprocess.STDOUT).returncode
+        except OSError as error:
+            raise SystemExit(f"cannot run {command[0]}: {error.strerror}; expected a Python interpreter") from None
+    if status or not out.exists():
+        tail = "\n".join(log.read_text(errors="replace").splitlines()[-30:])
+        raise SystemExit(f"{' '.join(command)} failed with status {status}:\n{tail}")
+    return out
+
+
+# -- our side
+
+
+def make_side(request: dict[str, Any]) -> Any:
+    """Our environment, see ``compare_mjlab_measure.Side``."""
+    import warp as wp
+    from compare_mjlab_env import Go1Env, make_agent_cfg, make_env_cfg
+    from compare_mjlab_measure import Side
+
+    from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
+
+    facts = json.loads(Path(request["facts"]).read_text())
+    agent = make_agent_cfg(facts, request)
+    env = Go1Env(make_env_cfg(facts, Path(request["facts"]).with_name("robot.xml"), request))
+    env.reset(seed=request["seed"])
+    sim, state = env.sim, env.sim.state
+    start = (state.joint_q, state.joint_qd, state.body_q, state.body_qd, sim.solver.mjw_data.qacc_warmstart)
+
+    def spread(lengths: Any) -> None:
+        env.episode_length_buf = lengths
+
+    return Side(
+        device=request["device"],
+        num_envs=env.num_envs,
+        num_actions=env.action_manager.total_action_dim,
+        step=env.step,
+        physics=lambda: sim.step(env.cfg.decimation),
+        state=[wp.to_torch(array) for array in start],
+        targets=[wp.to_torch(sim.control.joint_target_q)],
+        spread=spread,
+        max_episode_length=env.max_episode_length,
+        make_runner=lambda folder: OnPolicyRunner(RslRlVecEnvWrapper(env, agent.clip_actions), agent, folder),
+    )
+
+
+# -- both sides
+
+
+def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Measure both sides.
+
+    Args:
+        arguments: As the command line has them.
+        folder: Where files go.
+
+    Returns:
+        What was measured, by side, the request, and the returns of :func:`returns`.
+    """
+    request = {
+        "device": arguments.device,
+        "num_envs": arguments.num_envs,
+        "steps": arguments.steps,
+        "train_iterations": arguments.train_iterations,
+        "parts": arguments.parts,
+        "seed": arguments.seed,
+        "randomize": True,
+    }
+    peer = Peer(arguments.mjlab_python, arguments.mjlab_path)
+    print("reading the task of mjlab ...", flush=True)
+    facts = peer.ask("describe", {**request, "num_envs": 2, "device": "cpu"}, folder / "facts.json")
+    task = json.loads(facts.read_text())
+    _check(task, arguments)
+    physics = {"decimation": task["env"]["decimation"], "dt": task["env"]["sim"]["mujoco"]["timestep"]}
+    found: dict[str, Any] = {"request": request, **physics}
+    print("measuring mjlab ...", flush=True)
+    answer = peer.ask("measure", request, folder / "mjlab.json")
+    found["mjlab"] = json.loads(answer.read_text())
+    print("measuring stripe-newton ...", flush=True)
+    own = [sys.executable, str(Path(__file__).resolve()), "--request"]
+    answer = _run(own, {**request, "facts": str(facts)}, folder / "stripe-newton.json", dict(os.environ))
+    found["stripe-newton"] = json.loads(answer.read_text())
+    for side in SIDES:
+        if "step_ms" in found[side]:
+            found[side]["overhead"] = found[side]["step_ms"] / found[side]["physics_ms"]
+    if "train" in arguments.parts:
+        found["returns"] = returns(*(found[side]["curve"] for side in SIDES))
+    return found
+
+
+def _check(facts: dict[str, Any], arguments: argparse.Namespace) -> None:
+    """Refuse a run that goes on to where mjlab widens its commands, which our side does not."""
+    stages = facts["env"]["curriculum"].get("command_vel", {}).get("params", {}).get("velocity_stages", [])
+    later = [stage["step"] for stage in stages if stage["step"] > 0]
+    most = min(later, default=sys.maxsize) // facts["agent"]["num_steps_per_env"]
+    if "train" in arguments.parts and arguments.train_iterations > most:
+        raise SystemExit(
+            f"--train-iterations: is {arguments.train_iterations}, must be at most {most}, where mjlab "
+            "widens its commands"
+        )
+
+
+def returns(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Mean returns of both curves after the same number of samples, and after the same time.
+
+    The samples are those that both sides took, the time is that in which the faster one took all of its.
+
+    Returns:
+        ``samples``, ``after_samples`` (a pair, ours first), ``seconds``, ``after_seconds`` (a pair); None where no
+        episode had ended.
+    """
+    curves = (ours, theirs)
+    samples, seconds = (min(curve[-1][key] for curve in curves) for key in ("samples", "seconds"))
+    pairs = [
+        [next((row["return"] for row in reversed(curve) if row[key] <= most), None) for curve in curves]
+        for key, most in (("samples", samples), ("seconds", seconds))
+    ]
+    return {"samples": samples, "after_samples": pairs[0], "seconds": seconds, "after_seconds": pairs[1]}
+
+
+def table(found: dict[str, Any]) -> str:
+    """Both sides as text; ``better by`` is how many times as good ours is."""
+    rows: list[tuple[str, ...]] = [("", *SIDES, "better by")]
+    for label, key, form, sign in ROWS:
+        values = [found[side].get(key) for side in SIDES]
+        if any(key in found[side] for side in SIDES):
+            rows.append((label, *(_text(value, form) for value in values), _factor(values, sign)))
+    if "returns" in found:
+        pairs = found["returns"]
+        at = {"after_samples": f"{pairs['samples']:,} samples", "after_seconds": f"{pairs['seconds']:.1f} s"}
+        for key, when in at.items():
+            rows.append((f"return after {when}", *(_text(value, ".2f") for value in pairs[key]), ""))
+    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    lines = [row[0].ljust(widths[0]) + "".join(f"  {row[i]:>{widths[i]}}" for i in range(1, 4)) for row in rows]
+    lines.insert(1, "-" * len(lines[0]))
+    versions = []
+    for side in SIDES:
+        packages = {k: v for k, v in found[side]["versions"].items() if k == side or k not in SIDES}
+        versions.append(f"{side}: {', '.join(f'{k} {v}' for k, v in packages.items())}")
+    where = found["mjlab"]["device_name"] or found["request"]["device"]
+    title = f"{where}, {found['request']['num_envs']} environments"
+    title += f", {found['decimation']} physics steps of {1e3 * found['dt']:g} ms a step"
+    return "\n".join([title, *lines, "", *versions])
+
+
+def _text(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _factor(values: list[float | None], sign: int) -> str:
+    better, worse = values if sign > 0 else reversed(values)
+    return "" if better is None or not worse else f"{better / worse:.2f}"
+
+
+def plot(found: dict[str, Any], path: Path) -> None:
+    """Draw the returns over samples and over time."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
+    for axis, key, label in zip(axes, ("samples", "seconds"), ("samples", "time [s]"), strict=True):
+        for side in SIDES:
+            rows = [row for row in found[side]["curve"] if row["return"] is not None]
+            axis.plot([row[key] for row in rows], [row["return"] for row in rows], label=side)
+        axis.set_xlabel(label)
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("mean return of the last 100 episodes")
+    axes[0].legend()
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--mjlab-python", help="interpreter that has mjlab")
+    parser.add_argument("--mjlab-path", help="folder with mjlab and its dependencies, first on PYTHONPATH")
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--num-envs", type=int, default=4096)
+    parser.add_argument("--steps", type=int, default=300, help="steps to time, in blocks of up to 32")
+    parser.add_argument("--train-iterations", type=int, default=100)
+    parser.add_argument("--parts", nargs="+", choices=("step", "train"), default=["step", "train"])
+    parser.add_argument("--seed", type=int, default=42)
+    parser.add_argument("--json", type=Path, help="file for all figures and both curves")
+    parser.add_argument("--plot", type=Path, help="picture of both curves (PNG)")
+    parser.add_argument("--request", type=Path, help=argparse.SUPPRESS)  # measure our side, in a process of its own
+    found = parser.parse_args(arguments)
+    if not (found.request or found.mjlab_python or found.mjlab_path):
+        parser.error("name mjlab by --mjlab-python or --mjlab-path; 'pip install mjlab' in an environment of its own")
+    for name in ("num_envs", "steps", "train_iterations"):
+        if getattr(found, name) < 1:
+            parser.error(f"--{name.replace('_', '-')}: is {getattr(found, name)}, must be 1 or more")
+    if found.plot and "train" not in found.parts:
+        parser.error("--plot: shows the training, which --parts leaves out")
+    return found
+
+
+def main() -> None:
+    """Compare, or measure our side alone where ``--request`` says so."""
+    arguments = parse()
+    if arguments.request:
+        from compare_mjlab_measure import measure
+
+        request = json.loads(arguments.request.read_text())
+        Path(request["out"]).write_text(json.dumps(measure(lambda: make_side(request), request), indent=1))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        found = compare(arguments, Path(folder))
+    print(table(found))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(found, indent=1))
+    if arguments.plot:
+        plot(found, arguments.plot)
+
+
+if __name__ == "__main__":
+    main()

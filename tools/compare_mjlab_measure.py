@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How ``compare_mjlab.py`` measures an environment: the same functions for both sides.
+
+It runs under mjlab's interpreter too, so that nothing of this repository is imported but the file that counts CUDA
+calls, by its path.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import importlib.util
+import itertools
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+
+__all__ = ["Memory", "Side", "measure", "measure_steps", "measure_training", "versions"]
+
+BLOCK = 32
+"""Steps between two waits for the device."""
+PACKAGES = ("mjlab", "stripe-newton", "newton", "mujoco", "mujoco-warp", "warp-lang", "rsl-rl-lib", "torch")
+
+
+@dataclasses.dataclass
+class Side:
+    """An environment, as the measuring sees it."""
+
+    device: str
+    num_envs: int
+    num_actions: int
+    step: Callable[[torch.Tensor], Any]
+    """One environment step."""
+    physics: Callable[[], Any]
+    """The physics of one environment step, as the framework runs it, from the state and with the targets there are."""
+    state: list[torch.Tensor]
+    """What the physics starts from; it lives in the simulation."""
+    targets: list[torch.Tensor]
+    """What the joints are to do in it; it lives in the simulation."""
+    spread: Callable[[torch.Tensor], None]
+    """Takes steps done, int64 ``(num_envs,)``, so that episodes end at different times."""
+    max_episode_length: int
+    make_runner: Callable[[str], Any]
+    """An rsl_rl runner that writes to a folder."""
+
+
+def measure(make: Callable[[], Side], request: dict[str, Any]) -> dict[str, Any]:
+    """Build an environment and measure it.
+
+    Args:
+        make: Builds it.
+        request: ``device``, ``parts`` (``"step"``, ``"train"``), ``steps``, ``train_iterations``, ``seed``.
+
+    Returns:
+        Milliseconds, MiB and counts a step for ``"step"``, see :func:`measure_steps`; for ``"train"`` the curve and its
+        medians, see :func:`measure_training`. CUDA counts and memory are None on the CPU.
+    """
+    memory = Memory(request["device"])
+    start = time.perf_counter()
+    side = make()
+    found: dict[str, Any] = {"versions": versions(), "device_name": device_name(side.device), "num_envs": side.num_envs}
+    wait(side.device)
+    found["build_s"] = time.perf_counter() - start
+    memory.look()
+    if "step" in request["parts"]:
+        found |= measure_steps(side, request["steps"], request["seed"], memory)
+        found["memory_mb"] = memory.look()
+    if "train" in request["parts"]:
+        found |= measure_training(side, request["train_iterations"], memory)
+        found["train_memory_mb"] = memory.look()
+    return found
+
+
+def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str, Any]:
+    """Times of whole steps under uniform actions in [-1, 1], and of the physics of the same steps, block by block.
+
+    Episodes are spread over their length first. ``step_ms`` is the median of the blocks, by the clock on the wall with
+    a wait at the end of each block; ``physics_ms`` too, there with a wait at the end of each step, since what each step
+    started from is brought back before it, which is not timed.
+    """
+    generator = torch.Generator(device=side.device).manual_seed(seed)
+    shape = (min(BLOCK, steps), side.num_envs, side.num_actions)
+    actions = 2.0 * torch.rand(shape, device=side.device, generator=generator) - 1.0
+    lengths = torch.randint(side.max_episode_length, (side.num_envs,), device=side.device, generator=generator)
+    side.step(actions[0])
+    side.spread(lengths)
+    for index in range(2 * len(actions)):  # robots fall, episodes end, as they do in a long run
+        side.step(actions[index % len(actions)])
+    memory.look()
+    tape = []
+    for action in actions:
+        start = [array.clone() for array in side.state]
+        side.step(action)
+        tape.append((start, [array.clone() for array in side.targets]))
+    side.physics()
+    whole, physics = [], []
+    for _ in range(max(1, round(steps / len(actions)))):
+        wait(side.device)
+        began = time.perf_counter()
+        for action in actions:
+            side.step(action)
+        wait(side.device)
+        whole.append(1e3 * (time.perf_counter() - began) / len(actions))
+        physics.append(statistics.mean(timed_physics(side, *entry) for entry in tape))
+    del tape
+    if side.device != "cpu":
+        torch.cuda.empty_cache()
+    found: dict[str, Any] = {
+        "step_ms": statistics.median(whole),
+        "step_range_ms": [min(whole), max(whole)],
+        "physics_ms": statistics.median(physics),
+        "physics_range_ms": [min(physics), max(physics)],
+        "blocks": len(whole),
+        "steps_in_block": len(actions),
+        "env_steps_per_s": 1e3 * side.num_envs / statistics.median(whole),
+    }
+    kinds = ("graph_launches", "kernel_launches", "copies", "host_syncs", "kernels")
+    counts: dict[str, float | None] = dict.fromkeys(kinds)
+    if side.device != "cpu":
+        counter = by_path("call_counts", Path(__file__).parents[1] / "stripe_newton" / "envs" / "call_counts.py")
+        counts |= counter.count_calls(lambda index: side.step(actions[index]), len(actions))
+    return found | {f"{kind}_per_step": count for kind, count in counts.items()}
+
+
+def measure_training(side: Side, iterations: int, memory: Memory) -> dict[str, Any]:
+    """Train with rsl_rl and keep what its logger is told after each iteration.
+
+    ``curve`` has a row an iteration: samples so far, seconds since the start, mean return and length of the last 100
+    episodes that ended (None before the first), seconds of collection and of learning. ``samples_per_s`` goes by the
+    median iteration, so that the first one, in which kernels are loaded, does not count.
+    """
+    curve: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        runner = side.make_runner(folder)
+        logger, log = runner.logger, runner.logger.log
+        samples = runner.cfg["num_steps_per_env"] * side.num_envs
+
+        def note(*args: Any, **values: Any) -> None:
+            log(*args, **values)
+            wait(side.device)
+            memory.look()
+            curve.append(
+                {
+                    "samples": samples * (len(curve) + 1),
+                    "seconds": time.perf_counter() - start,
+                    "return": statistics.mean(logger.rewbuffer) if logger.rewbuffer else None,
+                    "length": statistics.mean(logger.lenbuffer) if logger.lenbuffer else None,
+                    "collect_s": values["collect_time"],
+                    "learn_s": values["learn_time"],
+                }
+            )
+
+        logger.log = note
+        wait(side.device)
+        start = time.perf_counter()
+        runner.learn(iterations, init_at_random_ep_len=True)
+    times = [0.0, *(row["seconds"] for row in curve)]
+    iteration = statistics.median(b - a for a, b in itertools.pairwise(times))
+    return {
+        "curve": curve,
+        "samples_per_s": samples / iteration,
+        "iteration_s": iteration,
+        "collect_s": statistics.median(row["collect_s"] for row in curve),
+        "learn_s": statistics.median(row["learn_s"] for row in curve),
+    }
+
+
+class Memory:
+    """Device memory in use since this was made, the most that was seen [MiB]; None on the CPU.
+
+    Other programs on the device count. Both allocators keep what they once had, so looking now and then is enough.
+    """
+
+    def __init__(self, device: str):
+        self._device, self._most = device, 0.0
+        self._before = self._used()
+
+    def look(self) -> float | None:
+        """The most memory that was seen in use [MiB]."""
+        if self._device == "cpu":
+            return None
+        self._most = max(self._most, self._used() - self._before)
+        return self._most
+
+    def _used(self) -> float:
+        if self._device == "cpu":
+            return 0.0
+        free, total = torch.cuda.mem_get_info(self._device)
+        return (total - free) / 2**20
+
+
+def timed_physics(side: Side, state: list[torch.Tensor], targets: list[torch.Tensor]) -> float:
+    """Milliseconds of the physics of one environment step from a state."""
+    for array, value in zip([*side.state, *side.targets], [*state, *targets], strict=True):
+        array.copy_(value)
+    wait(side.device)
+    start = time.perf_counter()
+    side.physics()
+    wait(side.device)
+    return 1e3 * (time.perf_counter() - start)
+
+
+def wait(device: str) -> None:
+    """Wait for everything that the device was told."""
+    if device != "cpu":
+        torch.cuda.synchronize(device)
+
+
+def device_name(device: str) -> str | None:
+    """The GPU's name."""
+    return None if device == "cpu" else torch.cuda.get_device_name(device)
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that matter, where they are there."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def by_path(name: str, path: Path) -> Any:
+    """Import a module from a file."""
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"cannot import {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
