@@ -30,6 +30,8 @@ import stripe_tasks  # noqa: F401  (registers the tasks)
 
 KINDS = ("v0", "Direct-Warp-v0", "Direct-v0")
 TASKS = [f"Stripe-{robot}-{kind}" for robot in ("Cartpole", "Ant", "Humanoid") for kind in KINDS]
+WALKS = [f"Stripe-Velocity-{kind}-v0" for kind in ("Flat-Quadruped", "Rough-Quadruped", "Flat-Humanoid")]
+TASKS += [*WALKS, "Stripe-Velocity-Flat-Quadruped-Direct-Warp-v0"]
 SCALING_TASKS = ["Stripe-Cartpole-v0", "Stripe-Ant-v0"]
 SIZES = [4**k for k in range(9)]
 FUSION_SIZES = [256, 4096, 16384]
