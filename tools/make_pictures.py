@@ -28,7 +28,6 @@ from stripe_newton.sim import (
     DistantLightCfg,
     DomeLightCfg,
     GroundPlaneCfg,
-    PreviewSurfaceCfg,
     Simulation,
     SimulationCfg,
 )
@@ -182,9 +181,6 @@ def pack(path: Path) -> None:
         tiles.sub_terrains[name_].proportion = share
         if hasattr(tiles.sub_terrains[name_], "platform_width"):
             tiles.sub_terrains[name_].platform_width = 1.2
-    cfg.scene.terrain.visual_material = PreviewSurfaceCfg(diffuse_color=(0.34, 0.33, 0.29))
-    cfg.scene.sky.spawn.intensity, cfg.scene.sun.spawn.intensity = 1000.0, 2300.0
-    cfg.scene.sun.init_state.rot = (0.20, 0.56, 0.0, 0.80)
     env = gymnasium.make_vec(name, cfg=cfg).unwrapped
     env.reset(seed=2)
     rng, robot = np.random.default_rng(3), env.scene["robot"]

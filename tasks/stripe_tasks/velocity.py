@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from stripe_newton.assets import AssetBaseCfg
+from stripe_newton.assets.asset_base import AssetInitialStateCfg
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import ManagerBasedRLEnvCfg, mdp
 from stripe_newton.managers import (
@@ -24,8 +26,16 @@ from stripe_newton.managers import (
 from stripe_newton.noise import UniformNoiseCfg
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.sensors import ContactSensorCfg, GridPatternCfg, RayCasterCfg
-from stripe_newton.sim import MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationCfg
+from stripe_newton.sim import (
+    DistantLightCfg,
+    DomeLightCfg,
+    MuJoCoSolverCfg,
+    PreviewSurfaceCfg,
+    RigidBodyMaterialCfg,
+    SimulationCfg,
+)
 from stripe_newton.terrains import ROUGH_TERRAINS_CFG, TerrainImporterCfg
+from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.scene_cfg import RobotSceneCfg
 
 __all__ = ["VelocityEnvCfg", "VelocityPPORunnerCfg", "VelocityRoughEnvCfg", "VelocityRoughPPORunnerCfg"]
@@ -70,6 +80,13 @@ class RoughSceneCfg(VelocitySceneCfg):
         terrain_type="generator",
         terrain_generator=ROUGH_TERRAINS_CFG.replace(curriculum=True, seed=0, border_width=5.0),
         max_init_terrain_level=5,
+        visual_material=PreviewSurfaceCfg(diffuse_color=(0.34, 0.33, 0.29)),
+    )
+    sky: AssetBaseCfg = AssetBaseCfg(prim_path="/World/Light", spawn=DomeLightCfg(intensity=1000.0))
+    sun: AssetBaseCfg = AssetBaseCfg(
+        prim_path="/World/Sun",
+        spawn=DistantLightCfg(intensity=2300.0),
+        init_state=AssetInitialStateCfg(rot=(0.20, 0.56, 0.0, 0.80)),
     )
     height_scanner: RayCasterCfg = RayCasterCfg(
         prim_path=MISSING,
@@ -239,6 +256,13 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
 
     decimation: int = 4
     episode_length_s: float = 20.0
+    viewer: ViewerCfg = ViewerCfg(
+        origin_type="asset_root",
+        asset_name="Robot",
+        eye=(1.7, -1.9, 0.8),
+        lookat=(0.0, 0.0, -0.08),
+        resolution=(960, 540),
+    )
     sim: SimulationCfg = SimulationCfg(
         dt=0.005,
         solver=MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=120, nconmax=30),
