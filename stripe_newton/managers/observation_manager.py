@@ -17,27 +17,19 @@ from stripe_kernels.mdp.objects import OBJECT_OBSERVATION_SIZES
 from stripe_kernels.mdp.observations import Each
 from stripe_kernels.mdp.randomization_encoder import ENCODER_OBSERVATION_SIZES
 from stripe_kernels.mdp.scan import SCAN_OBSERVATION_SIZES
-from stripe_kernels.processing import merge_statistics, normalize, sum_moments
 from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
 from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
 
 from .context import ManagerContext
 from .image import image, image_shape, image_source, image_writer
 from .manager_base import ManagerBase, is_warp_term
-from .observation_cfg import (
-    DigitalFilterCfg,
-    IntegratorCfg,
-    ModifierCfg,
-    ObservationGroupCfg,
-    ObservationTermCfg,
-    RunningNormCfg,
-)
+from .modifiers import modified
+from .normalization import running_normalization
+from .observation_cfg import ObservationGroupCfg, ObservationTermCfg
 from .processing import delayed, noisy, sampled
 
 __all__ = ["ObservationManager"]
 
-_PARTS = 64
-"""Slices of the environments in a running statistic."""
 _OWN_STREAMS = 32
 """From so many independent parts on, each part of a noisy term has its own thread, and its own random streams."""
 
@@ -208,7 +200,8 @@ class ObservationManager(ManagerBase):
                 items.append(Section(f"observations_{group}", body, own, where_reset, parts=parts))
             norm = self._groups[group].normalization
             if norm is not None:
-                items.append(self._normalization(group, norm, gather=not where_reset))
+                buffers = self._raw[group], self.buffers[group]
+                items.append(running_normalization(self.context, group, norm, *buffers, gather=not where_reset))
         return items
 
     def reset(self) -> list[Item]:
@@ -261,7 +254,9 @@ class ObservationManager(ManagerBase):
         context, cfg, element = self.context, term.cfg, self._element(term)
         lines: list[str] = []
         for index, modifier in enumerate(cfg.modifiers):
-            lines += self._modify(term, index, modifier, element)
+            lines += modified(
+                context, f"{term.path}.modifiers.{index}", modifier, term.size, element, self._fresh(term)
+            )
         noise = cfg.noise
         if noise is not None and corrupt:
             model = noise.noise_cfg if isinstance(noise, NoiseModelCfg) else noise
@@ -309,39 +304,6 @@ class ObservationManager(ManagerBase):
             f"{fresh}[env] = 0",
         ]
 
-    def _modify(self, term: _Term, index: int, cfg: ModifierCfg, element: str) -> list[str]:
-        context, path = self.context, f"{term.path}.modifiers.{index}"
-        name, array = context.scope.name, context.array
-        if isinstance(cfg, DigitalFilterCfg):
-            past_x = name(f"{path}_x", array(f"{path}.x", float, len(cfg.B), term.size))
-            past_y = name(f"{path}_y", array(f"{path}.y", float, max(1, len(cfg.A)), term.size))
-            a = [context.parameters.add(f"{path}.A.{k}", v, float) for k, v in enumerate(cfg.A)]
-            b = [context.parameters.add(f"{path}.B.{k}", v, float) for k, v in enumerate(cfg.B)]
-            lines = [f"if {self._fresh(term)}[env] != 0:"]
-            lines += [f"    {past_x}[env, {k}, i] = {element}" for k in range(len(b))]
-            lines += [f"    {past_y}[env, {k}, i] = {element}" for k in range(len(a))]
-            lines += [f"{past_x}[env, {k}, i] = {past_x}[env, {k - 1}, i]" for k in range(len(b) - 1, 0, -1)]
-            lines += [f"{past_x}[env, 0, i] = {element}"]
-            terms = [f"{c} * {past_x}[env, {k}, i]" for k, c in enumerate(b)]
-            terms += [f"-{c} * {past_y}[env, {k}, i]" for k, c in enumerate(a)]
-            lines += [f"{element} = {' + '.join(terms)}"]
-            lines += [f"{past_y}[env, {k}, i] = {past_y}[env, {k - 1}, i]" for k in range(len(a) - 1, 0, -1)]
-            return lines + ([f"{past_y}[env, 0, i] = {element}"] if a else [])
-        if isinstance(cfg, IntegratorCfg):
-            before = name(f"{path}_x", array(f"{path}.x", float, term.size))
-            total = name(f"{path}_y", array(f"{path}.y", float, term.size))
-            dt = context.parameters.add(f"{path}.dt", cfg.dt, float)
-            return [
-                f"if {self._fresh(term)}[env] != 0:",
-                f"    {before}[env, i] = 0.0",
-                f"    {total}[env, i] = 0.0",
-                f"{total}[env, i] = {total}[env, i] + 0.5 * ({element} + {before}[env, i]) * {dt}",
-                f"{before}[env, i] = {element}",
-                f"{element} = {total}[env, i]",
-            ]
-        call = bind_term(context, cfg.func, cfg.params, path, "modifier", {"value": element})
-        return [f"{element} = {call.expression()}"] if call is not None else []
-
     def _bias(self, term: _Term, cfg: NoiseModelWithAdditiveBiasCfg) -> str:
         count = term.size if cfg.sample_bias_per_component else 1
         array = self.context.array(f"{term.path}.bias", float, count)
@@ -367,29 +329,6 @@ class ObservationManager(ManagerBase):
             self.context.torch(self.context.scope.values[target])[:, first : first + term.size] = values
 
         return evaluate
-
-    def _normalization(self, group: str, cfg: RunningNormCfg, gather: bool) -> Captured:
-        context, buffer, raw = self.context, self.buffers[group], self._raw[group]
-        count, columns = buffer.shape
-        path = f"observations.{group}.normalization"
-        mean, seen = context.shared(f"{path}.mean", float, columns), context.shared(f"{path}.seen", float, columns)
-        var = context.shared(f"{path}.var", float, columns, fill=1)
-        sums, squares = (context.shared(f"{path}.{n}", float, columns, _PARTS) for n in ("sums", "squares"))
-        update = context.parameters.add(f"{path}.update", cfg.update, bool)
-        index = int(update.partition("[")[2].partition("]")[0])
-
-        def launch() -> None:
-            if gather:
-                wp.launch(sum_moments, (columns, _PARTS), [raw, count, seen, mean], [sums, squares])
-                wp.launch(
-                    merge_statistics,
-                    columns,
-                    [raw, count, context.parameters.ints, index, sums, squares],
-                    [seen, mean, var],
-                )
-            wp.launch(normalize, (count, columns), [raw, mean, var, cfg.eps, cfg.clip], [buffer])
-
-        return Captured(f"running normalisation of '{group}'", launch)
 
     def __str__(self) -> str:
         rows = [(g, i, n, t.width) for g, terms in self._terms.items() for i, (n, t) in enumerate(terms.items())]

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observations normalised by the mean and variance of all that was seen."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from stripe_kernels.processing import merge_statistics, normalize, sum_moments
+from stripe_newton.fusion import Captured
+
+from .context import ManagerContext
+from .observation_cfg import RunningNormCfg
+
+__all__ = ["running_normalization"]
+
+_PARTS = 64
+"""Slices of the environments in a sum."""
+
+
+def running_normalization(
+    context: ManagerContext, group: str, cfg: RunningNormCfg, raw: wp.array, buffer: wp.array, gather: bool
+) -> Captured:
+    """What normalises ``raw`` into ``buffer``, both ``(num_envs, n)``, and with ``gather`` counts it as seen before."""
+    count, columns = buffer.shape
+    path = f"observations.{group}.normalization"
+    mean, seen = context.shared(f"{path}.mean", float, columns), context.shared(f"{path}.seen", float, columns)
+    var = context.shared(f"{path}.var", float, columns, fill=1)
+    sums, squares = (context.shared(f"{path}.{n}", float, columns, _PARTS) for n in ("sums", "squares"))
+    update = context.parameters.add(f"{path}.update", cfg.update, bool)
+    index = int(update.partition("[")[2].partition("]")[0])
+
+    def launch() -> None:
+        if gather:
+            wp.launch(sum_moments, (columns, _PARTS), [raw, count, seen, mean], [sums, squares])
+            wp.launch(
+                merge_statistics,
+                columns,
+                [raw, count, context.parameters.ints, index, sums, squares],
+                [seen, mean, var],
+            )
+        wp.launch(normalize, (count, columns), [raw, mean, var, cfg.eps, cfg.clip], [buffer])
+
+    return Captured(f"running normalisation of '{group}'", launch)
