@@ -125,9 +125,6 @@ class RandomizedWorld:
                 model.actuator_gainprm[i, 0], model.actuator_biasprm[i, 1:3] = kp, (-kp, -kd)
             else:
                 model.actuator_gainprm[i, 0], model.actuator_biasprm[i, 2] = kd, -kd
-            if (model.actuator_trnid[:, 0] == model.actuator_trnid[i, 0]).sum() == 1:
-                model.actuator_forcelimited[i] = True
-                model.actuator_forcerange[i] = model.jnt_actfrcrange[model.actuator_trnid[i, 0]]
         for i, shape in enumerate(solver.mjc_geom_to_newton_shape.numpy()[env]):
             names = ("mu", "mu_torsional", "mu_rolling")
             model.geom_friction[i] = [getattr(newton_model, f"shape_material_{n}").numpy()[shape] for n in names]

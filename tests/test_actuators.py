@@ -257,23 +257,27 @@ def test_position_limits_written_while_running_hold(tmp_path):
     assert positions == pytest.approx([1.0, 0.2], abs=0.05)
 
 
-def test_implicit_drives_equal_mujoco_position_actuators(tmp_path):
+@pytest.mark.parametrize("drive_limits", [False, True])
+def test_implicit_drives_equal_mujoco_position_actuators(drive_limits, tmp_path):
     """The same mechanism with the drives as actuators of MuJoCo's C engine."""
     text = sliders({"a": "1 0 0", "b": "0 0 1"}).replace(
         "<mujoco>", f'<mujoco><option timestep="{DT}" integrator="implicitfast"/>'
     )
     plain = text.replace(
         "</mujoco>",
-        '<actuator><position joint="a" kp="60" kv="5" forcerange="-7 7"/>'
-        '<position joint="b" kp="300" kv="20"/></actuator></mujoco>',
+        '<actuator><position joint="a" kp="60" kv="5"/><position joint="b" kp="300" kv="20"/></actuator></mujoco>',
     )
+    limit = ('kv="5"', 'kv="5" forcerange="-7 7"'), ('"a" type', '"a" actuatorfrcrange="-7 7" type')
+    plain = plain.replace(*limit[0 if drive_limits else 1])
     model = mujoco.MjModel.from_xml_string(plain)
     data = mujoco.MjData(model)
     actuators = {
         "a": ImplicitActuatorCfg(joint_names_expr=["a"], stiffness=60.0, damping=5.0, effort_limit_sim=7.0),
         "b": ImplicitActuatorCfg(joint_names_expr=["b"], stiffness=300.0, damping=20.0),
     }
-    scene = make_scene({"robot": mjcf_robot(tmp_path, text, actuators=actuators)})
+    sim = sim_cfg()
+    sim.solver.drive_limits = drive_limits
+    scene = make_scene({"robot": mjcf_robot(tmp_path, text, actuators=actuators)}, sim=sim)
     robot = scene.articulations["robot"]
     target = [0.5, 0.1]
     robot.set_joint_position_target(torch.tensor([target, target]))

@@ -83,6 +83,7 @@ def make_env_cfg(facts: dict[str, Any], robot_file: Path, request: dict[str, Any
             gravity=tuple(solver["gravity"]),
             physics_material=RigidBodyMaterialCfg(static_friction=1.0, dynamic_friction=1.0),  # MuJoCo's default
             solver=MuJoCoSolverCfg(
+                drive_limits=True,
                 **{name: solver[name] for name in (*names, "jacobian", "cone")},
                 impratio=float(solver["impratio"]),
                 enable_multiccd=facts["multiccd"],

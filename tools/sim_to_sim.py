@@ -52,7 +52,8 @@ class Robot:
         drives = {int(self.model.actuator_trnid[a, 0]): a for a in range(self.model.nu)}
         self.drives = np.array([drives[j] for j in joints])
         limits = self.model.jnt_actfrcrange[joints]
-        self.model.actuator_forcelimited[self.drives], self.model.actuator_forcerange[self.drives] = True, limits
+        if cfg.sim.solver.drive_limits:
+            self.model.actuator_forcelimited[self.drives], self.model.actuator_forcerange[self.drives] = True, limits
         self.base = int(self.model.jnt_bodyid[0])
         self.model.opt.timestep = cfg.sim.dt
         env.close()

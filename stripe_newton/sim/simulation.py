@@ -87,7 +87,7 @@ class Simulation:
         self.after_each: list[Callable[[], None]] = []
         """What launches kernels after every physics step."""
         self.drive_limits: DriveLimits | None = None
-        """With MuJoCo: the effort limits of its drives."""
+        """The effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` wants them."""
         self.after_notify: list[Callable[[], None]] = []
         """What launches kernels after the solver was told of changes, see :meth:`notify`."""
 
@@ -160,7 +160,7 @@ class Simulation:
             )
             with self.actuation.solver_gains():
                 self.solver = self._create_solver()
-            if self.cfg.solver.kind == "mujoco":
+            if getattr(self.cfg.solver, "drive_limits", False):
                 self.drive_limits = DriveLimits(self.solver)
                 self.after_notify.append(self.drive_limits.launch)
             self._allocate()

@@ -155,6 +155,12 @@ class MuJoCoSolverCfg(SolverCfg):
     """Contacts of spheres, capsules and boxes with height fields from the triangles they touch, many times as fast as
     MuJoCo Warp's convex routine for prisms and without its inner edges; no argument of the solver."""
 
+    drive_limits: bool = False
+    """Effort limits of drives are those of MuJoCo's actuators, so that a drive at its limit damps nothing, as in a file
+    with ``forcerange``. Otherwise they are the joints' alone, and ``dt`` times the damping of a drive at its limit goes
+    on adding to the inertia: slower than the motor, and stable whatever the inertia. With it a joint swings for ever
+    once the inertia is less than half of that; no argument of the solver."""
+
     def register(self, builder: newton.ModelBuilder) -> None:
         SolverCfg.register(self, builder)
         if self.finds_contacts:
@@ -169,7 +175,7 @@ class MuJoCoSolverCfg(SolverCfg):
         return solver
 
     def arguments(self) -> dict[str, Any]:
-        return {k: v for k, v in SolverCfg.arguments(self).items() if k != "triangle_contacts"}
+        return {k: v for k, v in SolverCfg.arguments(self).items() if k not in ("triangle_contacts", "drive_limits")}
 
     @property
     def finds_contacts(self) -> bool:

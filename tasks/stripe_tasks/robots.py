@@ -129,7 +129,7 @@ HUMANOID_POSITION_CFG = HUMANOID_CFG.replace(
             damping=10.0,
             effort_limit=45.0,
             velocity_limit=20.0,
-            armature=0.02,
+            armature=0.04,
         ),
         "waist": ImplicitActuatorCfg(
             joint_names_expr=["lower_waist:.", "abdomen_x"],

@@ -265,7 +265,7 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
     )
     sim: SimulationCfg = SimulationCfg(
         dt=0.005,
-        solver=MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=120, nconmax=30),
+        solver=MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=120, nconmax=30, drive_limits=True),
         physics_material=RigidBodyMaterialCfg(static_friction=0.5, dynamic_friction=0.5),
     )
     scene: VelocitySceneCfg = MISSING
