@@ -552,7 +552,7 @@ LEFT_OUT: dict[str, str] = {
     **dict.fromkeys(("terrain_out_of_bounds", "reset_root_state_from_terrain"), TERRAIN),
     **{name: MODEL for name in EXPECTED["event"].split() if name.startswith("randomize_")},
     "NullCommand": "does nothing: the manager needs no function for it",
-    "DifferentialInverseKinematics": "reads Jacobians, which are not state",
+    "DifferentialInverseKinematics": "needs the joint frames of a model; tests/test_inverse_kinematics.py",
 }
 
 

@@ -27,6 +27,7 @@ from stripe_kernels.mdp import (
     events,
     feet,
     imu,
+    inverse_kinematics,
     objects,
     observations,
     randomization_bodies,
@@ -93,6 +94,8 @@ GROUND: dict[str, tuple[Any, ...]] = {
     "Commands on the ground": (part(terrain, "resample_terrain_based_pose_2d"),),
 }
 """Terms of docs/terrain.md."""
+BODIES: dict[str, tuple[Any, ...]] = {"Actions that move a body": (inverse_kinematics,)}
+"""Terms that need Jacobians beside the state."""
 EXTRA_COLUMNS = {"Observations": "numbers"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
 """By the first word of a kind."""
 PLUMBING = {"env", "rng", "out", "action", "processed", "step", "memory", "peak", "return"}
@@ -230,7 +233,7 @@ def page() -> str:
     for name, action in mdp.ACTIONS.items():
         reset = f"`{action.reset.func.__name__}`" if action.reset else ""
         lines.append(f"| `{name}` | `{action.process.func.__name__}` | `{action.apply.func.__name__}` | {reset} |")
-    lines += tables(CURRICULUMS | OBJECTS | RAYS | CONTACTS | RANDOMIZATION | GROUND)
+    lines += tables(CURRICULUMS | OBJECTS | RAYS | CONTACTS | RANDOMIZATION | GROUND | BODIES)
     return "\n".join(lines) + "\n"
 
 

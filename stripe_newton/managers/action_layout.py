@@ -8,11 +8,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from stripe_kernels.mdp import ACTIONS
+from stripe_kernels.mdp import ACTIONS, DIFFERENTIAL_IK_METHODS
 from stripe_newton.matching import match_names, match_values
 
-from .actions_cfg import ActionTermCfg, JointActionCfg, NonHolonomicActionCfg
+from .actions_cfg import (
+    ActionTermCfg,
+    DifferentialInverseKinematicsActionCfg,
+    JointActionCfg,
+    NonHolonomicActionCfg,
+)
 from .context import ManagerContext
+from .kinematic_chain import kinematic_chain
 from .manager_base import is_warp_term
 from .term_params import unknown_params
 
@@ -89,6 +95,9 @@ class _Reading:
         values: dict[str, Any] = {}
         if isinstance(cfg, JointActionCfg) and len(self.context.problems) == before:
             values = dict(self.values([names[i] for i in named]))
+        if isinstance(cfg, DifferentialInverseKinematicsActionCfg):
+            size, width = cfg.controller.action_dim, 7  # the desired pose
+            values = dict(self.inverse_kinematics(ids))
         if functions["process"] and functions["apply"]:
             self.context.problems += unknown_params(self.path, functions.values(), cfg.params)
         return ActionLayout(cfg, first, size, width, ids, functions, values, cfg.per_substep)
@@ -107,9 +116,13 @@ class _Reading:
 
     def functions(self) -> Iterator[tuple[str, Any]]:
         """The config's functions, or those that come with the package for its kind."""
-        known = ACTIONS.get(getattr(self.cfg, "kind", ""))
+        if isinstance(self.cfg, DifferentialInverseKinematicsActionCfg):
+            known = {"apply": DIFFERENTIAL_IK_METHODS.get(self.cfg.controller.ik_method)}
+        else:
+            term = ACTIONS.get(getattr(self.cfg, "kind", ""))
+            known = term._asdict() if term is not None else {}
         for what in ("process", "apply", "reset"):
-            function = getattr(self.cfg, what) or getattr(known, what, None)
+            function = getattr(self.cfg, what) or known.get(what)
             if not is_warp_term(function) and (what != "reset" or function is not None):
                 self.problem(what, f"is {function!r}, must be a Warp function (@wp.func)")
                 function = None
@@ -144,6 +157,24 @@ class _Reading:
                 if found and missing:
                     self.problem(field, f"has no value for {', '.join(missing)}")
                 yield f"{which}_command", [found.get(i, 0.0) for i in range(len(names))]
+
+    def inverse_kinematics(self, ids: list[int]) -> Iterator[tuple[str, Any]]:
+        """Arguments of the functions that move a body."""
+        cfg, entity = self.cfg, self.context.entity(self.cfg.asset_name)
+        controller, offset = cfg.controller, cfg.body_offset or cfg.OffsetCfg()
+        body = self.indices("body_name", entity.data.body_names, "body", one=True)
+        if ids and len(body) == 1:
+            try:
+                yield "chain", kinematic_chain(self.context.scene.sim, entity.layout, ids, body[0])
+            except ValueError as error:
+                self.problem("joint_names", error)
+        scale = cfg.scale if isinstance(cfg.scale, (tuple, list)) else [cfg.scale] * controller.action_dim
+        yield from {"scale": list(scale), "body_offset_pos": offset.pos, "body_offset_rot": offset.rot}.items()
+        yield from {
+            "has_rotation": controller.command_type == "pose",
+            "is_relative": controller.use_relative_mode,
+        }.items()
+        yield from controller.numbers.items()
 
     def matched(self, field: str, value: Any, names: list[str]) -> dict[int, float]:
         try:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from stripe_kernels.mdp import process_differential_ik
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.noise import NoiseCfg
 
@@ -14,6 +15,8 @@ __all__ = [
     "ActionTermCfg",
     "BinaryJointPositionActionCfg",
     "BinaryJointVelocityActionCfg",
+    "DifferentialIKControllerCfg",
+    "DifferentialInverseKinematicsActionCfg",
     "EMAJointPositionToLimitsActionCfg",
     "JointActionCfg",
     "JointEffortActionCfg",
@@ -198,3 +201,94 @@ class NonHolonomicActionCfg(JointActionCfg):
     """Factors on forward speed and turn."""
     offset: tuple[float, float] = (0.0, 0.0)
     """Added to them."""
+
+
+_IK_PARAMS: dict[str, dict[str, float]] = {
+    "pinv": {"k_val": 1.0},
+    "svd": {"k_val": 1.0, "min_singular_value": 1e-5},
+    "trans": {"k_val": 1.0},
+    "dls": {"lambda_val": 0.01},
+}
+
+
+@configclass
+class DifferentialIKControllerCfg:
+    """How joints follow the pose of a body."""
+
+    command_type: str = MISSING
+    """``"position"`` or ``"pose"``: whether the rotation is commanded too."""
+    use_relative_mode: bool = False
+    """Whether commands are changes of the present pose, rather than poses."""
+    ik_method: str = MISSING
+    """``"pinv"`` (pseudo-inverse of the Jacobian), ``"svd"`` (the same without small singular values), ``"trans"``
+    (its transpose) or ``"dls"`` (damped least squares)."""
+    ik_params: dict[str, float] | None = None
+    """Numbers of the method where they are not 1: ``k_val``, the factor of ``pinv``, ``svd`` and ``trans``;
+    ``min_singular_value`` of ``svd`` (1e-5); ``lambda_val``, the damping of ``dls`` (0.01)."""
+
+    @property
+    def action_dim(self) -> int:
+        """Numbers of a command: position, rotation vector of a change, or quaternion (x, y, z, w)."""
+        return 3 if self.command_type == "position" else 6 if self.use_relative_mode else 7
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """``ik_params`` with what they leave out."""
+        return _IK_PARAMS.get(self.ik_method, {}) | (self.ik_params or {})
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.command_type not in ("position", "pose", MISSING):
+            yield "command_type", f"is '{self.command_type}', must be 'position' or 'pose'"
+        if self.ik_method is MISSING:
+            return
+        if self.ik_method not in _IK_PARAMS:
+            yield "ik_method", f"is '{self.ik_method}', must be one of {', '.join(map(repr, _IK_PARAMS))}"
+            return
+        known = _IK_PARAMS[self.ik_method]
+        for name, value in (self.ik_params or {}).items():
+            if name not in known:
+                yield f"ik_params[{name!r}]", f"'{self.ik_method}' has no such number, it takes {', '.join(known)}"
+            elif not (math.isfinite(value) and value > 0.0):
+                yield f"ik_params[{name!r}]", f"is {value}, must be above 0 and finite"
+
+
+@configclass
+class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
+    """Move a body: position targets [m or rad] of the joints, anew before each physics step, by which it takes the
+    commanded pose in the root's frame.
+
+    Commands are a position [m] and, in ``"pose"`` mode, a quaternion (x, y, z, w); relative ones are a shift [m] and a
+    rotation vector [rad] along the root's axes. The processed actions are the desired pose, 7 numbers.
+    """
+
+    @configclass
+    class OffsetCfg:
+        """A frame fixed to the body."""
+
+        pos: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        """Origin in the body's frame [m]."""
+        rot: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+        """Quaternion (x, y, z, w) to the body's frame."""
+
+        def problems(self) -> Iterator[tuple[str, str]]:
+            if len(self.pos) != 3 or not all(map(math.isfinite, self.pos)):
+                yield "pos", f"is {self.pos}, must be three finite numbers"
+            if len(self.rot) != 4 or not math.isclose(math.hypot(*self.rot), 1.0, abs_tol=1e-3):
+                yield "rot", f"is {self.rot}, must be a unit quaternion (x, y, z, w)"
+
+    process: Callable[..., Any] | None = process_differential_ik
+    body_name: str = MISSING
+    """The body."""
+    body_offset: OffsetCfg | None = None
+    """Frame of the body that is moved; None for the body's own."""
+    scale: float | Sequence[float] = 1.0
+    """Factor on the actions; one number, or one for each."""
+    controller: DifferentialIKControllerCfg = MISSING
+    """How the joints follow."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from ActionTermCfg.problems(self)
+        if not all(map(math.isfinite, _numbers(self.scale))):
+            yield "scale", f"is {self.scale}, must be finite"
+        elif self.controller is not MISSING and len(_numbers(self.scale)) not in (1, self.controller.action_dim):
+            yield "scale", f"has {len(_numbers(self.scale))} numbers, must have {self.controller.action_dim}"

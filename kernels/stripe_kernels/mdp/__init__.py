@@ -3,8 +3,9 @@
 
 ``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands``, ``actions``
 and ``curriculums`` hold one kind each, ``objects`` the terms about the objects of a pool, ``contact`` and ``feet``
-those about contacts, ``imu`` and ``scan`` those about other sensors, ``terrain`` those about the ground; ``frames`` and
-``random`` hold what terms are made of. The ``randomization_*`` modules change the model. docs/terms.md lists them.
+those about contacts, ``imu`` and ``scan`` those about other sensors, ``terrain`` those about the ground,
+``inverse_kinematics`` the actions that move a body; ``frames``, ``kinematics``, ``least_squares`` and ``random`` hold
+what terms are made of. The ``randomization_*`` modules change the model. docs/terms.md lists them.
 """
 
 from . import frames, random
@@ -73,6 +74,14 @@ from .feet import (
     soft_landing,
 )
 from .imu import imu_ang_vel, imu_lin_acc, imu_orientation, imu_projected_gravity
+from .inverse_kinematics import (
+    DIFFERENTIAL_IK_METHODS,
+    apply_differential_ik_dls,
+    apply_differential_ik_pinv,
+    apply_differential_ik_svd,
+    apply_differential_ik_trans,
+    process_differential_ik,
+)
 from .observations import (
     OBSERVATION_SIZES,
     base_ang_vel,
@@ -180,6 +189,7 @@ from .tracking import (
 __all__ = [
     "ACTIONS",
     "COMMANDS",
+    "DIFFERENTIAL_IK_METHODS",
     "OBSERVATION_SIZES",
     "ActionTerm",
     "CommandTerm",
@@ -188,6 +198,10 @@ __all__ = [
     "advance_command",
     "ang_vel_xy_l2",
     "applied_torque_limits",
+    "apply_differential_ik_dls",
+    "apply_differential_ik_pinv",
+    "apply_differential_ik_svd",
+    "apply_differential_ik_trans",
     "apply_external_force_torque",
     "apply_joint_effort",
     "apply_joint_position",
@@ -262,6 +276,7 @@ __all__ = [
     "position_command_error_tanh",
     "process_action",
     "process_binary_joint",
+    "process_differential_ik",
     "process_ema_joint_position_to_limits",
     "process_joint_position",
     "process_joint_position_to_limits",
