@@ -92,6 +92,21 @@ def test_a_number_for_some_joints_alone_is_an_error_where_the_file_says_none(tmp
         actuator_scene(tmp_path, {"motor": motor}, ["a", "b"])
 
 
+def test_the_limit_of_the_solver_holds_for_explicit_actuators_that_have_no_other(tmp_path):
+    gains = {"stiffness": 1000.0, "damping": 1.0}
+    kinds = {
+        "a": IdealPDActuatorCfg(joint_names_expr=["a"], effort_limit_sim=7.0, **gains),
+        "b": IdealPDActuatorCfg(joint_names_expr=["b"], effort_limit_sim=7.0, effort_limit=5.0, **gains),
+        "c": IdealPDActuatorCfg(joint_names_expr=["c"], effort_limit_sim={"c": 7.0}, effort_limit={"c": 9.0}, **gains),
+    }
+    robot = actuator_scene(tmp_path, kinds, list(kinds), num_envs=1)["robot"]
+    robot.set_joint_position_target(robot.data.joint_pos + 1.0)
+    robot._sim.step(1)
+    limits = dict(zip(robot.joint_names, robot.data.joint_effort_limits[0].tolist(), strict=True))
+    assert limits == {"a": 7.0, "b": 5.0, "c": 9.0}
+    assert dict(zip(robot.joint_names, robot.data.applied_torque[0].tolist(), strict=True)) == limits
+
+
 def test_two_actuators_of_newton_on_one_joint(tmp_path):
     from newton.actuators import DrivePD
 

@@ -245,9 +245,13 @@ def test_depths_are_noisy_and_pictures_late():
     assert kept["color.ring"] == (2, 3, HEIGHT * WIDTH)
     assert kept["normals.ring"] == (2, 3, 3 * HEIGHT * WIDTH)
     assert kept["distance_to_camera.rng"] == (2,)
-    scene.sensors["rays"].reset([1])
-    scene.sensors["rays"].update(DT)
-    assert scene.sensors["rays"].data.pos_w[:, 2].tolist() == [3.5, 4.5]
+    camera = scene.sensors["rays"]
+    camera.reset([1])
+    camera.update(DT)
+    assert camera.data.pos_w[:, 2].tolist() == [3.5, 4.5]
+    camera.reset([1])  # between two steps, after which only the new episode is looked at
+    camera.launch_observed()
+    assert camera.data.pos_w[:, 2].tolist() == [3.5, 4.5]
 
 
 def test_environments_see_themselves_alone_and_do_not_depend_on_each_other():

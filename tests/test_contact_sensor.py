@@ -239,6 +239,10 @@ def test_weights_with_other_solvers(solver):
 def test_a_solver_without_contact_forces_is_refused():
     with pytest.raises(ConfigError, match="SolverFeatherstone does not report contact forces, use MuJoCoSolverCfg"):
         build({"touch": ContactSensorCfg(prim_path=BALL)}, {"ball": ball()}, solver=FeatherstoneSolverCfg())
+    with pytest.raises(ConfigError, match="the solver computes no contacts, set disable_contacts=False"):
+        build(
+            {"touch": ContactSensorCfg(prim_path=BALL)}, {"ball": ball()}, solver=MuJoCoSolverCfg(disable_contacts=True)
+        )
 
 
 class Field(SensorBase):
@@ -279,6 +283,10 @@ def test_a_period_skips_steps_and_a_reset_forgets():
     assert same == [True, False, True, True, False, True, True, False]
     np.testing.assert_allclose(numpy(touch.data.current_contact_time), 9 * DT, rtol=1e-5)
     assert torch.equal(touch.data.net_forces_w_history[:, 1, 0, 2], seen[5])
+
+    with pytest.raises(ValueError, match=r"dt: is 0.005 s, but .* measures every 0.015 s"):
+        touch.compute_first_contact(DT)
+    assert not touch.compute_first_contact(3 * DT).any()
 
     touch.reset([1])
     assert not touch.data.net_forces_w_history[1].any()

@@ -284,7 +284,12 @@ def group(**found: Any) -> ObservationGroupCfg:
 
 
 def make_env(
-    height: float = 0.34, num_envs: int = 2, track: bool = True, device: str = "cpu", **rewards: Any
+    height: float = 0.34,
+    num_envs: int = 2,
+    track: bool = True,
+    device: str = "cpu",
+    period: float = 0.0,
+    **rewards: Any,
 ) -> ManagerBasedRLEnv:
     state = QUADRUPED_CFG.init_state.replace(pos=(0.0, 0.0, height))
     robot = QUADRUPED_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot", init_state=state)
@@ -297,6 +302,8 @@ def make_env(
         scene=SceneCfg(num_envs=num_envs, env_spacing=3.0, robot=robot),
     )
     cfg.scene.contact_forces.track_air_time = track
+    if period:
+        cfg.scene.contact_forces.update_period, cfg.scene.contact_forces.history_length = period, 0
     still = mdp.UniformVelocityCommandCfg.Ranges(lin_vel_x=(0.0, 0.0), lin_vel_y=(0.0, 0.0), ang_vel_z=(0.0, 0.0))
     cfg.commands = {
         "base_velocity": mdp.UniformVelocityCommandCfg(
@@ -409,6 +416,10 @@ def test_a_state_brings_the_sensors_back():
     env.close()
 
 
+LEGS = SceneEntityCfg("contact_forces", joint_names=".*")
+BACK_FIRST = SceneEntityCfg("contact_forces", body_names=["RL_foot", "FL_foot"], preserve_order=True)
+
+
 @pytest.mark.parametrize(
     ("rewards", "track", "message"),
     [
@@ -418,6 +429,26 @@ def test_a_state_brings_the_sensors_back():
             "sensor_cfg names 4 bodies, asset_cfg 17; they must be the same",
         ),
         ({"feet_slide": {"sensor_cfg": SceneEntityCfg("contact_forces", body_names="tail")}}, True, "tail"),
+        (
+            {"feet_slide": {"sensor_cfg": BACK_FIRST, "asset_cfg": SceneEntityCfg("robot", body_names=".L_foot")}},
+            True,
+            "sensor_cfg names RL_foot, FL_foot, asset_cfg FL_foot, RL_foot; set preserve_order in both",
+        ),
+        (
+            {
+                "undesired_contacts": {
+                    "sensor_cfg": SceneEntityCfg("contact_forces", joint_names=".*"),
+                    "threshold": 1.0,
+                }
+            },
+            True,
+            "is about bodies of 'contact_forces', choose by body_names, not joint_names",
+        ),
+        (
+            {"joint_torques_l2": {"asset_cfg": SceneEntityCfg("robot", body_names=".*_thigh")}},
+            True,
+            "is about joints of 'robot', choose by joint_names, not body_names",
+        ),
         ({"undesired_contacts": {"sensor_cfg": SceneEntityCfg("imu"), "threshold": 1.0}}, True, "ContactSensorData"),
         (
             {"feet_air_time": {"sensor_cfg": FEET, **WALK, "threshold": 0.1}},
@@ -430,3 +461,14 @@ def test_wrong_sensors_are_named(rewards, track, message):
     with pytest.raises(ConfigError) as error:
         make_env(num_envs=1, track=track, **rewards)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["feet_air_time", "soft_landing", "feet_swing_height"])
+def test_landings_need_a_measurement_in_each_step(name):
+    params = {
+        "feet_air_time": {"threshold": 0.1},
+        "soft_landing": {},
+        "feet_swing_height": {"asset_cfg": SceneEntityCfg("robot", body_names=".*_foot"), "target_height": 0.1},
+    }[name]
+    with pytest.raises(ConfigError, match=f"'{name}' reads .* it measures in every 2. step"):
+        make_env(num_envs=1, period=8 * DT, **{name: {"sensor_cfg": FEET, **WALK, **params}})

@@ -165,6 +165,24 @@ def test_a_noisy_late_sensor_goes_on_from_a_saved_state():
     env.close()
 
 
+@pytest.mark.parametrize("change", [{"delay": 2}, {"noise": NOISE}])
+def test_a_reset_between_two_steps_is_none_of_the_others_business(change):
+    runs = []
+    for between in (False, True):
+        env = scan_env(changes=change, scan=ObservationTermCfg(func=mdp.height_scan))
+        env.reset(seed=7)
+        seen = []
+        for step in range(6):
+            env.step(torch.full((3, 1), 0.1 * step))
+            if between and step == 2:
+                env.reset(options={"reset_mask": torch.tensor([False, True, False])})
+            seen.append(env.scene.sensors["scanner"].data.ray_hits_w[[0, 2]].clone())
+        runs.append(torch.stack(seen))
+        env.close()
+    assert torch.equal(*runs)
+    assert not torch.equal(runs[0][4], runs[0][5])
+
+
 def test_a_scan_does_not_depend_on_the_number_of_environments():
     seen = []
     for count in (2, 4):

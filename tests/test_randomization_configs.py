@@ -42,6 +42,10 @@ POLE = SceneEntityCfg("robot", joint_names="cart_to_pole")
 WRONG: list[tuple[Any, dict[str, Any], list[str]]] = [
     (mdp.randomize_rigid_body_mass, MASS | {"asset_cfg": SceneEntityCfg("robot", body_names="wheel")},
      ["params.asset_cfg", "wheel", "pole"]),
+    (mdp.randomize_rigid_body_mass, MASS | {"asset_cfg": POLE}, ["about bodies of 'robot'", "not joint_names"]),
+    (mdp.randomize_actuator_gains, {"asset_cfg": SceneEntityCfg("robot", body_names="pole"),
+                                    "damping_distribution_params": (1.0, 2.0)}, ["about joints", "not body_names"]),
+    (mdp.randomize_geom_friction, {"asset_cfg": POLE, "ranges": (0.5, 1.0)}, ["bodies of 'robot'", "by body_names"]),
     (mdp.randomize_rigid_body_mass, MASS | {"asset_cfg": SceneEntityCfg("tank")}, ["no asset", "tank", "robot, box"]),
     (mdp.randomize_rigid_body_mass, MASS | {"operation": "double"}, ["operation", "double", "add, scale, abs"]),
     (mdp.randomize_rigid_body_mass, MASS | {"distribution": "normal"}, ["distribution", "uniform, log_uniform, gaus"]),

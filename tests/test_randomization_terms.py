@@ -227,6 +227,22 @@ def test_what_an_environment_draws_does_not_depend_on_how_many_there_are(world: 
         np.testing.assert_array_equal(values, many[name][:2], err_msg=name)
 
 
+def test_a_limit_that_is_kept_stays_where_the_other_one_would_cross_it():
+    ranges = {"upper_limit_distribution_params": (-3.0, 0.0)}
+    events = {"limits": term(mdp.randomize_joint_parameters, joints="RL_hip_joint", **ranges)}
+    world = RandomizedWorld(QUADRUPED_CFG, events, num_envs=N, seed=SEED)
+    (joint,) = Reference(world).joints("RL_hip_joint")[1]
+    lower, upper = world.default("joint_limit_lower")[:, joint], []
+    for _ in range(4):
+        world.reset()
+        np.testing.assert_array_equal(world.model("joint_limit_lower")[:, joint], lower)
+        upper.append(world.model("joint_limit_upper")[:, joint])
+    crossed = np.array(upper) == lower
+    assert crossed.any()
+    assert not crossed.all()
+    assert (np.array(upper) >= lower).all()
+
+
 def test_a_new_seed_draws_anew(world: RandomizedWorld):
     world.context.seed(SEED + 1)
     world.reset()

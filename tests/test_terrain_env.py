@@ -190,6 +190,21 @@ def test_levels_follow_how_far_the_robots_got(env):
     assert seen == {"up", "down", "past"}
 
 
+def test_a_world_that_is_no_longer_finite_is_not_judged(env):
+    """It ends at the pose that the model was built with, which may be many tiles away."""
+    env.reset()
+    terrain = env.scene.terrain
+    everyone = torch.ones(NUM_ENVS, dtype=torch.bool)
+    terrain.update_env_origins(torch.arange(NUM_ENVS), everyone, ~everyone)
+    env.reset()
+    before = terrain.terrain_levels.clone()
+    env.scene["robot"].data.joint_pos[2] = math.nan
+    _, _, terminated, _, extras = env.step(torch.zeros(NUM_ENVS, 12))
+    assert terminated.tolist() == [False, False, True, False, False, False]
+    assert terrain.terrain_levels.equal(before)
+    assert float(extras["log"]["Episode_Termination/non_finite"]) > 0.0
+
+
 def test_places_to_go_to_are_level_patches_of_the_tile(env):
     env.reset()
     terrain = env.scene.terrain

@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.scene.grid import spiral_grid
-from stripe_newton.sim import PreviewSurfaceCfg, RigidBodyMaterialCfg, Simulation, SimulationCfg
+from stripe_newton.sim import GroundPlaneCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg, Simulation, SimulationCfg
 from stripe_newton.terrains import (
     MeshPyramidStairsTerrainCfg,
     TerrainGeneratorCfg,
@@ -128,6 +128,15 @@ def test_a_second_ground_is_refused():
     cfg = TerrainImporterCfg(prim_path="/World/other", terrain_type="plane")
     with scene.construction(), pytest.raises(RuntimeError, match="has a terrain at '/World/ground' already"):
         cfg.class_type(cfg)
+
+
+def test_a_plane_in_the_place_of_the_tiles_is_refused():
+    scene = yard()
+    with scene.construction():
+        plane = GroundPlaneCfg()
+        plane.func("/World/ground", plane)
+    with pytest.raises(ValueError, match=r"'/World/ground/.*' beside the terrain, .* by ground=None"):
+        scene.build()
 
 
 def test_as_users_of_isaac_lab_write_it():

@@ -109,12 +109,15 @@ def add_ground_contacts(
     slots = 6
     if kind != int(GeomType.CAPSULE):
         slots = 4
-    touches = Touches()
+    touches, touch, search = Touches(), Touch(), wp.bool(True)
     for slot in range(slots):
         if kind == int(GeomType.CAPSULE) and (slot == 2 or slot == 4):
             touches.count = 0  # the other end, then the axis
-        touch = _touch(slot, kind, field, pos, rot, size, margin + gap, touches)
-        if touch.found:
+            search = wp.bool(True)
+        if search:
+            touch = _touch(slot, kind, field, pos, rot, size, margin + gap, touches)
+        search = search and touch.found  # after none there is no other
+        if search:
             touches = add_touch(touches, touch)
             condim, friction, solref, solreffriction, solimp, adhesion = contact_material_params(
                 geom_condim,

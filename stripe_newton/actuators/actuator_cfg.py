@@ -34,7 +34,8 @@ class ActuatorCfg:
     effort_limit: PerJoint = None
     """Largest effort [N or N m]."""
     effort_limit_sim: PerJoint = None
-    """Largest effort the solver lets the drive apply [N or N m]; default: ``effort_limit``."""
+    """Largest effort the solver lets the drive apply [N or N m]; default: ``effort_limit``, which goes before it where
+    the actuator is explicit."""
     velocity_limit: PerJoint = None
     """Speed the actuator is rated for [m/s or rad/s]; reported as ``joint_vel_limits``."""
     velocity_limit_sim: PerJoint = None

@@ -62,6 +62,8 @@ class IdealPDActuatorCfg(ActuatorCfg):
 
     def _by_joint(self, name: str, names: Sequence[str], default: Sequence[float] | None) -> list[float]:
         given = getattr(self, name)
+        if name == "effort_limit" and given is None:
+            given = self.effort_limit_sim
         found = match_values(given, names, what="joint") if given is not None else {}
         for i, joint in enumerate(names):
             if i in found:

@@ -157,10 +157,7 @@ class ManagerBasedRLEnv(RLEnv):
         count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], parts=parts)
         outcome = [safety.after_physics(), *self.termination_manager.compute()]
         rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
-        log: list[Item] = [
-            *self.curriculum_manager.compute(),
-            *self.termination_manager.reset(),
-        ]
+        curriculum = _when(self.curriculum_manager.compute(), f"{_STEPPING} and not nonfinite[env]")
         reset: list[Item] = [
             *self.reward_manager.reset(),
             *self.metrics_manager.reset(),
@@ -184,7 +181,7 @@ class ManagerBasedRLEnv(RLEnv):
             *([Stage("measurements", measured)] if measured else []),
             Stage("outcome", _when(outcome, _STEPPING)),
             Stage("rewards", [*_when(rewards, _STEPPING), *record.post_step()]),
-            Stage("episode log", [*final, *_when(log, _STEPPING)]),
+            Stage("episode log", [*final, *curriculum, *_when(self.termination_manager.reset(), _STEPPING)]),
             Stage("reset", [*record.pre_reset(), *reset, *self._measure("launch_reset")]),
             Stage("events", _when(events, _STEPPING)),
             Stage("objects", _when(self.object_manager.update(), _STEPPING)),

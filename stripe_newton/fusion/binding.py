@@ -140,6 +140,7 @@ class _Binding:
         self.counts: dict[str, int] = {}
         self.entity: SceneEntityCfg | None = None
         self.sensor: SceneEntityCfg | None = None
+        self.chosen: dict[str, list[str]] = {}
         self.problems: list[str] = []
 
     def run(self) -> TermCall | None:
@@ -154,6 +155,10 @@ class _Binding:
         ids, sensor_ids = (self.counts.get(n) for n in ("body_ids", "sensor_body_ids"))
         if None not in (ids, sensor_ids) and ids != sensor_ids:
             text = f"sensor_cfg names {sensor_ids} bodies, asset_cfg {ids}; they must be the same, in the same order"
+            self.problems.append(f"{self.where}.params: {text}")
+        ours, others = (self.chosen.get(n, []) for n in ("body_ids", "sensor_body_ids"))
+        if ours != others and sorted(ours) == sorted(others):
+            text = f"sensor_cfg names {', '.join(others)}, asset_cfg {', '.join(ours)}; set preserve_order in both"
             self.problems.append(f"{self.where}.params: {text}")
         takes = [n for n in self.types if n not in ("env", "out", "rng")]
         for extra in self.params.keys() - self.used - {"asset_cfg"}:
@@ -270,7 +275,15 @@ class _Binding:
         if given is not None:
             texts = isinstance(given, str) or (given and isinstance(given[0], str))
             return match_names(given, names, what=f"{kind} of '{cfg.name}'")[0] if texts else list(given)
-        return cfg.indices(kind, names)
+        other = {"joint": "body", "body": "joint"}[kind]
+        if not cfg.chooses(kind) and cfg.chooses(other) and not any(n.endswith(f"{other}_ids") for n in self.types):
+            about = {"joint": "joints", "body": "bodies"}[kind]
+            raise _Missing(
+                f"'{self._name}' is about {about} of '{cfg.name}', choose by {kind}_names, not {other}_names"
+            )
+        ids = cfg.indices(kind, names)
+        self.chosen[name] = [names[i] for i in ids]
+        return ids
 
     def _rays(self, name: str) -> list[int]:
         """Rays of the sensor; all of them where none are chosen."""

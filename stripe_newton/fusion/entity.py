@@ -29,6 +29,10 @@ class SceneEntityCfg:
     preserve_order: bool = False
     """Order of the expressions rather than of the asset."""
 
+    def chooses(self, kind: str) -> bool:
+        """Whether it says which joints (``kind="joint"``) or bodies (``"body"``) are meant."""
+        return any(getattr(self, f"{kind}_{what}") is not None for what in ("names", "ids"))
+
     def indices(self, kind: str, names: Sequence[str]) -> list[int]:
         """Indices of the joints (``kind="joint"``) or bodies (``"body"``) meant.
 

@@ -31,9 +31,9 @@ class CurriculumTermCfg:
 class CurriculumManager(ManagerBase):
     """Runs curriculum terms and logs what they return as ``Curriculum/<term>``.
 
-    A term that begins with ``env`` runs where episodes ended, before the reset; the mean over those environments is
-    logged. One without runs once a step, at the end, and takes effect from the next step on. Its argument
-    ``memory: wp.array[float]`` is one number of its own that lasts, NaN at first.
+    A term that begins with ``env`` runs where episodes ended, before the reset, but not where the world was no longer
+    finite; the mean over those environments is logged. One without runs once a step, at the end, and takes effect from
+    the next step on. Its argument ``memory: wp.array[float]`` is one number of its own that lasts, NaN at first.
     """
 
     name: ClassVar[str] = "curriculum"

@@ -121,6 +121,10 @@ class ModelEvents:
     def _shapes(self, kind: str, names: Any) -> list[int]:
         """Shapes of an environment that belong to the bodies meant."""
         template, asset, cfg = self._context.scene.sim.template, self._context.entity(self._cfg.name), self._cfg
+        if not hasattr(asset, "layout"):
+            raise ValueError(f"'{cfg.name}' is a sensor, must be an articulation or a rigid object")
+        if cfg.chooses("joint") and not cfg.chooses("body"):
+            raise ValueError(f"the event is about the colliders of bodies of '{cfg.name}', choose by body_names")
         bodies = {asset.layout.bodies[i] for i in cfg.indices("body", asset.layout.body_names)}
         flags = newton.ShapeFlags
         wanted = {"sites": flags.SITE, "visible shapes": flags.VISIBLE}.get(kind, flags.COLLIDE_SHAPES)

@@ -60,7 +60,8 @@ class Camera(SensorBase):
         super().initialize(sim)
         cfg, shape = self.cfg, (self.num_envs, self.cfg.height, self.cfg.width)
         with wp.ScopedDevice(sim.device):
-            self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True)
+            remembers = cfg.noise is not None or cfg.delay > 0
+            self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True, remembers=remembers)
             self._setup = self._make_setup(sim)
             self._pose = wp.zeros(self.num_envs, dtype=wp.transform)
             self._world = wp.zeros(self.num_envs, dtype=int)

@@ -48,7 +48,13 @@ class SensorClock:
     """
 
     def __init__(
-        self, sim: Simulation, update_period: float, where: str, observed: bool = False, starts_fresh: bool = True
+        self,
+        sim: Simulation,
+        update_period: float,
+        where: str,
+        observed: bool = False,
+        starts_fresh: bool = True,
+        remembers: bool = False,
     ):
         """Allocate.
 
@@ -58,6 +64,8 @@ class SensorClock:
             where: Path of the sensor's config, for the error.
             observed: Whether it measures before the observations rather than within the step.
             starts_fresh: Whether one that measures within the step measures at the start of an episode too.
+            remembers: Whether a measurement depends on how many there were, by noise or delay: then one before the
+                observations is taken once a step, also where others are reset between two steps.
 
         Raises:
             ConfigError: if the period is not a whole number of environment steps.
@@ -65,6 +73,7 @@ class SensorClock:
         self.period = period_steps(sim, update_period, where)
         self.observed, self._marks, self._count = observed, starts_fresh and not observed, sim.num_envs
         self._start = self.period if observed else 1
+        self._counts = self.period > 1 or (observed and remembers)
         with wp.ScopedDevice(sim.device):
             self._age = wp.full(self._count, value=self._start, dtype=int)
             self.due = wp.full(self._count, value=self._start >= self.period, dtype=wp.bool)
@@ -72,7 +81,7 @@ class SensorClock:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        there = {} if self.period == 1 else {"clock.age": self._age, "clock.due": self.due}
+        there = {"clock.age": self._age, "clock.due": self.due} if self._counts else {}
         return there | ({"clock.restarted": self.restarted} if self._marks else {})
 
     def advance(self) -> None:
@@ -82,7 +91,7 @@ class SensorClock:
 
     def count(self) -> None:
         """Take note of a step, before the measurement."""
-        if self.period > 1:
+        if self._counts:
             wp.launch(kernels.count_step, dim=self._count, inputs=[self.period], outputs=[self._age, self.due])
 
     def restart(self, env_mask: wp.array) -> None:
@@ -93,7 +102,7 @@ class SensorClock:
         """
         if self._marks:
             wp.launch(kernels.mark, dim=self._count, inputs=[env_mask], outputs=[self.restarted])
-        if self.period > 1:
+        if self._counts:
             steps = [env_mask, self._start, self.period]
             wp.launch(kernels.restart, dim=self._count, inputs=steps, outputs=[self._age, self.due])
 
@@ -101,5 +110,5 @@ class SensorClock:
         """End the measurement before the observations."""
         if self._marks:
             self.restarted.zero_()
-        elif self.period > 1:
+        elif self._counts:
             wp.launch(kernels.settle, dim=self._count, inputs=[], outputs=[self._age, self.due])

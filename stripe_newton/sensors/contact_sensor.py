@@ -67,6 +67,8 @@ class ContactSensor(SensorBase):
             substeps = self.cfg.history_length > 0 or 0.0 < self.cfg.update_period < sim.physics_dt * sim.decimation
         self.every_substep = bool(substeps) and self._period == 1
         solver: Any = sim.cfg.solver
+        if getattr(solver, "disable_contacts", None):
+            raise ConfigError([f"{where}: the solver computes no contacts, set disable_contacts=False"])
         self._native = solver.kind == "mujoco" and not solver.use_mujoco_cpu
         if not self._native:
             if "contact_f" not in getattr(newton.solvers, solver.solver_class).SUPPORTED_OBSERVABLES:
@@ -105,6 +107,9 @@ class ContactSensor(SensorBase):
             self._make_tables(sim)
         missing = [] if self.cfg.track_air_time else list(_TIMES)
         self.unavailable = dict.fromkeys(missing, "not kept; set track_air_time=True in the sensor's config")
+        if self._period > 1:  # what tells terms that a foot landed in the last step
+            why = f"it measures in every {self._period}. step, which hides what began in the last one"
+            self.unavailable["measurement_dt"] = f"{why}; leave out update_period in the sensor's config"
         self._data = _Data(struct, [*missing, *([] if self.filter_names else ["force_matrix_w"])])
         if self.cfg.track_pose:
             self._data.track(sim, self._bodies)
@@ -175,7 +180,7 @@ class ContactSensor(SensorBase):
         """Which bodies came into contact in the last ``dt`` seconds and still are.
 
         Args:
-            dt: The time [s], such as the step of the environment.
+            dt: The time [s], such as the step of the environment; not less than from one measurement to the next.
             abs_tol: Tolerance [s], by default half the time between two measurements.
 
         Returns:
@@ -183,6 +188,7 @@ class ContactSensor(SensorBase):
 
         Raises:
             RuntimeError: if the sensor keeps no times.
+            ValueError: if ``dt`` is shorter than the time between two measurements.
         """
         return self._began(self._data.current_contact_time, dt, abs_tol)
 
@@ -193,7 +199,11 @@ class ContactSensor(SensorBase):
     def _began(self, time: torch.Tensor | None, dt: float, abs_tol: float | None) -> torch.Tensor:
         if time is None:
             raise RuntimeError(f"ContactSensor '{self.cfg.prim_path}' keeps no times: set 'track_air_time=True'")
-        tolerance = 0.5 * self.struct.measurement_dt if abs_tol is None else abs_tol
+        step = float(self.struct.measurement_dt)
+        if dt < 0.999 * step:
+            where = f"ContactSensor '{self.cfg.prim_path}'"
+            raise ValueError(f"dt: is {dt:g} s, but {where} measures every {step:g} s; ask for that time at least")
+        tolerance = 0.5 * step if abs_tol is None else abs_tol
         return (time > 0.0) & (time < dt + tolerance)
 
     # -- what a step launches

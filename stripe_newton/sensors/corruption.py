@@ -79,7 +79,8 @@ class Corruption:
         self._draws = 2 * size if steps.kind.any() else 0
         with wp.ScopedDevice(raw.device):
             self.out = wp.zeros(raw.shape, dtype=float) if out is None else out
-            self._steps, self._biases = steps.struct(), biases.struct()
+            self._steps = steps.struct()
+            self._biases = (biases if biases.kind.any() else _Table(0, where)).struct()
             self._shared_biases = wp.array(self._shared, dtype=wp.bool)
             self._rng, self._first = (wp.zeros(self._count, dtype=wp.uint32) for _ in range(2))
             self._measured = wp.zeros(self._count, dtype=int)

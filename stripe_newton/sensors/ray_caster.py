@@ -84,7 +84,8 @@ class RayCaster(SensorBase):
         own = self._own if cfg.exclude_own else ""
         chosen = choose_shapes(sim.model, cfg.mesh_prim_paths, own, self._where)
         with wp.ScopedDevice(sim.device):
-            self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True)
+            remembers = cfg.noise is not None or cfg.delay > 0
+            self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True, remembers=remembers)
             self.struct = data = kernels.RayCasterData()
             data.pos_w, data.quat_w = wp.zeros(count, dtype=wp.vec3), wp.zeros(count, dtype=wp.quat)
             data.ray_hits_w = wp.zeros((count, rays), dtype=wp.vec3)

@@ -150,9 +150,19 @@ class TerrainImporter:
     # -- the scene calls these
 
     def add_to(self, static: newton.ModelBuilder) -> None:
-        """Add the height field to what all environments share."""
+        """Add the height field to what all environments share.
+
+        Raises:
+            ValueError: if a collider lies at or below its path already, such as a ground plane.
+        """
         if self.ground is None:
             return
+        there = [label for label in static.shape_label if f"{label}/".startswith(f"{self.path}/")]
+        if there:
+            raise ValueError(
+                f"'{self.cfg.prim_path}': the ground has a collider '{there[0]}' beside the terrain, which would fill "
+                "its pits; leave the other one out, such as by ground=None in the scene's config"
+            )
         shape = static.default_shape_cfg.copy()
         if self.cfg.physics_material is not None:
             shape.mu = self.cfg.physics_material.dynamic_friction

@@ -155,7 +155,7 @@ def randomize_joint_parameters(
     """Draw new Coulomb friction, armature, limits, and passive stiffness and damping of joints.
 
     Formula: ``x_i = op(x_default,i, draw)``, not below 0 but for limits [N or N m; kg or kg m^2; m or rad; per m, rad
-    and their rates]; limits that would cross both lie at their middle.
+    and their rates]; limits that would cross both lie at their middle, or at the one that is kept.
 
     Source: Isaac Lab, ``mdp.randomize_joint_parameters``; stiffness and damping: mjlab, ``dr.joint_stiffness``,
     ``dr.joint_damping``.
@@ -183,8 +183,13 @@ def randomize_joint_parameters(
                 env, rng, model.default_upper[env, joint], upper_limit_distribution_params, operation, distribution
             )
         if lower > upper:
-            lower = 0.5 * (lower + upper)
-            upper = lower
+            if is_kept(lower_limit_distribution_params):
+                upper = lower
+            elif is_kept(upper_limit_distribution_params):
+                lower = upper
+            else:
+                lower = 0.5 * (lower + upper)
+                upper = lower
         model.lower[env, joint] = lower
         model.upper[env, joint] = upper
         if not is_kept(stiffness_distribution_params):

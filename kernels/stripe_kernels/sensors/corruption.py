@@ -130,7 +130,7 @@ def restart_corruption(
 
     Args:
         mask: Environments, shape ``(num_envs,)``.
-        noise: What the bias is drawn from, applied to zero.
+        noise: What the bias is drawn from, applied to zero; empty where no float has one.
         shared: Whether a float has the bias of the one before it, shape ``(size,)``.
         rng: Random streams, shape ``(num_envs,)``.
         count: Measurements in the episode, shape ``(num_envs,)``.
@@ -140,7 +140,7 @@ def restart_corruption(
     if not mask[env]:
         return
     count[env] = 0
-    for i in range(bias.shape[1]):
+    for i in range(noise.kind.shape[0]):
         if noise.kind[i] != NOISE_NONE:
             drawn = noise.a[i]
             if shared[i]:
