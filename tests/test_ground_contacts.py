@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import newton
@@ -264,3 +265,12 @@ def test_contacts_that_do_not_fit_are_reported():
     solver.step(state, state, model.control(), None, DT, observables=seen)
     assert int(data.nacon.numpy()[0]) > 3
     assert seen.overflow.numpy().any()
+
+
+def test_many_geoms_keep_the_general_routine_and_say_so():
+    from mujoco_warp._src.types import BroadphaseType, GeomType
+
+    kinds = wp.array([int(GeomType.HFIELD)] + [int(GeomType.SPHERE)] * 3, dtype=int, device="cpu")
+    model = SimpleNamespace(geom_type=kinds, opt=SimpleNamespace(broadphase=BroadphaseType.SAP_TILE))
+    with pytest.warns(UserWarning, match="4 geoms are too many"):
+        assert use_triangles(model) == 0

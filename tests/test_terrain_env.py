@@ -313,3 +313,18 @@ def test_a_direct_environment_moves_its_robots_to_other_levels():
     torch.testing.assert_close(offset, torch.tensor([0.0, 0.0, 0.34]).expand(NUM_ENVS, 3), atol=1e-5, rtol=0)
     env.step(torch.zeros(NUM_ENVS, 12))
     env.close()
+
+
+def test_levels_that_do_not_get_harder_are_no_curriculum():
+    cfg = EnvCfg()
+    cfg.scene.terrain.terrain_generator = TILES.replace(curriculum=False)
+    with pytest.raises(ConfigError, match=r"curriculum\.levels: .*curriculum=True"):
+        ManagerBasedRLEnv(cfg)
+
+
+def test_a_reset_to_patches_needs_them():
+    cfg = EnvCfg()
+    params = {"pose_range": {}, "velocity_range": {}}
+    cfg.events = {"base": EventTermCfg(func=mdp.reset_root_state_from_terrain, mode="reset", params=params)}
+    with pytest.raises(ConfigError, match=r"events\.base: .*no level patches named 'init_pos'"):
+        ManagerBasedRLEnv(cfg)

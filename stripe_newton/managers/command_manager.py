@@ -28,7 +28,6 @@ from .commands_cfg import (
     CommandTermCfg,
     NormalVelocityCommandCfg,
     NullCommandCfg,
-    TerrainBasedPose2dCommandCfg,
     UniformPose2dCommandCfg,
     UniformPoseCommandCfg,
     UniformVelocityCommandCfg,
@@ -36,6 +35,7 @@ from .commands_cfg import (
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
 from .term_params import params_for, unknown_params
+from .terrain_checks import check_terrain
 
 __all__ = ["CommandManager"]
 
@@ -159,10 +159,7 @@ class CommandManager(ManagerBase):
         place.heading = array(f"{path}.heading_w", float)
         self.context.provide(place, name)
         term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
-        there = getattr(self.context.scene.terrain, "flat_patches", {})
-        if isinstance(term.cfg, TerrainBasedPose2dCommandCfg) and "target" not in there:
-            text = "the scene's terrain has no level patches named 'target'; ask for them by flat_patch_sampling"
-            self.context.problems.append(f"{path}: {text}")
+        check_terrain(self.context, path, term.resample)
 
     def _add_fields(self, path: str, term: _Term, functions: list[Any]) -> None:
         """Give arguments the values of the config's fields of the same name, those of its ``ranges`` too."""

@@ -12,6 +12,7 @@ from stripe_newton.fusion import Eager, Item, Section, bind_term, resolve_entiti
 
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
+from .terrain_checks import check_terrain
 
 __all__ = ["CurriculumManager", "CurriculumTermCfg"]
 
@@ -81,6 +82,7 @@ class CurriculumManager(ManagerBase):
     def _expression(self, name: str, term: CurriculumTermCfg) -> str | None:
         context, where, fixed = self.context, f"{self.name}.{name}", {}
         func: Any = term.func
+        check_terrain(context, where, func)
         if "memory" in func.input_types and "memory" not in term.params and not _is_per_env(func):
             memory = context.shared(f"{where}.memory", float, 1, fill=math.nan)
             fixed["memory"] = context.scope.name(f"{self.name}_{name}_memory", memory)

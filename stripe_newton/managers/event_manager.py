@@ -18,6 +18,7 @@ from .context import ManagerContext
 from .event_cfg import EventTermCfg
 from .manager_base import ManagerBase, is_warp_term
 from .model_events import ModelEvents
+from .terrain_checks import check_terrain
 
 __all__ = ["EventManager", "prestartup_events"]
 
@@ -127,6 +128,7 @@ class EventManager(ManagerBase):
     def _calls(self, name: str, term: EventTermCfg) -> list[str]:
         """Lines that call a Warp term; ``reset_scene_to_default`` that names no asset is called for each."""
         params = [term.params]
+        check_terrain(self.context, f"{self.name}.{name}", term.func)
         if term.func is mdp.reset_scene_to_default and not term.params.keys() & {"asset_cfg", "robot", "robot_cfg"}:
             params = [{**term.params, "asset_cfg": SceneEntityCfg(n)} for n in self.context.entity_names()]
         elif self._model.concerns(term.func):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 from typing import Any
 
@@ -29,7 +30,14 @@ def use_triangles(model: Any) -> int:
 
     taken_kinds = (int(GeomType.SPHERE), int(GeomType.CAPSULE), int(GeomType.BOX))
     kinds = model.geom_type.numpy()
-    if model.opt.broadphase != BroadphaseType.NXN or not (kinds == int(GeomType.HFIELD)).any():
+    if not (kinds == int(GeomType.HFIELD)).any():
+        return 0
+    if model.opt.broadphase != BroadphaseType.NXN:
+        warnings.warn(
+            f"{len(kinds)} geoms are too many for MuJoCo Warp to list their pairs: contacts with height fields are "
+            "found by its general routine, many times as slow; fewer colliders in an environment would do",
+            stacklevel=2,
+        )
         return 0
     pairs, ids = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()
     first_is_field = kinds[pairs[:, 0]] == int(GeomType.HFIELD)
