@@ -35,7 +35,7 @@ def use_triangles(model: Any) -> int:
     if model.opt.broadphase != BroadphaseType.NXN:
         warnings.warn(
             f"{len(kinds)} geoms are too many for MuJoCo Warp to list their pairs: contacts with height fields are "
-            "found by its general routine, many times as slow; fewer colliders in an environment would do",
+            "found by its general routine, which is slower and feels inner edges; use fewer colliders an environment",
             stacklevel=2,
         )
         return 0

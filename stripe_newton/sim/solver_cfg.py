@@ -152,8 +152,8 @@ class MuJoCoSolverCfg(SolverCfg):
     kinematic_switchable_roots: bool = False
     """Give every root an inactive weld, so that bodies can be made kinematic while running."""
     triangle_contacts: bool = True
-    """Contacts of spheres, capsules and boxes with height fields from the triangles they touch, many times as fast as
-    MuJoCo Warp's convex routine for prisms and without its inner edges; no argument of the solver."""
+    """Contacts of spheres, capsules and boxes with height fields from the triangles they touch: exact, and without the
+    inner edges of MuJoCo Warp's convex routine for prisms, see docs/solvers.md; no argument of the solver."""
 
     drive_limits: bool = False
     """Effort limits of drives are those of MuJoCo's actuators, so that a drive at its limit damps nothing, as in a file
