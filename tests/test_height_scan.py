@@ -106,9 +106,10 @@ def test_a_thread_computes_a_ray():
     }
     env = scan_env(**terms)
     kernels = env.describe(kernels=True)
-    assert "if part >= 0 and part < 187:" in kernels
-    assert "if part >= 187 and part < 374:" in kernels
-    assert "if part >= 374 and part < 376:" in kernels
+    assert "if part >= 0 and part < 2:" in kernels  # neighbouring threads are environments
+    assert "part = 2 + (thread - 2 * num_envs) % 374" in kernels  # and here rays
+    assert "if part >= 2 and part < 189" in kernels
+    assert "if part >= 189 and part < 376" in kernels
     obs, _ = env.reset(seed=1)
     plain, noisy, some = obs["policy"].split([187, 187, 2], dim=1)
     np.testing.assert_allclose(some.numpy(), plain[:, [7, 3]].numpy() + 0.5, atol=1e-6)

@@ -239,8 +239,9 @@ def test_a_hook_that_waits_for_the_device_is_named():
 
 
 def falling_ant() -> ManagerBasedRLEnv:
-    """Legs that touch the ground where there is room for one contact."""
+    """Legs that touch the ground, after a fall, where there is room for one contact or pair that may be one."""
     cfg = AntManagerEnvCfg()
+    cfg.scene.robot.init_state.pos = (0.0, 0.0, 1.0)
     cfg.sim.device, cfg.scene.num_envs, cfg.seed = DEVICE, N, 0
     cfg.sim.solver = MuJoCoSolverCfg(nconmax=1, njmax=200)
     env = ManagerBasedRLEnv(cfg)

@@ -12,15 +12,20 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 import onnxruntime
+
+if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported; draws without a window
+import mujoco
 
 from stripe_newton.configclass import resolve_name
 from stripe_newton.envs import ManagerBasedRLEnv
@@ -55,8 +60,17 @@ class Robot:
         if cfg.sim.solver.drive_limits:
             self.model.actuator_forcelimited[self.drives], self.model.actuator_forcerange[self.drives] = True, limits
         self.base = int(self.model.jnt_bodyid[0])
+        _light(self.model)
         self.model.opt.timestep = cfg.sim.dt
         env.close()
+
+
+def _light(model: Any) -> None:
+    """Light and colours for the video."""
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.4, 0.6
+    model.vis.global_.offwidth, model.vis.global_.offheight = 960, 540
+    model.geom_rgba[:], plane = (0.9, 0.5, 0.2, 1.0), model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    model.geom_rgba[plane] = 0.5, 0.55, 0.6, 1.0
 
 
 def _affine(env: ManagerBasedRLEnv) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +139,7 @@ def episode(robot: Robot, network: Any, rng: np.random.Generator, seconds: float
     ranges = robot.cfg.commands.base_velocity.ranges
     command = np.array([rng.uniform(*b) for b in (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)])
     functions, action = functions_of(robot), np.zeros(len(robot.drives))
-    seen, renderer = [], mujoco.Renderer(robot.model, 360, 640) if frames is not None else None
+    seen, renderer = [], mujoco.Renderer(robot.model, 540, 960) if frames is not None else None
     for index in range(round(seconds / robot.step_dt)):
         obs = np.concatenate([f(data, command, action) for f in functions]).astype(np.float32)[None]
         action = network.run(None, {network.get_inputs()[0].name: obs})[0][0].astype(float)

@@ -21,6 +21,7 @@ __all__ = [
     "capsule_edge_touch",
     "field_cells",
     "field_height",
+    "field_peak",
     "sphere_touch",
 ]
 
@@ -110,6 +111,17 @@ def field_cells(field: Field, lower: wp.vec3, upper: wp.vec3) -> wp.vec4i:
     r0 = wp.max(0, int(wp.floor((lower[1] + field.size[1]) * sy)))
     r1 = wp.min(field.nrow - 2, int(wp.floor((upper[1] + field.size[1]) * sy)))
     return wp.vec4i(c0, c1, r0, r1)
+
+
+@wp.func
+def field_peak(field: Field, lower: wp.vec3, upper: wp.vec3) -> float:
+    """Height of the highest vertex of the cells below a box [m]; far down where there are none."""
+    cells = field_cells(field, lower, upper)
+    peak = wp.float32(-1.0e30)
+    for row in range(cells[2], cells[3] + 2):
+        for col in range(cells[0], cells[1] + 2):
+            peak = wp.max(peak, field_height(field, row, col))
+    return peak
 
 
 @wp.func

@@ -6,7 +6,7 @@ from mujoco_warp._src.collision_core import contact_margin_gap, contact_material
 from mujoco_warp._src.math import make_frame
 from mujoco_warp._src.types import GeomType, vec5
 
-from .heightfield import Field, Touch, Touches, add_touch, box_touch, capsule_edge_touch, sphere_touch
+from .heightfield import Field, Touch, Touches, add_touch, box_touch, capsule_edge_touch, field_peak, sphere_touch
 
 __all__ = ["CONTACT_FIELDS", "MODEL_FIELDS", "add_ground_contacts"]
 
@@ -22,6 +22,18 @@ CONTACT_FIELDS = (
     "efc_address", "worldid", "type", "geomcollisionid", "adhesion",
 )  # fmt: skip
 """Fields of its contacts that the kernel writes, in order."""
+
+
+@wp.func
+def _extent(kind: int, rot: wp.mat33, size: wp.vec3) -> wp.vec3:
+    """Half extents of a box around a shape, along the axes of the field [m]."""
+    half = wp.vec3(size[0], size[0], size[0])
+    if kind == int(GeomType.CAPSULE):
+        half += wp.vec3(wp.abs(rot[0, 2]), wp.abs(rot[1, 2]), wp.abs(rot[2, 2])) * size[1]
+    if kind == int(GeomType.BOX):
+        for i in range(3):
+            half[i] = wp.abs(rot[i, 0]) * size[0] + wp.abs(rot[i, 1]) * size[1] + wp.abs(rot[i, 2]) * size[2]
+    return half
 
 
 @wp.func
@@ -88,8 +100,11 @@ def add_ground_contacts(
     contact_adhesion: wp.array[float],
     nacon: wp.array[int],
 ):
-    """Add the contacts of one pair of a world: a height field and another geom, a thread each."""
-    world, index = wp.tid()
+    """Add the contacts of one pair of a world: a height field and another geom, a thread each.
+
+    Neighbouring threads are worlds, whose shapes are of one kind and mostly all on the ground or all above it.
+    """
+    index, world = wp.tid()
     pair = pairs[index]
     ground, geom = pair[0], pair[1]
     margin, gap = contact_margin_gap(geom_margin, geom_gap, pair_margin, pair_gap, pair, -1, world)
@@ -106,6 +121,9 @@ def add_ground_contacts(
     rot = wp.transpose(frame) * geom_xmat[world, geom]
     size = geom_size[world % geom_size.shape[0], geom]
     kind = geom_type[geom]
+    extent = _extent(kind, rot, size) + wp.vec3(1.0, 1.0, 1.0) * (margin + gap)
+    if field_peak(field, pos - extent, pos + extent) < pos[2] - extent[2]:
+        return
     slots = 6
     if kind != int(GeomType.CAPSULE):
         slots = 4

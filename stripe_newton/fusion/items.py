@@ -29,6 +29,9 @@ class Section:
     parts: int = 0
     """Threads that share an environment, which the body knows as ``part``; 0 for one thread. Parts may not depend on
     each other, nor on other sections of their stage that have parts."""
+    neighbours: bool = False
+    """Whether neighbouring threads are parts of one environment rather than environments of one part: for many parts
+    that do the same with neighbouring numbers, which a GPU then reads and writes at once."""
 
 
 @dataclass

@@ -69,6 +69,7 @@ class Plan:
     def _cut(self) -> list[_Segment]:
         segments = [_Segment()]
         waiting: list[tuple[str, Section]] = []
+        held: list[_Operation] = []
 
         def flush() -> None:
             if waiting:
@@ -77,6 +78,8 @@ class Plan:
                 fused = fuse(title, [s for _, s in waiting], self._scope, self._num_envs, self._device)
                 segments[-1].operations.append(_Operation(" + ".join(stages), title, fused.launch, fused))
                 waiting.clear()
+            segments[-1].operations.extend(held)
+            held.clear()
 
         for stage in self.stages:
             for item in stage.items:
@@ -86,6 +89,9 @@ class Plan:
                     if waiting and not _fit(waiting[-1], (stage.name, item)):
                         flush()
                     waiting.append((stage.name, item))
+                    continue
+                if isinstance(item, Captured) and item.beside and waiting:  # the kernel that it waits for may yet grow
+                    held.append(_Operation(stage.name, item.name, item.function, beside=True))
                     continue
                 flush()
                 if isinstance(item, Eager):

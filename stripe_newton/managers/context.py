@@ -120,19 +120,17 @@ class ManagerContext:
 
         for name in self._streams:
             array = self.arrays[name]
-            rows = [array[k] for k in range(array.shape[0])] if array.ndim == 2 else [array]
-            for k, row in enumerate(rows):
-                own = (seed + zlib.crc32(f"{name}.{k}".encode() if k else name.encode())) % 2**31
-                wp.launch(seed_streams, dim=self.num_envs, inputs=[own], outputs=[row], device=self.device)
+            own = (seed + zlib.crc32(name.encode())) % 2**31
+            wp.launch(seed_streams, dim=array.shape, inputs=[own], outputs=[array], device=self.device)
 
     def stream(self, name: str, count: int = 1) -> wp.array:
         """Random streams beside :attr:`rng`, uint32, shape ``(num_envs,)``, for what runs beside other draws.
 
-        With a ``count`` above 1 so many for each environment, shape ``(count, num_envs)``.
+        With a ``count`` above 1 so many for each environment, shape ``(num_envs * count,)``.
         """
         if name not in self._streams:
             self._streams.append(name)
-            self.shared(name, wp.uint32, *([count] if count > 1 else []), self.num_envs)
+            self.shared(name, wp.uint32, self.num_envs * count)
             self.seed(self._seed)
         return self.arrays[name]
 

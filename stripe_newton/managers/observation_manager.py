@@ -184,7 +184,7 @@ class ObservationManager(ManagerBase):
         """
         items: list[Item] = []
         for group, terms in self._terms.items():
-            corrupt, body, parts = self._groups[group].enable_corruption, list[str](), 0
+            corrupt, body, parts, wide = self._groups[group].enable_corruption, list[str](), 0, list[Section]()
             for name, term in terms.items():
                 if term.picture:
                     array = self.context.scope.values[term.target]
@@ -193,11 +193,16 @@ class ObservationManager(ManagerBase):
                 if term.call is None:
                     items.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
                 lines, count = self._parts(term, corrupt, parts)
-                body += [f"# {name}", *lines] if lines else []
-                parts += count
-            own = [name for name, term in terms.items() if not term.picture]
+                if count >= _OWN_STREAMS:
+                    title = f"observations_{group}_{name}"
+                    wide.append(Section(title, lines, [name], where_reset, parts=count, neighbours=True))
+                elif lines:
+                    body += [f"# {name}", *lines]
+                    parts += count
+            own = [n for n, t in terms.items() if not t.picture and n not in {s.terms[0] for s in wide}]
             if own or not terms:
                 items.append(Section(f"observations_{group}", body, own, where_reset, parts=parts))
+            items += wide
             norm = self._groups[group].normalization
             if norm is not None:
                 buffers = self._raw[group], self.buffers[group]
@@ -219,7 +224,10 @@ class ObservationManager(ManagerBase):
         return [Section("observations_reset", body, where_reset=True)] if body else []
 
     def _parts(self, term: _Term, corrupt: bool, part: int) -> tuple[list[str], int]:
-        """Lines of a term and how many threads they are for: one for each joint, body or ray where independent."""
+        """Lines of a term and how many threads they are for: one for each joint, body or ray where independent.
+
+        From ``_OWN_STREAMS`` threads on they are lines of their own section, else of one where ``part`` comes next.
+        """
         call, kind = term.call, _known_size(term.cfg.func)
         alone = term.scratch or term.cfg.modifiers
         count = call.counts[kind.name] if call and isinstance(kind, Each) and kind.name in call.names else 0
@@ -229,6 +237,8 @@ class ObservationManager(ManagerBase):
             place = self._slice(term, f"k * {size}", f"(k + 1) * {size}")
             line = call.expression(place, sliced=(kind.name,), span="k:k + 1")
             lines = [line, *self._process(term, corrupt, f"k * {size}", f"(k + 1) * {size}", streams=count)]
+            if count >= _OWN_STREAMS:
+                return ["k = part", *lines], count
             return [f"if part >= {part} and part < {part + count}:", f"    k = part - {part}", *_indent(lines)], count
         place = f"{term.scratch}[env]" if term.scratch else self._slice(term, "0", str(term.width))
         lines = [call.expression(place)] if call is not None else []
@@ -261,8 +271,8 @@ class ObservationManager(ManagerBase):
         if noise is not None and corrupt:
             model = noise.noise_cfg if isinstance(noise, NoiseModelCfg) else noise
             rng = context.scope.name(f"{term.path}_rng", context.stream(f"{term.path}.rng", streams))
-            rng += "[k]" if streams > 1 else ""
-            lines += noisy(context, f"{term.path}.noise", model, term.size, element, rng)
+            stream = f"env * {streams} + k" if streams > 1 else "env"
+            lines += noisy(context, f"{term.path}.noise", model, term.size, element, rng, stream)
             if isinstance(noise, NoiseModelWithAdditiveBiasCfg):
                 lines.append(f"{element} = {element} + {self._bias(term, noise)}")
         if cfg.clip is not None:

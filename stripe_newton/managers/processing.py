@@ -32,8 +32,10 @@ _KINDS: dict[type, tuple[Any, str, str | None]] = {
 _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOISE_ABS)}
 
 
-def sampled(context: ManagerContext, where: str, cfg: NoiseCfg, size: int, rng: str = "rng") -> str:
-    """Expression of a draw of a noise for element ``i``; empty after a problem was noted."""
+def sampled(
+    context: ManagerContext, where: str, cfg: NoiseCfg, size: int, rng: str = "rng", stream: str = "env"
+) -> str:
+    """Expression of a draw of a noise for element ``i``, of stream ``stream``; empty after a problem was noted."""
     kind = next((k for k in _KINDS if isinstance(cfg, k)), None)
     if kind is None:
         names = ", ".join(k.__name__ for k in _KINDS)
@@ -53,12 +55,14 @@ def sampled(context: ManagerContext, where: str, cfg: NoiseCfg, size: int, rng: 
         else:
             context.problems.append(f"{path}: has {value.numel()} numbers, the term {size}; give one or {size}")
             return ""
-    return f"{context.scope.function(function)}(env, {rng}, {', '.join(arguments)})"
+    return f"{context.scope.function(function)}({stream}, {rng}, {', '.join(arguments)})"
 
 
-def noisy(context: ManagerContext, where: str, cfg: NoiseCfg, size: int, target: str, rng: str = "rng") -> list[str]:
+def noisy(
+    context: ManagerContext, where: str, cfg: NoiseCfg, size: int, target: str, rng: str = "rng", stream: str = "env"
+) -> list[str]:
     """Lines that put noise on ``target``, which mentions the element as ``i``."""
-    draw = sampled(context, where, cfg, size, rng)
+    draw = sampled(context, where, cfg, size, rng, stream)
     operation = _OPERATIONS.get(cfg.operation, 0)
     return [f"{target} = {context.scope.function(combine_noise)}({target}, {draw}, {operation})"] if draw else []
 

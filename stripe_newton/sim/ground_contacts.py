@@ -53,7 +53,8 @@ def use_triangles(model: Any) -> int:
     device = model.geom_type.device
     model.nxn_geom_pair_filtered = wp.array(pairs[~take], dtype=wp.vec2i, device=device)
     model.nxn_pairid_filtered = wp.array(ids[~take], dtype=wp.vec2i, device=device)
-    ours = wp.array(ordered[take], dtype=wp.vec2i, device=device)
+    ours = ordered[take][np.argsort(other[take], kind="stable")]  # neighbouring threads take the same way
+    ours = wp.array(ours, dtype=wp.vec2i, device=device)
     model.callback.contactfilter = partial(_add, ours)
     return int(take.sum())
 
@@ -64,7 +65,7 @@ def _add(pairs: wp.array, model: Any, data: Any) -> None:
 
     wp.launch(
         add_ground_contacts,
-        dim=(data.nworld, len(pairs)),
+        dim=(len(pairs), data.nworld),
         inputs=[
             pairs,
             data.geom_xpos,
@@ -74,4 +75,5 @@ def _add(pairs: wp.array, model: Any, data: Any) -> None:
         ],
         outputs=[*(getattr(data.contact, name) for name in CONTACT_FIELDS), data.nacon],
         device=data.geom_xpos.device,
+        block_dim=64,  # few, so that the shapes that are on the ground are spread over all multiprocessors
     )

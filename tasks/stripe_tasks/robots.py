@@ -106,11 +106,12 @@ HUMANOID_POSITION_CFG = HUMANOID_CFG.replace(
     init_state=ArticulationCfg.InitialStateCfg(
         pos=(0.0, 0.0, 1.256),
         joint_pos={
-            ".*_thigh:1": -0.29,
+            ".*_thigh:1": -0.245,
             ".*_knee": -0.6,
-            ".*_foot:0": -0.3,
-            ".*_upper_arm:.": 0.0,
-            ".*_elbow": -0.3,
+            ".*_foot:0": -0.345,
+            ".*_upper_arm:0": 0.7,  # the arms hang down
+            ".*_upper_arm:1": -0.6,
+            ".*_elbow": -1.3,
         },
     ),
     soft_joint_pos_limit_factor=0.9,
