@@ -14,6 +14,7 @@ import torch
 
 import stripe_tasks  # noqa: F401
 from stripe_newton.envs import ManagerBasedRLEnv
+from stripe_tasks.velocity_humanoid import HumanoidFlatEnvCfg
 from stripe_tasks.velocity_quadruped import QuadrupedFlatEnvCfg
 
 TOOL = Path(__file__).parents[1] / "tools" / "sim_to_sim.py"
@@ -27,9 +28,10 @@ def tool() -> Any:
     return module
 
 
-def test_mujoco_alone_sees_and_moves_as_the_environment(tool):
-    robot = tool.Robot("Stripe-Velocity-Flat-Quadruped-v0")
-    cfg = QuadrupedFlatEnvCfg(seed=2)
+@pytest.mark.parametrize(("name", "cfg_type"), [("Quadruped", QuadrupedFlatEnvCfg), ("Humanoid", HumanoidFlatEnvCfg)])
+def test_mujoco_alone_sees_and_moves_as_the_environment(tool, name, cfg_type):
+    robot = tool.Robot(f"Stripe-Velocity-Flat-{name}-v0")
+    cfg = cfg_type(seed=2)
     cfg.sim.device, cfg.scene.num_envs, cfg.scene.env_spacing = "cpu", 1, 0.0
     cfg.observations.policy.enable_corruption = False
     for name in ("payload", "centre_of_mass", "soles"):  # the robot as it is in the file
@@ -39,7 +41,7 @@ def test_mujoco_alone_sees_and_moves_as_the_environment(tool):
     generator = torch.Generator().manual_seed(1)
     data = mujoco.MjData(robot.model)
     for _ in range(10):  # while it falls and lands
-        action = torch.rand(1, 12, generator=generator) - 0.5
+        action = torch.rand(1, len(robot.drives), generator=generator) - 0.5
         state = env.sim.state.joint_q.numpy(), env.sim.state.joint_qd.numpy()
         data.qpos[:3], data.qpos[3:7] = state[0][:3], state[0][[6, 3, 4, 5]]
         data.qpos[robot.qpos], data.qvel[robot.qvel] = state[0][7:], state[1][6:]

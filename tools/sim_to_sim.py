@@ -52,7 +52,8 @@ class Robot:
         self.scale, self.offset = _affine(env)
         self.step_dt, self.decimation = env.step_dt, cfg.decimation
         names = [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_JOINT, j) or "" for j in range(self.model.njnt)]
-        joints = [next(j for j, name in enumerate(names) if name.endswith(n)) for n in data.joint_names]
+        ends = [(n.replace(":", "_ang"), n.replace(":", "_lin")) for n in data.joint_names]  # as Newton writes axes
+        joints = [next(j for j, name in enumerate(names) if name.endswith(end)) for end in ends]
         self.qpos, self.qvel = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
         drives = {int(self.model.actuator_trnid[a, 0]): a for a in range(self.model.nu)}
         self.drives = np.array([drives[j] for j in joints])
