@@ -2,7 +2,7 @@
 """This package beside mjlab, on mjlab's own task: its Go1 follows velocity commands on a plane.
 
     python tools/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
-        [--train-iterations 100] [--parts step train] [--json FILE] [--plot FILE]
+        [--train-iterations 100] [--parts step train] [--cone pyramidal] [--njmax 300] [--json FILE] [--plot FILE]
 
 mjlab needs other versions of MuJoCo than this package, so it runs under an interpreter of its own (``--mjlab-python``),
 or under this one with the folder that it was installed to first on the path (``--mjlab-path``). Each side runs in a
@@ -132,6 +132,8 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "train_iterations": arguments.train_iterations,
         "parts": arguments.parts,
         "seed": arguments.seed,
+        "cone": arguments.cone,
+        "njmax": arguments.njmax,
         "randomize": True,
     }
     peer = Peer(arguments.mjlab_python, arguments.mjlab_path)
@@ -251,14 +253,16 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--train-iterations", type=int, default=100)
     parser.add_argument("--parts", nargs="+", choices=("step", "train"), default=["step", "train"])
     parser.add_argument("--seed", type=int, default=42)
+    parser.add_argument("--cone", choices=("pyramidal", "elliptic"), help="friction cone of both sides; as in mjlab")
+    parser.add_argument("--njmax", type=int, help="constraints that both sides have room for, a world; as in mjlab")
     parser.add_argument("--json", type=Path, help="file for all figures and both curves")
     parser.add_argument("--plot", type=Path, help="picture of both curves (PNG)")
     parser.add_argument("--request", type=Path, help=argparse.SUPPRESS)  # measure our side, in a process of its own
     found = parser.parse_args(arguments)
     if not (found.request or found.mjlab_python or found.mjlab_path):
         parser.error("name mjlab by --mjlab-python or --mjlab-path; 'pip install mjlab' in an environment of its own")
-    for name in ("num_envs", "steps", "train_iterations"):
-        if getattr(found, name) < 1:
+    for name in ("num_envs", "steps", "train_iterations", "njmax"):
+        if getattr(found, name) is not None and getattr(found, name) < 1:
             parser.error(f"--{name.replace('_', '-')}: is {getattr(found, name)}, must be 1 or more")
     if found.plot and "train" not in found.parts:
         parser.error("--plot: shows the training, which --parts leaves out")

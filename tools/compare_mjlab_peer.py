@@ -29,12 +29,17 @@ TASK = "Mjlab-Velocity-Flat-Unitree-Go1"
 
 
 def make_cfg(request: dict[str, Any]) -> Any:
-    """The config of the task; without ``"randomize"`` free of noise, pushes and whatever is drawn at the start."""
+    """The config of the task, with the ``"cone"`` and ``"njmax"`` that are asked for.
+
+    Without ``"randomize"`` it is free of noise, pushes and whatever is drawn at the start.
+    """
     import mjlab.tasks  # noqa: F401
     from mjlab.tasks.registry import load_env_cfg
 
     cfg = load_env_cfg(TASK)
     cfg.scene.num_envs, cfg.seed = request["num_envs"], request["seed"]
+    cfg.sim.mujoco.cone = request.get("cone") or cfg.sim.mujoco.cone
+    cfg.sim.njmax = request.get("njmax") or cfg.sim.njmax
     if not request["randomize"]:
         for group in cfg.observations.values():
             group.enable_corruption = False

@@ -16,7 +16,7 @@ _CPP = (
     "auto char class const double explicit extern final friend inline int8 long mutable namespace new operator private "
     "protected public register short signed static struct switch template this typename union unsigned virtual void"
 )
-_OWN = "env part wp out value total done left due i j k"
+_OWN = "env part thread num_envs wp out value total done left due i j k"
 _RESERVED = {*_CPP.split(), *keyword.kwlist, *_OWN.split()}
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 

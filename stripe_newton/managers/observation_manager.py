@@ -31,7 +31,8 @@ from .processing import delayed, noisy, sampled
 __all__ = ["ObservationManager"]
 
 _OWN_STREAMS = 32
-"""From so many independent parts on, each part of a noisy term has its own thread, and its own random streams."""
+"""From so many independent parts on, each part of a noisy term too has its own thread, and its own random streams;
+neighbouring threads are then its parts."""
 
 
 @dataclass
