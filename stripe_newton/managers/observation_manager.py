@@ -17,6 +17,7 @@ from stripe_kernels.mdp.objects import OBJECT_OBSERVATION_SIZES
 from stripe_kernels.mdp.observations import Each
 from stripe_kernels.mdp.randomization_encoder import ENCODER_OBSERVATION_SIZES
 from stripe_kernels.mdp.scan import SCAN_OBSERVATION_SIZES
+from stripe_kernels.obstacles import OBSTACLE_OBSERVATION_SIZES
 from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
 from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
 
@@ -354,6 +355,7 @@ def _known_size(func: Any) -> Any:
     """How many numbers a term of the package writes, as a function of the lengths of its index arrays."""
     known = OBSERVATION_SIZES | OBJECT_OBSERVATION_SIZES | SCAN_OBSERVATION_SIZES
     known = known | CONTACT_OBSERVATION_SIZES | IMU_OBSERVATION_SIZES | ENCODER_OBSERVATION_SIZES
+    known = known | OBSTACLE_OBSERVATION_SIZES
     function = getattr(func, "func", None)
     if function is None or not function.__module__.startswith("stripe_kernels."):
         return None

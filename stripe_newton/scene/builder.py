@@ -19,6 +19,7 @@ from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
 from .contents import SceneContents
 from .mjcf import complete_mjcf, count_actuators
+from .scenery import add_scenery, read_scenery, scenery_groups
 
 __all__ = ["SceneBuilder"]
 
@@ -75,7 +76,7 @@ class SceneBuilder:
         if scene.built:
             raise RuntimeError("the scene is built already")
         template = sim.new_builder()
-        fields = self._find_terrain()
+        fields = (*self._find_terrain(), *(f"{g.GetPath()}(/|$)" for g in scenery_groups(scene.stage)))
         self._load(template, self.template_root, fields if self.template_root == "/" else ())
         layouts = articulation_layouts(template)
         if self.adopt:
@@ -94,10 +95,11 @@ class SceneBuilder:
             self._load(static, "/World", ("/World/envs", *fields))
             if self.reports[0].units["scene"] is None:  # the physics scene stands outside the environments
                 template.gravity = static.gravity
+        add_scenery(static, read_scenery(scene.stage))
         if hasattr(scene.terrain, "add_to"):
             scene.terrain.add_to(static)
-        for sensor in scene.sensors.values():
-            sensor.prepare(sim, template, static)
+        for sensor in sorted(scene.sensors.values(), key=lambda s: not getattr(s, "adds_shapes", False)):
+            sensor.prepare(sim, template, static)  # those that add shapes before those that count them
         scene.built = True
         sim.lights = read_lights(scene.stage)
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)

@@ -157,7 +157,9 @@ class TerrainImporter:
         """
         if self.ground is None:
             return
-        there = [label for label in static.shape_label if f"{label}/".startswith(f"{self.path}/")]
+        solid = int(newton.ShapeFlags.COLLIDE_SHAPES)
+        shapes = zip(static.shape_label, static.shape_flags, strict=True)
+        there = [label for label, flags in shapes if f"{label}/".startswith(f"{self.path}/") and flags & solid]
         if there:
             raise ValueError(
                 f"'{self.cfg.prim_path}': the ground has a collider '{there[0]}' beside the terrain, which would fill "

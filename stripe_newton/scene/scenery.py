@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Static assets that occur many times: instances of prototypes in USD, read a prototype at a time.
+
+Newton's importer visits every prim of every instance. A forest has tens of thousands, of which a prototype says all but
+where they stand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import newton
+import numpy as np
+import warp as wp
+from pxr import Gf, Usd, UsdGeom, UsdPhysics
+from scipy.spatial.transform import Rotation
+
+__all__ = ["SCENERY_KEY", "Prototype", "Scenery", "add_scenery", "read_scenery", "scenery_groups"]
+
+SCENERY_KEY = "stripeNewton:scenery"
+"""Attribute of a prim whose children are all instances of static prototypes, placed by translate, orient and scale."""
+
+
+@dataclass
+class Shape:
+    """A collider of a prototype, in its frame."""
+
+    kind: str
+    size: tuple[float, ...]
+    pos: np.ndarray
+    rot: np.ndarray
+
+
+@dataclass
+class Prototype:
+    """What the instances of one prototype are made of.
+
+    Attributes:
+        path: Where it is in the stage.
+        meshes: What is seen, with colours.
+        shapes: What is touched.
+    """
+
+    path: str
+    meshes: list[tuple[newton.Mesh, tuple[float, float, float]]] = field(default_factory=list)
+    shapes: list[Shape] = field(default_factory=list)
+
+
+@dataclass
+class Scenery:
+    """Instances in the order of the stage.
+
+    Attributes:
+        prototypes: What they are made of.
+        paths: Path of each instance.
+        which: Index of its prototype, int ``(N,)``.
+        pos: Position [m], ``(N, 3)``.
+        rot: Orientation, xyzw ``(N, 4)``.
+        scale: Factor on its size, ``(N,)``.
+    """
+
+    prototypes: list[Prototype]
+    paths: list[str]
+    which: np.ndarray
+    pos: np.ndarray
+    rot: np.ndarray
+    scale: np.ndarray
+
+    def capsules(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Colliders as capsules in the world: centres ``(M, 3)``, orientations xyzw ``(M, 4)``, radii and half lengths
+        ``(M,)`` [m]. A sphere is a capsule without length; cylinders and boxes are held by the capsule around them.
+        """
+        found: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+        for index, prototype in enumerate(self.prototypes):
+            own = np.flatnonzero(self.which == index)
+            for shape in prototype.shapes if len(own) else ():
+                size = _capsule(shape)
+                pos, rot = self._poses(own, shape)
+                found.append((pos, rot, size[0] * self.scale[own], size[1] * self.scale[own]))
+        if not found:
+            return np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0)
+        columns = [np.concatenate(part) for part in zip(*found, strict=True)]
+        return columns[0], columns[1], columns[2], columns[3]
+
+    def _poses(self, own: np.ndarray, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+        turn = Rotation.from_quat(self.rot[own])
+        pos = self.pos[own] + self.scale[own, None] * turn.apply(shape.pos)
+        return pos, (turn * Rotation.from_quat(shape.rot)).as_quat()
+
+
+def scenery_groups(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Prims that say that their children are such instances."""
+    root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
+    found = [p for p in root.GetChildren() if p.GetAttribute(SCENERY_KEY) and p.GetAttribute(SCENERY_KEY).Get()]
+    return [p for p in found if p.GetChildren()]
+
+
+def read_scenery(stage: Usd.Stage) -> Scenery:
+    """The instances below all :func:`scenery_groups`.
+
+    Raises:
+        ValueError: for a child that is no instance, or whose scale differs by axis.
+    """
+    prototypes: dict[str, int] = {}
+    made: list[Prototype] = []
+    paths, which, rows = list[str](), list[int](), list[tuple[float, ...]]()
+    for group in scenery_groups(stage):
+        base = UsdGeom.XformCache().GetLocalToWorldTransform(group)
+        if base != Gf.Matrix4d(1.0):
+            raise ValueError(f"'{group.GetPath()}': is moved; its instances must be placed in the world's frame")
+        for prim in group.GetChildren():
+            if not prim.IsInstance():
+                raise ValueError(f"'{prim.GetPath()}': must be an instanceable reference to a prototype")
+            key = str(prim.GetPrototype().GetPath())
+            if key not in prototypes:
+                prototypes[key] = len(made)
+                made.append(_prototype(prim))
+            which.append(prototypes[key])
+            paths.append(str(prim.GetPath()))
+            rows.append(_place(prim))
+    table = np.array(rows, dtype=float).reshape(-1, 8)
+    return Scenery(made, paths, np.array(which, dtype=int), table[:, :3], table[:, 3:7], table[:, 7])
+
+
+def _place(prim: Usd.Prim) -> tuple[float, ...]:
+    pos, turn, scale = (prim.GetAttribute(f"xformOp:{n}") for n in ("translate", "orient", "scale"))
+    point, quat = pos.Get() or Gf.Vec3d(0.0), turn.Get() or Gf.Quatf(1.0)
+    size = scale.Get() or Gf.Vec3f(1.0)
+    if max(size) - min(size) > 1.0e-5 * max(size):
+        raise ValueError(f"'{prim.GetPath()}': scale is {tuple(size)}, must be the same along all axes")
+    return (*point, *quat.GetImaginary(), quat.GetReal(), size[0])
+
+
+def _prototype(instance: Usd.Prim) -> Prototype:
+    found, cache = Prototype(str(instance.GetPath())), UsdGeom.XformCache()
+    inverse = cache.GetLocalToWorldTransform(instance).GetInverse()
+    for prim in Usd.PrimRange(instance, Usd.TraverseInstanceProxies()):
+        if not prim.IsA(UsdGeom.Gprim):
+            continue
+        matrix = cache.GetLocalToWorldTransform(prim) * inverse
+        if prim.HasAPI(UsdPhysics.CollisionAPI):
+            found.shapes.append(_shape(prim, matrix))
+        elif prim.IsA(UsdGeom.Mesh):
+            read = newton.usd.get_mesh(prim)
+            points = np.asarray(read.vertices) @ np.array(matrix)[:3, :3] + np.array(matrix)[3, :3]
+            colors = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
+            red, green, blue = map(float, colors[0]) if colors else (0.5, 0.5, 0.5)
+            mesh = newton.Mesh(points.astype(np.float32), read.indices, compute_inertia=False)
+            found.meshes.append((mesh, newton.utils.color_linear_to_srgb((red, green, blue))))
+    return found
+
+
+def _shape(prim: Usd.Prim, matrix: Gf.Matrix4d) -> Shape:
+    """A collider's primitive, with the scale of its own transform in its size.
+
+    Raises:
+        ValueError: for a collider that is no sphere, capsule, cylinder or box along z.
+    """
+    pose = Gf.Transform(matrix)
+    factor, turn = np.array(pose.GetScale()), pose.GetRotation().GetQuat()
+    pos, rot = np.array(pose.GetTranslation()), np.array([*turn.GetImaginary(), turn.GetReal()])
+    get = {n: prim.GetAttribute(n).Get() for n in ("radius", "height", "axis", "size") if prim.HasAttribute(n)}
+    kind = prim.GetTypeName()
+    if kind == "Cube":
+        return Shape("box", tuple(0.5 * get["size"] * factor), pos, rot)
+    if kind == "Sphere":
+        return Shape("sphere", (get["radius"] * factor[0],), pos, rot)
+    if kind in ("Capsule", "Cylinder") and get["axis"] == "Z":
+        return Shape(kind.lower(), (get["radius"] * factor[0], 0.5 * get["height"] * factor[2]), pos, rot)
+    raise ValueError(f"'{prim.GetPath()}': colliders of scenery are Sphere, Cube, or Capsule or Cylinder along Z")
+
+
+def _capsule(shape: Shape) -> tuple[float, float]:
+    size = shape.size
+    if shape.kind == "sphere":
+        return size[0], 0.0
+    if shape.kind == "box":
+        return float(np.hypot(size[0], size[1])), size[2]
+    return size[0], size[1]
+
+
+def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = True) -> None:
+    """Add the shapes of all instances to what all environments share.
+
+    Args:
+        builder: Of the static scene.
+        scenery: The instances.
+        touched: Whether colliders become shapes; False where something else stands for them.
+    """
+    seen = newton.ModelBuilder.ShapeConfig(density=0.0, has_shape_collision=False, has_particle_collision=False)
+    solid = builder.default_shape_cfg.copy()
+    solid.density, solid.is_visible = 0.0, False
+    for index, (path, scale) in enumerate(zip(scenery.paths, scenery.scale, strict=True)):
+        prototype = scenery.prototypes[scenery.which[index]]
+        xform = wp.transform(scenery.pos[index], scenery.rot[index])
+        for part, (mesh, color) in enumerate(prototype.meshes):
+            size = wp.vec3(scale, scale, scale)
+            builder.add_shape_mesh(
+                -1, xform=xform, mesh=mesh, scale=size, cfg=seen, color=color, label=f"{path}/part_{part}"
+            )
+        for part, shape in enumerate(prototype.shapes if touched else ()):
+            (pos,), (rot,) = scenery._poses(np.array([index]), shape)
+            _add(builder, shape, wp.transform(pos, rot), float(scale), solid, f"{path}/collider_{part}")
+
+
+def _add(
+    builder: newton.ModelBuilder,
+    shape: Shape,
+    xform: wp.transform,
+    scale: float,
+    cfg: newton.ModelBuilder.ShapeConfig,
+    label: str,
+) -> None:
+    size = [scale * s for s in shape.size]
+    if shape.kind == "box":
+        builder.add_shape_box(-1, xform=xform, hx=size[0], hy=size[1], hz=size[2], cfg=cfg, label=label)
+    elif shape.kind == "sphere":
+        builder.add_shape_sphere(-1, xform=xform, radius=size[0], cfg=cfg, label=label)
+    else:
+        add = builder.add_shape_capsule if shape.kind == "capsule" else builder.add_shape_cylinder
+        add(-1, xform=xform, radius=size[0], half_height=size[1], cfg=cfg, label=label)

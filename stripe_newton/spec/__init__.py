@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Specifications: what a scene is made of, in plain Python, from which any number of scenes is generated.
+
+No simulator has to run. A scene is a USD stage; see :class:`SceneSpec`.
+"""
+
+from .asset import AssetInstance, AssetSpec, IdenticalAssetSpec
+from .factory import SceneCfgFactory, SceneStageCfg
+from .fitting import fit_collider
+from .mesh import AssetMesh, Collider, DynamicMesh, MeshPart
+from .mesh_files import UniversalMesh, USDMesh
+from .primitives import BoxMesh, CapsuleMesh, ConeMesh, CylinderMesh, DebugMesh, PrimitiveMesh, SphereMesh
+from .scene import Scene, SceneSpec
+from .terrain import TerrainInstance
+
+__all__ = [
+    "AssetInstance",
+    "AssetMesh",
+    "AssetSpec",
+    "BoxMesh",
+    "CapsuleMesh",
+    "Collider",
+    "ConeMesh",
+    "CylinderMesh",
+    "DebugMesh",
+    "DynamicMesh",
+    "IdenticalAssetSpec",
+    "MeshPart",
+    "PrimitiveMesh",
+    "Scene",
+    "SceneCfgFactory",
+    "SceneSpec",
+    "SceneStageCfg",
+    "SphereMesh",
+    "TerrainInstance",
+    "USDMesh",
+    "UniversalMesh",
+    "fit_collider",
+]
