@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -15,7 +16,7 @@ __all__ = ["register_task"]
 class _Creator:
     """Makes the environment of a task; what gymnasium calls as its vector entry point."""
 
-    def __init__(self, env: str, env_cfg: str):
+    def __init__(self, env: str | Callable[..., Any], env_cfg: str | Callable[[], Any]):
         self.env, self.env_cfg = env, env_cfg
 
     def __call__(
@@ -28,26 +29,36 @@ class _Creator:
         **kwargs: Any,
     ) -> Any:
         given = cfg is not None
-        cfg = cfg if given else resolve_name(self.env_cfg)()
+        cfg = cfg if given else _named(self.env_cfg)()
         if num_envs is not None and not (given and num_envs == 1):  # make_vec passes 1 when it was told nothing
             cfg = cfg.copy()
             cfg.scene.num_envs = num_envs
-        return resolve_name(self.env)(cfg=cfg, render_mode=render_mode, **kwargs)
+        return _named(self.env)(cfg=cfg, render_mode=render_mode, **kwargs)
 
 
-def register_task(task_id: str, *, env: str, env_cfg: str, rsl_rl_cfg: str | None = None) -> None:
+def _named(thing: str | Callable[..., Any]) -> Any:
+    return resolve_name(thing) if isinstance(thing, str) else thing
+
+
+def register_task(
+    task_id: str,
+    *,
+    env: str | Callable[..., Any],
+    env_cfg: str | Callable[[], Any],
+    rsl_rl_cfg: str | Callable[[], Any] | None = None,
+) -> None:
     """Register a task, so that ``gymnasium.make_vec(task_id)`` and the command line find it.
 
     Args:
         task_id: Such as ``"My-Task-v0"``.
-        env: ``"module:Class"`` of the environment, which takes ``(cfg, render_mode)``.
-        env_cfg: ``"module:Class"`` of its config.
-        rsl_rl_cfg: ``"module:Class"`` of the config that rsl_rl trains it with.
+        env: ``"module:Class"`` of the environment, which takes ``(cfg, render_mode)``, or the class.
+        env_cfg: ``"module:Class"`` of its config, or what makes one.
+        rsl_rl_cfg: ``"module:Class"`` of the config that rsl_rl trains it with, or what makes one.
 
     ``gymnasium.make_vec(task_id, num_envs=64)`` or ``make_vec(task_id, cfg=cfg)`` makes it; with a config, the
     config's number of environments holds unless ``num_envs`` is given too.
     """
-    kwargs = {"env_cfg_entry_point": env_cfg}
+    kwargs: dict[str, Any] = {"env_cfg_entry_point": env_cfg}
     if rsl_rl_cfg is not None:
         kwargs["rsl_rl_cfg_entry_point"] = rsl_rl_cfg
     gymnasium.register(id=task_id, vector_entry_point=_Creator(env, env_cfg), kwargs=kwargs)

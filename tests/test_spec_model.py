@@ -130,8 +130,9 @@ def model_of(scene: InteractiveScene):
 def test_the_saved_file_gives_the_model_of_the_spec(scene, tmp_path):
     sim, made = SimulationCfg(device="cpu", dt=1 / 240, solver=MuJoCoSolverCfg(njmax=300, nconmax=60)), []
     ant = ANT_CFG.replace(init_state=ANT_CFG.init_state.replace(pos=(0.0, 0.0, 2.5)))  # above everything
-    for source in (scene, scene.export(tmp_path / "s.usda")):
-        cfg = SceneCfgFactory(source, num_envs=2, env_spacing=1.0).get_scene(ant)
+    spec = Field((10.0, 10.0), [Mixed("mixed")], dome_light=DomeLightCfg())
+    for factory in (spec.create_instance(2, 1.0, seed=2), SceneCfgFactory(scene.export(tmp_path / "s.usda"), 2, 1.0)):
+        cfg = factory.get_scene(ant)
         made.append(InteractiveScene(cfg, Simulation(sim.copy())))
         made[-1].build()
     built, opened = made
@@ -169,8 +170,8 @@ def test_what_cannot_be_read_is_said(scene, spoil, text, tmp_path):
     assert text in str(error.value)
 
 
-def test_names_of_a_scene_are_given_once(scene):
-    factory = SceneCfgFactory(scene, 1, 1.0)
+def test_names_of_a_scene_are_given_once():
+    factory = Field((10.0, 10.0)).create_instance(1, 1.0)
     factory.add_asset("table", ANT_CFG)
     for name in ("table", "robot"):
         with pytest.raises(ValueError, match=f"has '{name}' already"):

@@ -12,6 +12,7 @@ from .mesh_files import UniversalMesh, USDMesh
 from .primitives import BoxMesh, CapsuleMesh, ConeMesh, CylinderMesh, DebugMesh, PrimitiveMesh, SphereMesh
 from .scene import Scene, SceneSpec
 from .terrain import TerrainInstance
+from .training import TaskEnvCfg, TrainingSpec
 
 __all__ = [
     "AssetInstance",
@@ -32,7 +33,9 @@ __all__ = [
     "SceneSpec",
     "SceneStageCfg",
     "SphereMesh",
+    "TaskEnvCfg",
     "TerrainInstance",
+    "TrainingSpec",
     "USDMesh",
     "UniversalMesh",
     "fit_collider",

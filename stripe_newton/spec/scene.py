@@ -22,6 +22,8 @@ from .terrain import TerrainInstance
 if TYPE_CHECKING:
     from pxr import Usd
 
+    from .factory import SceneCfgFactory
+
 __all__ = ["Scene", "SceneSpec"]
 
 Progress = Callable[[str], None]
@@ -55,6 +57,9 @@ class SceneSpec(ABC):
         for asset in palette:
             self.add_asset(asset)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> SceneSpec:
+        return self  # a config that names a spec shares it with its copies
+
     @property
     def palette(self) -> dict[str, AssetSpec]:
         """Asset specs by name, in the order in which they are placed; a copy."""
@@ -80,6 +85,14 @@ class SceneSpec(ABC):
         Args:
             rng: The only source of chance; the same generator gives the same terrain.
         """
+
+    def create_instance(
+        self, num_envs: int, env_spacing: float, debug_models: bool = False, seed: int = 0
+    ) -> SceneCfgFactory:
+        """What makes configs of simulated scenes; the scene itself is made when it is simulated."""
+        from .factory import SceneCfgFactory
+
+        return SceneCfgFactory(self, num_envs, env_spacing, seed, debug_models)
 
     def create(self, seed: int = 0, debug_models: bool = False, progress: Progress | None = None) -> Scene:
         """Make a scene: the terrain, then the assets of each spec.
@@ -137,9 +150,6 @@ class Scene:
     dome_light: DomeLightCfg | None = None
     seed: int = 0
     _stage: Usd.Stage | None = field(default=None, repr=False)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
-        return self  # a config that names a scene shares it with its copies
 
     @property
     def instances(self) -> list[AssetInstance]:
