@@ -2,9 +2,20 @@
 """Scenes: what stands where, how it becomes a model, and how it is read and changed."""
 
 from .builder import SceneBuilder
+from .capsules import Capsules
 from .controller import SceneController
 from .interactive_scene import InteractiveScene
 from .interactive_scene_cfg import InteractiveSceneCfg
+from .obstacles import Obstacles, ObstaclesCfg
 from .querier import SceneQuerier
 
-__all__ = ["InteractiveScene", "InteractiveSceneCfg", "SceneBuilder", "SceneController", "SceneQuerier"]
+__all__ = [
+    "Capsules",
+    "InteractiveScene",
+    "InteractiveSceneCfg",
+    "Obstacles",
+    "ObstaclesCfg",
+    "SceneBuilder",
+    "SceneController",
+    "SceneQuerier",
+]

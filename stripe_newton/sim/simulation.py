@@ -86,6 +86,10 @@ class Simulation:
         """Physics steps in a step of the environment, in which sensors count their periods."""
         self.after_each: list[Callable[[], None]] = []
         """What launches kernels after every physics step."""
+        self.before_solver: list[Callable[[], None]] = []
+        """What launches kernels right before the solver in every physics step."""
+        self.losses: list[Callable[[], str]] = []
+        """What says which sizes were too small since it was asked last, empty for none; see :meth:`check_overflow`."""
         self.drive_limits: DriveLimits | None = None
         """The effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` wants them."""
         self.after_notify: list[Callable[[], None]] = []
@@ -288,6 +292,8 @@ class Simulation:
             )
         if self.pipeline is not None:
             self.pipeline.collide(state, self.contacts)
+        for function in self.before_solver:
+            function()
         following_state = state if self._next is None else self._next
         with self.actuation.solver_gains():
             self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
@@ -393,12 +399,12 @@ class Simulation:
         Raises:
             RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
         """
-        bits = self._told[0]
-        if not bits:
-            return
-        self._told[0] = 0
-        self._overflow.zero_()
-        message = overflow_message(bits, self.solver)
+        messages = [lost() for lost in self.losses]
+        if bits := self._told[0]:
+            self._told[0] = 0
+            self._overflow.zero_()
+            messages.append(overflow_message(bits, self.solver))
+        message = "; ".join(filter(None, messages))
         if message and self.cfg.on_overflow == "raise":
             raise RuntimeError(message)
         if message:

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Collider slots: a forest of any size, of which each robot touches the few obstacles that are nearest to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from stripe_kernels import obstacles as kernels
+from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.sensors.sensor_base import SensorBase
+from stripe_newton.sensors.sensor_data import SensorData
+from stripe_newton.sim.flags import HostFlags
+
+from .capsules import MAX_CELLS, Capsules, list_cells
+
+if TYPE_CHECKING:
+    from stripe_newton.sim import Simulation
+
+__all__ = ["Obstacles", "ObstaclesCfg"]
+
+_SIZE_FIELDS = "positions", "rotations", "radius", "half_length"
+
+
+class Obstacles(SensorBase):
+    """Capsules that stand in the world, which all environments share and one robot of each environment touches.
+
+    Each world has ``slots`` static capsules. Before every physics step one kernel puts them where those obstacles are
+    that are nearest to its robot, so that a step costs the same however many there are. What it found is also measured
+    after the physics, for rewards and terminations, and after resets, for observations: terms take it as
+    :class:`stripe_kernels.obstacles.ObstacleData`.
+
+    Slots touch the bodies of that robot alone. In models of so many geoms that MuJoCo Warp sorts rather than lists
+    their pairs (some hundred) they touch other bodies of their environment too.
+
+    Obstacles that are in reach and have no slot are an error that names the number of slots to set, as contacts
+    that do not fit are; see ``SimulationCfg.on_overflow``. A robot's own extent counts: ``reach`` is measured from
+    the root, and the robot must not extend farther from its root than that.
+
+    Attributes:
+        cfg: The config.
+        struct: What terms read, an ``ObstacleData``.
+        capsules: The obstacles that are there now.
+        capacity: Most obstacles that :meth:`replace` takes.
+    """
+
+    adds_shapes = True
+    """Whether it adds colliders, which other sensors count."""
+
+    cfg: ObstaclesCfg
+    struct: Any
+
+    def __init__(self, cfg: ObstaclesCfg):
+        super().__init__(cfg)
+        self.capsules = self.cfg.capsules()
+        self.capacity = max(1, len(self.capsules) if self.cfg.capacity is None else self.cfg.capacity)
+
+    def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
+        self._where = where = f"Obstacles '{self.cfg.prim_path}'"
+        solver: Any = sim.cfg.solver
+        if solver.kind != "mujoco" or solver.use_mujoco_cpu or not solver.use_mujoco_contacts:
+            raise ConfigError(
+                [f"{where}: slots are geoms of MuJoCo Warp that differ from world to world, use MuJoCoSolverCfg() "
+                 "with use_mujoco_contacts=True and use_mujoco_cpu=False"]
+            )  # fmt: skip
+        there = {**self._scene.articulations, **self._scene.rigid_objects}
+        if self.cfg.asset_name not in there:
+            names = ", ".join(there) or "none"
+            raise ConfigError([f"{where}.asset_name: is '{self.cfg.asset_name}', the scene has {names}"])
+        self._asset = there[self.cfg.asset_name]
+        shape = static.default_shape_cfg.copy()
+        shape.is_visible = False
+        if self.cfg.friction is not None:
+            shape.mu = self.cfg.friction
+        below = wp.transform(wp.vec3(0.0, 0.0, -kernels.PARKED_DEPTH), wp.quat_identity())
+        size = kernels.PARKED_SIZE
+        self._labels = [f"{self.cfg.prim_path}/slot_{i}" for i in range(self.cfg.slots)]
+        for label in self._labels:
+            static.add_shape_capsule(-1, xform=below, radius=size, half_height=size, cfg=shape, label=label)
+
+    def initialize(self, sim: Simulation) -> None:
+        super().initialize(sim)
+        model = sim.solver.mjw_model
+        shape_of_geom = sim.solver.mjc_geom_to_newton_shape.numpy()[0]
+        shapes = [sim.model.shape_label.index(label) for label in self._labels]
+        geoms = [int(np.flatnonzero(shape_of_geom == shape)[0]) for shape in shapes]
+        self._touch_robot_alone(shape_of_geom, geoms)
+        targets = [model.geom_size, model.geom_aabb, model.geom_rbound]
+        if any(len(array) != self.num_envs for array in targets):
+            raise RuntimeError(f"{self._where}: this solver does not keep sizes of geoms for each world")
+        with wp.ScopedDevice(self.device):
+            self._make_struct(self._asset.data.struct.root_pose)
+            self._seen, self._told = wp.zeros(1, dtype=int), HostFlags(1, self.device)
+            self._inputs = [self.struct, wp.array(geoms, dtype=int), self._seen, self._told.array]
+            data = sim.solver.mjw_data
+            self._outputs = [data.geom_xpos, data.geom_xmat, *targets]
+        self.replace(self.capsules)
+        sim.before_solver.append(self.launch)
+        sim.losses.append(self._lost)
+
+    def _touch_robot_alone(self, shape_of_geom: np.ndarray, geoms: list[int]) -> None:
+        """Take pairs of a slot and a body that is not the robot's from MuJoCo Warp's list of pairs."""
+        from mujoco_warp._src.math import upper_trid_index
+        from mujoco_warp._src.types import BroadphaseType, GeomType
+
+        sim, model = self._sim, self._sim.solver.mjw_model
+        if model.opt.broadphase != BroadphaseType.NXN:
+            return
+        bodies = np.arange(sim.model.body_count // sim.num_envs)[self._asset.layout.body_slice]
+        body = np.where(shape_of_geom >= 0, sim.model.shape_body.numpy()[shape_of_geom], -1)
+        of_robot, is_slot = np.isin(body, bodies), np.isin(np.arange(len(body)), geoms)
+        pairs, ids = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()
+        other = is_slot[pairs].any(axis=1) & ~of_robot[pairs].any(axis=1)
+        if not other.any():
+            return
+        counts, kinds = list(model.geom_pair_type_count), np.sort(model.geom_type.numpy()[pairs[other]], axis=1)
+        for low, high in kinds.tolist():
+            counts[upper_trid_index(len(GeomType), low, high)] -= 1
+        model.geom_pair_type_count = tuple(counts)
+        model.nxn_geom_pair_filtered = wp.array(pairs[~other], dtype=wp.vec2i, device=self.device)
+        model.nxn_pairid_filtered = wp.array(ids[~other], dtype=wp.vec2i, device=self.device)
+
+    def _make_struct(self, root_pose: wp.array) -> None:
+        count, slots, envs = self.capacity, self.cfg.slots, self.num_envs
+        data = kernels.ObstacleData()
+        data.pos, data.rot = wp.zeros(count, dtype=wp.vec3), wp.zeros(count, dtype=wp.quat)
+        data.radius, data.half_length = wp.zeros(count, dtype=float), wp.zeros(count, dtype=float)
+        data.first_cell = wp.zeros(count, dtype=wp.vec2i)
+        data.start, data.listed = wp.zeros(MAX_CELLS + 1, dtype=int), wp.zeros(self._room, dtype=int)
+        data.grid, data.grid_shape = wp.zeros(3, dtype=float), wp.zeros(2, dtype=int)
+        data.root_pose = root_pose
+        data.index = wp.full((envs, slots), value=-1, dtype=int)
+        data.distance = wp.full((envs, slots), value=self.cfg.reach, dtype=float)
+        data.count, data.overflow = wp.zeros(envs, dtype=int), wp.zeros(envs, dtype=wp.bool)
+        data.reach = self.cfg.reach
+        self.struct, self._data = data, SensorData(data)
+
+    @property
+    def _room(self) -> int:
+        """Room for the lists of the cells: four cells for each, and some for long ones."""
+        return 8 * self.capacity + 64
+
+    def replace(self, capsules: Capsules) -> None:
+        """Put other obstacles in the place of those that are there, for all environments; graphs stay as they are.
+
+        Raises:
+            ValueError: if there are more than :attr:`capacity`.
+        """
+        if len(capsules) > self.capacity:
+            count = len(capsules)
+            raise ValueError(f"{self._where}: {count} obstacles do not fit, set ObstaclesCfg(capacity={count}) or more")
+        lists, data = list_cells(capsules, self.cfg.reach, self._room), self.struct
+        for array, value in (
+            (data.pos, capsules.positions), (data.rot, capsules.rotations), (data.radius, capsules.radius),
+            (data.half_length, capsules.half_length), (data.first_cell, lists.first), (data.start, lists.start),
+            (data.listed, lists.listed), (data.grid, np.array([*lists.lower, lists.size], dtype=np.float32)),
+            (data.grid_shape, np.array(lists.shape, dtype=np.int32)),
+        ):  # fmt: skip
+            if len(value):
+                wp.copy(array, wp.array(value, dtype=array.dtype, device="cpu"), count=len(value))
+        self.capsules = capsules
+        self.launch()
+
+    # -- what a step launches
+
+    def launch(self) -> None:
+        """Find the nearest obstacles and put the slots in their places: one launch."""
+        wp.launch(kernels.pose_slots, dim=self.num_envs, inputs=self._inputs, outputs=self._outputs, device=self.device)
+
+    def launch_measured(self) -> None:
+        self.launch()
+
+    def launch_observed(self) -> None:
+        self.launch()
+
+    def _lost(self) -> str:
+        most, slots = self._told[0], self.cfg.slots
+        if not most:
+            return ""
+        self._told[0] = 0
+        self._seen.zero_()
+        return (
+            f"{self._where}: {most} obstacles lay within {self.cfg.reach:g} m of a robot, slots is {slots}, so that it "
+            f"went through some of them; set ObstaclesCfg(slots={max(most, slots + slots // 2)}) or a shorter reach"
+        )
+
+    # -- reading
+
+    @property
+    def data(self) -> Any:
+        """What it found, as tensors by the names of the struct: ``index``, ``distance``, ``count``, ``overflow``."""
+        return self._data
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {"num_slots": self.cfg.slots}
+
+
+@configclass
+class ObstaclesCfg:
+    """Capsules in the world frame, as arrays or from a function; a field of the scene's config."""
+
+    class_type: Callable[..., Any] | None = Obstacles
+    prim_path: str = "/World/obstacles"
+    """Where the labels of the slots lie, for contact sensors that tell them apart; nothing is authored there."""
+    positions: Any = None
+    """Centres in the world [m], ``(N, 3)``."""
+    rotations: Any = (0.0, 0.0, 0.0, 1.0)
+    """Orientations, xyzw, ``(N, 4)`` or one for all; the axis of a capsule is z."""
+    radius: Any = None
+    """Radii [m], ``(N,)`` or one for all."""
+    half_length: Any = 0.0
+    """Half lengths of the axes, without the caps [m], ``(N,)`` or one for all; 0 for spheres."""
+    source: Callable[[], Capsules] | None = None
+    """What returns the obstacles instead, such as with :meth:`Capsules.from_colliders`."""
+    capacity: int | None = None
+    """Most obstacles that may take their place later; by default as many as there are."""
+    asset_name: str = "robot"
+    """The asset that touches them, by its name in the scene."""
+    slots: int = 8
+    """How many obstacles a robot can touch at a time."""
+    reach: float = 1.5
+    """Distance from the robot's root within which no obstacle may be missed [m]: the robot's own reach and what it
+    moves in a physics step. It is the size of a cell of the grid, too."""
+    friction: float | None = None
+    """Coefficient of friction; by default that of ``SimulationCfg.physics_material``."""
+
+    def capsules(self) -> Capsules:
+        """The obstacles.
+
+        Raises:
+            ConfigError: if they are not all there, or not capsules.
+        """
+        if self.source is not None:
+            found = self.source()
+            if not isinstance(found, Capsules):
+                raise ConfigError([f"source: returned a {type(found).__name__}, must return Capsules"])
+            return found
+        try:
+            return Capsules(*(getattr(self, name) for name in _SIZE_FIELDS))
+        except ValueError as error:
+            raise ConfigError([str(error)]) from error
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.source is not None and self.positions is not None:
+            yield "source", "is set beside positions, set one of them"
+        if self.source is None:
+            for name in ("positions", "radius"):
+                if getattr(self, name) is None:
+                    yield name, "is missing; give arrays of positions and radius, or a source"
+        if self.source is None and self.positions is not None and self.radius is not None:
+            try:
+                self.capsules()
+            except ConfigError as error:
+                name, _, text = error.problems[0].partition(": ")
+                yield name, text
+        if not isinstance(self.slots, int) or self.slots < 1:
+            yield "slots", f"is {self.slots!r}, must be a whole number, 1 or more"
+        if not (math.isfinite(self.reach) and self.reach > 0.0):
+            yield "reach", f"is {self.reach}, must be a distance above 0 [m]"
+        if self.friction is not None and not (math.isfinite(self.friction) and self.friction >= 0.0):
+            yield "friction", f"is {self.friction}, must be 0 or more"
+        if self.capacity is not None and (not isinstance(self.capacity, int) or self.capacity < 1):
+            yield "capacity", f"is {self.capacity!r}, must be a whole number, 1 or more"
+        elif self.capacity is not None and np.ndim(self.positions) == 2 and len(self.positions) > self.capacity:
+            yield "capacity", f"is {self.capacity}, but there are {len(self.positions)} obstacles"
