@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can be read from a field of heights: slope, aspect, wetness, and where a legged robot gets along.
+
+Heights are ``(nrow, ncol)`` [m], rows along y, columns along x. ``cell`` is their spacing [m], one number or (x, y).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.interpolate import RectBivariateSpline
+
+from .drainage import fill_depressions, flow_accumulation
+
+__all__ = ["aspect", "height_at", "moisture", "reachable", "slope", "traversability", "vertex_at"]
+
+Cell = float | tuple[float, float]
+
+COARSE = 1.0
+"""Least spacing that wetness is worked out at [m]."""
+
+
+def _spacing(heights: np.ndarray, cell: Cell) -> tuple[float, float]:
+    dx, dy = cell if isinstance(cell, tuple) else (cell, cell)
+    if not (0.0 < dx < np.inf and 0.0 < dy < np.inf):
+        raise ValueError(f"cell is {cell}: must be above 0 [m], one number or (x, y)")
+    if heights.ndim != 2 or min(heights.shape) < 3:
+        raise ValueError(f"heights are {heights.shape}: must be (nrow, ncol), at least 3 x 3")
+    return float(dx), float(dy)
+
+
+def _gradient(heights: np.ndarray, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    """Slope along x and y, over 3 x 3 heights weighted 1 2 1; beyond the edge the ground goes on as it came."""
+    dx, dy = _spacing(heights, cell)
+    h = np.pad(heights.astype(float), 1, mode="reflect", reflect_type="odd")
+    rows, cols = h[:-2] + 2.0 * h[1:-1] + h[2:], h[:, :-2] + 2.0 * h[:, 1:-1] + h[:, 2:]
+    return (rows[:, 2:] - rows[:, :-2]) / (8.0 * dx), (cols[2:] - cols[:-2]) / (8.0 * dy)
+
+
+def slope(heights: np.ndarray, cell: Cell) -> np.ndarray:
+    """Steepness [rad], float32: B. K. P. Horn, "Hill shading and the reflectance map", 1981."""
+    along_x, along_y = _gradient(heights, cell)
+    return np.arctan(np.hypot(along_x, along_y)).astype(np.float32)
+
+
+def aspect(heights: np.ndarray, cell: Cell) -> np.ndarray:
+    """Direction in which the ground falls [rad], from x counterclockwise, in (-pi, pi], float32; 0 where level."""
+    along_x, along_y = _gradient(heights, cell)
+    return np.arctan2(0.0 - along_y, 0.0 - along_x).astype(np.float32)
+
+
+def _resampled(heights: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """A field on another grid of the same extent, linear between its points."""
+    axes, to = ([np.linspace(0.0, 1.0, n) for n in s] for s in (heights.shape, shape))
+    return np.asarray(RectBivariateSpline(*axes, heights, kx=1, ky=1)(*to))
+
+
+def moisture(heights: np.ndarray, cell: Cell) -> np.ndarray:
+    """How wet the ground is by its form, 0 to 1, float32.
+
+    Topographic wetness index ``ln(a / tan b)``: ``a`` the area drained per width [m], ``b`` the slope (K. J. Beven and
+    M. J. Kirkby, "A physically based, variable contributing area model of basin hydrology", 1979). 0 and 1 are its 2nd
+    and 98th percentiles. It is worked out at 1 m or the spacing, whichever is more, with hollows filled, slopes of at
+    least 0.01, and smoothed over that spacing.
+    """
+    dx, dy = _spacing(heights, cell)
+    nrow, ncol = heights.shape
+    shape = max(3, round((nrow - 1) * min(1.0, dy / COARSE)) + 1), max(3, round((ncol - 1) * min(1.0, dx / COARSE)) + 1)
+    coarse = (ncol - 1) * dx / (shape[1] - 1), (nrow - 1) * dy / (shape[0] - 1)
+    spread = [0.5 * (n - 1) / (m - 1) if n > m else 0.0 for n, m in zip(heights.shape, shape)]
+    ground = _resampled(ndimage.gaussian_filter(heights.astype(float), spread, mode="nearest"), shape)
+    filled = fill_depressions(ground)
+    width = np.sqrt(coarse[0] * coarse[1])
+    drained = flow_accumulation(filled, coarse) * width
+    index = np.log(drained / np.maximum(np.tan(slope(filled, coarse)), 0.01))
+    index = ndimage.gaussian_filter(index, 1.0, mode="nearest")
+    low, high = np.percentile(index, [2.0, 98.0])
+    wet = np.clip((index - low) / max(high - low, 1.0e-9), 0.0, 1.0)
+    return np.clip(_resampled(wet, heights.shape), 0.0, 1.0).astype(np.float32)
+
+
+def _occupied(shape: tuple[int, ...], cell: tuple[float, float], obstacles: np.ndarray) -> np.ndarray:
+    """Which vertices lie in an obstacle; the nearest one does in any case."""
+    taken = np.zeros(shape, dtype=bool)
+    col, row = ((obstacles[:, i] / cell[i] + 0.5 * (shape[1 - i] - 1)) for i in (0, 1))
+    spans = np.ceil(obstacles[:, 2] / min(cell)).astype(int)
+    for span in np.unique(spans):
+        few = spans == span
+        offsets = np.arange(-span, span + 1)
+        cols, rows = np.rint(col[few])[:, None] + offsets, np.rint(row[few])[:, None] + offsets
+        away = np.hypot(
+            ((rows - row[few, None]) * cell[1])[:, :, None], ((cols - col[few, None]) * cell[0])[:, None, :]
+        )
+        inside = away <= obstacles[few, 2][:, None, None]
+        inside[:, span, span] = True
+        inside &= ((rows >= 0) & (rows < shape[0]))[:, :, None] & ((cols >= 0) & (cols < shape[1]))[:, None, :]
+        which, i, j = np.nonzero(inside)
+        taken[rows[which, i].astype(int), cols[which, j].astype(int)] = True
+    return taken
+
+
+def traversability(
+    heights: np.ndarray,
+    cell: Cell,
+    obstacles: np.ndarray,
+    robot_radius: float,
+    max_slope: float,
+    max_step: float,
+) -> np.ndarray:
+    """How well a legged robot gets along, 0 (not at all) to 1 (level, even and free).
+
+    The product of three shares, each falling linearly from 1 to 0: with the slope of the ground smoothed over the
+    robot; with the largest step under it, the range of heights above that smoothed ground over the square about it;
+    with the room to the next obstacle, 1 from 2 ``robot_radius`` on, 0 up to ``robot_radius``. Room is known to half a
+    cell.
+
+    Args:
+        heights: Heights [m].
+        cell: Spacing [m].
+        obstacles: x, y and radius of each [m], shape ``(N, 3)``, the field being centred on the origin.
+        robot_radius: Of the circle about the robot [m].
+        max_slope: Slope that it no longer climbs [rad].
+        max_step: Step that it no longer climbs [m].
+
+    Returns:
+        Shares, float32 ``(nrow, ncol)``.
+    """
+    dx, dy = _spacing(heights, cell)
+    for name, value in (("robot_radius", robot_radius), ("max_slope", max_slope), ("max_step", max_step)):
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"traversability: {name} is {value}, must be above 0 and finite")
+    obstacles = np.asarray(obstacles, dtype=float).reshape(-1, 3) if np.size(obstacles) == 0 else np.asarray(obstacles)
+    if (
+        obstacles.ndim != 2
+        or obstacles.shape[1] != 3
+        or not np.isfinite(obstacles).all()
+        or (obstacles[:, 2] < 0).any()
+    ):
+        raise ValueError(f"traversability: obstacles are {obstacles.shape}, must be finite (N, 3): x, y, radius >= 0")
+
+    reach = [max(1, round(robot_radius / c)) for c in (dy, dx)]
+    margin = [min(4 * n, size - 1) for n, size in zip(reach, heights.shape)]
+    crop = tuple(slice(n, -n) for n in margin)
+    ground = np.pad(heights.astype(np.float32), [(n, n) for n in margin], mode="reflect", reflect_type="odd")
+    smooth = ndimage.gaussian_filter(ground, [robot_radius / dy, robot_radius / dx], truncate=3.0)
+    window = [2 * n + 1 for n in reach]
+    above = ground - smooth
+    step = (ndimage.maximum_filter(above, window) - ndimage.minimum_filter(above, window))[crop]
+    share = np.clip(1.0 - slope(smooth[crop], (dx, dy)) / max_slope, 0.0, 1.0) * np.clip(
+        1.0 - step / max_step, 0.0, 1.0
+    )
+    taken = _occupied(heights.shape, (dx, dy), obstacles)
+    if taken.any():
+        room = ndimage.distance_transform_edt(~taken, sampling=(dy, dx))
+        share = share * np.clip(room / robot_radius - 1.0, 0.0, 1.0)
+    return share.astype(np.float32)
+
+
+def reachable(passable: np.ndarray, start: tuple[int, int], least: float = 0.0) -> np.ndarray:
+    """Where one gets from ``start`` (row, column) over vertices of more than ``least``, step by step along the axes.
+
+    Returns:
+        bool, of the shape of ``passable``; nowhere true if the start itself is not passable.
+    """
+    nrow, ncol = passable.shape
+    if not (0 <= start[0] < nrow and 0 <= start[1] < ncol):
+        raise ValueError(f"reachable: start (row, column) {tuple(start)} is outside of the map {passable.shape}")
+    labels, _ = ndimage.label(passable > least)
+    return np.asarray((labels == labels[start[0], start[1]]) & (labels > 0))
+
+
+def vertex_at(shape: tuple[int, ...], size: tuple[float, float], xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the vertex nearest to points ``(..., 2)`` [m] of a field of ``size`` centred on the origin."""
+    xy = np.asarray(xy, dtype=float)
+    col, row = (np.rint((xy[..., i] / size[i] + 0.5) * (shape[1 - i] - 1)).astype(int) for i in (0, 1))
+    return row.clip(0, shape[0] - 1), col.clip(0, shape[1] - 1)
+
+
+def height_at(heights: np.ndarray, size: tuple[float, float], xy: np.ndarray) -> np.ndarray:
+    """Height of the surface that robots stand on, at points ``(..., 2)`` [m]; float64 ``(...)``.
+
+    Each cell is two triangles, cut from (row + 1, column) to (row, column + 1), as in ``stripe_kernels.terrain``.
+    Beyond its edge the field goes on level.
+    """
+    nrow, ncol = heights.shape
+    xy = np.asarray(xy, dtype=float)
+    u, v = (np.clip((xy[..., i] / size[i] + 0.5) * (n - 1), 0, n - 1) for i, n in ((0, ncol), (1, nrow)))
+    col, row = np.minimum(u.astype(int), ncol - 2), np.minimum(v.astype(int), nrow - 2)
+    u, v = u - col, v - row
+    near, right, up, far = (heights[row + i, col + j].astype(float) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    low = near + u * (right - near) + v * (up - near)
+    return np.where(u + v <= 1.0, low, far + (1.0 - u) * (up - far) + (1.0 - v) * (right - far))

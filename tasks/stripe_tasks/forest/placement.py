@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where things lie and stand in a forest: blue-noise scatter, poses on the ground, free spots for robots.
+
+Positions are (x, y) [m] in a field of ``size`` centred on the origin; maps are ``map[row, col]`` with rows along y,
+their outer values on the field's edges. A generator in the same state gives the same result.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from .darts import Size, check_discs, check_map, check_size, clear_of, mean_over_field, sample_map, sampler, throw
+from .maps import height_at
+
+__all__ = ["clear_spots", "ground_slope", "lie_on_slope", "patch_map", "sample_map", "scatter", "stand_on_ground"]
+
+_SPACING = (
+    0.30  # share of the ground that blue-noise discs cover; darts at random reach 0.547 (random sequential packing)
+)
+_PROFILE = 32  # points along a log; even, so that none is at its middle
+_TIE = 1.0e-4  # supports that differ by less [m] count as equal: the widest is taken
+
+
+def _how_many(size: Size, density: float | None, count: int | None) -> int:
+    if (density is None) == (count is None):
+        raise ValueError("scatter needs either density [1/m^2] or count, one of the two")
+    number = float(count) if count is not None else float(density or 0.0) * size[0] * size[1]
+    if not 0.0 <= number < math.inf or (count is not None and count != int(count)):
+        raise ValueError(f"scatter: {'count' if count is not None else 'density'} must be 0 or more")
+    return round(number)
+
+
+def scatter(
+    size: Size,
+    rng: np.random.Generator,
+    *,
+    density: float | None = None,
+    count: int | None = None,
+    weight: np.ndarray | None = None,
+    radius: float | tuple[float, float] = 0.0,
+    avoid: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Blue-noise placement of discs that do not overlap: Poisson-disc darts (Cook 1986, ACM Trans. Graph. 5).
+
+    Neighbours keep a distance that suits the density about them, as long as there is room; discs never overlap.
+
+    Args:
+        size: Extent of the field [m].
+        rng: Where the randomness comes from.
+        density: Discs per square metre, the mean over the field; or
+        count: how many.
+        weight: Map of relative density, 0 or more; uniform by default.
+        radius: Radius of all, or (smallest, largest) of radii drawn uniformly [m].
+        avoid: Positions ``(M, 2)`` and radii ``(M,)`` of discs to stay clear of.
+
+    Returns:
+        Positions ``(N, 2)`` and radii ``(N,)`` [m].
+
+    Raises:
+        ValueError: For bad input, or when not all fit; it says how many do.
+    """
+    size = check_size(size)
+    number = _how_many(size, density, count)
+    low, high = (radius, radius) if isinstance(radius, (int, float)) else radius
+    if not 0.0 <= low <= high < math.inf:
+        raise ValueError(f"scatter: radius is {radius}, must be 0 or more, or (smallest, largest) [m]")
+    others, widths = check_discs("scatter: avoid", avoid)
+    if weight is not None:
+        weight = check_map("scatter: weight", weight)
+        if weight.min() < 0.0 or weight.max() <= 0.0:
+            raise ValueError("scatter: weight must be 0 or more everywhere and positive somewhere")
+    radii = rng.uniform(low, high, number)
+    if number == 0:
+        return np.zeros((0, 2)), radii
+    spacing = math.sqrt(_SPACING * size[0] * size[1] / (math.pi * number))
+    mean = 1.0 if weight is None else mean_over_field(weight)
+
+    def reach(xy: np.ndarray, own: np.ndarray, ease: float) -> np.ndarray:
+        if weight is None:
+            return np.maximum(own, ease * spacing)
+        share = np.maximum(sample_map(weight, size, xy) / mean, 0.1)  # wider spacings need not be kept
+        return np.maximum(own, ease * spacing / np.sqrt(share))
+
+    draw = sampler(size, weight, rng)
+    at, done = throw(radii, draw, reach, lambda xy, own: clear_of(xy, own, others, widths))
+    if not done.all():
+        raise ValueError(
+            f"scatter: only {done.sum()} of {number} discs of radius {low:g} to {high:g} m fit into "
+            f"{size[0]:g} x {size[1]:g} m beside what they avoid; ask for fewer or for smaller ones"
+        )
+    return at, radii
+
+
+def patch_map(shape: tuple[int, int], size: Size, rng: np.random.Generator, patch: float, cover: float) -> np.ndarray:
+    """A map ``shape`` in [0, 1] of soft-edged patches, for what grows in clumps, as grass: a ``weight`` of scatter.
+
+    Smoothed white noise above its own quantile (a thresholded Gaussian field, Chiu et al. 2013, Stochastic Geometry,
+    sec. 6.6). ``patch`` is about the width of a patch [m], ``cover`` the share of the ground with any growth.
+    """
+    if not (patch > 0.0 and 0.0 < cover <= 1.0) or len(shape) != 2 or min(shape) < 2:
+        raise ValueError(f"patch_map: patch is {patch}, cover {cover}, shape {shape}; must be > 0, in (0, 1], >= 2 x 2")
+    cell = np.array(check_size(size))[::-1] / (np.array(shape) - 1)
+    field = gaussian_filter(rng.standard_normal(shape), 0.35 * patch / cell, mode="reflect")
+    over = field - np.quantile(field, 1.0 - cover)
+    return np.clip(2.0 * over / max(float(over.max()), 1.0e-12), 0.0, 1.0)
+
+
+def stand_on_ground(heights: np.ndarray, size: Size, xy: np.ndarray, sink: float | np.ndarray = 0.0) -> np.ndarray:
+    """Positions ``(..., 3)`` on the ground at ``xy`` ``(..., 2)``, ``sink`` [m] below its surface."""
+    xy = np.asarray(xy, dtype=np.float64)
+    ground = height_at(check_map("heights", heights), check_size(size), xy)
+    return np.concatenate([xy, (ground - sink)[..., None]], axis=-1)
+
+
+def ground_slope(heights: np.ndarray, size: Size, xy: np.ndarray) -> np.ndarray:
+    """Angle between the ground's normal and up [rad] at ``xy`` ``(..., 2)``, over two cells; shape ``(...)``."""
+    rows, cols = check_map("heights", heights).shape
+    half = 0.5 * np.array(check_size(size))
+    xy = np.clip(np.asarray(xy, dtype=np.float64), -half, half)
+    rises = []
+    for step in np.diag(2.0 * half / (np.array([cols, rows]) - 1)):
+        low, high = np.maximum(xy - step, -half), np.minimum(xy + step, half)  # one-sided at the edges
+        rises.append(
+            (height_at(heights, size, high) - height_at(heights, size, low)) / np.linalg.norm(high - low, axis=-1)
+        )
+    return np.arctan(np.hypot(*rises))
+
+
+def lie_on_slope(
+    heights: np.ndarray,
+    size: Size,
+    xy: np.ndarray,
+    yaw: np.ndarray | float,
+    length: np.ndarray | float,
+    radius: np.ndarray | float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of a log, its axis along its own x, that rests on two points of the ground on either side of its middle.
+
+    Along the log the ground is a profile; at rest the log is the edge of the profile's upper convex hull that lies
+    above its middle: its two ends in a hollow or on a plane, two points beside the crest on a hump.
+
+    Args:
+        heights: The ground [m], ``(rows, cols)``.
+        size: Extent of the field [m].
+        xy: Middle of the log ``(..., 2)`` [m].
+        yaw: Heading of its axis [rad].
+        length: From end to end [m].
+        radius: Its radius [m]; the axis lies so far above the ground, at right angles to the axis.
+
+    Returns:
+        Positions ``(..., 3)`` [m] of its middle and quaternions ``(..., 4)``, xyzw.
+    """
+    ground, size = check_map("heights", heights), check_size(size)
+    xy = np.asarray(xy, dtype=np.float64)
+    yaw, length, radius = (np.broadcast_to(np.asarray(v, np.float64), xy.shape[:-1]) for v in (yaw, length, radius))
+    if xy.shape[-1:] != (2,) or not np.isfinite(xy).all() or not np.isfinite(yaw).all():
+        raise ValueError(f"lie_on_slope: xy has the shape {xy.shape}, must be (..., 2), and it and yaw finite")
+    if not (length > 0.0).all() or not (radius >= 0.0).all():
+        raise ValueError("lie_on_slope: length must be positive and radius 0 or more [m]")
+    heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+    unit = np.linspace(-1.0, 1.0, _PROFILE)
+    left, right = unit[: _PROFILE // 2, None], unit[None, _PROFILE // 2 :]
+    pitch = np.zeros(xy.shape[:-1])
+    for _ in range(12):  # a steeper log spans less ground; each round settles how much
+        half = 0.5 * length * np.cos(pitch)
+        along = half[..., None] * unit
+        profile = height_at(ground, size, xy[..., None, :] + along[..., None] * heading[..., None, :])
+        a, b = profile[..., : _PROFILE // 2, None], profile[..., None, _PROFILE // 2 :]
+        middle = (a * right - b * left) / (right - left)  # height above the middle of the line through two points
+        best = middle.max(axis=(-2, -1), keepdims=True)
+        width = np.where(middle >= best - _TIE, right - left, 0.0).reshape(pitch.shape + (-1,))
+        pair = width.argmax(axis=-1)[..., None]
+        slope = np.take_along_axis(((b - a) / (right - left)).reshape(width.shape), pair, axis=-1)[..., 0] / half
+        pitch = 0.5 * (pitch + np.arctan(slope))
+    height = best[..., 0, 0]
+    lift = np.stack([-np.sin(pitch) * heading[..., 0], -np.sin(pitch) * heading[..., 1], np.cos(pitch)], axis=-1)
+    position = np.concatenate([xy, height[..., None]], axis=-1) + radius[..., None] * lift
+    # Rz(yaw) Ry(-pitch): the log's x axis goes along the heading and up by the pitch
+    sp, cp, sy, cy = np.sin(-0.5 * pitch), np.cos(-0.5 * pitch), np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+    return position, np.stack([-sy * sp, cy * sp, sy * cp, cy * cp], axis=-1)
+
+
+def clear_spots(
+    heights: np.ndarray,
+    size: Size,
+    obstacles: np.ndarray,
+    robot_radius: float,
+    count: int,
+    rng: np.random.Generator,
+    max_slope: float,
+    apart: float | None = None,
+) -> np.ndarray:
+    """Places ``(count, 3)`` on the ground where a robot stands clear of obstacles, of the field's edge and of others.
+
+    Args:
+        heights: The ground [m], ``(rows, cols)``.
+        size: Extent of the field [m].
+        obstacles: ``(N, 3)``, x, y and radius [m].
+        robot_radius: Radius about a place that is kept free [m].
+        count: How many.
+        rng: Where the randomness comes from.
+        max_slope: Steepest ground [rad] at the place and at eight points ``robot_radius`` about it.
+        apart: Least distance of two places [m]; by default ``2 robot_radius``; 0 for robots in worlds of their own.
+
+    Raises:
+        ValueError: For bad input, or when there is no room for all; it says for how many there is.
+    """
+    ground, size = check_map("heights", heights), check_size(size)
+    obstacles = np.asarray(obstacles, dtype=np.float64).reshape(-1, 3) if np.size(obstacles) == 0 else obstacles
+    obstacles = np.asarray(obstacles, dtype=np.float64)
+    if obstacles.ndim != 2 or obstacles.shape[1] != 3:
+        raise ValueError(f"clear_spots: obstacles have the shape {obstacles.shape}, must be (N, 3): x, y, radius")
+    centres, widths = check_discs("clear_spots: obstacles", (obstacles[:, :2], obstacles[:, 2]))
+    inner = np.array(size) - 2.0 * robot_radius
+    if not robot_radius > 0.0 or (inner <= 0.0).any():
+        raise ValueError(f"clear_spots: robot_radius is {robot_radius}, must be positive and fit into {size} [m]")
+    if count < 0 or not 0.0 <= max_slope <= 0.5 * math.pi or (apart is not None and apart < 0.0):
+        raise ValueError(
+            f"clear_spots: count {count} and apart {apart} must be 0 or more, max_slope {max_slope} in [0, pi / 2] rad"
+        )
+    turn = np.arange(8) * 0.25 * math.pi
+    ring = robot_radius * np.concatenate([np.zeros((1, 2)), np.stack([np.cos(turn), np.sin(turn)], axis=1)])
+    half_gap = robot_radius if apart is None else 0.5 * apart
+
+    def free(xy: np.ndarray, own: np.ndarray) -> np.ndarray:
+        clear = clear_of(xy, np.full(len(xy), robot_radius), centres, widths)
+        clear[clear] = (ground_slope(ground, size, xy[clear, None] + ring) <= max_slope).all(axis=1)
+        return clear
+
+    at, done = throw(
+        np.full(count, half_gap), lambda n: (rng.random((n, 2)) - 0.5) * inner, lambda xy, own, ease: own, free
+    )
+    if not done.all():
+        raise ValueError(
+            f"clear_spots: only {done.sum()} of {count} places fit, {2.0 * half_gap:g} m apart, robot_radius "
+            f"{robot_radius:g} m, on slopes of up to {math.degrees(max_slope):.0f} degrees; ask for fewer, or allow "
+            f"a smaller robot_radius or apart, or a larger max_slope"
+        )
+    return np.concatenate([at, height_at(ground, size, at)[:, None]], axis=1)
