@@ -22,8 +22,7 @@ def fill_depressions(heights: np.ndarray, rise: float = 1.0e-5) -> np.ndarray:
     """Heights with every hollow filled so that water runs from each vertex to the edge, downhill all the way.
 
     Priority-flood with a rise per step: R. Barnes, C. Lehman and D. Mulla, "Priority-flood: An optimal
-    depression-filling and watershed-labeling algorithm for digital elevation models", 2014. Visits vertices one by one:
-    0.2 s for 256 x 256.
+    depression-filling and watershed-labeling algorithm for digital elevation models", 2014. Visits vertices one by one.
 
     Args:
         heights: Heights [m], shape ``(nrow, ncol)``.
