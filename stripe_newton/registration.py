@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks by name: registration with gymnasium, light enough to run at import."""
+"""Tasks and scenes by name: registration, tasks with gymnasium, light enough to run at import."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import gymnasium
 
 from stripe_newton.configclass import resolve_name
 
-__all__ = ["register_task"]
+__all__ = ["register_scene", "register_task", "scene_class", "scene_names"]
+
+_SCENES: dict[str, str | type] = {}
 
 
 class _Creator:
@@ -62,3 +64,31 @@ def register_task(
     if rsl_rl_cfg is not None:
         kwargs["rsl_rl_cfg_entry_point"] = rsl_rl_cfg
     gymnasium.register(id=task_id, vector_entry_point=_Creator(env, env_cfg), kwargs=kwargs)
+
+
+def register_scene(name: str, spec: str | type) -> None:
+    """Register a scene, so that ``stripe-newton scene`` finds it.
+
+    Args:
+        name: Such as ``"forest"``.
+        spec: ``"module:Class"`` of its ``SceneSpec``, which is imported when the scene is asked for, or the class.
+
+    Raises:
+        ValueError: if another scene has that name.
+    """
+    if _SCENES.setdefault(name, spec) != spec:
+        raise ValueError(f"scene '{name}': is registered already, as {_SCENES[name]}; give the other another name")
+
+
+def scene_names() -> list[str]:
+    """Names of all registered scenes, sorted."""
+    return sorted(_SCENES)
+
+
+def scene_class(name: str) -> Any:
+    """The ``SceneSpec`` class of a registered scene, imported now.
+
+    Raises:
+        KeyError: if there is none of that name.
+    """
+    return _named(_SCENES[name])

@@ -149,6 +149,11 @@ def test_command_lines_parse(line):
     assert import_extra(argv) == argv
     if "--help" in argv:
         return
+    if command == "scene":
+        from stripe_newton.cli.scene import ACTIONS
+
+        tyro.cli(ACTIONS[argv[0]], args=argv[1:])
+        return
     if command in ("list", "inspect"):
         tyro.cli(options, args=argv)
         return
@@ -162,8 +167,12 @@ def test_the_command_line_page_names_each_option(command):
     text = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
     section = re.split(r"^## ", text.split(f"## {command}\n")[1], flags=re.M)[0]
     named = set(re.findall(r"--([a-z][a-z-]*)\b(?!\.)", section)) - {"resume"}
-    fields = dataclasses.fields(options_type(command))
+    fields = list(dataclasses.fields(options_type(command)))
+    if command == "scene":
+        from stripe_newton.cli.scene import ACTIONS
+
+        fields += [field for kind in ACTIONS.values() for field in dataclasses.fields(kind)]
     known = {field.name.replace("_", "-") for field in fields} - {"resume"}
-    positional = {"task", "target"}
+    positional = {"task", "target", "spec"}
     assert named <= known
     assert known - positional <= named

@@ -6,9 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stripe_newton.terrains import Ground
-from stripe_tasks.forest.drainage import fill_depressions, flow_accumulation
-from stripe_tasks.forest.maps import aspect, height_at, moisture, reachable, slope, traversability
+from stripe_tasks.forest.drainage import flow_accumulation
+from stripe_tasks.forest.maps import aspect, height_at, moisture, reachable, slope, step_height, traversability
 from stripe_tasks.forest.relief import ReliefCfg, carve_path, carve_ravine, flatten_disc, make_relief
 
 SMALL = ReliefCfg(size=(48.0, 32.0), resolution=0.5, relief=4.0, wavelength=24.0, micro_amplitude=0.1, seed=3)
@@ -17,10 +16,6 @@ SMALL = ReliefCfg(size=(48.0, 32.0), resolution=0.5, relief=4.0, wavelength=24.0
 @pytest.fixture(scope="module")
 def relief():
     return make_relief(SMALL)
-
-
-def rough(seed: int = 0, shape: tuple[int, int] = (20, 30)) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(0.0, 2.0, shape)
 
 
 def test_the_same_seed_gives_the_same_ground(relief):
@@ -36,35 +31,6 @@ def test_the_same_seed_gives_the_same_ground(relief):
 def test_hills_are_as_high_as_asked():
     spreads = [make_relief(ReliefCfg(**{**SMALL.__dict__, "relief": r})).heights.std() for r in (4.0, 8.0)]
     assert spreads[1] / spreads[0] == pytest.approx(2.0, rel=0.25)
-
-
-def test_filled_ground_has_no_pit_and_is_nowhere_lower():
-    heights = rough()
-    filled = fill_depressions(heights)
-    assert (filled >= heights).all()
-    inner = filled[1:-1, 1:-1]
-    steps = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
-    lowest = np.min(
-        [filled[1 + a : filled.shape[0] - 1 + a, 1 + b : filled.shape[1] - 1 + b] for a, b in steps], axis=0
-    )
-    assert (lowest < inner).all()
-    level = np.full(heights.shape, np.inf)  # the same by relaxation: the lowest way out, step by step
-    level[0], level[-1], level[:, 0], level[:, -1] = heights[0], heights[-1], heights[:, 0], heights[:, -1]
-    for _ in range(200):
-        around = np.min(
-            [level[1 + a : level.shape[0] - 1 + a, 1 + b : level.shape[1] - 1 + b] for a, b in steps], axis=0
-        )
-        level[1:-1, 1:-1] = np.minimum(level[1:-1, 1:-1], np.maximum(heights[1:-1, 1:-1], around))
-    np.testing.assert_allclose(filled, level, atol=1e-3)
-
-
-def test_all_water_leaves_over_the_edge():
-    filled = fill_depressions(rough(1))
-    flow = flow_accumulation(filled, (0.5, 0.5))
-    edge = np.ones(flow.shape, dtype=bool)
-    edge[1:-1, 1:-1] = False
-    assert flow[edge].sum() == pytest.approx(flow.size, rel=1e-6)
-    assert flow.min() >= 1.0
 
 
 def test_water_gathers_along_a_valley():
@@ -96,15 +62,6 @@ def test_channels_are_wetter_than_ridges(relief):
     x, y = np.meshgrid(np.linspace(-8.0, 8.0, 65), np.linspace(-8.0, 8.0, 65))
     valley = moisture(0.5 * np.abs(x) + 0.1 * y, (0.25, 0.25))
     assert valley[8:-8, 30:35].mean() > valley[8:-8, 8:20].mean() + 0.2
-
-
-def test_heights_are_those_of_the_ground_that_is_touched(relief):
-    nrow, ncol = relief.heights.shape
-    ground = Ground(relief.heights, (-0.5 * relief.size[0], -0.5 * relief.size[1]), relief.cell)
-    points = np.random.default_rng(0).uniform(-0.5, 0.5, (500, 2)) * relief.size
-    expected = ground.height_at(points[:, 0], points[:, 1])
-    np.testing.assert_allclose(height_at(relief.heights, relief.size, points), expected, atol=1e-4)
-    assert (nrow, ncol) == relief.heights.shape
 
 
 def test_a_clearing_is_level_and_leaves_the_rest(relief):
@@ -149,6 +106,29 @@ def test_obstacles_and_steps_are_in_the_way():
     assert there[70, 35]
     assert not there[40, 75]  # beyond the step
     assert not reachable(free, (40, 20)).any()
+
+
+@pytest.mark.parametrize("cell", [0.1, 0.25, 0.5])
+@pytest.mark.parametrize("turn", [0.0, 0.4, 0.25 * np.pi])
+@pytest.mark.parametrize("tilt", [-0.3, 0.0, 0.3])
+def test_a_sharp_step_counts_in_full_and_a_plane_not_at_all(cell, turn, tilt):
+    axis = np.arange(-6.0, 6.0 + 0.5 * cell, cell)
+    across = np.cos(turn) * axis[None, :] + np.sin(turn) * axis[:, None] + 0.013
+    plane = tilt * across
+    steps = step_height(plane + 0.3 * (across > 0.0), cell, 0.3)
+    np.testing.assert_allclose(steps[np.abs(across) < 0.5 * cell], 0.3, rtol=0.05)
+    assert steps[np.abs(across) > 4.0 * max(cell, 0.3)].max() < 1e-4
+    assert step_height(plane, cell, 0.3).max() < 1e-4
+    free = traversability(plane, cell, np.zeros((0, 3)), 0.3, 0.8, 0.2)
+    np.testing.assert_allclose(free, 1.0 - np.arctan(abs(tilt)) / 0.8, atol=1e-3)
+
+
+def test_a_step_is_the_range_over_the_square_on_level_ground():
+    heights = np.zeros((30, 40))
+    heights[12, 20] = 0.4
+    expected = np.zeros_like(heights)
+    expected[9:16, 17:24] = 0.4
+    np.testing.assert_allclose(step_height(heights, 0.1, 0.3), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -8,56 +8,30 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-import warp as wp
 
 from stripe_kernels import obstacles as kernels
-from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
-from stripe_newton.envs import ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
-from stripe_newton.managers import (
-    EventTermCfg,
-    ObservationGroupCfg,
-    ObservationTermCfg,
-    RewardTermCfg,
-    TerminationTermCfg,
-)
-from stripe_newton.scene import Capsules, InteractiveScene, InteractiveSceneCfg, ObstaclesCfg
+from stripe_newton.scene import Capsules, InteractiveScene, ObstaclesCfg
 from stripe_newton.scene.capsules import list_cells
 from stripe_newton.sensors import ContactSensorCfg
-from stripe_newton.sensors.sensor_base import SensorBase
 from stripe_newton.sim import (
-    CollisionPropertiesCfg,
-    GroundPlaneCfg,
-    MuJoCoSolverCfg,
-    RigidBodyPropertiesCfg,
     Simulation,
     SimulationCfg,
-    SphereCfg,
     XPBDSolverCfg,
 )
 from stripe_newton.spec.mesh import Collider
-from stripe_tasks.robots import QUADRUPED_CFG
-
-REACH = 1.2
-
-
-def random_capsules(count: int, seed: int, half: float = 5.0, longest: float = 6.0) -> Capsules:
-    """Capsules of all lengths and directions, some longer than many cells."""
-    rng = np.random.default_rng(seed)
-    positions = rng.uniform(-half, half, (count, 3)) * [1.0, 1.0, 0.1]
-    lengths = rng.uniform(0.0, 1.0, count) ** 3 * longest
-    return Capsules(positions, rng.normal(size=(count, 4)), rng.uniform(0.02, 0.3, count), lengths)
-
-
-def distances(capsules: Capsules, point: np.ndarray) -> np.ndarray:
-    """From a point to all surfaces [m], float64."""
-    x, y, z, w = capsules.rotations.astype(np.float64).T
-    axis = np.column_stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
-    offset = point - capsules.positions
-    half = capsules.half_length.astype(np.float64)
-    along = np.clip((offset * axis).sum(axis=1), -half, half)
-    return np.linalg.norm(offset - along[:, None] * axis, axis=1) - capsules.radius
-
+from tests.obstacle_world import (
+    REACH,
+    BallCfg,
+    StaticCapsulesCfg,
+    WalkCfg,
+    ball_scene,
+    distances,
+    make,
+    move_to,
+    random_capsules,
+    slots_cfg,
+)
 
 # -- the grid
 
@@ -110,74 +84,10 @@ def test_colliders_of_instances():
 # -- in a scene
 
 
-class StaticCapsules(SensorBase):
-    """The obstacles as ordinary colliders of the world."""
-
-    def prepare(self, sim: Any, template: Any, static: Any) -> None:
-        there = self.cfg.obstacles
-        for i in range(len(there)):
-            pose = wp.transform(wp.vec3(*there.positions[i]), wp.quat(*there.rotations[i]))
-            size = {"radius": float(there.radius[i]), "half_height": float(there.half_length[i])}
-            static.add_shape_capsule(-1, xform=pose, **size)
-
-
-@configclass
-class StaticCapsulesCfg:
-    """Config of them."""
-
-    class_type: Any = StaticCapsules
-    prim_path: str = "/World/obstacles"
-    obstacles: Any = None
-
-
-@configclass
-class WalkCfg(InteractiveSceneCfg):
-    """A quadruped on a plane, among obstacles."""
-
-    ground: AssetBaseCfg = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
-    robot: ArticulationCfg = QUADRUPED_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
-    obstacles: Any = None
-
-
-@configclass
-class BallCfg(InteractiveSceneCfg):
-    """A ball, and another one that is not to be touched."""
-
-    ground: AssetBaseCfg = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
-    robot: RigidObjectCfg = RigidObjectCfg(
-        prim_path="{ENV_REGEX_NS}/Ball",
-        spawn=SphereCfg(radius=0.1, rigid_props=RigidBodyPropertiesCfg(), collision_props=CollisionPropertiesCfg()),
-        init_state=RigidObjectCfg.InitialStateCfg(pos=(0.0, 0.0, 0.5)),
-    )
-    obstacles: Any = None
-    other: Any = None
-
-
-def make(cfg: InteractiveSceneCfg, **sim: Any) -> InteractiveScene:
-    solver = MuJoCoSolverCfg(njmax=300, nconmax=80)
-    options = {"device": "cpu", "dt": 0.005, "solver": solver} | sim
-    scene = InteractiveScene(cfg, Simulation(SimulationCfg(**options)))
-    scene.build()
-    return scene
-
-
-def slots_cfg(capsules: Capsules, **changes: Any) -> ObstaclesCfg:
-    return ObstaclesCfg(source=lambda: capsules, reach=REACH).replace(**changes)
-
-
-def ball_scene(capsules: Capsules, num_envs: int = 3, other: Any = None, **changes: Any) -> InteractiveScene:
-    return make(BallCfg(num_envs=num_envs, env_spacing=2.0, obstacles=slots_cfg(capsules, **changes), other=other))
-
-
-def move_to(scene: InteractiveScene, points: np.ndarray) -> None:
-    pose = scene["robot"].data.root_pose_w.clone()
-    pose[:, :3] = torch.from_numpy(np.asarray(points, dtype=np.float32))
-    scene["robot"].write_root_pose_to_sim(pose)
-
-
-def test_the_nearest_are_found():
+@pytest.mark.parametrize("reach", [REACH, 0.5 * REACH])
+def test_the_nearest_are_found(reach):
     capsules = random_capsules(300, 3)
-    scene = ball_scene(capsules, num_envs=16, slots=5)
+    scene = ball_scene(capsules, num_envs=16, slots=5, reach=reach, sight=REACH)
     rng = np.random.default_rng(4)
     seen = []
     for far in (4.0, 9.0):
@@ -189,8 +99,9 @@ def test_the_nearest_are_found():
             wanted = distances(capsules, point)
             order = np.argsort(wanted, kind="stable")
             order = order[wanted[order] < REACH]
-            assert int(data.count[env]) == len(order)
-            assert bool(data.overflow[env]) == (len(order) > 5)
+            in_reach = int((wanted < reach).sum())
+            assert int(data.count[env]) == in_reach
+            assert bool(data.overflow[env]) == (in_reach > 5)
             found = data.index[env].tolist()
             kept = order[:5]
             assert found[: len(kept)] == kept.tolist()
@@ -241,30 +152,31 @@ def around(scene_origins: np.ndarray) -> Capsules:
     return Capsules(np.concatenate([positions, log]), rotations, radius, np.append(rng.uniform(0.0, 0.4, count), 6.0))
 
 
-def fall(cfg: Any, steps: int, num_envs: int = 4) -> tuple[np.ndarray, InteractiveScene, list[int]]:
-    """Root poses and joint positions of the quadruped, shape ``(steps, envs, n)``, and contacts at each step."""
-    scene = make(WalkCfg(num_envs=num_envs, env_spacing=3.0, obstacles=cfg))
+def fall(cfg: Any, steps: int, device: str) -> tuple[np.ndarray, InteractiveScene, list[int]]:
+    """Root poses and joint positions of four quadrupeds, shape ``(steps, envs, n)``, and contacts at each step."""
+    scene = make(WalkCfg(num_envs=4, env_spacing=3.0, obstacles=cfg), device=device)
     rows, contacts = [], []
     for _ in range(steps):
         scene.sim.step()
         data = scene["robot"].data
-        rows.append(torch.cat([data.root_pose_w, data.joint_pos], dim=1).numpy().copy())
+        rows.append(torch.cat([data.root_pose_w, data.joint_pos], dim=1).cpu().numpy().copy())
         contacts.append(int(scene.sim.solver.mjw_data.nacon.numpy()[0]))
     return np.array(rows), scene, contacts
 
 
-def test_a_robot_moves_as_among_ordinary_colliders():
+def test_a_robot_moves_as_among_ordinary_colliders(device):
     origins = make(WalkCfg(num_envs=4, env_spacing=3.0)).env_origins.numpy()
     capsules = around(origins)
-    ours, scene, touching = fall(slots_cfg(capsules, slots=6), 100)
-    same, _, others = fall(StaticCapsulesCfg(obstacles=capsules), 100)
-    free, _, alone = fall(None, 100)
+    ours, scene, touching = fall(slots_cfg(capsules, slots=6), 100, device)
+    same, _, others = fall(StaticCapsulesCfg(obstacles=capsules), 100, device)
+    free, _, alone = fall(None, 100, device)
     data = scene["obstacles"].data
     assert data.count.max() <= 6 < len(capsules)
-    assert touching == others
+    if device == "cpu":  # elsewhere sums in another order let the paths drift apart
+        assert touching == others
     assert max(touching) > max(alone)
     assert np.abs(same - free).max(axis=(0, 2)).min() > 0.02  # every robot felt them
-    np.testing.assert_allclose(ours, same, atol=1e-4)  # 9e-6 was seen
+    np.testing.assert_allclose(ours, same, atol=1e-4 if device == "cpu" else 1e-2)  # 9e-6 was seen on the CPU
 
 
 def test_an_environment_does_not_depend_on_how_many_there_are():
@@ -409,7 +321,8 @@ def test_a_warning_on_request():
         ({"positions": [[0, 0, 0]], "radius": 1.0, "slots": 0}, "slots: is 0"),
         ({"positions": [[0, 0, 0]], "radius": 1.0, "reach": 0.0}, "reach: is 0.0"),
         ({"positions": [[0, 0, 0]] * 3, "radius": 1.0, "capacity": 2}, "capacity: is 2, but there are 3"),
-        ({"positions": [[0, 0, 0]], "source": random_capsules}, "source: is set beside positions"),
+        ({"positions": [[0, 0, 0]], "source": random_capsules}, "source: is one of source, positions and of_scenery"),
+        ({"positions": [[0, 0, 0]], "radius": 1.0, "sight": 0.5}, "sight: is 0.5, must be at least reach"),
     ],
 )
 def test_configs_say_what_is_wrong(cfg, message):
@@ -423,93 +336,3 @@ def test_scenes_that_cannot_have_slots_say_so():
         make(BallCfg(num_envs=1, env_spacing=0.0, obstacles=obstacles), solver=XPBDSolverCfg())
     with pytest.raises(ConfigError, match="asset_name: is 'dog', the scene has robot"):
         make(BallCfg(num_envs=1, env_spacing=0.0, obstacles=obstacles.replace(asset_name="dog")))
-
-
-# -- terms
-
-
-@wp.kernel(enable_backward=False)
-def observe(obstacles: kernels.ObstacleData, threshold: float, out: wp.array2d[float], close: wp.array[wp.bool]):
-    env = wp.tid()
-    kernels.obstacle_distance(env, obstacles, out[env])
-    close[env] = kernels.too_close(env, obstacles, threshold)
-
-
-def test_terms_see_what_is_near():
-    capsules = random_capsules(100, 7)
-    scene = ball_scene(capsules, num_envs=12, slots=4)
-    rng = np.random.default_rng(8)
-    points = (rng.uniform(-5, 5, (12, 3)) * [1, 1, 0.1]).astype(np.float32)
-    yaw = rng.uniform(-3, 3, 12)
-    pose = np.column_stack([points, 0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)]).astype(np.float32)
-    scene["robot"].write_root_pose_to_sim(torch.from_numpy(pose))
-    sensor = scene["obstacles"]
-    sensor.update(0.0)
-    out, close = wp.zeros((12, 16), dtype=float, device="cpu"), wp.zeros(12, dtype=wp.bool, device="cpu")
-    wp.launch(observe, dim=12, inputs=[sensor.struct, 0.4], outputs=[out, close], device="cpu")
-    found, some = out.numpy().reshape(12, 4, 4), 0
-    for env in range(12):
-        wanted = distances(capsules, points[env])
-        assert bool(close.numpy()[env]) == (wanted.min() < 0.4)
-        for slot, i in enumerate(sensor.data.index[env].tolist()):
-            point, distance = found[env, slot, :3].astype(np.float64), found[env, slot, 3]
-            if i < 0:
-                np.testing.assert_array_equal(found[env, slot], np.array([0, 0, 0, REACH], dtype=np.float32))
-                continue
-            some += 1
-            assert distance == pytest.approx(wanted[i], abs=3e-6)
-            assert np.linalg.norm(point) == pytest.approx(abs(wanted[i]), abs=3e-6)
-            c, s = np.cos(yaw[env]), np.sin(yaw[env])
-            world = points[env] + np.array([c * point[0] - s * point[1], s * point[0] + c * point[1], point[2]])
-            assert distances(capsules, world)[i] == pytest.approx(0.0, abs=1e-5)  # it lies on the surface
-    assert some > 10
-    assert 0 < close.numpy().sum() < 12
-    assert kernels.OBSTACLE_OBSERVATION_SIZES["obstacle_distance"](sensor.counts) == 16
-
-
-@configclass
-class PolicyCfg(ObservationGroupCfg):
-    """What the policy sees."""
-
-    near: ObservationTermCfg = ObservationTermCfg(func=kernels.obstacle_distance)
-
-
-@configclass
-class EnvCfg(ManagerBasedRLEnvCfg):
-    """A trunk stands beside the robot of one environment of two, whose episodes end at once."""
-
-    decimation: int = 2
-    episode_length_s: float = 10.0
-    seed: int | None = 3
-    sim: SimulationCfg = SimulationCfg(device="cpu", dt=0.005, solver=MuJoCoSolverCfg(njmax=60, nconmax=16))
-    scene: WalkCfg = WalkCfg(
-        num_envs=2,
-        env_spacing=4.0,
-        obstacles=ObstaclesCfg(positions=[[0.0, 0.6, 0.2]], radius=0.1, half_length=0.3, slots=2, reach=1.0),
-    )
-    observations: Any = {"policy": PolicyCfg()}
-    actions: Any = {"joint_pos": mdp.JointPositionActionCfg(asset_name="robot", joint_names=[".*"], scale=0.25)}
-    rewards: Any = {"alive": RewardTermCfg(func=mdp.is_alive, weight=1.0)}
-    terminations: Any = {
-        "close": TerminationTermCfg(func=kernels.too_close, params={"threshold": 0.9}),
-    }
-    events: Any = {"base": EventTermCfg(func=mdp.reset_scene_to_default, mode="reset")}
-
-
-def test_an_environment_takes_the_terms_by_their_types():
-    env = ManagerBasedRLEnv(EnvCfg())
-    obs, _ = env.reset()
-    origins = env.scene.env_origins.numpy()
-    near = np.abs(origins).max(axis=1) < 0.5
-    assert near.tolist().count(True) == 1
-    sensor = env.scene["obstacles"]
-    for _ in range(3):
-        obs, _, terminated, _, _ = env.step(torch.zeros(2, env.action_manager.total_action_dim))
-        assert terminated.tolist() == near.tolist()
-        seen = obs["policy"].numpy().reshape(2, 2, 4)
-        roots = env.scene["robot"].data.root_pos_w.numpy()  # of the new episode where one began
-        wanted = [distances(sensor.capsules, root)[0] for root in roots]
-        np.testing.assert_allclose(seen[near, 0, 3], np.array(wanted)[near], atol=1e-5)
-        np.testing.assert_array_equal(seen[~near, 0, 3], np.float32(1.0))
-        np.testing.assert_array_equal(seen[:, 1], np.tile(np.float32([0, 0, 0, 1.0]), (2, 1)))
-    env.close()

@@ -28,11 +28,15 @@ from stripe_tasks.robots import ANT_CFG
 
 
 class Mixed(AssetSpec):
-    """One of each primitive, anywhere, turned and scaled."""
+    """Primitives of each kind, anywhere, turned and scaled."""
+
+    def __init__(self, name, boxes=True):
+        super().__init__(name)
+        self.boxes = boxes
 
     def generate(self, terrain, rng):
         meshes = [
-            BoxMesh("box", (0.3, 0.2, 0.1), color=(0.5, 0.1, 0.1)),
+            BoxMesh("box", (0.3, 0.2, 0.1), color=(0.5, 0.1, 0.1)) if self.boxes else SphereMesh("stone", (0.1,)),
             SphereMesh("ball", (0.2,)),
             CapsuleMesh("pill", (0.1, 0.3)),
             CylinderMesh("can", (0.15, 0.2)),
@@ -93,8 +97,11 @@ def test_instances_share_their_meshes(scene):
 
 
 def test_capsules_hold_the_colliders(scene):
-    scenery = read_scenery(scene.stage)
-    pos, rot, radius, half = scenery.capsules()
+    with pytest.raises(ValueError, match="assets like '/World/mixed/m0': .* is a box, which no capsule stands for"):
+        read_scenery(scene.stage).capsules()
+    scenery = read_scenery(Field((10.0, 10.0), [Mixed("mixed", boxes=False)]).create(2).stage)
+    found = scenery.capsules()
+    pos, rot, radius, half = found.positions, found.rotations, found.radius, found.half_length
     assert len(pos) == 12
     builder = newton.ModelBuilder()
     add_scenery(builder, scenery)
@@ -103,9 +110,7 @@ def test_capsules_hold_the_colliders(scene):
     for shape in shapes:
         frame, size = np.array(builder.shape_transform[shape]), np.array(builder.shape_scale[shape])
         nearest = np.argmin(np.linalg.norm(pos - frame[:3], axis=1))
-        if builder.shape_type[shape] == newton.GeoType.BOX:
-            local = rng.choice([-1.0, 1.0], (50, 3)) * size
-        elif builder.shape_type[shape] == newton.GeoType.SPHERE:
+        if builder.shape_type[shape] == newton.GeoType.SPHERE:
             local = Rotation.random(50, random_state=1).apply([size[0], 0.0, 0.0])
         else:
             angle = rng.uniform(-np.pi, np.pi, 50)

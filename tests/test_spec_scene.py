@@ -145,7 +145,7 @@ def test_markers_are_made_only_on_request():
 def test_progress_is_told():
     told = []
     yard().create(1, progress=told.append)
-    assert told == ["terrain", "posts", "blocks"]
+    assert told == ["terrain", "posts", "blocks", "survey"]
 
 
 class Twice(AssetSpec):

@@ -31,9 +31,15 @@ from stripe_kernels.terrain import TerrainData
 
 @wp.kernel(enable_backward=False)
 def levels(robot: ArticulationData, terrain: TerrainData, command: VelocityCommandData, episode: EpisodeData,
-           rng: wp.array[wp.uint32], result: wp.array[float]):
+           rng: wp.array[wp.uint32], distance: float, result: wp.array[float]):
     env = wp.tid()
-    result[env] = mdp.terrain_levels_vel(env, robot, terrain, command, episode, rng)
+    result[env] = mdp.terrain_levels_vel(env, robot, terrain, command, episode, rng, distance)
+
+
+@wp.kernel(enable_backward=False)
+def lasting(terrain: TerrainData, episode: EpisodeData, rng: wp.array[wp.uint32], result: wp.array[float]):
+    env = wp.tid()
+    result[env] = mdp.terrain_levels_survival(env, terrain, episode, rng)
 
 
 @wp.kernel(enable_backward=False)
@@ -44,9 +50,9 @@ def bounds(robot: ArticulationData, terrain: TerrainData, distance: float, resul
 
 @wp.kernel(enable_backward=False)
 def from_terrain(robot: ArticulationData, terrain: TerrainData, rng: wp.array[wp.uint32],
-                 pose_range: wp.array[wp.vec2], velocity_range: wp.array[wp.vec2]):
+                 pose_range: wp.array[wp.vec2], velocity_range: wp.array[wp.vec2], move: wp.bool):
     env = wp.tid()
-    mdp.reset_root_state_from_terrain(env, robot, terrain, rng, pose_range, velocity_range)
+    mdp.reset_root_state_from_terrain(env, robot, terrain, rng, pose_range, velocity_range, move)
 
 
 @wp.kernel(enable_backward=False)
@@ -58,9 +64,9 @@ def on_terrain(robot: ArticulationData, terrain: TerrainData, rng: wp.array[wp.u
 
 @wp.kernel(enable_backward=False)
 def pose_2d(command: Pose2dCommandData, robot: ArticulationData, terrain: TerrainData, rng: wp.array[wp.uint32],
-            heading: wp.vec2, simple: wp.bool):
+            heading: wp.vec2, simple: wp.bool, distance: wp.vec2):
     env = wp.tid()
-    mdp.resample_terrain_based_pose_2d(env, command, robot, terrain, rng, heading, simple)
+    mdp.resample_terrain_based_pose_2d(env, command, robot, terrain, rng, heading, simple, distance)
 """
 
 
@@ -109,7 +115,8 @@ def robot_of(num_envs: int = NUM_ENVS) -> tuple[ArticulationData, dict[str, np.n
     return data, v
 
 
-def test_levels_rise_and_fall_by_the_way_walked(kernels):
+@pytest.mark.parametrize("distance", [0.0, 1.4])
+def test_levels_rise_and_fall_by_the_way_walked(kernels, distance):
     terrain, t = terrain_of(hills())
     robot, r = robot_of()
     rng = np.random.default_rng(5)
@@ -123,9 +130,9 @@ def test_levels_rise_and_fall_by_the_way_walked(kernels):
     episode.max_length_s = 20.0
     stream, reference = wp.array(Stream(SEED, NUM_ENVS).n, dtype=wp.uint32), Stream(SEED, NUM_ENVS)
     result = wp.zeros(NUM_ENVS, dtype=float)
-    inputs = [robot, terrain, command, episode, stream]
+    inputs = [robot, terrain, command, episode, stream, distance]
     wp.launch(kernels.levels, dim=NUM_ENVS, inputs=inputs, outputs=[result])
-    up = way > TILE[0] / 2
+    up = way > (distance or TILE[0] / 2)
     down = ~up & (way < 0.5 * np.linalg.norm(speed[:, :2], axis=1) * 20.0)
     level = t["level"] + up - np.where(down, 1, 0)
     drawn = np.minimum(reference.uniform(where=level >= LEVELS) * LEVELS, LEVELS - 1).astype(int)
@@ -138,6 +145,23 @@ def test_levels_rise_and_fall_by_the_way_walked(kernels):
     np.testing.assert_array_equal(result.numpy(), level)
     np.testing.assert_allclose(terrain.env_origin.numpy(), t["origins"][level, t["kind"]], atol=1e-6)
     np.testing.assert_array_equal(stream.numpy(), reference.n)
+
+
+def test_levels_rise_where_an_episode_lasted(kernels):
+    terrain, t = terrain_of(hills())
+    ended = np.random.default_rng(6).random(NUM_ENVS) < 0.4
+    episode = EpisodeData()
+    episode.terminated = wp.array(ended, dtype=wp.bool)
+    stream, reference = wp.array(Stream(SEED, NUM_ENVS).n, dtype=wp.uint32), Stream(SEED, NUM_ENVS)
+    result = wp.zeros(NUM_ENVS, dtype=float)
+    wp.launch(kernels.lasting, dim=NUM_ENVS, inputs=[terrain, episode, stream], outputs=[result])
+    level = np.where(ended, np.maximum(t["level"] - 1, 0), t["level"] + 1)
+    drawn = np.minimum(reference.uniform(where=level >= LEVELS) * LEVELS, LEVELS - 1).astype(int)
+    assert (level >= LEVELS).sum() > 2
+    level = np.where(level >= LEVELS, drawn, level)
+    np.testing.assert_array_equal(terrain.level.numpy(), level)
+    np.testing.assert_array_equal(result.numpy(), level)
+    np.testing.assert_allclose(terrain.env_origin.numpy(), t["origins"][level, t["kind"]], atol=1e-6)
 
 
 @pytest.mark.parametrize("distance", [0.0, 1.5])
@@ -170,12 +194,12 @@ def same_pose(actual: np.ndarray, pos: np.ndarray, quat: np.ndarray) -> None:
     np.testing.assert_allclose(abs((actual[:, 3:] * quat).sum(axis=1)), 1.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("patches", [True, False])
-def test_a_root_starts_on_a_level_patch(kernels, patches):
+@pytest.mark.parametrize(("patches", "move"), [(True, False), (False, False), (True, True)])
+def test_a_root_starts_on_a_level_patch(kernels, patches, move):
     terrain, t = terrain_of(hills(), patches=patches)
     robot, r = robot_of()
     s, stream = Stream(SEED, NUM_ENVS), wp.array(Stream(SEED, NUM_ENVS).n, dtype=wp.uint32)
-    wp.launch(kernels.from_terrain, dim=NUM_ENVS, inputs=[robot, terrain, stream, *ranges()])
+    wp.launch(kernels.from_terrain, dim=NUM_ENVS, inputs=[robot, terrain, stream, *ranges(), move])
     u = s.uniform()
     place = t["env_origin"]
     if patches:
@@ -183,6 +207,7 @@ def test_a_root_starts_on_a_level_patch(kernels, patches):
     angles = s.rows(POSE_RANGE[3:])
     pose = r["default_root_pose"]
     same_pose(robot.root_pose.numpy(), pose[:, :3] + place, turned(pose, angles))
+    np.testing.assert_allclose(terrain.env_origin.numpy(), place if move else t["env_origin"], atol=1e-6)
     np.testing.assert_allclose(robot.root_vel.numpy(), r["default_root_vel"] + s.rows(VELOCITY_RANGE), atol=2e-6)
 
 
@@ -218,7 +243,7 @@ def test_a_place_to_go_to_is_a_level_patch(kernels, simple):
     command.pos = wp.zeros(NUM_ENVS, dtype=wp.vec3)
     command.heading = wp.zeros(NUM_ENVS, dtype=float)
     s, stream = Stream(SEED, NUM_ENVS), wp.array(Stream(SEED, NUM_ENVS).n, dtype=wp.uint32)
-    inputs = [command, robot, terrain, stream, wp.vec2(-1.0, 2.0), simple]
+    inputs = [command, robot, terrain, stream, wp.vec2(-1.0, 2.0), simple, wp.vec2(0.0, 1.0e6)]
     wp.launch(kernels.pose_2d, dim=NUM_ENVS, inputs=inputs)
     place = t["target"][t["level"], t["kind"], (s.uniform() * 7).astype(int)]
     place = place + np.array([0.0, 0.0, 1.0]) * r["default_root_pose"][:, 2:3]
@@ -232,6 +257,27 @@ def test_a_place_to_go_to_is_a_level_patch(kernels, simple):
         target = np.where(away, wrap(target + np.pi), target)
     np.testing.assert_allclose(command.pos.numpy(), place, atol=2e-6)
     np.testing.assert_allclose(wrap(command.heading.numpy() - target), 0.0, atol=2e-5)
+
+
+def test_a_place_to_go_to_lies_as_far_away_as_asked(kernels):
+    (terrain, t), (robot, r) = terrain_of(hills()), robot_of()
+    command = Pose2dCommandData()
+    command.pos, command.heading = wp.zeros(NUM_ENVS, dtype=wp.vec3), wp.zeros(NUM_ENVS, dtype=float)
+    stream = wp.array(Stream(SEED, NUM_ENVS).n, dtype=wp.uint32)
+    inputs = [command, robot, terrain, stream, wp.vec2(-1.0, 2.0), False, wp.vec2(4.0, 5.0)]
+    wp.launch(kernels.pose_2d, dim=NUM_ENVS, inputs=inputs)
+    there = t["target"][t["level"], t["kind"]]
+    far = np.linalg.norm(there[..., :2] - r["root_pose"][:, None, :2], axis=-1)
+    possible = (far > 4.001) & (far < 4.999)
+    found = np.linalg.norm((command.pos.numpy() - r["root_pose"][:, :3])[:, :2], axis=-1)
+    good = possible.sum(axis=1) >= 2  # 24 draws of 7 patches miss two of them once in 3000
+    assert good.sum() > 10
+    assert (found[good] >= 4.0 - 1e-5).all()
+    assert (found[good] <= 5.0 + 1e-5).all()
+    never = ~((far > 3.999) & (far < 5.001)).any(axis=1)
+    assert never.sum() > 5
+    miss = np.maximum(np.maximum(4.0 - far, far - 5.0), 0.0).min(axis=1)
+    assert np.isclose(np.maximum(4.0 - found, found - 5.0)[never], miss[never], atol=1e-5).mean() > 0.8
 
 
 def test_what_an_environment_draws_does_not_depend_on_how_many_there_are(kernels):

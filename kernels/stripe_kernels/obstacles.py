@@ -3,24 +3,18 @@
 
 A uniform grid of square cells in the plane lists the obstacles whose axis-aligned boxes touch each cell; see
 C. Ericson, "Real-Time Collision Detection", 2005, sections 5.1.2 (segments) and 7.1 (grids). One kernel finds the
-nearest of each world and gives their poses and sizes to as many static geoms of MuJoCo Warp, the slots.
+nearest of each world, another gives their poses and sizes to as many static geoms of MuJoCo Warp, the slots.
 """
-
-from collections.abc import Callable, Mapping
 
 import warp as wp
 
-from .mdp.frames import rotate_inverse_yaw
-
 __all__ = [
-    "OBSTACLE_OBSERVATION_SIZES",
     "PARKED_DEPTH",
     "PARKED_SIZE",
     "ObstacleData",
+    "find_obstacles",
     "nearest_on_axis",
-    "obstacle_distance",
     "pose_slots",
-    "too_close",
 ]
 
 PARKED_DEPTH = 1.0e4
@@ -28,10 +22,6 @@ PARKED_DEPTH = 1.0e4
 PARKED_SIZE = 0.1
 """Radius and half length of such a slot [m]."""
 _DEPTH, _SIZE = wp.constant(PARKED_DEPTH), wp.constant(PARKED_SIZE)
-
-OBSTACLE_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "obstacle_distance": lambda counts: 4 * counts["num_slots"],
-}
 
 
 @wp.struct
@@ -46,12 +36,15 @@ class ObstacleData:
     """Radii [m], shape ``(capacity,)``."""
     half_length: wp.array[float]
     """Half lengths of the axes, without the caps [m], shape ``(capacity,)``."""
-    first_cell: wp.array[wp.vec2i]
-    """Column and row of the first cell that lists an obstacle, shape ``(capacity,)``."""
     start: wp.array[int]
     """Where the list of a cell starts, row by row; that of cell c ends where that of c + 1 starts."""
     listed: wp.array[int]
     """Indices of obstacles, list after list."""
+    low_end: wp.array[wp.vec4]
+    """One end of the axis of what is listed and its radius [m], side by side for the search, as ``listed``."""
+    high_end: wp.array[wp.vec4]
+    """The other end [m]; and ``4 c + 2 f + g``: the column ``c`` of the cell, and whether it is the first column,
+    ``f``, and the first row, ``g``, that list the obstacle."""
     grid: wp.array[float]
     """World x and y of the grid's corner and the size of a cell [m], shape ``(3,)``."""
     grid_shape: wp.array[int]
@@ -59,15 +52,25 @@ class ObstacleData:
     root_pose: wp.array[wp.transform]
     """Poses of the robots' roots, the simulation's own memory [m], shape ``(num_envs,)``."""
     index: wp.array2d[int]
-    """The nearest obstacles in reach, nearest first, -1 for none, shape ``(num_envs, slots)``."""
+    """The nearest obstacles in sight, nearest first, -1 for none, shape ``(num_envs, slots)``."""
     distance: wp.array2d[float]
-    """From the root to their surfaces, negative inside [m]; ``reach`` for none, shape ``(num_envs, slots)``."""
+    """From the root to their surfaces, negative inside [m]; ``sight`` for none, shape ``(num_envs, slots)``."""
+    found: wp.array[int]
+    """How many have slots, shape ``(num_envs,)``."""
+    low: wp.array2d[wp.vec4]
+    """One end of the axes of those found and their radii [m], shape ``(num_envs, slots)``."""
+    high: wp.array2d[wp.vec4]
+    """The other end of their axes, and the height of their highest point [m], shape ``(num_envs, slots)``."""
     count: wp.array[int]
     """Obstacles in reach, those that have no slot included, shape ``(num_envs,)``."""
     overflow: wp.array[wp.bool]
     """Whether there were more than slots, shape ``(num_envs,)``."""
     reach: float
-    """Distance from the root within which obstacles get slots [m]."""
+    """Distance from the root within which every obstacle needs a slot [m]."""
+    directions: int
+    """Number of directions that terms look in."""
+    sight: float
+    """Distance from the root within which obstacles are looked for [m], at least ``reach``."""
 
 
 @wp.func
@@ -101,63 +104,77 @@ def _keep(obstacles: ObstacleData, env: int, count: int, distance: float, i: int
 
 
 @wp.func
+def _distance(point: wp.vec3, low: wp.vec4, high: wp.vec4) -> float:
+    """From a point to the surface of a capsule [m], negative inside."""
+    start = wp.vec3(low[0], low[1], low[2])
+    axis = wp.vec3(high[0], high[1], high[2]) - start
+    share = wp.clamp(wp.dot(point - start, axis) / wp.dot(axis, axis), 0.0, 1.0)
+    return wp.length(point - start - share * axis) - low[3]
+
+
+@wp.func
 def _find(obstacles: ObstacleData, env: int) -> int:
     """Write the nearest obstacles of a world; how many are in reach."""
-    slots, reach = obstacles.index.shape[1], obstacles.reach
+    slots, sight = obstacles.index.shape[1], obstacles.sight
     for slot in range(slots):
         obstacles.index[env, slot] = -1
-        obstacles.distance[env, slot] = reach
-    count = wp.int32(0)
+        obstacles.distance[env, slot] = sight
+    obstacles.found[env] = 0
+    seen, count = wp.int32(0), wp.int32(0)
     root = wp.transform_get_translation(obstacles.root_pose[env])
     if not (wp.isfinite(root[0]) and wp.isfinite(root[1]) and wp.isfinite(root[2])):
         return count
     columns, rows, size = obstacles.grid_shape[0], obstacles.grid_shape[1], obstacles.grid[2]
     x, y = root[0] - obstacles.grid[0], root[1] - obstacles.grid[1]
-    left = int(wp.clamp(wp.floor((x - reach) / size), 0.0, float(columns)))
-    right = int(wp.clamp(wp.floor((x + reach) / size), -1.0, float(columns - 1)))
-    low = int(wp.clamp(wp.floor((y - reach) / size), 0.0, float(rows)))
-    high = int(wp.clamp(wp.floor((y + reach) / size), -1.0, float(rows - 1)))
-    for row in range(low, high + 1):
-        for column in range(left, right + 1):
-            cell = row * columns + column
-            for entry in range(obstacles.start[cell], obstacles.start[cell + 1]):
-                i = obstacles.listed[entry]
-                first = obstacles.first_cell[i]
-                if column == wp.max(first[0], left) and row == wp.max(first[1], low):  # else it was met before
-                    distance = wp.length(root - nearest_on_axis(obstacles, i, root)) - obstacles.radius[i]
-                    if distance < reach:
-                        _keep(obstacles, env, count, distance, i)
-                        count += 1
+    left = int(wp.clamp(wp.floor((x - sight) / size), 0.0, float(columns)))
+    right = int(wp.clamp(wp.floor((x + sight) / size), -1.0, float(columns - 1)))
+    low = int(wp.clamp(wp.floor((y - sight) / size), 0.0, float(rows)))
+    high = int(wp.clamp(wp.floor((y + sight) / size), -1.0, float(rows - 1)))
+    if left > right:
+        return count
+    for row in range(low, high + 1):  # the lists of neighbouring columns follow each other
+        for entry in range(obstacles.start[row * columns + left], obstacles.start[row * columns + right + 1]):
+            end = obstacles.high_end[entry]
+            distance = _distance(root, obstacles.low_end[entry], end)
+            cell = int(end[3])
+            met = (cell & 2) == 0 and (cell >> 2) != left  # in the column before
+            met = met or ((cell & 1) == 0 and row != low)  # or in the row before
+            if distance < sight and not met:
+                _keep(obstacles, env, seen, distance, obstacles.listed[entry])
+                seen += 1
+                count += int(distance < obstacles.reach)
+    obstacles.found[env] = wp.min(seen, slots)
+    for slot in range(wp.min(seen, slots)):
+        i = obstacles.index[env, slot]
+        centre, radius = obstacles.pos[i], obstacles.radius[i]
+        axis = obstacles.half_length[i] * wp.quat_rotate(obstacles.rot[i], wp.vec3(0.0, 0.0, 1.0))
+        a, b = centre - axis, centre + axis
+        obstacles.low[env, slot] = wp.vec4(a[0], a[1], a[2], radius)
+        obstacles.high[env, slot] = wp.vec4(b[0], b[1], b[2], wp.max(a[2], b[2]) + radius)
     return count
 
 
 @wp.kernel(enable_backward=False)
-def pose_slots(
+def find_obstacles(
     obstacles: ObstacleData,
-    slot_geom: wp.array[int],
+    where: wp.array[wp.bool],
+    everywhere: bool,
     seen: wp.array[int],
     told: wp.array[int],
-    geom_xpos: wp.array2d[wp.vec3],
-    geom_xmat: wp.array2d[wp.mat33],
-    geom_size: wp.array2d[wp.vec3],
-    geom_aabb: wp.array3d[wp.vec3],
-    geom_rbound: wp.array2d[float],
 ):
-    """Find the obstacles that are nearest to the robot of each world and put its slots in their places.
+    """Find the obstacles that are nearest to the robot of each world.
 
     Args:
         obstacles: Obstacles, grid and robots; what was found is written to it.
-        slot_geom: Geoms that are slots, shape ``(slots,)``.
+        where: Worlds to look in, shape ``(num_envs,)``.
+        everywhere: Look in all worlds.
         seen: Most obstacles in reach of a robot that were ever more than slots, shape ``(1,)``.
         told: The same where it is news, memory that the host reads, shape ``(1,)``.
-        geom_xpos: Output, positions of the geoms of MuJoCo Warp [m], shape ``(num_envs, ngeom)``.
-        geom_xmat: Output, their orientations.
-        geom_size: Output, their radii and half lengths [m].
-        geom_aabb: Output, centres and half extents of their boxes in their frames [m].
-        geom_rbound: Output, radii of their bounding spheres [m].
     """
     env = wp.tid()
-    slots = slot_geom.shape[0]
+    if not (everywhere or where[env]):
+        return
+    slots = obstacles.index.shape[1]
     count = _find(obstacles, env)
     obstacles.count[env] = count
     obstacles.overflow[env] = count > slots
@@ -165,48 +182,40 @@ def pose_slots(
         before = wp.atomic_max(seen, 0, count)
         if count > before:
             wp.atomic_max(told, 0, count)
-    for slot in range(slots):
-        geom, i = slot_geom[slot], obstacles.index[env, slot]
-        pos, rot, radius, half = wp.vec3(0.0, 0.0, -_DEPTH), wp.quat_identity(), wp.float32(_SIZE), wp.float32(_SIZE)
-        if i >= 0:
-            pos = obstacles.pos[i]
-            rot = obstacles.rot[i]
-            radius = obstacles.radius[i]
-            half = obstacles.half_length[i]
-        geom_xpos[env, geom] = pos
-        geom_xmat[env, geom] = wp.quat_to_matrix(rot)
-        geom_size[env, geom] = wp.vec3(radius, half, 0.0)
-        geom_aabb[env, geom, 0] = wp.vec3(0.0)
-        geom_aabb[env, geom, 1] = wp.vec3(radius, radius, radius + half)
-        geom_rbound[env, geom] = radius + half
 
 
-@wp.func
-def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
-    """Where the surfaces of the nearest obstacles are, nearest first: four numbers for each slot.
+@wp.kernel(enable_backward=False)
+def pose_slots(
+    obstacles: ObstacleData,
+    slot_geom: wp.array[int],
+    geom_xpos: wp.array2d[wp.vec3],
+    geom_xmat: wp.array2d[wp.mat33],
+    geom_size: wp.array2d[wp.vec3],
+    geom_aabb: wp.array3d[wp.vec3],
+    geom_rbound: wp.array2d[float],
+):
+    """Put the slots of each world in the places of the obstacles that were found.
 
-    The first three are the nearest point of the surface relative to the root, in the frame of its yaw [m]; the fourth
-    is its distance, negative if the root is inside [m]. With ``a`` the nearest point of the axis, ``p`` the root and
-    ``r`` the radius: ``d = |a - p| - r``, point ``(a - p) d / |a - p|``. A slot without an obstacle reads
-    ``0, 0, 0, reach``.
+    Args:
+        obstacles: Obstacles, and what was found.
+        slot_geom: Geoms that are slots, shape ``(slots,)``.
+        geom_xpos: Output, positions of the geoms of MuJoCo Warp [m], shape ``(num_envs, ngeom)``.
+        geom_xmat: Output, their orientations.
+        geom_size: Output, their radii and half lengths [m].
+        geom_aabb: Output, centres and half extents of their boxes in their frames [m].
+        geom_rbound: Output, radii of their bounding spheres [m].
     """
-    pose = obstacles.root_pose[env]
-    root = wp.transform_get_translation(pose)
-    for slot in range(obstacles.index.shape[1]):
-        i, point = obstacles.index[env, slot], wp.vec3(0.0)
-        distance = obstacles.distance[env, slot]
-        if i >= 0:
-            to_axis = nearest_on_axis(obstacles, i, root) - root
-            away = wp.length(to_axis)
-            distance = away - obstacles.radius[i]
-            if away > 0.0:
-                point = rotate_inverse_yaw(wp.transform_get_rotation(pose), to_axis * (distance / away))
-        for axis in range(3):
-            out[4 * slot + axis] = point[axis]
-        out[4 * slot + 3] = distance
-
-
-@wp.func
-def too_close(env: int, obstacles: ObstacleData, threshold: float) -> bool:
-    """Whether the surface of an obstacle is nearer to the root than ``threshold`` [m], at most ``reach``."""
-    return obstacles.distance[env, 0] < threshold
+    env, slot = wp.tid()
+    geom, i = slot_geom[slot], obstacles.index[env, slot]
+    pos, rot, radius, half = wp.vec3(0.0, 0.0, -_DEPTH), wp.quat_identity(), wp.float32(_SIZE), wp.float32(_SIZE)
+    if i >= 0:
+        pos = obstacles.pos[i]
+        rot = obstacles.rot[i]
+        radius = obstacles.radius[i]
+        half = obstacles.half_length[i]
+    geom_xpos[env, geom] = pos
+    geom_xmat[env, geom] = wp.quat_to_matrix(rot)
+    geom_size[env, geom] = wp.vec3(radius, half, 0.0)
+    geom_aabb[env, geom, 0] = wp.vec3(0.0)
+    geom_aabb[env, geom, 1] = wp.vec3(radius, radius, radius + half)
+    geom_rbound[env, geom] = radius + half

@@ -36,6 +36,9 @@ class Look:
     zenith: wp.vec3f
     fog_start: wp.float32  # [m]
     fog_length: wp.float32  # [m], 0: none
+    haze: wp.float32  # share of light lost to haze [1/m], 0: none
+    air: wp.float32  # brightness of the haze: less below a canopy
+    exposure: wp.float32
     tile: wp.float32  # side of a square of the ground pattern [m]
     shadow_size: wp.int32  # texels, 0: no shadows
     shadow_half: wp.float32  # half the side of the shadow map [m]
@@ -179,11 +182,21 @@ def shade(
     colors: wp.array[wp.vec3f],
     is_ground: wp.array[wp.int32],
     casters: wp.array[wp.float32],
+    detail: wp.vec4f,
 ):
-    """Colour of one sample as it is shown: linear, 0 to 1."""
+    """Colour of one sample as it is shown: linear, 0 to 1.
+
+    ``detail`` is the radiance of what was lit already and -1, or the share of the sun in its last place.
+    """
     backdrop = sky_color(look, direction)
     color = backdrop
-    if shape != NO_HIT:
+    if shape == NO_HIT:
+        if look.haze > 0.0:
+            below = wp.clamp(-1.5 * direction[2], 0.0, 1.0)
+            color = backdrop * (wp.pow(look.exposure, 0.2) * (1.0 - 0.45 * below))
+    elif detail[3] < 0.0:
+        color = wp.vec3f(detail[0], detail[1], detail[2])
+    else:
         ground = wp.bool(False)
         albedo = wp.vec3f(0.75, 0.75, 0.75)
         if shape < wp.uint32(colors.shape[0]):
@@ -203,6 +216,7 @@ def shade(
         lit = wp.max(facing, 0.0)
         if lit > 0.0 and look.shadow_size > 0:
             lit = lit * sun_visibility(look, casters, point, normal)
+        lit = lit * detail[3]
         upness = 0.5 * normal[2] + 0.5
         light = look.ground + (look.sky - look.ground) * upness + look.sun * lit
         if ground:
@@ -218,7 +232,14 @@ def shade(
             rim = 1.0 - wp.max(-wp.dot(normal, direction), 0.0)
             rim = rim * rim * rim
             color = color + look.sun * (0.16 * gloss * lit) + look.horizon * (0.16 * rim * upness)
-        if look.fog_length > 0.0:
+    if shape != NO_HIT:
+        if look.haze > 0.0:
+            low = wp.vec3f(direction[0], direction[1], wp.max(0.3 * direction[2], 0.0))
+            air = sky_color(look, low)
+            color = color * look.exposure
+            air = air * (look.air * wp.pow(look.exposure, 0.2))
+            color = color + (air - color) * (1.0 - wp.exp(-look.haze * distance))
+        elif look.fog_length > 0.0:
             deep = wp.max(distance - look.fog_start, 0.0) / look.fog_length
             fog = 1.0 - wp.exp(-deep * wp.min(deep, 1.0))
             color = color + (look.horizon - color) * fog
@@ -267,9 +288,12 @@ def shade_pixels(
     colors: wp.array[wp.vec3f],
     is_ground: wp.array[wp.int32],
     casters: wp.array[wp.float32],
+    detail: wp.array[wp.vec4f],
     picture: wp.array[wp.uint8],
 ):
-    """Shade one ray through the middle of every pixel. ``albedo`` is empty where no shape has a texture."""
+    """Shade one ray through the middle of every pixel. ``albedo`` is empty where no shape has a texture, ``detail``
+    where there is no scenery.
+    """
     pixel = wp.tid()
     x = pixel % look.width
     y = pixel // look.width
@@ -277,13 +301,36 @@ def shade_pixels(
     packed = wp.uint32(0)
     if albedo.shape[0] > 0:
         packed = albedo[pixel]
-    color = shade(look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters)
+    lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
+    if detail.shape[0] > 0:
+        lit = detail[pixel]
+    color = shade(look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters, lit)
     encode(color, pixel, picture)
 
 
 @wp.func
-def is_edge(i: int, j: int, shape: wp.array[wp.uint32], normal: wp.array[wp.vec3f]):
-    """Whether two pixels show different surfaces: another shape, or a normal turned by over 45 degrees."""
+def stands_still(shape: wp.uint32, still: wp.array[wp.int32]):
+    """Whether a pixel shows scenery or the sky before which it stands."""
+    if shape == NO_HIT:
+        return True
+    if shape >= wp.uint32(still.shape[0]):
+        return False
+    return still[wp.int32(shape)] != 0
+
+
+@wp.func
+def is_edge(i: int, j: int, shape: wp.array[wp.uint32], normal: wp.array[wp.vec3f], still: wp.array[wp.int32]):
+    """Whether two pixels show different surfaces: another shape, or a normal turned by over 45 degrees.
+
+    Not within scenery, whose leaves are edges everywhere.
+    """
+    within = wp.bool(False)
+    if still.shape[0] > 0:
+        within = stands_still(shape[i], still)
+    if within:
+        within = stands_still(shape[j], still)
+    if within:
+        return False
     if shape[i] != shape[j]:
         return True
     if wp.dot(normal[i], normal[j]) < 0.7:
@@ -296,6 +343,7 @@ def mark_edges(
     look: Look,
     shape: wp.array[wp.uint32],
     normal: wp.array[wp.vec3f],
+    still: wp.array[wp.int32],
     capacity: wp.int32,
     count: wp.array[wp.int32],
     pixels: wp.array[wp.int32],
@@ -307,13 +355,13 @@ def mark_edges(
     y = pixel // look.width
     edge = wp.bool(False)
     if x > 0:
-        edge = edge or is_edge(pixel, pixel - 1, shape, normal)
+        edge = edge or is_edge(pixel, pixel - 1, shape, normal, still)
     if x + 1 < look.width and not edge:
-        edge = is_edge(pixel, pixel + 1, shape, normal)
+        edge = is_edge(pixel, pixel + 1, shape, normal, still)
     if y > 0 and not edge:
-        edge = is_edge(pixel, pixel - look.width, shape, normal)
+        edge = is_edge(pixel, pixel - look.width, shape, normal, still)
     if y + 1 < look.height and not edge:
-        edge = is_edge(pixel, pixel + look.width, shape, normal)
+        edge = is_edge(pixel, pixel + look.width, shape, normal, still)
     if not edge:
         return
     slot = wp.atomic_add(count, 0, 1)
@@ -339,6 +387,7 @@ def resolve_edges(
     colors: wp.array[wp.vec3f],
     is_ground: wp.array[wp.int32],
     casters: wp.array[wp.float32],
+    detail: wp.array[wp.vec4f],
     picture: wp.array[wp.uint8],
 ):
     """Shade the samples of each listed pixel and write their mean."""
@@ -354,7 +403,10 @@ def resolve_edges(
         packed = wp.uint32(0)
         if albedo.shape[0] > 0:
             packed = albedo[i]
-        total += shade(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters)
+        lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
+        if detail.shape[0] > 0:
+            lit = detail[i]
+        total += shade(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters, lit)
     encode(total / float(wp.static(SAMPLES)), pixel, picture)
 
 

@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
     "bench": ("stripe_newton.cli.bench", "measure what a step of a task costs, and how much of it is physics"),
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
+    "scene": ("stripe_newton.cli.scene", "make a scene of a spec: pictures of it, or a USD file"),
 }
 """Module and one line of help of each subcommand."""
 

@@ -84,17 +84,20 @@ def task_of(argv: list[str], command: str, options: type) -> str:
 def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_device: bool = False) -> Configs:
     """The configs of a task, with the values of an earlier run if one is given; its device only if that is wanted.
 
+    A run of ``NAME-v0`` fits ``NAME-Play-v0`` too, of which the environment keeps its own values.
+
     Raises:
         UserError: if that run is of another task.
     """
-    if run is not None and run.read_task() not in (None, task):
-        raise UserError(f"{run.path} is a run of {run.read_task()}, not of {task}")
+    of_run = task if run is None else run.read_task() or task
+    if of_run not in (task, task.replace("-Play-", "-")):
+        raise UserError(f"{run.path if run else ''} is a run of {of_run}, not of {task}")
     configs = Configs(load_cfg(task, "env"), load_cfg(task, "agent") if agent else None)
     if run is not None:
         saved = run.read_params()
         if not same_device:
             saved["env"].get("sim", {}).pop("device", None)
-        leftovers = apply_saved(configs.env, saved["env"], "env")
+        leftovers = apply_saved(configs.env, saved["env"], "env") if of_run == task else []
         leftovers += apply_saved(configs.agent, saved["agent"], "agent") if agent else []
         if leftovers:
             lines = "\n".join(f"  {line}" for line in leftovers)

@@ -17,7 +17,7 @@ from stripe_newton.configclass import resolve_name
 
 from .errors import UserError
 
-__all__ = ["find_task", "import_extra", "load_cfg", "make_env", "task_argument", "task_ids"]
+__all__ = ["find_task", "import_extra", "load_cfg", "load_entry_points", "make_env", "task_argument", "task_ids"]
 
 ENTRY_POINTS = "stripe_newton.tasks"
 """Entry-point group: a package that names a module here has it imported, to register its tasks with gymnasium."""
@@ -62,10 +62,15 @@ def _import(target: str) -> None:
         raise UserError(f"--import: there is no module '{target}'") from None
 
 
-def task_ids() -> list[str]:
-    """Ids of all registered tasks that have a config, sorted."""
+def load_entry_points() -> None:
+    """Import the packages that name themselves, so that their tasks and scenes are registered."""
     for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
         entry_point.load()
+
+
+def task_ids() -> list[str]:
+    """Ids of all registered tasks that have a config, sorted."""
+    load_entry_points()
     return sorted(name for name, spec in gymnasium.registry.items() if _ENV_CFG in spec.kwargs)
 
 

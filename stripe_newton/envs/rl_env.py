@@ -346,12 +346,36 @@ class RLEnv(VectorEnv):
         if hasattr(self, "scene"):  # the constructor may have failed before
             self.scene.close()
 
+    def regenerate(self, seed: int) -> None:
+        """Go on in another scene of the same specification; episodes are cut and begin anew.
+
+        Model, solver and captured graphs stay. What a fresh environment of that scene's seed computes, this one does.
+        ``obs_buf`` has the first observations. Levels of a terrain curriculum stay.
+
+        Args:
+            seed: Seed of the scene.
+
+        Raises:
+            ValueError: if the scene is of no specification, or something in it cannot follow; nothing has changed then.
+        """
+        self._move_to_scene(seed)
+        self.reset()
+
+    @torch.inference_mode(False)
+    @torch.no_grad()
+    def _move_to_scene(self, seed: int) -> None:
+        self.scene.regenerate(seed)
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
     # -- continuing where it stopped
 
     def get_state(self) -> dict[str, Any]:
         """All that the next step depends on: joints, targets, the solver's warm start, counters, and every tensor that
         the subclass keeps as an attribute. :meth:`set_state` brings it back."""
-        return {
+        moved = self.scene.scenery_seed != self.scene.first_scenery_seed
+        return ({"scenery_seed": self.scene.scenery_seed} if moved else {}) | {
             "step": self.common_step_counter,
             "arrays": {k: wp.to_torch(v).clone() for k, v in self._arrays().items()},
             "buffers": {k: v.clone() for k, v in self._buffers().items()},
@@ -366,6 +390,9 @@ class RLEnv(VectorEnv):
         Raises:
             ValueError: if it is the state of another environment.
         """
+        seed = state.get("scenery_seed", self.scene.first_scenery_seed)
+        if seed is not None and seed != self.scene.scenery_seed:
+            self._move_to_scene(seed)
         if "external_wrench" in state["arrays"]:
             self.sim.enable_external_wrench()
         dynamics = [name.removeprefix("model.") for name in state["arrays"] if name.startswith("model.")]

@@ -34,6 +34,8 @@ _RETURNS: dict[str, Any] = {
 _SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
 _NUMPY = {wp.int32: np.int32, wp.bool: np.bool_}
 _VECTORS = (wp.vec2, wp.vec3, wp.vec4, wp.quat)
+_PARTS = {"ray_ids": "num_rays", "direction_ids": "num_directions"}
+"""Arguments that name parts of a sensor, and what it calls their number."""
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -285,11 +287,11 @@ class _Binding:
         self.chosen[name] = [names[i] for i in ids]
         return ids
 
-    def _rays(self, name: str) -> list[int]:
-        """Rays of the sensor; all of them where none are chosen."""
-        there, chosen = range(self.counts["num_rays"]), self._take(name)
+    def _parts(self, name: str, count: int) -> list[int]:
+        """Rays or directions of a sensor; all of them where none are chosen."""
+        there, chosen = range(count), self._take(name)
         for wrong in (i for i in chosen or () if i not in there):
-            raise _Missing(f"has {wrong}, the sensor has rays 0 to {there[-1]}")
+            raise _Missing(f"has {wrong}, the sensor has {_PARTS[name][4:]} 0 to {there[-1]}")
         return list(there if chosen is None else chosen)
 
     def _array(self, name: str, kind: Any) -> str:
@@ -303,10 +305,11 @@ class _Binding:
                 ids = self._indices(name, what)
                 self.counts[name] = len(ids)
                 return str(context.scope.name(f"{what}_ids", context.index_array(ids)))
-        if name == "ray_ids" and "num_rays" in self.counts:
-            rays = self._rays(name)
-            self.counts[name] = len(rays)
-            return str(context.scope.name(name, context.index_array(rays)))
+        many = _PARTS.get(name, "")
+        if many in self.counts:
+            parts = self._parts(name, self.counts[many])
+            self.counts[name] = len(parts)
+            return str(context.scope.name(name, context.index_array(parts)))
         value = self._take(name)
         if value is None and kind.ndim == 2 and "body_ids" in self.counts:  # the term's own memory, a column a body
             value = TermState(f"{self.where}.{name}", kind.dtype, (self.counts["body_ids"],))

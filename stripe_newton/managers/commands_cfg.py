@@ -205,6 +205,8 @@ class TerrainBasedPose2dCommandCfg(UniformPose2dCommandCfg):
 
         heading: Range = (-math.pi, math.pi)
         """[rad], without ``simple_heading``."""
+        distance: Range = (0.0, 1.0e6)
+        """Horizontal distance from the root [m]."""
 
     ranges: Any = Ranges()
     """Bounds."""

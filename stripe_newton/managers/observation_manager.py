@@ -15,9 +15,9 @@ from stripe_kernels.mdp.contact import CONTACT_OBSERVATION_SIZES
 from stripe_kernels.mdp.imu import IMU_OBSERVATION_SIZES
 from stripe_kernels.mdp.objects import OBJECT_OBSERVATION_SIZES
 from stripe_kernels.mdp.observations import Each
+from stripe_kernels.mdp.obstacles import OBSTACLE_OBSERVATION_SIZES
 from stripe_kernels.mdp.randomization_encoder import ENCODER_OBSERVATION_SIZES
 from stripe_kernels.mdp.scan import SCAN_OBSERVATION_SIZES
-from stripe_kernels.obstacles import OBSTACLE_OBSERVATION_SIZES
 from stripe_newton.fusion import Captured, Eager, Item, Section, TermCall, bind_term
 from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
 

@@ -334,6 +334,9 @@ class RslRlOnPolicyRunnerCfg:
     """Iterations of the whole run; a resumed run counts those that were done before."""
     save_interval: int = 50
     """Iterations between checkpoints."""
+    regenerate_interval: int = 0
+    """Iterations after which training goes on in another scene of the environment's specification, whose seed is the
+    one of its config and the number of scenes before it; 0 for never."""
     init_at_random_ep_len: bool = True
     """Whether episodes start at random lengths, so that their ends do not fall together."""
     experiment_name: str = ""
@@ -359,6 +362,8 @@ class RslRlOnPolicyRunnerCfg:
 
     def problems(self) -> Problems:
         yield from _at_least(self, 1, "num_steps_per_env", "max_iterations", "save_interval")
+        if not isinstance(self.regenerate_interval, int) or self.regenerate_interval < 0:
+            yield "regenerate_interval", f"is {self.regenerate_interval!r}, must be a whole number, 0 or more"
         if self.clip_actions is not None:
             yield from _positive(self, "clip_actions")
         if self.actor.distribution_cfg is None:
@@ -380,6 +385,6 @@ class RslRlOnPolicyRunnerCfg:
     def to_rsl_rl(self) -> dict[str, Any]:
         """The nested dict that rsl_rl's runner takes; functions and classes are named as ``module:name``."""
         cfg = self.to_dict()
-        for name in ("experiment_name", "max_iterations", "init_at_random_ep_len"):
+        for name in ("experiment_name", "max_iterations", "init_at_random_ep_len", "regenerate_interval"):
             cfg.pop(name)
         return cfg

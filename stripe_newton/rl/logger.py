@@ -88,6 +88,12 @@ class RunLogger(Logger):
         super().stop_logging_writer()
         self.writer = None
 
+    def forget_episodes(self) -> None:
+        """Count the running episodes from zero, without those that were cut."""
+        for name in _SUMS:
+            if hasattr(self, name):
+                getattr(self, name).zero_()
+
     def get_state(self) -> dict[str, Any]:
         """Totals and the returns and lengths of episodes, finished and running."""
         state: dict[str, Any] = {"tot_timesteps": self.tot_timesteps, "tot_time": self.tot_time}

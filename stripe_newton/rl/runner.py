@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import torch
 from rsl_rl.runners import OnPolicyRunner as _RslRlOnPolicyRunner
 
 from stripe_newton.configclass import ConfigError
@@ -65,6 +66,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             gpu_global_rank=self.gpu_global_rank,
             device=self.device,
         )
+        if cfg.regenerate_interval:
+            self.logger.iteration_hooks.append(self._regenerate)  # before others, and before the checkpoint
         self.logger.git_status_repos = [inspect.getfile(type(env.unwrapped))]  # the state of the task's own code
 
     @property
@@ -170,6 +173,22 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             _set_rnd_state(self.alg.rnd, state["rnd"])
         set_rng_state(state["rng"], self.device)
 
+    @torch.inference_mode()
+    def _regenerate(self, iteration: int) -> None:
+        """Go on in another scene after every ``regenerate_interval`` iterations."""
+        number, rest = divmod(iteration + 1, self.agent_cfg.regenerate_interval)
+        if rest:
+            return
+        env = self.env
+        env.regenerate(env.unwrapped.scene.first_scenery_seed + number)
+        if self.agent_cfg.init_at_random_ep_len:
+            lengths = torch.randint_like(env.episode_length_buf, high=int(env.max_episode_length))
+            env.episode_length_buf = lengths
+        self.logger.forget_episodes()
+        ended = torch.ones(env.num_envs, dtype=torch.long, device=self.device)
+        self.alg.actor.reset(ended)
+        self.alg.critic.reset(ended)
+
     def _request_stop(self) -> None:
         self.logger.stop_requested = True
         print("\nstopping after this iteration (Ctrl-C again: at once)", file=sys.stderr)
@@ -206,6 +225,12 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
 def _misfits(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
     """Problems of a config that show only beside the environment."""
+    if cfg.regenerate_interval:
+        scene = getattr(env.unwrapped, "scene", None)
+        check = getattr(scene, "obstacle_to_regenerating", None)
+        problem = "the environment has no scene of a specification" if check is None else check()
+        if problem:
+            yield f"regenerate_interval: is {cfg.regenerate_interval}, but {problem}"
     groups = list(env.get_observations().keys())
     for name, wanted in cfg.obs_groups.items():
         for group in wanted:

@@ -97,6 +97,13 @@ class RslRlVecEnvWrapper(VecEnv):
         """Close the environment."""
         self.env.close()
 
+    @torch.inference_mode()
+    def regenerate(self, seed: int) -> None:
+        """Cut all episodes and go on in another scene; the last observations, which a loop holds, become the first."""
+        self.unwrapped.regenerate(seed)
+        if self._obs is not None:
+            self._obs.update_(self._as_tensordict(self.unwrapped.obs_buf))
+
     def get_state(self) -> dict[str, Any] | None:
         """What the environment needs to go on, with its last observations; None if it keeps no state."""
         if self._obs is None or not hasattr(self.unwrapped, "get_state"):

@@ -19,7 +19,7 @@ from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
 from .contents import SceneContents
 from .mjcf import complete_mjcf, count_actuators
-from .scenery import add_scenery, read_scenery, scenery_groups
+from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
 
 __all__ = ["SceneBuilder"]
 
@@ -72,11 +72,17 @@ class SceneBuilder:
 
     def build(self) -> None:
         """Load the stage, write configs onto the environment's builder, replicate it, bind the assets."""
-        scene, sim = self._scene, self._scene.sim
-        if scene.built:
+        stage = self._scene.stage
+        if self._scene.built:
             raise RuntimeError("the scene is built already")
+        scenery = read_scenery(stage)
+        with hidden(stage, scenery_groups(stage)):
+            self._build(scenery)
+
+    def _build(self, scenery: Scenery) -> None:
+        scene, sim = self._scene, self._scene.sim
         template = sim.new_builder()
-        fields = (*self._find_terrain(), *(f"{g.GetPath()}(/|$)" for g in scenery_groups(scene.stage)))
+        fields = self._find_terrain()
         self._load(template, self.template_root, fields if self.template_root == "/" else ())
         layouts = articulation_layouts(template)
         if self.adopt:
@@ -90,14 +96,11 @@ class SceneBuilder:
         if problems:
             raise ConfigError(problems)
         self.reports[0].joints = joint_rows(template)  # with the drives of the actuator configs
-        static = sim.new_builder()
-        if self.template_root != "/":
-            self._load(static, "/World", ("/World/envs", *fields))
-            if self.reports[0].units["scene"] is None:  # the physics scene stands outside the environments
-                template.gravity = static.gravity
-        add_scenery(static, read_scenery(scene.stage))
-        if hasattr(scene.terrain, "add_to"):
-            scene.terrain.add_to(static)
+        static = self._shared(scenery, fields)
+        if self.template_root != "/" and self.reports[0].units["scene"] is None:
+            template.gravity = static.gravity  # the physics scene stands outside the environments
+        for obstacles in self.takers:
+            obstacles.take(scenery)
         for sensor in sorted(scene.sensors.values(), key=lambda s: not getattr(s, "adds_shapes", False)):
             sensor.prepare(sim, template, static)  # those that add shapes before those that count them
         scene.built = True
@@ -107,6 +110,29 @@ class SceneBuilder:
         for asset in [*scene.assets, *scene.sensors.values()]:
             asset.initialize(sim)
         sim.after_each = [s.launch_substep for s in scene.sensors.values() if s.every_substep]
+
+    @property
+    def takers(self) -> list[Any]:
+        """Sensors that let robots touch the scenery, whose colliders are no shapes then."""
+        return [s for s in self._scene.sensors.values() if getattr(s.cfg, "of_scenery", False)]
+
+    def _shared(self, scenery: Scenery, fields: tuple[str, ...]) -> newton.ModelBuilder:
+        """What all environments share, but for what sensors add."""
+        scene, static = self._scene, self._scene.sim.new_builder()
+        if self.template_root != "/":
+            self._load(static, "/World", ("/World/envs", *fields))
+        add_scenery(static, scenery, touched=not self.takers)
+        if hasattr(scene.terrain, "add_to"):
+            scene.terrain.add_to(static)
+        return static
+
+    def rebuild_shared(self, scenery: Scenery) -> None:
+        """Make what all environments share anew from the stage, for what draws the scene; the model stays."""
+        scene, reports = self._scene, self.reports
+        with hidden(scene.stage, scenery_groups(scene.stage)):
+            self.reports = reports[:1]
+            scene.sim.static = self._shared(scenery, (f"{scene.terrain.path}/terrain",))
+        scene.sim.lights = read_lights(scene.stage)
 
     def _find_terrain(self) -> tuple[str, ...]:
         """Make the terrain of a height field that an exported stage holds; its path, which no importer is to read."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from stripe_newton.spec.mesh import Collider
 
 __all__ = ["Capsules", "CellLists", "list_cells"]
 
@@ -66,15 +63,13 @@ class Capsules:
         return len(self.positions)
 
     @classmethod
-    def from_colliders(
-        cls, colliders: Sequence[Collider], poses: np.ndarray, scales: np.ndarray | float = 1.0
-    ) -> Capsules:
+    def from_colliders(cls, colliders: Sequence[Any], poses: np.ndarray, scales: np.ndarray | float = 1.0) -> Capsules:
         """The colliders of an asset at each of its instances; spheres, capsules and cylinders.
 
         A cylinder becomes the capsule of its radius and half length, whose caps stand out at its ends.
 
         Args:
-            colliders: Colliders in the frame of the asset.
+            colliders: Colliders in the frame of the asset, with kind, size, pos and rot as of ``spec.Collider``.
             poses: Position [m] and orientation, xyzw, of each instance in the world, shape ``(M, 7)``.
             scales: Sizes relative to the asset, shape ``(M,)`` or one for all.
 
@@ -132,6 +127,7 @@ class CellLists:
         size: Width of a cell [m].
         shape: Number of columns, along x, and rows, along y.
         first: Column and row of the first cell that lists each obstacle, int32 ``(N, 2)``.
+        cell: Column and row of the cell of each entry of ``listed``, int32 ``(K, 2)``.
         start: Where the list of each cell starts, row by row, int32 ``(cells + 1,)``.
         listed: Indices of obstacles, list after list, each ascending, int32.
     """
@@ -140,8 +136,18 @@ class CellLists:
     size: float
     shape: tuple[int, int]
     first: np.ndarray
+    cell: np.ndarray
     start: np.ndarray
     listed: np.ndarray
+
+    def ends(self, capsules: Capsules) -> tuple[np.ndarray, np.ndarray]:
+        """What the search reads of each entry: ``low_end`` and ``high_end`` of ``ObstacleData``, ``(K, 4)`` each."""
+        axis = capsules.half_length[:, None] * _rotate(capsules.rotations.astype(np.float64), np.array([0.0, 0.0, 1.0]))
+        first = self.cell == self.first[self.listed]
+        code = 4 * self.cell[:, 0] + 2 * first[:, 0] + first[:, 1]
+        low = np.column_stack([(capsules.positions - axis)[self.listed], capsules.radius[self.listed]])
+        high = np.column_stack([(capsules.positions + axis)[self.listed], code])
+        return low.astype(np.float32), high.astype(np.float32)
 
 
 def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int = MAX_CELLS) -> CellLists:
@@ -155,7 +161,8 @@ def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int 
     """
     if not len(capsules):
         none = np.zeros(1, dtype=np.int32)
-        return CellLists(np.zeros(2), size, (0, 0), np.zeros((0, 2), np.int32), none, none[:0])
+        nowhere = np.zeros((0, 2), np.int32)
+        return CellLists(np.zeros(2), size, (0, 0), nowhere, nowhere, none, none[:0])
     lower, upper = capsules.bounds
     pad = 1e-4 + 1e-6 * max(np.abs(lower).max(), np.abs(upper).max())  # what float32 on the device may round away
     lower, upper = lower - pad, upper + pad
@@ -174,5 +181,7 @@ def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int 
     cell = (first[ids, 1] + within // span[ids, 0]) * columns + first[ids, 0] + within % span[ids, 0]
     start = np.zeros(columns * rows + 1, dtype=np.int32)
     start[1:] = np.bincount(cell, minlength=columns * rows).cumsum()
-    listed = ids[np.argsort(cell, kind="stable")].astype(np.int32)
-    return CellLists(corner, size, (columns, rows), first.astype(np.int32), start, listed)
+    order = np.argsort(cell, kind="stable")
+    places = np.column_stack([cell[order] % columns, cell[order] // columns]).astype(np.int32)
+    listed = ids[order].astype(np.int32)
+    return CellLists(corner, size, (columns, rows), first.astype(np.int32), places, start, listed)

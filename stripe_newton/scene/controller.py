@@ -162,7 +162,7 @@ class SceneController:
     def _field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
         """A field of the model by environment, and its values as built."""
         sim = self._scene.sim
-        shared = sim.static.shape_count if name.startswith("shape") else 0
+        shared = sim.shared_shape_count if name.startswith("shape") else 0
         array = getattr(sim.model, name)
         if name == "gravity":  # its last entry is for what belongs to no environment
             array = array[: sim.num_envs]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import MISSING
@@ -21,6 +21,7 @@ from .contents import SceneContents
 from .controller import SceneController
 from .interactive_scene_cfg import InteractiveSceneCfg
 from .querier import SceneQuerier
+from .regenerate import obstacle_to_regenerating, regenerate_scene, scene_spawner
 
 if TYPE_CHECKING:
     from stripe_newton.assets.asset_base import EnvIds
@@ -38,6 +39,8 @@ class InteractiveScene(SceneContents):
         builder: The constructing face.
         controller: The changing face.
         querier: The reading face.
+        scenery_seed: Seed of what a specification made in it; None if none did.
+        scenery_paths: Prims below ``/World`` that :meth:`regenerate` put there, once it was called.
     """
 
     env_regex_ns = "/World/envs/env_.*"
@@ -55,6 +58,7 @@ class InteractiveScene(SceneContents):
         super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or _new_stage())
         self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
         self._add_fields()
+        self.scenery_seed, self.scenery_paths = self.first_scenery_seed, list[Sdf.Path]()
 
     def _add_fields(self) -> None:
         for name in type(self.cfg).__dataclass_fields__:
@@ -132,7 +136,30 @@ class InteractiveScene(SceneContents):
         """Make the model: load the stage, replicate the environment, bind the assets."""
         self.builder.build()
 
+    def regenerate(self, seed: int) -> None:
+        """Make another scene of the same specification, without another model: graphs go on as they are.
+
+        Heights, terrain origins, patches, obstacles and the stage become those of the seed; levels and types of the
+        environments stay. The robots stay where they were: ``regenerate`` of the environment begins new episodes, too.
+
+        Args:
+            seed: Seed of the scene.
+
+        Raises:
+            ValueError: if it is of no specification, or something in it cannot follow; nothing has changed then.
+        """
+        regenerate_scene(self, seed)
+
+    def obstacle_to_regenerating(self) -> str:
+        """What keeps :meth:`regenerate` from working with any seed, and what to do about it; empty if nothing does."""
+        return obstacle_to_regenerating(self)
+
     # -- what is there
+
+    @property
+    def first_scenery_seed(self) -> int | None:
+        """Seed of the config, which made the first scene; None if it is of no specification."""
+        return getattr(scene_spawner(self), "seed", None)
 
     @property
     def physics_dt(self) -> float:

@@ -22,17 +22,21 @@ from .capsules import MAX_CELLS, Capsules, list_cells
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
+    from .scenery import Scenery
+
 __all__ = ["Obstacles", "ObstaclesCfg"]
 
+_BLOCK = 32
+"""Threads a block: so few that a few thousand worlds are spread over a whole GPU."""
 _SIZE_FIELDS = "positions", "rotations", "radius", "half_length"
 
 
 class Obstacles(SensorBase):
     """Capsules that stand in the world, which all environments share and one robot of each environment touches.
 
-    Each world has ``slots`` static capsules. Before every physics step one kernel puts them where those obstacles are
-    that are nearest to its robot, so that a step costs the same however many there are. What it found is also measured
-    after the physics, for rewards and terminations, and after resets, for observations: terms take it as
+    Each world has ``slots`` static capsules. Before the physics steps of an environment step they are put where those
+    obstacles are that are nearest to its robot, so that a step costs the same however many there are. It is
+    measured again after the physics, for rewards and terminations, and after resets, for observations: terms take it as
     :class:`stripe_kernels.obstacles.ObstacleData`.
 
     Slots touch the bodies of that robot alone. In models of so many geoms that MuJoCo Warp sorts rather than lists
@@ -58,7 +62,24 @@ class Obstacles(SensorBase):
     def __init__(self, cfg: ObstaclesCfg):
         super().__init__(cfg)
         self.capsules = self.cfg.capsules()
-        self.capacity = max(1, len(self.capsules) if self.cfg.capacity is None else self.cfg.capacity)
+        self._count_room()
+
+    def _count_room(self) -> None:
+        count = len(self.capsules)
+        spare = count // 4 + 16 if self.cfg.of_scenery else 0  # another seed may make more of them
+        self.capacity = max(1, count + spare if self.cfg.capacity is None else self.cfg.capacity)
+
+    def take(self, scenery: Scenery) -> None:
+        """Let the colliders of a scene's assets be the obstacles, before the scene is built.
+
+        Raises:
+            ValueError: for a box, which no capsule stands for, or more than ``capacity``.
+        """
+        self.capsules = scenery.capsules()
+        self._count_room()
+        if len(self.capsules) > self.capacity:
+            count = len(self.capsules)
+            raise ConfigError([f"Obstacles.capacity: is {self.capacity}, but the scene has {count} obstacles"])
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = where = f"Obstacles '{self.cfg.prim_path}'"
@@ -96,11 +117,11 @@ class Obstacles(SensorBase):
         with wp.ScopedDevice(self.device):
             self._make_struct(self._asset.data.struct.root_pose)
             self._seen, self._told = wp.zeros(1, dtype=int), HostFlags(1, self.device)
-            self._inputs = [self.struct, wp.array(geoms, dtype=int), self._seen, self._told.array]
+            self._mask, self._slot_geoms = wp.zeros(self.num_envs, dtype=wp.bool), wp.array(geoms, dtype=int)
             data = sim.solver.mjw_data
             self._outputs = [data.geom_xpos, data.geom_xmat, *targets]
         self.replace(self.capsules)
-        sim.before_solver.append(self.launch)
+        sim.before_steps.append(self.launch)
         sim.losses.append(self._lost)
 
     def _touch_robot_alone(self, shape_of_geom: np.ndarray, geoms: list[int]) -> None:
@@ -130,14 +151,16 @@ class Obstacles(SensorBase):
         data = kernels.ObstacleData()
         data.pos, data.rot = wp.zeros(count, dtype=wp.vec3), wp.zeros(count, dtype=wp.quat)
         data.radius, data.half_length = wp.zeros(count, dtype=float), wp.zeros(count, dtype=float)
-        data.first_cell = wp.zeros(count, dtype=wp.vec2i)
         data.start, data.listed = wp.zeros(MAX_CELLS + 1, dtype=int), wp.zeros(self._room, dtype=int)
+        data.low_end, data.high_end = wp.zeros(self._room, dtype=wp.vec4), wp.zeros(self._room, dtype=wp.vec4)
         data.grid, data.grid_shape = wp.zeros(3, dtype=float), wp.zeros(2, dtype=int)
         data.root_pose = root_pose
         data.index = wp.full((envs, slots), value=-1, dtype=int)
-        data.distance = wp.full((envs, slots), value=self.cfg.reach, dtype=float)
+        data.distance = wp.full((envs, slots), value=self.cfg.farthest, dtype=float)
+        data.low, data.high = (wp.zeros((envs, slots), dtype=wp.vec4) for _ in range(2))
+        data.found, data.directions = wp.zeros(envs, dtype=int), self.cfg.directions
         data.count, data.overflow = wp.zeros(envs, dtype=int), wp.zeros(envs, dtype=wp.bool)
-        data.reach = self.cfg.reach
+        data.reach, data.sight = self.cfg.reach, self.cfg.farthest
         self.struct, self._data = data, SensorData(data)
 
     @property
@@ -145,8 +168,8 @@ class Obstacles(SensorBase):
         """Room for the lists of the cells: four cells for each, and some for long ones."""
         return 8 * self.capacity + 64
 
-    def replace(self, capsules: Capsules) -> None:
-        """Put other obstacles in the place of those that are there, for all environments; graphs stay as they are.
+    def check(self, capsules: Capsules) -> None:
+        """Whether obstacles can take the place of those that are there.
 
         Raises:
             ValueError: if there are more than :attr:`capacity`.
@@ -154,11 +177,21 @@ class Obstacles(SensorBase):
         if len(capsules) > self.capacity:
             count = len(capsules)
             raise ValueError(f"{self._where}: {count} obstacles do not fit, set ObstaclesCfg(capacity={count}) or more")
-        lists, data = list_cells(capsules, self.cfg.reach, self._room), self.struct
+
+    def replace(self, capsules: Capsules) -> None:
+        """Put other obstacles in the place of those that are there, for all environments; graphs stay as they are.
+
+        Raises:
+            ValueError: if there are more than :attr:`capacity`.
+        """
+        self.check(capsules)
+        lists, data = list_cells(capsules, self.cfg.farthest, self._room), self.struct
+        low, high = lists.ends(capsules)
         for array, value in (
             (data.pos, capsules.positions), (data.rot, capsules.rotations), (data.radius, capsules.radius),
-            (data.half_length, capsules.half_length), (data.first_cell, lists.first), (data.start, lists.start),
-            (data.listed, lists.listed), (data.grid, np.array([*lists.lower, lists.size], dtype=np.float32)),
+            (data.half_length, capsules.half_length), (data.start, lists.start), (data.listed, lists.listed),
+            (data.low_end, low), (data.high_end, high),
+            (data.grid, np.array([*lists.lower, lists.size], dtype=np.float32)),
             (data.grid_shape, np.array(lists.shape, dtype=np.int32)),
         ):  # fmt: skip
             if len(value):
@@ -169,14 +202,25 @@ class Obstacles(SensorBase):
     # -- what a step launches
 
     def launch(self) -> None:
-        """Find the nearest obstacles and put the slots in their places: one launch."""
-        wp.launch(kernels.pose_slots, dim=self.num_envs, inputs=self._inputs, outputs=self._outputs, device=self.device)
+        """Find the nearest obstacles and put the slots in their places."""
+        self._find(self._mask, True)
+        dim = self.num_envs, self.cfg.slots
+        wp.launch(
+            kernels.pose_slots, dim, inputs=[self.struct, self._slot_geoms], outputs=self._outputs, device=self.device
+        )
+
+    def _find(self, where: wp.array, everywhere: bool) -> None:
+        inputs = [self.struct, where, everywhere, self._seen, self._told.array]
+        wp.launch(kernels.find_obstacles, self.num_envs, inputs=inputs, device=self.device, block_dim=_BLOCK)
 
     def launch_measured(self) -> None:
-        self.launch()
+        self._find(self._mask, True)
+
+    def launch_reset(self, env_mask: wp.array) -> None:
+        self._mask = env_mask
 
     def launch_observed(self) -> None:
-        self.launch()
+        self._find(self._mask, False)
 
     def _lost(self) -> str:
         most, slots = self._told[0], self.cfg.slots
@@ -198,7 +242,7 @@ class Obstacles(SensorBase):
 
     @property
     def counts(self) -> dict[str, int]:
-        return {"num_slots": self.cfg.slots}
+        return {"num_slots": self.cfg.slots, "num_directions": self.cfg.directions}
 
 
 @configclass
@@ -218,24 +262,39 @@ class ObstaclesCfg:
     """Half lengths of the axes, without the caps [m], ``(N,)`` or one for all; 0 for spheres."""
     source: Callable[[], Capsules] | None = None
     """What returns the obstacles instead, such as with :meth:`Capsules.from_colliders`."""
+    of_scenery: bool = False
+    """Whether they are the colliders of the assets of the scene's specification, which then are no shapes otherwise."""
     capacity: int | None = None
-    """Most obstacles that may take their place later; by default as many as there are."""
+    """Most obstacles that may take their place later; by default as many as there are, a quarter more with
+    ``of_scenery``."""
     asset_name: str = "robot"
     """The asset that touches them, by its name in the scene."""
     slots: int = 8
     """How many obstacles a robot can touch at a time."""
     reach: float = 1.5
     """Distance from the robot's root within which no obstacle may be missed [m]: the robot's own reach and what it
-    moves in a physics step. It is the size of a cell of the grid, too."""
+    moves in a step of the environment."""
+    sight: float | None = None
+    """Distance from the root up to which obstacles are found, and get slots that nearer ones leave [m], for terms that
+    see them from afar; by default ``reach``. It is the size of a cell of the grid, too."""
+    directions: int = 32
+    """In how many directions about the robot ``mdp.obstacle_proximity`` looks."""
     friction: float | None = None
     """Coefficient of friction; by default that of ``SimulationCfg.physics_material``."""
 
+    @property
+    def farthest(self) -> float:
+        """Distance up to which obstacles are looked for [m]."""
+        return self.reach if self.sight is None else self.sight
+
     def capsules(self) -> Capsules:
-        """The obstacles.
+        """The obstacles; none with ``of_scenery``, as the scene brings them.
 
         Raises:
             ConfigError: if they are not all there, or not capsules.
         """
+        if self.of_scenery:
+            return Capsules(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
         if self.source is not None:
             found = self.source()
             if not isinstance(found, Capsules):
@@ -247,22 +306,26 @@ class ObstaclesCfg:
             raise ConfigError([str(error)]) from error
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if self.source is not None and self.positions is not None:
-            yield "source", "is set beside positions, set one of them"
-        if self.source is None:
+        given = [self.source is not None, self.positions is not None, self.of_scenery]
+        if sum(given) > 1:
+            yield "source", "is one of source, positions and of_scenery that are set; set one of them"
+        if self.source is None and not self.of_scenery:
             for name in ("positions", "radius"):
                 if getattr(self, name) is None:
-                    yield name, "is missing; give arrays of positions and radius, or a source"
+                    yield name, "is missing; give arrays of positions and radius, a source, or of_scenery=True"
         if self.source is None and self.positions is not None and self.radius is not None:
             try:
                 self.capsules()
             except ConfigError as error:
                 name, _, text = error.problems[0].partition(": ")
                 yield name, text
-        if not isinstance(self.slots, int) or self.slots < 1:
-            yield "slots", f"is {self.slots!r}, must be a whole number, 1 or more"
+        for name in ("slots", "directions"):
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
+                yield name, f"is {getattr(self, name)!r}, must be a whole number, 1 or more"
         if not (math.isfinite(self.reach) and self.reach > 0.0):
             yield "reach", f"is {self.reach}, must be a distance above 0 [m]"
+        if self.sight is not None and not (math.isfinite(self.sight) and self.sight >= self.reach):
+            yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"
         if self.friction is not None and not (math.isfinite(self.friction) and self.friction >= 0.0):
             yield "friction", f"is {self.friction}, must be 0 or more"
         if self.capacity is not None and (not isinstance(self.capacity, int) or self.capacity < 1):

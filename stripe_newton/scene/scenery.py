@@ -7,15 +7,19 @@ where they stand.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import newton
 import numpy as np
 import warp as wp
-from pxr import Gf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 from scipy.spatial.transform import Rotation
 
-__all__ = ["SCENERY_KEY", "Prototype", "Scenery", "add_scenery", "read_scenery", "scenery_groups"]
+from .capsules import Capsules
+
+__all__ = ["SCENERY_KEY", "Prototype", "Scenery", "add_scenery", "hidden", "read_scenery", "scenery_groups"]
 
 SCENERY_KEY = "stripeNewton:scenery"
 """Attribute of a prim whose children are all instances of static prototypes, placed by translate, orient and scale."""
@@ -66,21 +70,25 @@ class Scenery:
     rot: np.ndarray
     scale: np.ndarray
 
-    def capsules(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Colliders as capsules in the world: centres ``(M, 3)``, orientations xyzw ``(M, 4)``, radii and half lengths
-        ``(M,)`` [m]. A sphere is a capsule without length; cylinders and boxes are held by the capsule around them.
+    def capsules(self) -> Capsules:
+        """Colliders as capsules in the world; a cylinder becomes the capsule of its radius and half length.
+
+        Raises:
+            ValueError: for a box, which is no capsule.
         """
-        found: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+        found: list[Capsules] = []
+        poses = np.concatenate([self.pos, self.rot], axis=1)
         for index, prototype in enumerate(self.prototypes):
             own = np.flatnonzero(self.which == index)
-            for shape in prototype.shapes if len(own) else ():
-                size = _capsule(shape)
-                pos, rot = self._poses(own, shape)
-                found.append((pos, rot, size[0] * self.scale[own], size[1] * self.scale[own]))
+            if prototype.shapes and len(own):
+                try:
+                    found.append(Capsules.from_colliders(prototype.shapes, poses[own], self.scale[own]))
+                except ValueError as error:
+                    raise ValueError(f"assets like '{prototype.path}': {error}") from error
+        names = "positions", "rotations", "radius", "half_length"
         if not found:
-            return np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0)
-        columns = [np.concatenate(part) for part in zip(*found, strict=True)]
-        return columns[0], columns[1], columns[2], columns[3]
+            return Capsules(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+        return Capsules(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
     def _poses(self, own: np.ndarray, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
         turn = Rotation.from_quat(self.rot[own])
@@ -93,6 +101,21 @@ def scenery_groups(stage: Usd.Stage) -> list[Usd.Prim]:
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
     found = [p for p in root.GetChildren() if p.GetAttribute(SCENERY_KEY) and p.GetAttribute(SCENERY_KEY).Get()]
     return [p for p in found if p.GetChildren()]
+
+
+@contextmanager
+def hidden(stage: Usd.Stage, prims: list[Usd.Prim]) -> Iterator[None]:
+    """Nobody who walks through the stage meets these prims meanwhile, nor the thousands below them."""
+    session = Usd.EditContext(stage, stage.GetSessionLayer())
+    with session, Sdf.ChangeBlock():
+        for prim in prims:
+            prim.SetActive(False)
+    try:
+        yield
+    finally:
+        with session, Sdf.ChangeBlock():
+            for prim in prims:
+                prim.ClearActive()
 
 
 def read_scenery(stage: Usd.Stage) -> Scenery:
@@ -146,6 +169,7 @@ def _prototype(instance: Usd.Prim) -> Prototype:
             colors = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
             red, green, blue = map(float, colors[0]) if colors else (0.5, 0.5, 0.5)
             mesh = newton.Mesh(points.astype(np.float32), read.indices, compute_inertia=False)
+            mesh.two_sided = bool(UsdGeom.Mesh(prim).GetDoubleSidedAttr().Get())  # leaves, for what draws them
             found.meshes.append((mesh, newton.utils.color_linear_to_srgb((red, green, blue))))
     return found
 
@@ -168,15 +192,6 @@ def _shape(prim: Usd.Prim, matrix: Gf.Matrix4d) -> Shape:
     if kind in ("Capsule", "Cylinder") and get["axis"] == "Z":
         return Shape(kind.lower(), (get["radius"] * factor[0], 0.5 * get["height"] * factor[2]), pos, rot)
     raise ValueError(f"'{prim.GetPath()}': colliders of scenery are Sphere, Cube, or Capsule or Cylinder along Z")
-
-
-def _capsule(shape: Shape) -> tuple[float, float]:
-    size = shape.size
-    if shape.kind == "sphere":
-        return size[0], 0.0
-    if shape.kind == "box":
-        return float(np.hypot(size[0], size[1])), size[2]
-    return size[0], size[1]
 
 
 def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = True) -> None:

@@ -137,10 +137,11 @@ class RayCaster(SensorBase):
         self._tree: ShapeTree | None = None
         found = field_of(sim.model, chosen, getattr(self._scene.terrain, "struct", None))
         self._field = RayField()
-        self._field.heights = wp.zeros((0, 0), dtype=float)
+        self._field.heights, self._field.bounds = wp.zeros((0, 0), dtype=float), wp.zeros(2, dtype=float)
+        self._chosen, self._field_shape = chosen.copy(), -1
         if found is not None:
-            shape, self._field = found
-            chosen[shape] = False
+            self._field_shape, self._field = found
+            chosen[self._field_shape] = False
         down = np.allclose(self._directions, (0.0, 0.0, -1.0), atol=1.0e-7) and self.cfg.alignment != "base"
         if chosen.any():
             self._tree = ShapeTree(sim.model, chosen, sim.state)
@@ -148,6 +149,17 @@ class RayCaster(SensorBase):
             self.method = "height field, march, and shapes" if found else "shapes"
         else:
             self.method = "height field, lookup" if down else "height field, march"
+
+    # -- another height field in the place of the one that there is
+
+    def meets(self, shape: int) -> str:
+        """How rays find a shape of the model: ``"field"``, ``"tree"``, or ``""`` if they do not hit it."""
+        return "field" if shape == self._field_shape else "tree" if self._chosen[shape] else ""
+
+    def replace_field(self, heights: np.ndarray) -> None:
+        """Let rays meet other heights [m], as many as there are; graphs stay as they are."""
+        self._field.heights.assign(heights)
+        self._field.bounds.assign(np.array([heights.min(), heights.max()], dtype=np.float32))
 
     # -- what is known of it
 

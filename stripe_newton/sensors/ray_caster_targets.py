@@ -114,7 +114,8 @@ def field_of(model: newton.Model, chosen: np.ndarray, terrain: Any) -> tuple[int
     field = RayField()
     lower, cell = pose[:2] - half, 2.0 * half / (source.ncol - 1, source.nrow - 1)
     field.lower, field.cell = wp.vec2(*map(float, lower)), wp.vec2(*map(float, cell))
-    field.bottom, field.top = float(heights.min()), float(heights.max())
+    bounds = [float(heights.min()), float(heights.max())]
+    field.bounds = wp.array(bounds, dtype=float, device=model.device)
     known = getattr(terrain, "heights", None)
     same = (
         known is not None
@@ -137,7 +138,7 @@ def _plane_field(model: newton.Model, planes: np.ndarray, shared: np.ndarray) ->
         return None
     field, height = RayField(), float(pose[2])
     field.lower, field.cell = wp.vec2(-_FAR, -_FAR), wp.vec2(2.0 * _FAR, 2.0 * _FAR)
-    field.bottom = field.top = height
+    field.bounds = wp.full(2, value=height, dtype=float, device=model.device)
     field.heights = wp.full((2, 2), value=height, dtype=float, device=model.device)
     return shape, field
 

@@ -57,7 +57,8 @@ class Simulation:
         device: ``"cpu"`` or ``"cuda:N"``.
         num_envs: Number of environments, each a Newton world.
         template: Builder of one environment, at the origin.
-        static: Builder of what all environments share.
+        static: Builder of what all environments share, as it is now: another scene may have come since.
+        shared_shape_count: Shapes of the model that all environments share; they come first.
         env_origins: Where the environments were built in the world frame [m], shape ``(num_envs, 3)``.
         env_origin: Where they start now, on the device [m], shape ``(num_envs,)``: a terrain moves them.
         lights: Lights of the scene, for rendering.
@@ -70,7 +71,7 @@ class Simulation:
             wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
-        self.num_envs = 0
+        self.num_envs = self.shared_shape_count = 0
         self.lights: list[Light] = []
         self.env_origin: wp.array | None = None
         self.model: newton.Model
@@ -86,8 +87,8 @@ class Simulation:
         """Physics steps in a step of the environment, in which sensors count their periods."""
         self.after_each: list[Callable[[], None]] = []
         """What launches kernels after every physics step."""
-        self.before_solver: list[Callable[[], None]] = []
-        """What launches kernels right before the solver in every physics step."""
+        self.before_steps: list[Callable[[], None]] = []
+        """What launches kernels before the physics steps that are launched together."""
         self.losses: list[Callable[[], str]] = []
         """What says which sizes were too small since it was asked last, empty for none; see :meth:`check_overflow`."""
         self.drive_limits: DriveLimits | None = None
@@ -145,7 +146,7 @@ class Simulation:
         if not template.joint_count:
             raise ValueError("the environments hold no rigid body and no articulation: there is nothing to simulate")
         self.template, self.static, self.env_origins = template, static, np.asarray(env_origins, dtype=np.float32)
-        self.num_envs = len(env_origins)
+        self.num_envs, self.shared_shape_count = len(env_origins), static.shape_count
         if self.env_origin is None:
             self.env_origin = wp.array(self.env_origins, dtype=wp.vec3, device=self.device)
         builder = self.new_builder()
@@ -271,6 +272,8 @@ class Simulation:
             substeps: Number of time steps.
             before_each: Launches what is to run before each of them.
         """
+        for function in self.before_steps:
+            function()
         for index in range(substeps):
             if before_each is not None:
                 before_each()
@@ -292,8 +295,6 @@ class Simulation:
             )
         if self.pipeline is not None:
             self.pipeline.collide(state, self.contacts)
-        for function in self.before_solver:
-            function()
         following_state = state if self._next is None else self._next
         with self.actuation.solver_gains():
             self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)

@@ -9,9 +9,11 @@ from .factory import SceneCfgFactory, SceneStageCfg
 from .fitting import fit_collider
 from .mesh import AssetMesh, Collider, DynamicMesh, MeshPart
 from .mesh_files import UniversalMesh, USDMesh
+from .places import Places
 from .primitives import BoxMesh, CapsuleMesh, ConeMesh, CylinderMesh, DebugMesh, PrimitiveMesh, SphereMesh
 from .scene import Scene, SceneSpec
 from .terrain import TerrainInstance
+from .tiles import TileGridSpec
 from .training import TaskEnvCfg, TrainingSpec
 
 __all__ = [
@@ -27,6 +29,7 @@ __all__ = [
     "DynamicMesh",
     "IdenticalAssetSpec",
     "MeshPart",
+    "Places",
     "PrimitiveMesh",
     "Scene",
     "SceneCfgFactory",
@@ -35,6 +38,7 @@ __all__ = [
     "SphereMesh",
     "TaskEnvCfg",
     "TerrainInstance",
+    "TileGridSpec",
     "TrainingSpec",
     "USDMesh",
     "UniversalMesh",

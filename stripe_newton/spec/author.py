@@ -77,8 +77,13 @@ def _terrain(stage: Usd.Stage, scene: Scene) -> None:
             static_friction=terrain.static_friction, dynamic_friction=terrain.dynamic_friction
         ),
         visual_material=PreviewSurfaceCfg(diffuse_color=(red, green, blue)),
+        max_init_terrain_level=terrain.max_init_level,
     )
     author_ground(stage, SimpleNamespace(ground=terrain.ground, cfg=cfg, path="/World/ground"))  # type: ignore[arg-type]
+    if terrain.colors is not None:
+        seen = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ground/terrain"))
+        colors = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(terrain.colors, dtype=np.float32).reshape(-1, 3))
+        seen.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(colors)
     prim = stage.GetPrimAtPath("/World/ground")
     x, y, z = terrain.origin or (0.0, 0.0, 0.0)
     prim.CreateAttribute("stripeNewton:origin", Sdf.ValueTypeNames.Point3d).Set(Gf.Vec3d(x, y, z))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import zlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ import numpy as np
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg
 
 from .asset import AssetInstance, AssetSpec
+from .places import Places, add_places
 from .primitives import DebugMesh
 from .terrain import TerrainInstance
 
@@ -37,6 +38,7 @@ class SceneSpec(ABC):
         palette: Specs of what stands on the terrain, in the order in which they are placed.
         distant_light: The sun, None for none.
         dome_light: The sky, None for none.
+        places: Places to find for robots, by name: ``init_pos`` to start, ``target`` to go to.
 
     Raises:
         ValueError: if two specs have one name.
@@ -48,11 +50,13 @@ class SceneSpec(ABC):
         palette: Iterable[AssetSpec] = (),
         distant_light: DistantLightCfg | None = None,
         dome_light: DomeLightCfg | None = None,
+        places: Mapping[str, Places] | None = None,
     ):
         if min(size) <= 0.0 or not np.isfinite(size).all():
             raise ValueError(f"{type(self).__name__}: size is {size}, must be two positive lengths [m]")
         self.size = float(size[0]), float(size[1])
         self.distant_light, self.dome_light = distant_light, dome_light
+        self.places = dict(places or {})
         self._palette: dict[str, AssetSpec] = {}
         for asset in palette:
             self.add_asset(asset)
@@ -85,6 +89,10 @@ class SceneSpec(ABC):
         Args:
             rng: The only source of chance; the same generator gives the same terrain.
         """
+
+    def survey(self, terrain: TerrainInstance) -> None:
+        """Add maps of the finished scene to ``terrain.maps``; by default none."""
+        return
 
     def create_instance(
         self, num_envs: int, env_spacing: float, debug_models: bool = False, seed: int = 0
@@ -131,6 +139,11 @@ class SceneSpec(ABC):
                 twice = counts.most_common(1)[0][0]
                 raise ValueError(f"asset '{name}': two instances are called '{twice}'; names must differ")
             terrain.placed[name] = instances
+        if self.places:
+            say("places")
+            add_places(terrain, self.places, _generator(seed, "places"))
+        say("survey")
+        self.survey(terrain)
         return Scene(terrain, self.distant_light, self.dome_light, seed)
 
 

@@ -11,6 +11,7 @@ from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import DefaultEventsCfg, ManagerBasedRLEnv, ManagerBasedRLEnvCfg
 from stripe_newton.registration import register_task
+from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.sim import SimulationCfg
 from stripe_newton.viewers import ViewerCfg
 
@@ -65,6 +66,8 @@ class TrainingSpec:
         robot: Who.
         observations: Observation groups, as in ``ManagerBasedRLEnvCfg``; the others likewise.
         sensors: Sensor configs by name.
+        obstacles: How robots touch what stands in the scene: by collider slots, so that a step costs the same however
+            much there is; terms take it as ``obstacles``. None: every collider is a shape of its own.
         assets: Further assets by name.
         sim: Time step and solver.
         num_envs: Number of environments.
@@ -82,6 +85,7 @@ class TrainingSpec:
     curriculum: Any = None
     metrics: Any = None
     sensors: Mapping[str, Any] = field(default_factory=dict)
+    obstacles: ObstaclesCfg | None = None
     assets: Mapping[str, Any] = field(default_factory=dict)
     sim: SimulationCfg = field(default_factory=SimulationCfg)
     num_envs: int = 4096
@@ -110,6 +114,8 @@ class TrainingSpec:
         factory = self.scene.create_instance(self.num_envs, self.env_spacing, debug_models, seed)
         for name, cfg in self.assets.items():
             factory.add_asset(name, cfg)
+        if self.obstacles is not None:
+            factory.add_sensor("obstacles", self.obstacles.replace(of_scenery=True))
         for name, cfg in self.sensors.items():
             factory.add_sensor(name, cfg)
         managers = ("observations", "actions", "rewards", "terminations", "events", "commands", "curriculum", "metrics")

@@ -12,7 +12,7 @@ from .blocks_cfg import (
     MeshRandomGridTerrainCfg,
     MeshStarTerrainCfg,
 )
-from .ground import Ground
+from .ground import Ground, surface_height
 from .height_fields_cfg import (
     HfDiscreteObstaclesTerrainCfg,
     HfInvertedPyramidSlopedTerrainCfg,
@@ -60,4 +60,5 @@ __all__ = [
     "TerrainImporter",
     "TerrainImporterCfg",
     "sub_terrain_heights",
+    "surface_height",
 ]

@@ -118,7 +118,7 @@ def read_ground(prim: Usd.Prim) -> Ground:
         names = [a.GetName() for a in prim.GetAttributes() if a.GetName().startswith(prefix)]
         lists = {n.removeprefix(prefix): np.array(prim.GetAttribute(n).Get()).reshape(*grid, -1, 3) for n in names}
     origins = _get(prim, "origins")
-    return Ground(
+    ground = Ground(
         points[:, 2].reshape(nrow, ncol),
         tuple(_get(prim, "lower")),
         tuple(_get(prim, "cell")),
@@ -127,6 +127,10 @@ def read_ground(prim: Usd.Prim) -> Ground:
         lists,
         int(_get(prim, "seed", 0)),
     )
+    colors = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
+    if colors is not None and len(colors) == len(points):
+        ground.source.colors = np.array(colors, dtype=np.float32).reshape(nrow, ncol, 3)  # for what draws it
+    return ground
 
 
 def placement(prim: Usd.Prim) -> dict[str, Any]:
@@ -146,6 +150,6 @@ def placement(prim: Usd.Prim) -> dict[str, Any]:
         )
     colors = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
     if colors:
-        red, green, blue = map(float, colors[0])
+        red, green, blue = map(float, np.array(colors).mean(axis=0))
         fields["visual_material"] = PreviewSurfaceCfg(diffuse_color=(red, green, blue))
     return fields

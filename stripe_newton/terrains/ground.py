@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import newton
 import numpy as np
 
-__all__ = ["Ground"]
+__all__ = ["Ground", "surface_height"]
 
 
 @dataclass
@@ -58,13 +58,29 @@ class Ground:
 
     def height_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Height at points of the world [m], as ``stripe_kernels.terrain.terrain_height`` has it."""
-        nrow, ncol = self.heights.shape
-        u = np.clip((np.asarray(x, dtype=float) - self.lower[0]) / self.cell[0], 0.0, ncol - 1)
-        v = np.clip((np.asarray(y, dtype=float) - self.lower[1]) / self.cell[1], 0.0, nrow - 1)
-        col, row = np.minimum(u.astype(int), ncol - 2), np.minimum(v.astype(int), nrow - 2)
-        fx, fy = u - col, v - row
-        h = self.heights
-        right, up = h[row, col + 1].astype(float), h[row + 1, col].astype(float)
-        near, far = h[row, col].astype(float), h[row + 1, col + 1].astype(float)
-        low = near + fx * (right - near) + fy * (up - near)
-        return np.where(fx + fy <= 1.0, low, far + (1.0 - fx) * (up - far) + (1.0 - fy) * (right - far))
+        return surface_height(self.heights, self.lower, self.cell, x, y)
+
+
+def surface_height(
+    heights: np.ndarray, lower: tuple[float, float], cell: tuple[float, float], x: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    """Height of the surface that robots stand on [m], float64 of the shape of ``x`` and ``y``.
+
+    Each cell is two triangles, cut from (row + 1, column) to (row, column + 1), as in ``stripe_kernels.terrain``.
+    Beyond its edge the field goes on level.
+
+    Args:
+        heights: Heights [m], shape ``(nrow, ncol)``, rows along y, columns along x.
+        lower: x and y of ``heights[0, 0]`` [m].
+        cell: Spacing in x and y [m].
+        x: x of the points [m].
+        y: y of the points [m].
+    """
+    nrow, ncol = heights.shape
+    u = np.clip((np.asarray(x, dtype=float) - lower[0]) / cell[0], 0.0, ncol - 1)
+    v = np.clip((np.asarray(y, dtype=float) - lower[1]) / cell[1], 0.0, nrow - 1)
+    col, row = np.minimum(u.astype(int), ncol - 2), np.minimum(v.astype(int), nrow - 2)
+    u, v = u - col, v - row
+    near, right, up, far = (heights[row + i, col + j].astype(float) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    low = near + u * (right - near) + v * (up - near)
+    return np.where(u + v <= 1.0, low, far + (1.0 - u) * (up - far) + (1.0 - v) * (right - far))

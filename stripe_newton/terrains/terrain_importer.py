@@ -103,14 +103,17 @@ class TerrainImporter:
             self.terrain_origins = torch.tensor(origins, dtype=torch.float32, device=self.device)
             most = self.cfg.max_init_terrain_level
             levels, types = tile_of(self.num_envs, origins.shape[:2], most, ground.seed)
-        if origins is not None and self.cfg.use_terrain_origins:
-            own = origins[levels, types]
-        else:
-            spacing = self._scene.cfg.env_spacing if self.cfg.env_spacing is None else self.cfg.env_spacing
-            own = grid_origins(self.num_envs, spacing, self.ground)
+        own = self._origins_of(ground, levels, types)
         self.terrain_levels = torch.tensor(levels, device=self.device)
         self.terrain_types = torch.tensor(types, device=self.device)
         self.env_origins.copy_(torch.tensor(own, dtype=torch.float32))
+
+    def _origins_of(self, ground: Ground | None, levels: np.ndarray, types: np.ndarray) -> np.ndarray:
+        """Where environments of some levels and types start on a ground [m], shape ``(num_envs, 3)``."""
+        if ground is not None and ground.origins is not None and self.cfg.use_terrain_origins:
+            return np.asarray(ground.origins[levels, types])
+        spacing = self._scene.cfg.env_spacing if self.cfg.env_spacing is None else self.cfg.env_spacing
+        return grid_origins(self.num_envs, spacing, ground)
 
     def _fill_struct(self) -> None:
         ground, device = self.ground, self.device
@@ -186,6 +189,48 @@ class TerrainImporter:
 
         if self.ground is not None:
             author_ground(stage, self)
+
+    # -- another ground in the place of the one that there is
+
+    def check(self, ground: Ground) -> None:
+        """Whether a ground can take the place of the one that is there.
+
+        Raises:
+            ValueError: if its heights lie on another grid, or it has other numbers of tiles or patches.
+        """
+        mine, where = self.ground, f"'{self.cfg.prim_path}'"
+        if mine is None:
+            raise ValueError(f"{where}: is a plane, which no height field can replace")
+        for name, what in (("heights", "heights"), ("origins", "origins of tiles")):
+            here, new = (None if v is None else v.shape for v in (getattr(mine, name), getattr(ground, name)))
+            if here != new:
+                raise ValueError(f"{where}: the new ground has {what} of shape {new}, must be {here} as now")
+        for name in ("lower", "cell", "tile"):
+            here, new = getattr(mine, name), getattr(ground, name)
+            if not np.allclose(here, new, rtol=1.0e-5, atol=1.0e-6):
+                raise ValueError(f"{where}: {name} of the new ground is {tuple(new)} m, must be {tuple(here)} m as now")
+        here, new = ({name: points.shape for name, points in g.patches.items()} for g in (mine, ground))
+        if here != new:
+            raise ValueError(f"{where}: the new ground has the patches {new or 'none'}, must have {here or 'none'}")
+
+    def replace(self, ground: Ground) -> None:
+        """Put another ground in the place of the one that is there; graphs stay as they are, and levels too.
+
+        The model and sensors have their own copies of it: :meth:`InteractiveScene.regenerate` writes all of them.
+
+        Raises:
+            ValueError: see :meth:`check`.
+        """
+        self.check(ground)
+        levels, types = self.terrain_levels.cpu().numpy(), self.terrain_types.cpu().numpy()
+        own = self._origins_of(ground, levels, types)
+        self.ground = ground
+        self.struct.heights.assign(ground.heights)
+        if self.terrain_origins is not None:
+            self.terrain_origins.copy_(torch.tensor(ground.origins, dtype=torch.float32))
+        for name, points in self.flat_patches.items():
+            points.copy_(torch.tensor(ground.patches[name], dtype=torch.float32))
+        self.env_origins.copy_(torch.tensor(own, dtype=torch.float32))
 
     # -- levels
 

@@ -12,15 +12,15 @@ import warp as wp
 
 from stripe_kernels.picture import gather_bodies
 
+from .recolor import recolor_shapes
+
 __all__ = ["DisplayModel"]
 
 _ROUND_TYPES = (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)
 _COLLIDE = int(newton.ShapeFlags.COLLIDE_SHAPES) | int(newton.ShapeFlags.COLLIDE_PARTICLES)
 _GROUND_TYPES = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
-_PALETTE = ((0.905, 0.892, 0.865), (0.890, 0.460, 0.240), (0.245, 0.345, 0.455))
-_STATIC_COLOR = (0.62, 0.60, 0.57)
-_GROUND_COLOR = (0.66, 0.69, 0.72)
-_LEVEL_WITHOUT_COLOR = 0.18  # linear grey that Newton's USD import gives to what has no material
+_MANY = 64
+"""Meshes that stand still which make a scene one in nature."""
 
 
 class DisplayModel:
@@ -33,18 +33,22 @@ class DisplayModel:
         colors: Linear RGB of each shape, shape (shape_count, 3).
         is_ground: Whether each shape is a plane, shape (shape_count,).
         textured: Whether a shape carries a texture.
+        scenery: Shapes that :class:`SceneryTracer` traces in the place of Newton's sensor, shape (n,).
 
     Args:
         sim: A simulation with ``template, static, env_origins, state, num_envs, device``.
         env_ids: Which environments to copy.
         floor: Add a floor below everything when the static scene is empty.
         recolor: Replace colours that the stage did not author.
+        natural: Leave meshes that stand still to :class:`SceneryTracer`; None: if there are 64 of them.
 
     Raises:
         IndexError: An environment that the simulation does not have.
     """
 
-    def __init__(self, sim: Any, env_ids: Sequence[int], floor: bool = True, recolor: bool = True):
+    def __init__(
+        self, sim: Any, env_ids: Sequence[int], floor: bool = True, recolor: bool = True, natural: bool | None = None
+    ):
         env_ids = [int(i) for i in env_ids]
         wrong = [i for i in env_ids if not 0 <= i < sim.num_envs]
         if wrong or not env_ids:
@@ -77,12 +81,16 @@ class DisplayModel:
             types = np.asarray(builder.shape_type, dtype=int)
         builder.end_world()
         if recolor:
-            _recolor(builder, first_shape, first_body, self.body_count, len(env_ids), template)
+            recolor_shapes(builder, first_shape, first_body, self.body_count, len(env_ids), template)
         if self.body_count:
             _separate_surfaces(builder, first_shape, first_body, self.body_count)
         builder.shape_flags = [int(f) & ~_COLLIDE for f in builder.shape_flags]
         if template.shape_count:
             _keep_one_ground(builder, first_shape, template.shape_count)
+        self.scenery = _scenery(builder, first_shape, natural)
+        for i in self.scenery:
+            builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
+        self.sources = builder.shape_source
         self.is_ground = types == int(newton.GeoType.PLANE)
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
@@ -102,7 +110,7 @@ class DisplayModel:
             args = [self._sim.state.body_q, self._index, out]
             wp.launch(gather_bodies, dim=len(self._index), inputs=args, device=self.model.device)
             self.body_q = self.state.body_q.numpy()
-        if self.model.shape_count:
+        if self.model.shape_count and self.model.bvh_shape_count_enabled:
             self.model.bvh_refit_shapes(self.state)
         return self.body_q
 
@@ -143,6 +151,22 @@ class DisplayModel:
             if on_body.any():
                 corners[on_body] = _transform(body_q[self._shape_body[on_body]][:, None], corners[on_body])
         return corners
+
+
+def _scenery(builder: newton.ModelBuilder, count: int, natural: bool | None) -> np.ndarray:
+    """Visible meshes and height fields without texture among the first ``count`` shapes, which all envs share."""
+    kinds = (int(newton.GeoType.MESH), int(newton.GeoType.HFIELD))
+    visible = int(newton.ShapeFlags.VISIBLE)
+    found = [
+        i
+        for i in range(count)
+        if int(builder.shape_type[i]) in kinds
+        and int(builder.shape_body[i]) < 0
+        and int(builder.shape_flags[i]) & visible
+        and getattr(builder.shape_source[i], "texture", None) is None
+    ]
+    meshes = sum(int(builder.shape_type[i]) == kinds[0] for i in found)
+    return np.array(found if (meshes >= _MANY if natural is None else natural) else [], dtype=int)
 
 
 def _has_ground(static: newton.ModelBuilder, template: newton.ModelBuilder) -> bool:
@@ -191,15 +215,17 @@ def _transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
     """Lower and upper corner of each shape in its own frame, shape (shapes, 2, 3); infinite: not shown, or a ground."""
     kinds = newton.GeoType
-    bounds = np.full((builder.shape_count, 2, 3), np.inf)
+    bounds, known = np.full((builder.shape_count, 2, 3), np.inf), dict[int, np.ndarray]()
     for i, (kind, scale, source) in enumerate(zip(builder.shape_type, builder.shape_scale, builder.shape_source)):
         if not int(builder.shape_flags[i]) & int(newton.ShapeFlags.VISIBLE) or int(kind) in _GROUND_TYPES:
             continue
         a, b, c = (float(s) for s in scale)
         vertices = getattr(source, "vertices", None)
         if vertices is not None and len(vertices):
-            points = np.asarray(vertices, dtype=float) * (a, b, c)
-            bounds[i] = points.min(axis=0), points.max(axis=0)
+            if id(source) not in known:
+                points = np.asarray(vertices, dtype=float)
+                known[id(source)] = np.stack([points.min(axis=0), points.max(axis=0)])
+            bounds[i] = np.sort(known[id(source)] * (a, b, c), axis=0)
             continue
         half = {
             kinds.SPHERE: (a, a, a),
@@ -209,24 +235,6 @@ def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
         }.get(kind, (a, b, c))
         bounds[i] = -np.asarray(half), np.asarray(half)
     return bounds
-
-
-def _recolor(
-    builder: newton.ModelBuilder, first_shape: int, first_body: int, bodies: int, copies: int, template: Any
-) -> None:
-    """Colours for shapes without an authored one: by a body's place in its chain."""
-    ranks = _body_ranks(template)
-    for i in range(builder.shape_count):
-        if not _is_default(builder.shape_color[i], builder.shape_type[i]):
-            continue
-        body = int(builder.shape_body[i])
-        if int(builder.shape_type[i]) in _GROUND_TYPES:
-            color = _GROUND_COLOR
-        elif body < first_body or i < first_shape:
-            color = _STATIC_COLOR
-        else:
-            color = _PALETTE[ranks[(body - first_body) % bodies]]
-        builder.shape_color[i] = color
 
 
 def _welded_to_world(template: newton.ModelBuilder) -> np.ndarray:
@@ -242,48 +250,3 @@ def _welded_to_world(template: newton.ModelBuilder) -> np.ndarray:
         for parent, child in joints:
             welded[child] |= parent < 0 or welded[parent]
     return welded
-
-
-def _body_ranks(template: newton.ModelBuilder) -> list[int]:
-    """Palette index of each body: 0 for what carries others, 1 for the next to last of a chain, 2 for the last.
-
-    Bodies welded together count as one; a body that is alone gets 1.
-    """
-    joints = [
-        (int(k), int(p), int(c)) for k, p, c in zip(template.joint_type, template.joint_parent, template.joint_child)
-    ]
-    welded = int(newton.JointType.FIXED)
-    group = list(range(template.body_count))
-    for kind, parent, child in joints:
-        if kind == welded and parent >= 0:
-            old, new = group[child], group[parent]
-            group = [new if g == old else g for g in group]
-    height = dict.fromkeys(group, 0)
-    links = [(group[p], group[c]) for k, p, c in joints if k != welded and p >= 0 and group[p] != group[c]]
-    for _ in range(template.body_count):
-        before = dict(height)
-        for parent, child in links:
-            height[parent] = min(max(height[parent], height[child] + 1), template.body_count)
-        if height == before:
-            break
-    alone = set(group) - {g for link in links for g in link}
-    return [1 if g in alone else max(2 - height[g], 0) for g in group]
-
-
-def _default_colors() -> np.ndarray:
-    """SRGB of what Newton gives to shapes nobody coloured, shape (n, 3)."""
-    probe = newton.ModelBuilder()
-    for _ in range(24):
-        probe.add_shape_sphere(-1)
-    probe.add_ground_plane()
-    grey = newton.utils.color_linear_to_srgb((_LEVEL_WITHOUT_COLOR,) * 3)
-    return np.unique(np.array([*probe.shape_color, grey]), axis=0)
-
-
-_DEFAULTS: list[np.ndarray] = []
-
-
-def _is_default(color: Any, kind: Any) -> bool:
-    if not _DEFAULTS:
-        _DEFAULTS.append(_default_colors())
-    return bool(np.abs(_DEFAULTS[0] - np.asarray(color, dtype=float)).max(axis=1).min() < 2e-3)

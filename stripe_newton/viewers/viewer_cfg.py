@@ -59,7 +59,8 @@ class ViewerCfg:
     """Over how many frames the followed robot's motion is smoothed; 0 follows rigidly."""
 
     anti_aliasing: bool = True
-    """Smooth outlines: pixels on an edge are traced four times more. Costs about a quarter of a frame."""
+    """Smooth outlines: pixels on an edge are traced four times more. Costs about a quarter of a frame.
+    Outdoors, of robots alone."""
 
     shadows: bool = True
     """Soft shadows of the sun."""
@@ -69,6 +70,16 @@ class ViewerCfg:
 
     fog: float = 1.0
     """How strongly distance fades into the horizon; 0 switches it off."""
+
+    natural: bool | None = None
+    """Draw meshes that stand still as outdoors: all of them cast shadows, ray by ray; grain on ground and bark, light
+    through leaves, haze. None: where the scene has 64 or more."""
+
+    haze: float = 0.004
+    """Outdoors: share of the light that is lost to haze on each metre [1/m], in the place of ``fog``."""
+
+    exposure: float = 1.0
+    """Outdoors: factor on the exposure, which adapts to what is seen."""
 
     floor: bool = True
     """Draw a floor under a scene that has no ground of its own."""
@@ -109,6 +120,8 @@ _RANGES = (
     ("follow_time", 0.0, 1000.0),
     ("shadow_resolution", 32, 4096),
     ("fog", 0.0, 100.0),
+    ("haze", 0.0, 1.0),
+    ("exposure", 0.01, 100.0),
 )
 
 

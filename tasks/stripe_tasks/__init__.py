@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environments built on stripe_newton. Importing it registers them with gymnasium and imports nothing heavy."""
 
-from stripe_newton.registration import register_task
+from stripe_newton.registration import register_scene, register_task
 
 _DIRECT = {
     "Stripe-Ant-Direct-v0": ("ant", "Ant"),
@@ -34,6 +34,13 @@ _VELOCITY = {
     "Stripe-Velocity-Rough-Quadruped-v0": ("velocity_quadruped", "QuadrupedRough"),
 }
 
+_FOREST = {
+    "Stripe-Forest-Reach-Quadruped-v0": ("reach:reach_cfg", "reach:ForestReachEnv", "reach:ForestReach"),
+    "Stripe-Forest-Reach-Quadruped-Play-v0": ("reach:play_cfg", "reach:ForestReachEnv", "reach:ForestReach"),
+    "Stripe-Forest-Walk-Quadruped-v0": ("walk:walk_cfg", None, "walk:ForestWalk"),
+    "Stripe-Forest-Walk-Quadruped-Play-v0": ("walk:play_cfg", None, "walk:ForestWalk"),
+}
+
 for _id, (_module, _name) in (_DIRECT | _GOALS).items():
     register_task(
         _id,
@@ -62,3 +69,16 @@ for _id, (_module, _name) in _VELOCITY.items():
         env_cfg=f"stripe_tasks.{_module}:{_name}EnvCfg",
         rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}PPORunnerCfg",
     )
+for _id, (_config, _env, _name) in _FOREST.items():
+    register_task(
+        _id,
+        env=f"stripe_tasks.forest.{_env}" if _env else "stripe_newton.envs:ManagerBasedRLEnv",
+        env_cfg=f"stripe_tasks.forest.{_config}",
+        rsl_rl_cfg=f"stripe_tasks.forest.{_name}PPORunnerCfg",
+    )
+
+register_scene("forest", "stripe_tasks.forest:ForestSpec")
+register_scene("clearing", "stripe_tasks.forest:ClearingSpec")
+register_scene("path", "stripe_tasks.forest:PathSpec")
+register_scene("ravine", "stripe_tasks.forest:RavineSpec")
+register_scene("rubble", "stripe_tasks.rubble:RubbleSpec")

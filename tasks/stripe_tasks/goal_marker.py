@@ -40,6 +40,17 @@ def place_markers(
     bodies[env] = pose
 
 
+@wp.kernel(enable_backward=False)
+def place_markers_at(
+    points: wp.array[wp.vec3], anchors: wp.array[wp.transform], bodies: wp.array[wp.transform]
+) -> None:
+    """Put the marker of each environment at a point of the world; in the model and in the state."""
+    env = wp.tid()
+    pose = wp.transform(points[env], wp.quat_identity())
+    anchors[env] = pose
+    bodies[env] = pose
+
+
 def spawn_goal_marker(prim_path: str, cfg: GoalMarkerCfg, translation: Any = None, orientation: Any = None) -> Usd.Prim:
     """Author a body that is fixed to the world and touches nothing."""
     from pxr import Gf, UsdGeom, UsdPhysics
@@ -127,8 +138,9 @@ class GoalMarked:
     The solver is not told, as nothing can touch the marker.
     """
 
-    def _goals(self) -> tuple[wp.array, wp.array]:
-        """Frames in the world [m] and goals in them [m], ``wp.transform``, shape ``(num_envs,)`` each."""
+    def _goals(self) -> tuple[wp.array, ...]:
+        """Frames in the world [m] and goals in them [m], ``wp.transform``, shape ``(num_envs,)`` each; or points of the
+        world [m] alone, ``wp.vec3``, shape ``(num_envs,)``."""
         raise NotImplementedError(f"{type(self).__name__} needs '_goals(self)'")
 
     def _stages(self) -> list[Stage]:
@@ -137,10 +149,11 @@ class GoalMarked:
         marker = env.scene["goal"]
         anchors = env.sim.per_env(env.sim.model.joint_X_p)[:, marker.layout.joints[0]]
         rows = [wp.from_torch(t, dtype=wp.transform) for t in (anchors, marker.data.root_pose_w)]
-        frames, goals = self._goals()
+        goals = self._goals()
+        kernel = place_markers if len(goals) == 2 else place_markers_at
 
         def place() -> None:
-            wp.launch(place_markers, dim=env.num_envs, inputs=[frames, goals], outputs=rows, device=env.device)
+            wp.launch(kernel, dim=env.num_envs, inputs=[*goals], outputs=rows, device=env.device)
 
         stages[-1] = replace(stages[-1], items=[*stages[-1].items, Captured("goal marker", place)])
         return stages

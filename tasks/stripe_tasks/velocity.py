@@ -130,7 +130,7 @@ class ProprioceptionCfg(ObservationGroupCfg):
     base_lin_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.base_lin_vel, noise=noise(0.1))
     base_ang_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.base_ang_vel, noise=noise(0.2))
     projected_gravity: ObservationTermCfg = ObservationTermCfg(func=mdp.projected_gravity, noise=noise(0.05))
-    velocity_commands: ObservationTermCfg = ObservationTermCfg(func=mdp.generated_commands, params=TWIST)
+    velocity_commands: ObservationTermCfg | None = ObservationTermCfg(func=mdp.generated_commands, params=TWIST)
     joint_pos: ObservationTermCfg = ObservationTermCfg(func=mdp.joint_pos_rel, noise=noise(0.01))
     joint_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.joint_vel_rel, noise=noise(1.5))
     actions: ObservationTermCfg = ObservationTermCfg(func=mdp.last_action)
@@ -169,10 +169,10 @@ class RoughObservationsCfg(ObservationsCfg):
 class RewardsCfg:
     """Follow the command, calmly."""
 
-    track_lin_vel_xy_exp: RewardTermCfg = RewardTermCfg(
+    track_lin_vel_xy_exp: RewardTermCfg | None = RewardTermCfg(
         func=mdp.track_lin_vel_xy_exp, weight=1.5, params={**TWIST, "std": 0.5}
     )
-    track_ang_vel_z_exp: RewardTermCfg = RewardTermCfg(
+    track_ang_vel_z_exp: RewardTermCfg | None = RewardTermCfg(
         func=mdp.track_ang_vel_z_exp, weight=0.75, params={**TWIST, "std": 0.5}
     )
     lin_vel_z_l2: RewardTermCfg = RewardTermCfg(func=mdp.lin_vel_z_l2, weight=-2.0)
@@ -182,7 +182,7 @@ class RewardsCfg:
     action_rate_l2: RewardTermCfg = RewardTermCfg(func=mdp.action_rate_l2, weight=-0.01)
     flat_orientation_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.flat_orientation_l2, weight=-2.5)
     joint_pos_limits: RewardTermCfg = RewardTermCfg(func=mdp.joint_pos_limits, weight=-1.0)
-    feet_air_time: RewardTermCfg = RewardTermCfg(
+    feet_air_time: RewardTermCfg | None = RewardTermCfg(
         func=mdp.feet_air_time, weight=0.25, params={**TWIST, "sensor_cfg": MISSING, "threshold": 0.5}
     )
     undesired_contacts: RewardTermCfg | None = RewardTermCfg(

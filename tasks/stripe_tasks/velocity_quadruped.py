@@ -39,7 +39,8 @@ class QuadrupedRewardsCfg(RewardsCfg):
     """Steps are taken by the feet alone."""
 
     def __post_init__(self) -> None:
-        self.feet_air_time.params["sensor_cfg"] = contacts(".*_foot")
+        if self.feet_air_time is not None:
+            self.feet_air_time.params["sensor_cfg"] = contacts(".*_foot")
         if self.undesired_contacts is not None:
             self.undesired_contacts.params["sensor_cfg"] = contacts(".*_thigh", ".*_calf")
 

@@ -106,6 +106,7 @@ from .observations import (
     root_pos_w,
     root_quat_w,
 )
+from .obstacles import height_scan_over, obstacle_distance, obstacle_proximity, obstacle_too_close
 from .randomization_bodies import (
     randomize_pseudo_inertia,
     randomize_rigid_body_com,
@@ -172,6 +173,7 @@ from .terrain import (
     resample_terrain_based_pose_2d,
     reset_root_state_from_terrain,
     reset_root_state_uniform_on_terrain,
+    terrain_levels_survival,
     terrain_levels_vel,
     terrain_out_of_bounds,
 )
@@ -235,6 +237,7 @@ __all__ = [
     "frames",
     "generated_commands",
     "height_scan",
+    "height_scan_over",
     "illegal_contact",
     "imu_ang_vel",
     "imu_lin_acc",
@@ -269,6 +272,9 @@ __all__ = [
     "modify_env_param",
     "modify_reward_weight",
     "modify_term_cfg",
+    "obstacle_distance",
+    "obstacle_proximity",
+    "obstacle_too_close",
     "orientation_command_error",
     "pose_2d_error_heading",
     "pose_2d_error_pos",
@@ -328,6 +334,7 @@ __all__ = [
     "root_quat_w",
     "soft_landing",
     "stand_still",
+    "terrain_levels_survival",
     "terrain_levels_vel",
     "terrain_out_of_bounds",
     "time_out",

@@ -15,9 +15,12 @@ __all__ = [
     "resample_terrain_based_pose_2d",
     "reset_root_state_from_terrain",
     "reset_root_state_uniform_on_terrain",
+    "terrain_levels_survival",
     "terrain_levels_vel",
     "terrain_out_of_bounds",
 ]
+
+_TRIES = wp.constant(24)
 
 
 @wp.func
@@ -28,14 +31,16 @@ def terrain_levels_vel(
     command: VelocityCommandData,
     episode: EpisodeData,
     rng: wp.array[wp.uint32],
+    distance: float = 0.0,
 ) -> float:
     """Move a robot to a harder tile when it got far, to an easier one when it did not get as far as told.
 
-    Formula: ``d = |(p - origin).xy|`` [m]; ``level + 1`` if ``d > tile.x / 2``, else ``level - 1`` if
+    Formula: ``d = |(p - origin).xy|`` [m]; ``level + 1`` if ``d > distance``, else ``level - 1`` if
     ``d < |c.xy| T / 2``, ``T`` the length of an episode [s]; past the last level any level, with equal chance; then
-    ``origin = origins[level, kind]``. Returns the level.
+    ``origin = origins[level, kind]``. A ``distance`` of 0 is half a tile, ``tile.x / 2``. Returns the level.
 
-    Source: Isaac Lab, ``mdp.terrain_levels_vel``; N. Rudin et al., "Learning to Walk in Minutes", 2022.
+    Source: Isaac Lab, ``mdp.terrain_levels_vel``, there without ``distance``; N. Rudin et al., "Learning to Walk in
+    Minutes", 2022.
     """
     levels = terrain.origins.shape[0]
     if levels > 1:
@@ -43,10 +48,34 @@ def terrain_levels_vel(
         way = wp.transform_get_translation(robot.root_pose[env]) - terrain.env_origin[env]
         walked = wp.length(wp.vec2(way[0], way[1]))
         told = wp.length(wp.vec2(command.command[env, 0], command.command[env, 1])) * episode.max_length_s
-        if walked > 0.5 * terrain.tile[0]:
+        far = distance
+        if distance <= 0.0:
+            far = 0.5 * terrain.tile[0]
+        if walked > far:
             level += 1
         elif walked < 0.5 * told:
             level = wp.max(level - 1, 0)
+        if level >= levels:
+            level = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
+        terrain.level[env] = level
+        terrain.env_origin[env] = terrain.origins[level, terrain.kind[env]]
+    return float(terrain.level[env])
+
+
+@wp.func
+def terrain_levels_survival(env: int, terrain: TerrainData, episode: EpisodeData, rng: wp.array[wp.uint32]) -> float:
+    """Move a robot to a harder tile when its episode lasted, to an easier one when it was terminated.
+
+    Formula: ``level - 1`` if terminated, else ``level + 1``; past the last level any level, with equal chance; then
+    ``origin = origins[level, kind]``. Returns the level.
+
+    Source: this project, after ``terrain_levels_vel``.
+    """
+    levels = terrain.origins.shape[0]
+    if levels > 1:
+        level = terrain.level[env] + 1
+        if episode.terminated[env]:
+            level = wp.max(level - 2, 0)
         if level >= levels:
             level = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
         terrain.level[env] = level
@@ -92,15 +121,21 @@ def reset_root_state_from_terrain(
     rng: wp.array[wp.uint32],
     pose_range: wp.array[wp.vec2],
     velocity_range: wp.array[wp.vec2],
+    move_origin: bool = False,
 ):
     """Put the root over one of the level patches ``init_pos`` of its tile; of ``pose_range`` the angles count.
 
+    With ``move_origin`` the patch becomes the environment's origin, from which distances are counted.
+
     Formula: ``p = patch + p_default`` [m], ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U`` [m/s, rad/s].
 
-    Source: Isaac Lab, ``mdp.reset_root_state_from_terrain``, there without ``q_default``.
+    Source: Isaac Lab, ``mdp.reset_root_state_from_terrain``, there without ``q_default`` and ``move_origin``.
     """
     pose = robot.default_root_pose[env]
-    pos = wp.transform_get_translation(pose) + _draw_patch(env, terrain, terrain.init_pos, rng)
+    patch = _draw_patch(env, terrain, terrain.init_pos, rng)
+    if move_origin:
+        terrain.env_origin[env] = patch
+    pos = wp.transform_get_translation(pose) + patch
     angles = random.uniform_vec3(env, rng, pose_range, 3)
     rot = wp.transform_get_rotation(pose) * wp.quat_rpy(angles[0], angles[1], angles[2])
     robot.root_pose[env] = wp.transform(pos, rot)
@@ -147,16 +182,28 @@ def resample_terrain_based_pose_2d(
     rng: wp.array[wp.uint32],
     heading: wp.vec2,
     simple_heading: bool,
+    distance: wp.vec2,
 ):
     """Draw one of the level patches ``target`` of the environment's tile, at the height of the root over the ground.
+
+    Draws again, up to ``_TRIES`` times, until the patch lies as far from the root as ``distance`` allows; the one that
+    misses it least is taken if none does.
 
     Formula: ``p = patch + (0, 0, p_default.z)`` [m]; heading ``U(heading)`` [rad], or with ``simple_heading`` the
     direction to the place or the opposite one, whichever is less of a turn.
 
-    Source: Isaac Lab, ``TerrainBasedPose2dCommand``.
+    Source: Isaac Lab, ``TerrainBasedPose2dCommand``, there without ``distance``.
     """
     height = wp.transform_get_translation(robot.default_root_pose[env])[2]
-    pos = _draw_patch(env, terrain, terrain.target, rng) + wp.vec3(0.0, 0.0, height)
+    root = wp.transform_get_translation(robot.root_pose[env])
+    pos, least = wp.vec3(0.0), wp.float32(1.0e30)
+    for _ in range(_TRIES):
+        if least > 0.0:
+            patch = _draw_patch(env, terrain, terrain.target, rng)
+            far = wp.length(wp.vec2(patch[0] - root[0], patch[1] - root[1]))
+            miss = wp.max(wp.max(distance[0] - far, far - distance[1]), 0.0)
+            if miss < least:
+                pos, least = patch + wp.vec3(0.0, 0.0, height), miss
     target = random.uniform_range(env, rng, heading)
     if simple_heading:
         way = pos - wp.transform_get_translation(robot.root_pose[env])

@@ -23,10 +23,8 @@ class RayField:
     """World x and y of ``heights[0, 0]`` [m]."""
     cell: wp.vec2
     """Spacing in x and y [m]."""
-    bottom: float
-    """No height is below it [m]."""
-    top: float
-    """No height is above it [m]."""
+    bounds: wp.array[float]
+    """Lowest and highest height [m], shape ``(2,)``; in memory, so that a graph goes on with other heights."""
 
 
 @wp.func
@@ -78,7 +76,7 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
     upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
     span = _clip(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
     span = _clip(field.lower[1], upper_y, start[1], direction[1], span)
-    span = _clip(field.bottom - 1.0e-3, field.top + 1.0e-3, start[2], direction[2], span)
+    span = _clip(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
     if not (span[0] <= span[1]):
         return -1.0
     u0, v0 = (start[0] - field.lower[0]) / field.cell[0], (start[1] - field.lower[1]) / field.cell[1]

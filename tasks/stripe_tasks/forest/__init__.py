@@ -1,2 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A natural forest: ground, plants and stones, made from seeds."""
+"""A forest to walk in, and scenes made of its parts."""
+
+from .scenes import ClearingSpec, ForestSpec, PathSpec, RavineSpec
+
+__all__ = ["ClearingSpec", "ForestSpec", "PathSpec", "RavineSpec"]

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where water goes on a grid of heights: hollows filled up to where they spill, and the area that drains to a place."""
+"""Where water goes on a grid of heights: hollows filled or given an outlet, and the area that drains to a place."""
 
 from __future__ import annotations
 
 import heapq
 
 import numpy as np
+from scipy import ndimage
 
-__all__ = ["fill_depressions", "flow_accumulation"]
+__all__ = ["breach_depressions", "fill_depressions", "flow_accumulation"]
 
 FACETS = tuple(
     (cardinal, diagonal)
@@ -16,6 +17,49 @@ FACETS = tuple(
     if cardinal[0] in (0, diagonal[0]) and cardinal[1] in (0, diagonal[1])
 )
 """The 8 triangles about a vertex: steps (rows, columns) to the neighbour along an axis and to the diagonal one."""
+AROUND = np.array([[True, True, True], [True, False, True], [True, True, True]])
+
+
+def _flood(heights: np.ndarray) -> tuple[list[int], list[int]]:
+    """Order in which water that rises at the edge comes over the vertices, and over which vertex it came to each.
+
+    It always goes on to the lowest vertex beside wet ones, which grows a minimum spanning tree (R. C. Prim, "Shortest
+    connection networks and some generalizations", 1957): the way back to the edge is that with the lowest threshold.
+
+    Returns:
+        Flat indices of all vertices in that order; for each flat index the vertex before it, -1 at the edge.
+    """
+    nrow, ncol = heights.shape
+    width = ncol + 2  # the field with a rim about it, so that every vertex has 8 neighbours
+    level = np.pad(np.asarray(heights, dtype=float), 1).ravel().tolist()
+    index = np.arange((nrow + 2) * width).reshape(nrow + 2, width)
+    before = np.full(index.size, -1)
+    before[index[2:-2, 2:-2]] = -2  # still dry
+    came = before.tolist()
+    edge = np.setdiff1d(index[1:-1, 1:-1], index[2:-2, 2:-2])
+    heap = [(level[i], i) for i in edge.tolist()]
+    heapq.heapify(heap)
+    around = (-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1)
+    order = []
+    while heap:
+        _, i = heapq.heappop(heap)
+        order.append(i)
+        for step in around:
+            n = i + step
+            if came[n] == -2:
+                came[n] = i
+                heapq.heappush(heap, (level[n], n))
+    inner = np.full(index.size + 1, -1)
+    inner[index[1:-1, 1:-1].ravel()] = np.arange(nrow * ncol)
+    return inner[order].tolist(), inner[np.array(came)[index[1:-1, 1:-1].ravel()]].tolist()
+
+
+def _fill(heights: np.ndarray, order: list[int], before: list[int], rise: float) -> np.ndarray:
+    level = np.asarray(heights, dtype=float).ravel().tolist()
+    for i in order:
+        if before[i] >= 0 and level[i] < level[before[i]] + rise:
+            level[i] = level[before[i]] + rise
+    return np.array(level).reshape(heights.shape)
 
 
 def fill_depressions(heights: np.ndarray, rise: float = 1.0e-5) -> np.ndarray:
@@ -31,28 +75,63 @@ def fill_depressions(heights: np.ndarray, rise: float = 1.0e-5) -> np.ndarray:
     Returns:
         Filled heights [m], float64 ``(nrow, ncol)``, nowhere lower than ``heights``.
     """
+    return _fill(heights, *_flood(heights), rise)
+
+
+def breach_depressions(
+    heights: np.ndarray,
+    cell: tuple[float, float],
+    fall: float = 1.0e-5,
+    deepest: float = np.inf,
+    bank: float = np.inf,
+    width: float = 0.0,
+) -> np.ndarray:
+    """Heights with an outlet cut from every hollow, so that water runs from each vertex to the edge, downhill.
+
+    Breaching along the ways of a priority-flood: J. B. Lindsay, "Efficient hybrid breaching-filling sink removal
+    methods for flow path enforcement in digital elevation models", 2016. There, outlets that would be too deep are not
+    cut and their hollows are filled. Here such hollows are made shallower first and keep their form: a depth ``d``
+    below the threshold becomes ``d / (1 + d / deepest)``.
+
+    Args:
+        heights: Heights [m], shape ``(nrow, ncol)``.
+        cell: Spacing in x and y [m].
+        fall: Slope of the outlets' beds.
+        deepest: Hollows are made shallower than that [m]; outlets are deeper by their bed's fall.
+        bank: Slope of the outlets' banks; ``inf``: they are one vertex wide.
+        width: Of their rounded beds [m]: a bank is ``bank (hypot(l, width / 2) - width / 2)`` high at a distance ``l``.
+
+    Returns:
+        Heights [m], float64 ``(nrow, ncol)``; each vertex inside of the edge has a neighbour that is lower.
+    """
+    heights = np.asarray(heights, dtype=float)
     nrow, ncol = heights.shape
-    width = ncol + 2
-    level = np.pad(np.asarray(heights, dtype=float), 1).ravel().tolist()
-    seen = np.pad(np.zeros((nrow, ncol), dtype=bool), 1, constant_values=True)
-    index = np.arange(seen.size).reshape(seen.shape)[1:-1, 1:-1]
-    edge = np.unique(np.concatenate([index[0], index[-1], index[:, 0], index[:, -1]]))
-    seen.ravel()[edge] = True
-    closed = seen.ravel().tolist()
-    heap = [(level[i], i) for i in edge.tolist()]
-    heapq.heapify(heap)
-    around = (-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1)
-    while heap:
-        height, i = heapq.heappop(heap)
-        least = height + rise
-        for step in around:
-            n = i + step
-            if not closed[n]:
-                closed[n] = True
-                if level[n] < least:
-                    level[n] = least
-                heapq.heappush(heap, (level[n], n))
-    return np.array(level).reshape(nrow + 2, width)[1:-1, 1:-1]
+    order, before = _flood(heights)
+    if deepest < np.inf:
+        depth = _fill(heights, order, before, 0.0) - heights
+        heights = heights + depth - depth / (1.0 + depth / deepest)
+    lowest = ndimage.minimum_filter(heights, footprint=AROUND, mode="nearest")
+    pit = lowest >= heights
+    pit[[0, -1]] = pit[:, [0, -1]] = False
+    across = {1: fall * cell[0], ncol: fall * cell[1]}
+    across |= {ncol + side: fall * float(np.hypot(*cell)) for side in (-1, 1)}
+    level = heights.ravel().tolist()
+    for place in np.flatnonzero(pit).tolist():
+        i, bed = place, level[place]
+        while before[i] >= 0:
+            bed -= across[abs(before[i] - i)]
+            i = before[i]
+            if level[i] <= bed:
+                break
+            level[i] = bed
+    drained = np.array(level).reshape(nrow, ncol)
+    if bank == np.inf or not (drained < heights).any():
+        return drained
+    highest = float((heights - drained).max()) / bank
+    x, y = (c * np.arange(-n, n + 1) for c in cell for n in [int(np.sqrt(highest * (highest + width)) / c) + 1])
+    cone = -bank * (np.hypot(np.hypot(y[:, None], x[None, :]), 0.5 * width) - 0.5 * width)
+    banks = ndimage.grey_erosion(np.where(drained < heights, drained, 1.0e9), structure=cone, mode="nearest")
+    return np.minimum(drained, banks)
 
 
 def flow_accumulation(heights: np.ndarray, cell: tuple[float, float]) -> np.ndarray:
@@ -61,7 +140,7 @@ def flow_accumulation(heights: np.ndarray, cell: tuple[float, float]) -> np.ndar
     D-infinity: water takes the steepest way down over the 8 triangles about a vertex and is shared between the two
     neighbours that it passes between, by angle (D. G. Tarboton, "A new method for the determination of flow directions
     and upslope areas in grid digital elevation models", 1997). Water that reaches the edge, or a vertex with no lower
-    neighbour, has left: give filled heights.
+    neighbour, has left: give heights that are filled or breached.
 
     Args:
         heights: Heights [m], shape ``(nrow, ncol)``.

@@ -3,10 +3,13 @@
 
 In steps of a few years trees age and grow, less so among larger neighbours (index of Hegyi 1974, in Growth models for
 tree and stand simulation); die of age, of trunks that touch and of suppression; shed seeds about themselves (kernel of
-Clark et al. 1999, Ecology 80), of which those come up that find light, moisture and slope to their liking. The number
-of stems follows a curve that ends at the number asked for, as in a stand density diagram (Reineke 1933, J. Agric. Res.
-46): the model decides which trees die and where new ones stand, not how many. Distances wrap around the field, so that
-stands are alike up to the edges.
+Clark et al. 1999, Ecology 80), of which those come up that find light, moisture and slope to their liking.
+
+Two things are steered, not grown: the number of stems, which follows a curve to the number asked for, and the shares of
+the species among the stems. New trees are those that bring the shares nearest to the mix asked for, and of crowded
+trees those of a species that is scarcer than asked for die less often. Which trees die and where new ones stand, the
+model decides: short-lived species of the open are then many young trees in gaps, with a smaller share of the wood.
+Distances wrap around the field, so that stands are alike up to the edges.
 """
 
 from __future__ import annotations
@@ -44,7 +47,7 @@ class GrowthCfg:
     step: float = 5.0
     """Years simulated at once."""
     mix: dict[str, float] = {"spruce": 0.3, "pine": 0.15, "beech": 0.3, "birch": 0.15, "oak": 0.1}
-    """Share of each species among first trees and seeds; what becomes of it, the site and their shade decide."""
+    """Share of each species among the stems, as far as it finds sites that suit it."""
     seed: int = 0
     """Seed of all that is random."""
 

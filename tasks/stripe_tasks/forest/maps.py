@@ -10,9 +10,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import RectBivariateSpline
 
-from .drainage import fill_depressions, flow_accumulation
+from stripe_newton.terrains import surface_height
 
-__all__ = ["aspect", "height_at", "moisture", "reachable", "slope", "traversability", "vertex_at"]
+from .drainage import breach_depressions, flow_accumulation
+
+__all__ = ["aspect", "height_at", "moisture", "reachable", "slope", "step_height", "traversability", "vertex_at"]
 
 Cell = float | tuple[float, float]
 
@@ -60,8 +62,8 @@ def moisture(heights: np.ndarray, cell: Cell) -> np.ndarray:
 
     Topographic wetness index ``ln(a / tan b)``: ``a`` the area drained per width [m], ``b`` the slope (K. J. Beven and
     M. J. Kirkby, "A physically based, variable contributing area model of basin hydrology", 1979). 0 and 1 are its 2nd
-    and 98th percentiles. It is worked out at 1 m or the spacing, whichever is more, with hollows filled, slopes of at
-    least 0.01, and smoothed over that spacing.
+    and 98th percentiles. It is worked out at 1 m or the spacing, whichever is more, with outlets cut from hollows for
+    the water to leave, the slope being that without them and at least 0.01, and smoothed over that spacing.
     """
     dx, dy = _spacing(heights, cell)
     nrow, ncol = heights.shape
@@ -69,10 +71,9 @@ def moisture(heights: np.ndarray, cell: Cell) -> np.ndarray:
     coarse = (ncol - 1) * dx / (shape[1] - 1), (nrow - 1) * dy / (shape[0] - 1)
     spread = [0.5 * (n - 1) / (m - 1) if n > m else 0.0 for n, m in zip(heights.shape, shape)]
     ground = _resampled(ndimage.gaussian_filter(heights.astype(float), spread, mode="nearest"), shape)
-    filled = fill_depressions(ground)
     width = np.sqrt(coarse[0] * coarse[1])
-    drained = flow_accumulation(filled, coarse) * width
-    index = np.log(drained / np.maximum(np.tan(slope(filled, coarse)), 0.01))
+    drained = flow_accumulation(breach_depressions(ground, coarse), coarse) * width
+    index = np.log(drained / np.maximum(np.tan(slope(ground, coarse)), 0.01))
     index = ndimage.gaussian_filter(index, 1.0, mode="nearest")
     low, high = np.percentile(index, [2.0, 98.0])
     wet = np.clip((index - low) / max(high - low, 1.0e-9), 0.0, 1.0)
@@ -99,6 +100,36 @@ def _occupied(shape: tuple[int, ...], cell: tuple[float, float], obstacles: np.n
     return taken
 
 
+def step_height(heights: np.ndarray, cell: Cell, radius: float) -> np.ndarray:
+    """Highest step [m] of the ground in the square of half-width ``radius`` [m] about each vertex, float32.
+
+    Along each row and column of the square, the range of heights less the slope of the ground there. That slope is the
+    median of those between vertices over 4 ``radius``, at least 5 of them: a plane has no step, and a sharp step, which
+    is in one of them, counts in full, whichever way the ground falls.
+    """
+    dx, dy = _spacing(heights, cell)
+    if not 0.0 < radius < np.inf:
+        raise ValueError(f"step_height: radius is {radius}, must be above 0 [m] and finite")
+    ground = heights.astype(np.float32)
+    along = _steps(ground, max(1, round(radius / dx)), max(1, round(radius / dy)))
+    return np.maximum(along, _steps(ground.T, max(1, round(radius / dy)), max(1, round(radius / dx))).T)
+
+
+def _steps(ground: np.ndarray, reach: int, beside: int) -> np.ndarray:
+    """Largest range of heights less their slope, over ``reach`` vertices along and ``beside`` across rows."""
+    ncol = ground.shape[1]
+    rises = ndimage.median_filter(np.diff(ground, axis=1), size=(1, max(5, 4 * reach + 1)), mode="reflect")
+    rises = np.pad(rises, [(0, 0), (1, 1)], mode="edge")
+    trend = 0.5 * (rises[:, :-1] + rises[:, 1:])
+    level = np.pad(ground, [(0, 0), (reach, reach)], constant_values=np.nan)  # beyond the edge there is no step
+    high, low = ground.copy(), ground.copy()
+    for step in range(-reach, reach + 1):
+        beyond = level[:, reach + step : reach + step + ncol] - step * trend
+        np.fmax(high, beyond, out=high)
+        np.fmin(low, beyond, out=low)
+    return np.asarray(ndimage.maximum_filter1d(high - low, 2 * beside + 1, axis=0, mode="nearest"))
+
+
 def traversability(
     heights: np.ndarray,
     cell: Cell,
@@ -110,9 +141,8 @@ def traversability(
     """How well a legged robot gets along, 0 (not at all) to 1 (level, even and free).
 
     The product of three shares, each falling linearly from 1 to 0: with the slope of the ground smoothed over the
-    robot; with the largest step under it, the range of heights above that smoothed ground over the square about it;
-    with the room to the next obstacle, 1 from 2 ``robot_radius`` on, 0 up to ``robot_radius``. Room is known to half a
-    cell.
+    robot; with the highest step under it (:func:`step_height`); with the room to the next obstacle, 1 from 2
+    ``robot_radius`` on, 0 up to ``robot_radius``. Room is known to half a cell.
 
     Args:
         heights: Heights [m].
@@ -138,17 +168,12 @@ def traversability(
     ):
         raise ValueError(f"traversability: obstacles are {obstacles.shape}, must be finite (N, 3): x, y, radius >= 0")
 
-    reach = [max(1, round(robot_radius / c)) for c in (dy, dx)]
-    margin = [min(4 * n, size - 1) for n, size in zip(reach, heights.shape)]
-    crop = tuple(slice(n, -n) for n in margin)
+    margin = [min(int(np.ceil(4.0 * robot_radius / c)), n - 1) for c, n in zip((dy, dx), heights.shape)]
     ground = np.pad(heights.astype(np.float32), [(n, n) for n in margin], mode="reflect", reflect_type="odd")
     smooth = ndimage.gaussian_filter(ground, [robot_radius / dy, robot_radius / dx], truncate=3.0)
-    window = [2 * n + 1 for n in reach]
-    above = ground - smooth
-    step = (ndimage.maximum_filter(above, window) - ndimage.minimum_filter(above, window))[crop]
-    share = np.clip(1.0 - slope(smooth[crop], (dx, dy)) / max_slope, 0.0, 1.0) * np.clip(
-        1.0 - step / max_step, 0.0, 1.0
-    )
+    steep = slope(smooth[tuple(slice(n, -n) for n in margin)], (dx, dy))
+    step = step_height(heights, (dx, dy), robot_radius)
+    share = np.clip(1.0 - steep / max_slope, 0.0, 1.0) * np.clip(1.0 - step / max_step, 0.0, 1.0)
     taken = _occupied(heights.shape, (dx, dy), obstacles)
     if taken.any():
         room = ndimage.distance_transform_edt(~taken, sampling=(dy, dx))
@@ -177,16 +202,10 @@ def vertex_at(shape: tuple[int, ...], size: tuple[float, float], xy: np.ndarray)
 
 
 def height_at(heights: np.ndarray, size: tuple[float, float], xy: np.ndarray) -> np.ndarray:
-    """Height of the surface that robots stand on, at points ``(..., 2)`` [m]; float64 ``(...)``.
+    """Height of the surface of a field centred on the origin, at points ``(..., 2)`` [m]; float64 ``(...)``.
 
-    Each cell is two triangles, cut from (row + 1, column) to (row, column + 1), as in ``stripe_kernels.terrain``.
-    Beyond its edge the field goes on level.
+    As :func:`stripe_newton.terrains.surface_height`; ``size`` is the extent of the field [m].
     """
-    nrow, ncol = heights.shape
-    xy = np.asarray(xy, dtype=float)
-    u, v = (np.clip((xy[..., i] / size[i] + 0.5) * (n - 1), 0, n - 1) for i, n in ((0, ncol), (1, nrow)))
-    col, row = np.minimum(u.astype(int), ncol - 2), np.minimum(v.astype(int), nrow - 2)
-    u, v = u - col, v - row
-    near, right, up, far = (heights[row + i, col + j].astype(float) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
-    low = near + u * (right - near) + v * (up - near)
-    return np.where(u + v <= 1.0, low, far + (1.0 - u) * (up - far) + (1.0 - v) * (right - far))
+    xy, (nrow, ncol) = np.asarray(xy, dtype=float), heights.shape
+    cell = size[0] / (ncol - 1), size[1] / (nrow - 1)
+    return surface_height(heights, (-0.5 * size[0], -0.5 * size[1]), cell, xy[..., 0], xy[..., 1])

@@ -40,7 +40,7 @@ def scatter(
     density: float | None = None,
     count: int | None = None,
     weight: np.ndarray | None = None,
-    radius: float | tuple[float, float] = 0.0,
+    radius: float | tuple[float, float] | np.ndarray = 0.0,
     avoid: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Blue-noise placement of discs that do not overlap: Poisson-disc darts (Cook 1986, ACM Trans. Graph. 5).
@@ -53,7 +53,7 @@ def scatter(
         density: Discs per square metre, the mean over the field; or
         count: how many.
         weight: Map of relative density, 0 or more; uniform by default.
-        radius: Radius of all, or (smallest, largest) of radii drawn uniformly [m].
+        radius: Radius of all, or (smallest, largest) of radii drawn uniformly, or an array of that of each [m].
         avoid: Positions ``(M, 2)`` and radii ``(M,)`` of discs to stay clear of.
 
     Returns:
@@ -64,7 +64,13 @@ def scatter(
     """
     size = check_size(size)
     number = _how_many(size, density, count)
-    low, high = (radius, radius) if isinstance(radius, (int, float)) else radius
+    given = radius if isinstance(radius, np.ndarray) else None
+    if given is not None and given.shape != (number,):
+        raise ValueError(f"scatter: radius has the shape {given.shape}, must be ({number},), that of each disc [m]")
+    if given is not None:
+        low, high = (float(given.min()), float(given.max())) if number else (0.0, 0.0)
+    else:
+        low, high = (radius, radius) if isinstance(radius, (int, float)) else radius
     if not 0.0 <= low <= high < math.inf:
         raise ValueError(f"scatter: radius is {radius}, must be 0 or more, or (smallest, largest) [m]")
     others, widths = check_discs("scatter: avoid", avoid)
@@ -72,7 +78,7 @@ def scatter(
         weight = check_map("scatter: weight", weight)
         if weight.min() < 0.0 or weight.max() <= 0.0:
             raise ValueError("scatter: weight must be 0 or more everywhere and positive somewhere")
-    radii = rng.uniform(low, high, number)
+    radii = rng.uniform(low, high, number) if given is None else given.astype(np.float64)
     if number == 0:
         return np.zeros((0, 2)), radii
     spacing = math.sqrt(_SPACING * size[0] * size[1] / (math.pi * number))
@@ -97,8 +103,8 @@ def scatter(
 def patch_map(shape: tuple[int, int], size: Size, rng: np.random.Generator, patch: float, cover: float) -> np.ndarray:
     """A map ``shape`` in [0, 1] of soft-edged patches, for what grows in clumps, as grass: a ``weight`` of scatter.
 
-    Smoothed white noise above its own quantile (a thresholded Gaussian field, Chiu et al. 2013, Stochastic Geometry,
-    sec. 6.6). ``patch`` is about the width of a patch [m], ``cover`` the share of the ground with any growth.
+    Smoothed white noise above its own quantile (a thresholded Gaussian field, Chiu et al. 2013, Stochastic Geometry and
+    its Applications). ``patch`` is about the width of a patch [m], ``cover`` the share of the ground with any growth.
     """
     if not (patch > 0.0 and 0.0 < cover <= 1.0) or len(shape) != 2 or min(shape) < 2:
         raise ValueError(f"patch_map: patch is {patch}, cover {cover}, shape {shape}; must be > 0, in (0, 1], >= 2 x 2")

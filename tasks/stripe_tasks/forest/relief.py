@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import RectBivariateSpline
 
-from .drainage import fill_depressions, flow_accumulation
+from .drainage import breach_depressions, flow_accumulation
 from .fractal import fractal_noise, gradient_noise, smoothstep, warp
 
 __all__ = ["Relief", "ReliefCfg", "carve_path", "carve_ravine", "flatten_disc", "make_relief"]
@@ -27,6 +27,12 @@ SPRING = 300.0
 """Area from which on water cuts a channel [m^2]."""
 BANK = 0.5
 """Slope of the banks of channels."""
+ROUND = 2.0
+"""Width over which banks are rounded [m]."""
+BED = 0.01
+"""Slope of the beds of outlets that are cut through thresholds."""
+OUTLET = 0.25
+"""Depth of the outlets of the deepest hollows, as a share of the height of the hills; shallower ones go with it."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,7 @@ class ReliefCfg:
         octaves: Number of wavelengths, each half of the one before; those under 2 ``resolution`` are left out.
         micro_amplitude: Height of roots, tussocks and hummocks [m]: 4 standard deviations where there are most.
         micro_wavelength: Spacing of the largest of them [m]; others have half and a quarter of it.
-        drainage: Depth of the largest channel [m]; 0: the ground is not drained and may have hollows of any depth.
+        drainage: Depth of the largest channel [m], outlets of hollows aside; 0: no channels, hollows of any depth.
         seed: Of everything random.
     """
 
@@ -116,20 +122,33 @@ def _finer(coarse: np.ndarray, size: tuple[float, float], shape: tuple[int, int]
     return np.asarray(spline(fine_y[:, 0], fine_x[0]), dtype=np.float32)
 
 
-def _channels(filled: np.ndarray, cell: tuple[float, float], depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """How deep water cuts [m], and the area drained [m^2].
+def _drained(hills: np.ndarray, cell: tuple[float, float], cfg: ReliefCfg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ground that water has run off, how deep its channels are [m], and the area drained [m^2].
 
-    The depth goes with area^0.4, as that of streams goes with their discharge (L. B. Leopold and T. Maddock, "The
-    Hydraulic Geometry of Stream Channels", 1953); banks rise by ``BANK``.
+    Outlets are cut from hollows, then channels; rounding the banks leaves small hollows, which get outlets in turn, the
+    last ones unrounded. The depth of channels goes with area^0.4, as that of streams goes with their discharge (L. B.
+    Leopold and T. Maddock, "The Hydraulic Geometry of Stream Channels", 1953).
     """
-    area = flow_accumulation(filled, cell) * cell[0] * cell[1]
+    outlets = breach_depressions(hills, cell, BED, max(OUTLET * cfg.relief, 0.01), BANK, 2.0 * ROUND)
+    area = flow_accumulation(outlets, cell) * cell[0] * cell[1]
+    hills = hills + _rounded(outlets - hills, cell)
+    depth = cfg.drainage
     spring = min(SPRING, 0.05 * area.size * cell[0] * cell[1])
     cut = depth * (np.clip(area - spring, 0.0, None) / max(area.max() - spring, 1.0e-9)) ** 0.4
     reach = [max(1, int(np.ceil(depth / BANK / c))) for c in cell]
     across, along = (np.arange(-n, n + 1) * c for n, c in zip(reach, cell))
     banks = -BANK * np.hypot(along[:, None], across[None, :])
     cut = ndimage.grey_dilation(cut, structure=banks, mode="nearest")
-    return ndimage.gaussian_filter(np.clip(cut, 0.0, None), 0.8, mode="nearest"), area
+    cut = _rounded(np.clip(cut, 0.0, None), cell)
+    hills = hills - cut
+    for _ in range(2):
+        outlets = breach_depressions(hills, cell, BED, bank=BANK, width=2.0 * ROUND)
+        hills = hills + _rounded(outlets - hills, cell)
+    return breach_depressions(hills, cell, 0.7 * BED, bank=BANK, width=2.0 * ROUND), cut, area
+
+
+def _rounded(cut: np.ndarray, cell: tuple[float, float]) -> np.ndarray:
+    return ndimage.gaussian_filter(cut, [0.5 * ROUND / c for c in cell[::-1]], mode="nearest")
 
 
 def _micro(x: np.ndarray, y: np.ndarray, cfg: ReliefCfg, least: float) -> np.ndarray:
@@ -149,8 +168,8 @@ def _micro(x: np.ndarray, y: np.ndarray, cfg: ReliefCfg, least: float) -> np.nda
 def make_relief(cfg: ReliefCfg) -> Relief:
     """Ground made from noise, then drained, then strewn with small bumps, which fade in channels.
 
-    Hollows are filled, water is led down, channels are cut, and what hollows are left are filled, so that on the coarse
-    grid water runs off everywhere.
+    Hollows are made shallower and get outlets, channels are cut where much water gathers: on the coarse grid water runs
+    downhill from everywhere to the edge, the small bumps aside.
     """
     coarse = COARSE if max(cfg.size) <= WIDE else 2.0 * COARSE
     shape, coarse_shape = (
@@ -161,12 +180,11 @@ def make_relief(cfg: ReliefCfg) -> Relief:
     hurst, deviation = 1.5 - cfg.roughness, 0.25 * cfg.relief
     lengths = cfg.wavelength / 2.0 ** np.arange(cfg.octaves)
     long, fit = int((lengths >= 4.0 * coarse).sum()), int((lengths >= 2.0 * cfg.resolution).sum())
-    moved = warp(x, y, 0.7 * cfg.wavelength, 0.12 * cfg.wavelength, (cfg.seed, BENDS))
+    moved = warp(x, y, cfg.wavelength, 0.05 * cfg.wavelength, (cfg.seed, BENDS))
     hills = deviation * fractal_noise(*moved, cfg.wavelength, range(long), hurst, (cfg.seed, HILLS)).astype(float)
     cut, area = np.zeros((2, 2)), np.zeros((2, 2))
     if cfg.drainage > 0.0:
-        cut, area = _channels(fill_depressions(hills), cell, cfg.drainage)
-        hills = fill_depressions(hills - cut)
+        hills, cut, area = _drained(hills, cell, cfg)
     heights = _finer(hills - hills.mean(), cfg.size, shape, 3)
 
     x, y = _axes(cfg.size, shape)

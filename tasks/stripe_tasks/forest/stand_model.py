@@ -33,8 +33,8 @@ def competition_index(
 ) -> np.ndarray:
     """Hegyi's index ``sum_j (d_j / d_i) / (l_ij + 1)`` over neighbours nearer than ``reach`` [m], shape ``(N,)``.
 
-    ``position`` is ``(N, 2)`` in ``[0, size)``, ``diameter`` ``(N,)`` [m]; ``l`` is the distance [m]. The 1 m keeps
-    near neighbours from counting without bound (Daniels 1976, For. Sci. 22).
+    ``position`` is ``(N, 2)`` in ``[0, size)``, ``diameter`` ``(N,)`` [m]; ``l`` is the distance [m]. The 1 m, a common
+    variant, keeps near neighbours from counting without bound.
     """
     pairs, distance = _pairs(position, size, reach)
     return _hegyi(pairs, distance, diameter)
@@ -45,6 +45,15 @@ def _hegyi(pairs: np.ndarray, distance: np.ndarray, diameter: np.ndarray) -> np.
     near = 1.0 / (distance + 1.0)
     index = np.bincount(i, near * diameter[j], len(diameter)) + np.bincount(j, near * diameter[i], len(diameter))
     return index / diameter
+
+
+def _turn(kind: np.ndarray) -> np.ndarray:
+    """For each entry how many of its kind come before it."""
+    order = np.argsort(kind, kind="stable")
+    first = np.searchsorted(kind[order], kind[order])
+    turn = np.empty(len(kind), dtype=int)
+    turn[order] = np.arange(len(kind)) - first
+    return turn
 
 
 class _Trees:
@@ -73,7 +82,7 @@ class StandModel:
     Args:
         size: Extent of the field [m].
         kinds: Traits of the species by name.
-        shares: Share of each among seeds, summing to 1.
+        shares: Share of each among the stems, summing to 1.
         target: Stems that the stand is to have in the end.
         maps: ``moisture`` and ``slope`` where there are maps of them.
         seed: Seed of all that is random.
@@ -135,30 +144,49 @@ class StandModel:
         wide = self.of["crown_scale"][kind] * trees.diameter ** self.of["crown_exponent"][kind]
         return wide * (0.6 + 0.4 * trees.vigour)
 
-    def seeds(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Where ``count`` seeds fall, and their species: about mature trees by their crowns, and from far away."""
+    def seeds(self, count: int, shares: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Where ``count`` seeds fall, and their species, drawn by ``shares``, by default those of the mix.
+
+        They fall about mature trees of their species by the size of crowns, and come from far away.
+        """
         rng, trees = self.rng, self.trees
-        species = rng.choice(len(self.kinds), count, p=self.shares).astype(np.int32)
+        species = rng.choice(len(self.kinds), count, p=self.shares if shares is None else shares).astype(np.int32)
         position = rng.random((count, 2)) * np.array(self.size)
-        mature = np.flatnonzero(trees.stage > self.of["maturity"][trees.species])
-        if len(mature):
-            kind = trees.species[mature]
-            # what is scarcer than asked for sheds more, and few trees have a good year
-            crop = self.crown_radius()[mature] ** 2 * self.scarcity()[kind] * rng.lognormal(0.0, 2.0, len(mature))
-            near = rng.random(count) > _SEED_RAIN
-            parent = mature[rng.choice(len(mature), count, p=crop / crop.sum())]
+        mature = trees.stage > self.of["maturity"][trees.species]
+        # few trees have a good year
+        crop = self.crown_radius() ** 2 * rng.lognormal(0.0, 3.0, len(mature))
+        near = rng.random(count) > _SEED_RAIN
+        for kind in range(len(self.kinds)):
+            bearing = np.flatnonzero(mature & (trees.species == kind))
+            own = np.flatnonzero(near & (species == kind))
+            if not len(bearing) or not len(own):
+                continue
+            parent = bearing[rng.choice(len(bearing), len(own), p=crop[bearing] / crop[bearing].sum())]
             # 2Dt kernel with p = 1: P(r < R) = R^2 / (u + R^2), whose median is sqrt(u)
-            u = rng.random(count)
-            r = np.minimum(self.of["dispersal"][trees.species[parent]] * np.sqrt(u / (1.0 - u)), 500.0)
-            turn = rng.random(count) * 2.0 * math.pi
-            fall = trees.position[parent] + r[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-            position[near], species[near] = fall[near], trees.species[parent][near]
+            u = rng.random(len(own))
+            r = np.minimum(self.of["dispersal"][kind] * np.sqrt(u / (1.0 - u)), 500.0)
+            turn = rng.random(len(own)) * 2.0 * math.pi
+            position[own] = trees.position[parent] + r[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         return self.wrap(position), species
+
+    def present(self) -> np.ndarray:
+        """How many stems of each species there are."""
+        return np.bincount(self.trees.species, minlength=len(self.kinds))
 
     def scarcity(self) -> np.ndarray:
         """For each species its share asked for over its share of the stems, in [0.1, 10]."""
-        present = np.bincount(self.trees.species, minlength=len(self.kinds)) / max(len(self.trees.species), 1)
+        present = self.present() / max(len(self.trees.species), 1)
         return np.clip(self.shares / np.maximum(present, 1.0e-6), 0.1, 10.0)
+
+    def wanted(self, count: int, possible: np.ndarray) -> np.ndarray:
+        """Of ``count`` new stems how many of each ``possible`` species: what comes nearest to the shares asked for."""
+        lack = np.where(
+            possible, np.maximum(self.shares * (len(self.trees.species) + count) - self.present(), 0.0), 0.0
+        )
+        if lack.sum() <= 0.0:
+            lack = np.where(possible, self.shares, 0.0)
+        ends = np.rint(np.cumsum(lack) / lack.sum() * count).astype(int)
+        return np.diff(ends, prepend=0)
 
     def wrap(self, position: np.ndarray) -> np.ndarray:
         """Positions brought back into the field across its edges."""
@@ -167,25 +195,33 @@ class StandModel:
         return np.where(position >= size, 0.0, position)
 
     def establish(self, count: int) -> None:
-        """Up to ``count`` saplings of breast height: of many seeds those that find light, a fit site and room."""
+        """Up to ``count`` saplings of breast height: of many seeds those that find light, a fit site and room.
+
+        How many of each species, :meth:`wanted` says; where, their seeds. Others take what a species has no room for.
+        """
+        possible = np.ones(len(self.kinds), dtype=bool)
         for _ in range(30):
             if count <= 0:
                 return
-            position, species = self.seeds(4 * count + 64)
+            wanted = self.wanted(count, possible)
+            position, species = self.seeds(6 * count + 64, wanted / count)
             light, clear = self.light(position)
-            tolerance = self.of["shade_tolerance"][species]
-            need = 0.35 * (1.0 - tolerance) + 0.02
+            need = 0.35 * (1.0 - self.of["shade_tolerance"][species]) + 0.02
             site = self.suitability(position, species)
             chance = site / self.mean_site[species] * np.clip((light - need) / (1.0 - need), 0.01, 1.0) * clear
             rank = np.argsort(self.rng.exponential(size=len(chance)) / np.maximum(chance, 1.0e-12), kind="stable")
-            rank = rank[chance[rank] > 1.0e-6][: 2 * count]
+            rank = rank[chance[rank] > 1.0e-6]
+            rank = rank[_turn(species[rank]) < 2 * wanted[species[rank]]]
             position, species, site = position[rank], species[rank], site[rank]
             pairs, _ = _pairs(position, self.size, 0.4)
             alone = np.ones(len(rank), dtype=bool)
             alone[pairs.max(axis=1)] = False
-            chosen = np.flatnonzero(alone)[:count]
+            chosen = np.flatnonzero(alone)
+            chosen = chosen[_turn(species[chosen]) < wanted[species[chosen]]]
             self.plant(position[chosen], species[chosen], site[chosen])
             count -= len(chosen)
+            possible &= (wanted == 0) | (np.bincount(species[chosen], minlength=len(wanted)) > 0)
+            possible |= not possible.any()  # once more, with other seeds
 
     def plant(self, position: np.ndarray, species: np.ndarray, site: np.ndarray) -> None:
         """New trees of breast height at positions that suit them as ``site`` says."""
@@ -225,7 +261,8 @@ class StandModel:
         # crowded trees grow slender
         trees.diameter = trees.diameter + (0.5 + 0.6 * trees.vigour) * thicker
         trees.height = height
-        # of age: Weibull's law, by which one in fifty reaches the longevity (Botkin et al. 1972, J. Ecol. 60)
+        # of age: one in fifty reaches the longevity, as in Botkin et al. 1972, J. Ecol. 60; there the hazard is
+        # constant, here it rises with the square of the age (Weibull's law), a choice
         # of storms: alike for all
         ends = self.of["longevity"][trees.species]
         hazard = 3.9 * (((trees.age + years) / ends) ** 3 - (trees.age / ends) ** 3) + _STORMS * years

@@ -34,9 +34,9 @@ class SpeciesTraits:
         crown_scale: ``c`` of ``crown radius = c d^e`` with ``d`` in metres (form of Pretzsch et al. 2015, Urban For.
             Urban Green. 14) [m].
         crown_exponent: ``e`` of that relation.
-        shade_tolerance: 0 for a species of the open, 1 for one that waits in deep shade (Niinemets and Valladares
-            2006, Ecol. Monogr. 76, scaled).
-        moisture: Range of soil moisture it likes, in [0, 1] (order of Ellenberg et al. 1991, Scripta Geobot. 18).
+        shade_tolerance: 0 for a species of the open, 1 for one that waits in deep shade, in about the order of the
+            ranking by Niinemets and Valladares 2006, Ecol. Monogr. 76.
+        moisture: Range it keeps to beside the others, from 0, dry, to 1, wet; chosen so that species sort themselves.
         slope: Range of slopes it likes [rad].
         dispersal: Median distance of a seed from its tree [m] (kernel of Clark et al. 1999, Ecology 80).
         longevity: Age that few trees exceed [years].
@@ -89,7 +89,7 @@ class SpeciesTraits:
         return 0.01 * self.hd_a * root / (1.0 - self.hd_b * root)
 
 
-# Round values of the order found in yield tables and in the sources named above; none is a fit to one stand.
+# Round values of the order found in yield tables and textbooks of forestry; none is a fit to data.
 SPECIES: Mapping[str, SpeciesTraits] = MappingProxyType(
     {
         "spruce": SpeciesTraits(

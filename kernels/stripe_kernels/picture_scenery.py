@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rays against thousands of meshes that stand still: what a pixel sees of them, and whether the sun reaches it.
+
+Meshes are instances under one hierarchy of boxes. A ray asks it for stretches of growing length, nearest first: among
+trees most rays end a few metres away, and what lies behind is never looked at.
+"""
+
+import warp as wp
+
+from stripe_kernels.picture import Look, sky_color, sun_visibility
+from stripe_kernels.picture_noise import ground_albedo, lattice, value_noise
+
+__all__ = ["FOLIAGE", "GROUND", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]
+
+SOLID = 0
+FOLIAGE = 1
+"""Seen from both sides, lets light through."""
+GROUND = 2
+"""The height field."""
+SMOOTH = 3
+"""Mirrors the sky, as water does."""
+
+STRETCH = wp.constant(16.0)
+"""Length of the first stretch of a ray [m]; the next ones are each twice as long as the one before."""
+NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
+
+
+@wp.struct
+class SceneryMeshes:
+    """Instances of meshes, in the world."""
+
+    bvh: wp.uint64  # over their boxes
+    far: wp.float32  # longest ray [m]
+    mesh: wp.array[wp.uint64]
+    pose: wp.array[wp.transformf]
+    scale: wp.array[wp.vec3f]
+    shape: wp.array[wp.int32]  # index of the model's shape
+    kind: wp.array[wp.int32]
+    color: wp.array[wp.vec3f]  # linear RGB
+    middle: wp.array[wp.vec3f]  # of the mesh's box, in its frame [m]
+    half: wp.array[wp.vec3f]
+    ground_color: wp.array2d[wp.vec3f]  # linear RGB on the grid of the height field; empty: of its shape
+    ground_lower: wp.vec2f  # world x, y of the grid's first point [m]
+    ground_cell: wp.vec2f
+    canopy: wp.array2d[wp.vec2f]  # cover in [0, 1] and height of its top [m], on a grid of its own
+    canopy_lower: wp.vec2f
+    canopy_cell: wp.float32
+
+
+@wp.struct
+class SceneryHit:
+    """The nearest point of a ray."""
+
+    distance: wp.float32
+    index: wp.int32  # of the instance, -1 for none
+    face: wp.int32
+    normal: wp.vec3f
+
+
+@wp.func
+def to_local_vector(s: SceneryMeshes, i: int, vector: wp.vec3f):
+    """A vector of the world in the frame of instance ``i``; its length changes with the scale."""
+    return wp.cw_div(wp.quat_rotate_inv(wp.transform_get_rotation(s.pose[i]), vector), s.scale[i])
+
+
+@wp.func
+def to_local(s: SceneryMeshes, i: int, point: wp.vec3f):
+    """A point of the world in the frame of instance ``i``."""
+    return to_local_vector(s, i, point - wp.transform_get_translation(s.pose[i]))
+
+
+@wp.func
+def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, limit: float):
+    """The nearest hit within ``limit`` [m] along a unit direction."""
+    hit = SceneryHit()
+    hit.distance = limit
+    hit.index = -1
+    start = wp.float32(0.0)
+    length = wp.float32(STRETCH)
+    i = wp.int32(0)
+    while start < hit.distance:
+        query = wp.bvh_query_ray(s.bvh, origin + direction * start, direction)
+        while wp.bvh_query_next(query, i, wp.min(length, hit.distance - start)):
+            found = wp.mesh_query_ray(s.mesh[i], to_local(s, i, origin), to_local_vector(s, i, direction), hit.distance)
+            if found.result:
+                hit.distance = found.t
+                hit.index = i
+                hit.face = found.face
+                hit.normal = found.normal
+        start += length
+        length *= 2.0
+    if hit.index >= 0:
+        normal = wp.cw_div(hit.normal, s.scale[hit.index])
+        hit.normal = wp.normalize(wp.quat_rotate(wp.transform_get_rotation(s.pose[hit.index]), normal))
+    return hit
+
+
+@wp.func
+def scenery_blocks(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f):
+    """Whether anything stands between a point and the sun."""
+    start = wp.float32(0.0)
+    length = wp.float32(STRETCH)
+    i = wp.int32(0)
+    while start < s.far:
+        query = wp.bvh_query_ray(s.bvh, origin + direction * start, direction)
+        while wp.bvh_query_next(query, i, length):
+            if wp.mesh_query_ray_anyhit(s.mesh[i], to_local(s, i, origin), to_local_vector(s, i, direction), s.far):
+                return True
+        start += length
+        length *= 2.0
+    return False
+
+
+@wp.func
+def grid_color(s: SceneryMeshes, point: wp.vec3f):
+    """Bilinear colour of the height field at a point."""
+    rows = s.ground_color.shape[0]
+    columns = s.ground_color.shape[1]
+    u = wp.clamp((point[0] - s.ground_lower[0]) / s.ground_cell[0], 0.0, float(columns) - 1.001)
+    v = wp.clamp((point[1] - s.ground_lower[1]) / s.ground_cell[1], 0.0, float(rows) - 1.001)
+    c = int(u)
+    r = int(v)
+    fu = u - float(c)
+    near = s.ground_color[r, c] * (1.0 - fu) + s.ground_color[r, c + 1] * fu
+    far = s.ground_color[r + 1, c] * (1.0 - fu) + s.ground_color[r + 1, c + 1] * fu
+    return near + (far - near) * (v - float(r))
+
+
+@wp.func
+def open_sky(s: SceneryMeshes, point: wp.vec3f):
+    """Share of the sky's light that comes through the canopy above a point."""
+    rows = s.canopy.shape[0]
+    columns = s.canopy.shape[1]
+    u = wp.clamp((point[0] - s.canopy_lower[0]) / s.canopy_cell - 0.5, 0.0, float(columns) - 1.001)
+    v = wp.clamp((point[1] - s.canopy_lower[1]) / s.canopy_cell - 0.5, 0.0, float(rows) - 1.001)
+    c = int(u)
+    r = int(v)
+    fu = u - float(c)
+    near = s.canopy[r, c] * (1.0 - fu) + s.canopy[r, c + 1] * fu
+    far = s.canopy[r + 1, c] * (1.0 - fu) + s.canopy[r + 1, c + 1] * fu
+    at = near + (far - near) * (v - float(r))
+    below = wp.clamp((at[1] - point[2]) / 8.0, 0.0, 1.0)
+    return 1.0 - 0.6 * at[0] * below
+
+
+@wp.func
+def light_scenery(
+    look: Look,
+    s: SceneryMeshes,
+    hit: SceneryHit,
+    origin: wp.vec3f,
+    direction: wp.vec3f,
+    to_sun: wp.vec3f,
+    casters: wp.array[wp.float32],
+):
+    """Radiance of a hit, linear RGB: sun, sky through the canopy, light through leaves."""
+    i = hit.index
+    point = origin + direction * hit.distance
+    normal = hit.normal
+    if wp.dot(normal, direction) > 0.0:
+        normal = -normal
+    footprint = 2.0 * look.tan_y / float(look.height) * hit.distance
+    kind = s.kind[i]
+    open = open_sky(s, point)
+    local = to_local(s, i, point)
+    albedo = s.color[i]
+    facing = wp.dot(normal, to_sun)
+    lit = wp.max(facing, 0.0)
+    through = wp.float32(0.0)
+    start = point + normal * 0.002
+    if kind == GROUND:
+        if s.ground_color.shape[0] > 0:
+            albedo = grid_color(s, point)
+        albedo = ground_albedo(albedo, point, footprint)
+    else:
+        own = lattice(i, 7, 1)
+        albedo = wp.cw_mul(albedo * (0.82 + 0.36 * own), wp.vec3f(1.0 + 0.16 * (lattice(i, 3, 5) - 0.5), 1.0, 1.0))
+        if kind == FOLIAGE:
+            albedo = wp.cw_mul(
+                albedo * (0.75 + 0.5 * lattice(hit.face / 2, 11, 2)),
+                wp.vec3f(0.9 + 0.25 * lattice(hit.face / 2, 4, 9), 1.0, 1.0),
+            )
+            out = wp.cw_div(local - s.middle[i], s.half[i])
+            depth = wp.min(wp.length(out), 1.2)
+            outward = wp.quat_rotate(wp.transform_get_rotation(s.pose[i]), wp.cw_mul(out, wp.vec3f(1.0, 1.0, 0.8)))
+            normal = wp.normalize(normal * 0.6 + outward)
+            facing = wp.dot(normal, to_sun)
+            lit = wp.clamp(0.25 + 0.75 * facing, 0.0, 1.0)
+            through = 0.35 * wp.clamp(0.6 - 0.4 * facing, 0.0, 1.0)
+            open = open * (0.4 + 0.6 * depth * depth)
+            start = point + to_sun * (0.02 + 0.12 * wp.min(s.half[i][2] * s.scale[i][2], 1.0))
+        elif kind == SOLID:
+            grain = value_noise(wp.cw_mul(local, wp.vec3f(31.0, 31.0, 6.0)))
+            fine = value_noise(local * 97.0)
+            near = wp.clamp(1.0 - 15.0 * footprint, 0.0, 1.0)
+            albedo = albedo * (1.0 + near * (0.7 * (grain - 0.5) + 0.5 * (fine - 0.5)))
+            tilt = wp.vec3f(grain - 0.5, value_noise(local * 23.0 + wp.vec3f(9.0, 4.0, 7.0)) - 0.5, fine - 0.5)
+            normal = wp.normalize(normal + tilt * (0.9 * near))
+            lit = wp.max(wp.dot(normal, to_sun), 0.0) * wp.clamp(4.0 * facing, 0.0, 1.0)
+    sun = wp.float32(0.0)
+    blocked = wp.bool(True)
+    if lit + through > 0.0:
+        blocked = scenery_blocks(s, start, to_sun)
+    if not blocked:
+        sun = 1.0
+        if look.shadow_size > 0:
+            sun = sun_visibility(look, casters, point, normal)
+    upness = 0.5 * normal[2] + 0.5
+    under = wp.vec3f(0.20, 0.27, 0.13) * (1.0 - open)  # what the leaves above let through
+    light = wp.cw_mul(look.ground + (look.sky - look.ground) * upness, wp.vec3f(open, open, open) + under)
+    light = light + look.sun * (sun * lit)
+    color = wp.cw_mul(albedo, light)
+    if through > 0.0:
+        color = color + wp.cw_mul(wp.cw_mul(albedo, wp.vec3f(1.3, 1.45, 0.6)), look.sun) * (
+            through * (0.25 + 0.75 * sun) * open
+        )
+    if kind == SMOOTH:
+        mirrored = direction - normal * (2.0 * wp.dot(direction, normal))
+        share = 1.0 - wp.clamp(-wp.dot(direction, normal), 0.0, 1.0)
+        share = 0.03 + 0.97 * wp.pow(share, 5.0)  # Schlick 1994, water
+        color = color * (1.0 - share) + sky_color(look, mirrored) * (share * open)
+    return color
+
+
+@wp.kernel(enable_backward=False)
+def trace_scenery(
+    look: Look,
+    s: SceneryMeshes,
+    first: wp.int32,
+    sun_spread: wp.float32,
+    rays: wp.array2d[wp.vec3f],
+    casters: wp.array[wp.float32],
+    depth: wp.array[wp.float32],
+    shape: wp.array[wp.uint32],
+    normal: wp.array[wp.vec3f],
+    detail: wp.array[wp.vec4f],
+):
+    """Add the scenery to what rays in the camera's frame met already.
+
+    ``detail`` gets the radiance of scenery and -1, or nothing and the share of the sun at what stands before it.
+    """
+    ray = first + wp.tid()
+    d = rays[ray, 1]
+    direction = look.right * d[0] + look.up * d[1] + look.back * d[2]
+    limit = s.far
+    if shape[ray] != NO_HIT:
+        limit = wp.min(depth[ray], s.far)
+    x = ray % look.width
+    y = ray // look.width
+    even = 0.0671 * float(x // 2) + 0.00584 * float(y // 2)  # neighbours far apart: Jimenez 2014
+    even = 52.98292 * (even - wp.floor(even))
+    even = even - wp.floor(even)
+    a = 1.5707963 * (float(x % 2 + 2 * (y % 2)) + lattice(ray, 1, 17))
+    r = sun_spread * wp.sqrt(even)
+    to_sun = wp.normalize(look.to_sun + look.shadow_x * (r * wp.cos(a)) + look.shadow_y * (r * wp.sin(a)))
+    hit = closest_of_scenery(s, look.eye, direction, limit)
+    if hit.index >= 0:
+        depth[ray] = hit.distance
+        shape[ray] = wp.uint32(s.shape[hit.index])
+        normal[ray] = hit.normal
+        color = light_scenery(look, s, hit, look.eye, direction, to_sun, casters)
+        detail[ray] = wp.vec4f(color[0], color[1], color[2], -1.0)
+        return
+    sun = wp.float32(1.0)
+    if shape[ray] != NO_HIT:
+        n = normal[ray]
+        if wp.dot(n, direction) > 0.0:
+            n = -n
+        blocked = wp.bool(False)
+        if wp.dot(n, to_sun) > 0.0:
+            blocked = scenery_blocks(s, look.eye + direction * limit + n * 0.01, to_sun)
+        if blocked:
+            sun = 0.0
+    detail[ray] = wp.vec4f(0.0, 0.0, 0.0, sun)
+
+
+@wp.kernel(enable_backward=False)
+def scenery_distances(
+    s: SceneryMeshes,
+    origins: wp.array[wp.vec3f],
+    directions: wp.array[wp.vec3f],
+    limit: wp.float32,
+    out: wp.array[wp.float32],
+):
+    """How far one sees from each origin along each unit direction, at most ``limit`` [m]."""
+    i, j = wp.tid()
+    out[i * directions.shape[0] + j] = closest_of_scenery(s, origins[i], directions[j], limit).distance

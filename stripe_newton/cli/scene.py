@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stripe-newton scene``."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from stripe_newton.registration import scene_class, scene_names
+
+from .errors import UserError
+from .progress import Progress
+from .tasks import load_entry_points
+
+if TYPE_CHECKING:
+    from stripe_newton.spec import Scene, SceneSpec
+
+__all__ = ["ACTIONS", "BuildArgs", "PreviewArgs", "run"]
+
+_SUFFIXES = (".usd", ".usda", ".usdc")
+_OPTIONS = ("size", "density", "count")
+"""Options that are arguments of the spec's class."""
+
+
+@dataclass(kw_only=True)
+class SceneArgs:
+    """What scene to make."""
+
+    spec: tyro.conf.Positional[str]
+    """A registered scene, or module:Class of a SceneSpec."""
+    seed: int = 0
+    """The same seed gives the same scene."""
+    size: tuple[float, float] | None = None
+    """Extent in x and y [m]."""
+    density: float | None = None
+    """Assets of the main kind, such as trees, per hectare."""
+    count: int | None = None
+    """Assets of the main kind in all."""
+
+
+@dataclass(kw_only=True)
+class PreviewArgs(SceneArgs):
+    """Make a scene and draw it: birds_eye.png, eye_level.png, maps.png."""
+
+    out: Path | None = None
+    """Folder of the pictures; scene_SPEC_seedS by default."""
+    resolution: tuple[int, int] = (960, 540)
+    """Width and height of the pictures [px]."""
+
+
+@dataclass(kw_only=True)
+class BuildArgs(SceneArgs):
+    """Make a scene and write it to a USD file."""
+
+    out: Path
+    """The file: .usd, .usda or .usdc."""
+
+
+ACTIONS: dict[str, type[Any]] = {"preview": PreviewArgs, "build": BuildArgs}
+"""Options of each action."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the command."""
+    if not argv or argv[0] in ("-h", "--help"):
+        load_entry_points()
+        print(_usage())
+        return 0 if argv else 2
+    if argv[0] not in ACTIONS:
+        near = difflib.get_close_matches(argv[0], ACTIONS, n=1)
+        raise UserError(f"scene: no action '{argv[0]}'; {f'did you mean {near[0]}?' if near else 'preview or build'}")
+    args = tyro.cli(ACTIONS[argv[0]], args=argv[1:], prog=f"stripe-newton scene {argv[0]}")
+    if isinstance(args, BuildArgs):
+        _build(args)
+    else:
+        _preview(args)
+    return 0
+
+
+def _usage() -> str:
+    return "\n".join(
+        [
+            "usage: stripe-newton scene preview SPEC [--seed S] [--size X Y] [--density D | --count N] [--out DIR]",
+            "       stripe-newton scene build SPEC [the same options] --out FILE.usd",
+            "",
+            f"SPEC is module:Class of a SceneSpec, or one of: {', '.join(scene_names()) or 'none is registered'}",
+        ]
+    )
+
+
+def _preview(args: PreviewArgs) -> None:
+    if min(args.resolution) < 16 or max(args.resolution) > 4096:
+        raise UserError(f"--resolution {args.resolution[0]} {args.resolution[1]}: must be from 16 to 4096 pixels")
+    out = args.out or Path(f"scene_{args.spec.rpartition(':')[2]}_seed{args.seed}")
+    if out.exists() and not out.is_dir():
+        raise UserError(f"--out {out}: is a file, preview needs a folder")
+    spec = _make_spec(args)
+    with Progress() as progress:
+        scene = _create(spec, args.seed, progress)
+        progress.step("author", "USD stage")
+        _ = scene.stage
+        _draw(scene, args, out, progress)
+    _report(scene, progress, [f"{out / name}.png" for name in ("birds_eye", "eye_level", "maps")])
+
+
+def _draw(scene: Scene, args: PreviewArgs, out: Path, progress: Progress) -> None:
+    import warp as wp
+
+    from stripe_newton.spec.maps import draw_maps
+    from stripe_newton.spec.pictures import ScenePictures
+    from stripe_newton.viewers import save_image
+
+    wp.config.log_level = wp.LOG_WARNING
+    out.mkdir(parents=True, exist_ok=True)
+    progress.step("maps", "maps")
+    draw_maps(scene, out / "maps.png")
+    progress.step("model", "model to look at")
+    pictures = ScenePictures(scene, args.resolution)
+    progress.step("eye_level", "picture at eye level (kernels are compiled the first time)")
+    save_image(out / "eye_level.png", pictures.eye_level())
+    progress.step("birds_eye", "picture from above")
+    save_image(out / "birds_eye.png", pictures.birds_eye())
+
+
+def _build(args: BuildArgs) -> None:
+    if args.out.suffix not in _SUFFIXES:
+        raise UserError(f"--out {args.out}: must end in .usd, .usda or .usdc")
+    spec = _make_spec(args)
+    with Progress() as progress:
+        scene = _create(spec, args.seed, progress)
+        progress.step("author", "USD stage")
+        _ = scene.stage
+        progress.step("export", str(args.out))
+        path = scene.export(args.out)
+    _report(scene, progress, [str(path)], ("file size", f"{path.stat().st_size / 1.0e6:.1f} MB"))
+
+
+def _create(spec: SceneSpec, seed: int, progress: Progress) -> Scene:
+    parts = iter(range(1, len(spec.palette) + 10))
+    total = 1 + len(spec.palette)
+    try:
+        return spec.create(seed, progress=lambda text: progress.step("create", text, next(parts), total))
+    except ValueError as error:
+        raise UserError(str(error)) from error
+
+
+def _make_spec(args: SceneArgs) -> SceneSpec:
+    """The spec with the options that were given.
+
+    Raises:
+        UserError: if its class does not take them, or they have wrong values.
+    """
+    if args.seed < 0:
+        raise UserError(f"--seed {args.seed}: must be 0 or more")
+    if args.density is not None and args.count is not None:
+        raise UserError("--density and --count: give one of them")
+    kind = _find(args.spec)
+    given = {name: getattr(args, name) for name in _OPTIONS if getattr(args, name) is not None}
+    parameters = inspect.signature(kind).parameters
+    if not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        unknown = [f"--{name}" for name in given if name not in parameters]
+        if unknown:
+            known = ", ".join(f"--{name}" for name in _OPTIONS if name in parameters) or "none"
+            raise UserError(
+                f"{args.spec}: {kind.__name__} does not take {', '.join(unknown)}; of these it takes {known}"
+            )
+    empty = inspect.Parameter.empty
+    wanting = [
+        name
+        for name, p in parameters.items()
+        if p.default is empty and name not in given and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    ]
+    if wanting:
+        raise UserError(f"{args.spec}: {kind.__name__} needs {', '.join(wanting)}; give a class with defaults for them")
+    try:
+        return kind(**given)
+    except ValueError as error:
+        raise UserError(f"{args.spec}: {error}") from error
+
+
+def _find(name: str) -> type[SceneSpec]:
+    """The class that a name or ``module:Class`` stands for.
+
+    Raises:
+        UserError: if there is none, or it is no ``SceneSpec``.
+    """
+    from stripe_newton.spec import SceneSpec
+
+    load_entry_points()
+    module, colon, path = name.partition(":")
+    if name in scene_names():
+        found: Any = scene_class(name)
+    elif not colon:
+        near = difflib.get_close_matches(name, scene_names(), n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(scene_names()) or 'none'}."
+        raise UserError(f"no scene '{name}'; {hint} A class of your own is given as module:Class")
+    else:
+        try:
+            found = importlib.import_module(module)
+            for part in path.split("."):
+                found = getattr(found, part)
+        except ModuleNotFoundError as error:
+            if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
+                raise  # the module is there, one that it imports is not
+            raise UserError(f"{name}: there is no module '{module}'") from None
+        except AttributeError:
+            raise UserError(f"{name}: the module '{module}' has no '{path}'") from None
+    if not (inspect.isclass(found) and issubclass(found, SceneSpec)):
+        raise UserError(f"{name}: is {found!r}, must be a subclass of SceneSpec")
+    if inspect.isabstract(found):
+        raise UserError(f"{name}: {found.__name__} is abstract: it has no generate()")
+    return found
+
+
+def _report(scene: Scene, progress: Progress, files: list[str], *more: tuple[str, str]) -> None:
+    """Print what was made."""
+    faces: dict[int, int] = {}
+    shown = colliders = 0
+    touched: dict[int, int] = {}
+    for instance in scene.instances:
+        key = id(instance.mesh)
+        if key not in faces:
+            faces[key] = sum(len(part.faces) for part in instance.mesh.parts())
+            touched[key] = len(instance.mesh.colliders())
+        shown += faces[key]
+        colliders += touched[key]
+    rows, columns = scene.terrain.ground.heights.shape
+    ground = 2 * (rows - 1) * (columns - 1) + sum(len(part.faces) for part, _ in scene.terrain.parts)
+    x, y = scene.terrain.size
+    table = [("size", f"{x:g} x {y:g} m, {rows} x {columns} heights"), ("seed", str(scene.seed))]
+    table += [(name, f"{len(placed):,}") for name, placed in scene.terrain.placed.items()]
+    table += [
+        ("instances", f"{len(scene.instances):,}"),
+        ("prototypes", f"{len(faces):,}"),
+        ("triangles", f"{sum(faces.values()) + ground:,} unique, {shown + ground:,} shown"),
+        ("colliders", f"{colliders + 1:,}"),
+        *more,
+        *((f"seconds: {name}", f"{seconds:.1f}") for name, seconds in progress.seconds.items()),
+        ("peak memory", f"{progress.peak_memory() / 1.0e6:,.0f} MB"),
+    ]
+    width = max(len(name) for name, _ in table) + 2
+    print("\n".join(f"{name:<{width}}{value}" for name, value in table))
+    print("\n".join(files))

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a display model to a frame: rays by Newton's camera sensor, shading by kernels of our own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+from newton.sensors import SensorCamera
+
+from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
+
+from .camera import camera_axes
+from .display_model import DisplayModel
+from .lighting import Lighting
+from .scenery_tracer import SceneryTracer
+from .viewer_cfg import ViewerCfg
+
+__all__ = ["Tracer"]
+
+_TALLEST = 25.0
+"""How far above what is shown something may stand and still cast its shadow there [m]."""
+
+_KEY = 0.16
+"""Mean brightness of scenery in a picture, linear, before highlights are compressed."""
+_EXPOSE_EVERY = 5
+"""Frames between two looks at how bright the scenery is."""
+
+_TILES = ((0.8, 0.1), (1.4, 0.25), (25.0, 1.0), (120.0, 5.0), (math.inf, 25.0))
+"""Side of the ground's squares [m] by the camera's distance: pairs of a largest distance and a side."""
+
+
+class Tracer:
+    """The frames' buffers and the passes over them: shadow map, one ray a pixel, more rays on edges."""
+
+    def __init__(self, scene: DisplayModel, cfg: ViewerCfg, lighting: Lighting):
+        self._scene, self._cfg, self._lighting = scene, cfg, lighting
+        self._device = scene.model.device
+        self._width, self._height = (int(n) for n in cfg.resolution)
+        config = SensorCamera.RenderConfig(
+            enable_textures=scene.textured, enable_backface_culling=False, enable_ambient_lighting=False
+        )
+        self._sensor = SensorCamera(scene.model, default_render_config=config, load_textures=scene.textured)
+        pixels = self._width * self._height
+        self.set_fov(cfg.fov)
+        self._main = self._images(pixels)
+        self._picture = wp.empty(pixels * 3, dtype=wp.uint8, device=self._device)
+        self._colors = wp.array(scene.colors, dtype=wp.vec3f, device=self._device)
+        self._is_ground = wp.array(scene.is_ground.astype(np.int32), dtype=wp.int32, device=self._device)
+        self._transform = wp.zeros(1, dtype=wp.transformf, device=self._device)
+        size = cfg.shadow_resolution if cfg.shadows and lighting.to_sun[2] > 0.05 else 0
+        self._shadow_size = size
+        self._shadow_images = self._images(size * size) if size else {}
+        self._casters = wp.empty(max(size * size, 1), dtype=wp.float32, device=self._device)
+        self._sun_axes = camera_axes(lighting.to_sun, np.zeros(3))
+        still = np.zeros(len(scene.colors) if len(scene.scenery) else 0, dtype=np.int32)
+        still[scene.scenery] = 1
+        self._still = wp.array(still, dtype=wp.int32, device=self._device)
+        self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
+        self._capacity = pixels // 3 if cfg.anti_aliasing else 0
+        if self._capacity:
+            self._edge_count = wp.zeros(1, dtype=wp.int32, device=self._device)
+            self._edge_pixels = wp.empty(self._capacity, dtype=wp.int32, device=self._device)
+            self._edge_rays = wp.empty((self._capacity * SAMPLES, 2), dtype=wp.vec3f, device=self._device)
+            self._edge_images = self._images(self._capacity * SAMPLES)
+
+    def set_fov(self, fov: float) -> None:
+        """Set the vertical field of view [deg]; the next frame is exposed anew."""
+        self._tan_y = math.tan(0.5 * math.radians(fov))
+        self._tan_x = self._tan_y * self._width / self._height
+        self._rays = wp.array(self._pinhole(), dtype=wp.vec3f, device=self._device)
+        self._exposure, self._frames = 1.0, 0
+
+    def render(self, eye: np.ndarray, target: np.ndarray, reach: tuple[np.ndarray, float]) -> np.ndarray:
+        """One frame, uint8 (height, width, 3)."""
+        look = self._look(eye, target, *reach)
+        if self._shadow_size:
+            self._trace_shadows(look)
+        pose = _pose(eye, camera_axes(eye, target))
+        pixels = self._width * self._height
+        self._trace(pose, self._rays, self._main, (self._height, self._width))
+        if self.scenery is not None:
+            self.scenery.trace(look, self._rays.reshape((pixels, 2)), self._casters, self._main)
+            look.exposure = self._exposure = self._expose()
+        shared = [self._colors, self._is_ground, self._casters]
+        surface = [self._main[k] for k in ("depth", "shape", "normal")]
+        args = [look, *surface, self._main["albedo"], *shared, self._main["detail"], self._picture]
+        wp.launch(shade_pixels, dim=pixels, inputs=args, device=self._device)
+        if self._capacity:
+            self._smooth_edges(look, pose, surface, shared)
+        return np.array(self._picture.numpy()).reshape(self._height, self._width, 3)  # on the CPU numpy() shares memory
+
+    def _expose(self) -> float:
+        """Exposure that shows the scenery as bright as a photograph would; it follows what is seen slowly."""
+        if (self._frames % _EXPOSE_EVERY) == 0:
+            detail = self._main["detail"].numpy()[::7]
+            light = detail[detail[:, 3] < 0.0, :3].mean(axis=1)
+            if len(light) > 64:
+                level = math.exp(float(np.log(light + 0.01).mean()))
+                wanted = self._cfg.exposure * float(np.clip(_KEY / level, 0.8, 4.0))
+                self._exposure += (wanted - self._exposure) * (1.0 if self._frames == 0 else 0.3)
+        self._frames += 1
+        return self._exposure
+
+    def _smooth_edges(self, look: Look, pose: np.ndarray, surface: list[wp.array], shared: list[wp.array]) -> None:
+        self._edge_count.zero_()
+        args = [look, *surface[1:], self._still, self._capacity, self._edge_count, self._edge_pixels, self._edge_rays]
+        wp.launch(mark_edges, dim=self._width * self._height, inputs=args, device=self._device)
+        count = min(int(self._edge_count.numpy()[0]), self._capacity)
+        if count == 0:
+            return
+        rays = self._edge_rays[: count * SAMPLES].reshape((1, count * SAMPLES, 1, 2))
+        images = {k: v[: count * SAMPLES] if v.size else v for k, v in self._edge_images.items()}
+        self._trace(pose, rays, images, (1, count * SAMPLES))
+        if self.scenery is not None:
+            self.scenery.trace(look, self._edge_rays[: count * SAMPLES], self._casters, images)
+        fine = [images[k] for k in ("depth", "shape", "normal", "albedo")]
+        args = [look, self._edge_pixels, *fine, *shared, images["detail"], self._picture]
+        wp.launch(resolve_edges, dim=count, inputs=args, device=self._device)
+
+    def _trace_shadows(self, look: Look) -> None:
+        """Distances along parallel rays from the sun over the region of ``look``; other kernels read them."""
+        size, half = self._shadow_size, look.shadow_half
+        center = np.array([look.shadow_center[i] for i in range(3)])
+        pose = _pose(center + look.shadow_start * self._lighting.to_sun, self._sun_axes)
+        if getattr(self, "_shadow_half", None) != half:
+            self._shadow_half = half
+            self._shadow_rays = wp.array(_parallel(size, half), dtype=wp.vec3f, device=self._device)
+        images = self._shadow_images
+        self._trace(pose, self._shadow_rays, images, (size, size))
+        args = [size, images["depth"], images["shape"], self._is_ground, self._casters]
+        wp.launch(shadow_casters, dim=size * size, inputs=args, device=self._device)
+
+    def _trace(self, pose: np.ndarray, rays: wp.array, images: dict[str, wp.array], size: tuple[int, int]) -> None:
+        self._transform.assign(pose[None].astype(np.float32))
+        if not self._scene.model.bvh_shape_count_enabled:
+            images["shape"].fill_(0xFFFFFFFF)
+            return
+        shaped = {k: v.reshape((1, *size)) for k, v in images.items() if v.size}
+        self._sensor.update(
+            self._scene.state,
+            self._transform,
+            rays,
+            depth_image=shaped["depth"],
+            shape_index_image=shaped["shape"],
+            normal_image=shaped["normal"],
+            albedo_image=shaped.get("albedo"),
+        )
+
+    def _images(self, count: int) -> dict[str, wp.array]:
+        kinds = {"depth": wp.float32, "shape": wp.uint32, "normal": wp.vec3f, "albedo": wp.uint32, "detail": wp.vec4f}
+        sizes = {"albedo": count if self._scene.textured else 0, "detail": count if len(self._scene.scenery) else 0}
+        return {k: wp.zeros(sizes.get(k, count), dtype=t, device=self._device) for k, t in kinds.items()}
+
+    def _pinhole(self) -> np.ndarray:
+        """Rays through the middle of each pixel, camera frame, shape (height, width, 1, 2, 3)."""
+        x = ((np.arange(self._width) + 0.5) / self._width * 2.0 - 1.0) * self._tan_x
+        y = (1.0 - (np.arange(self._height) + 0.5) / self._height * 2.0) * self._tan_y
+        rays = np.zeros((self._height, self._width, 1, 2, 3), dtype=np.float32)
+        rays[..., 0, 1, 0], rays[..., 0, 1, 1], rays[..., 0, 1, 2] = x[None], y[:, None], -1.0
+        rays[..., 1, :] /= np.linalg.norm(rays[..., 1, :], axis=-1, keepdims=True)
+        return rays
+
+    def _look(self, eye: np.ndarray, target: np.ndarray, center: np.ndarray, radius: float) -> Look:
+        look, axes, sun = Look(), camera_axes(eye, target), self._sun_axes
+        distance = float(np.linalg.norm(eye - target))
+        look.width, look.height, look.tan_x, look.tan_y = self._width, self._height, self._tan_x, self._tan_y
+        for name, value in zip(("eye", "right", "up", "back"), (eye, *axes.T)):
+            setattr(look, name, wp.vec3f(*value))
+        for name in ("to_sun", "sun", "sky", "ground", "horizon", "zenith"):
+            setattr(look, name, wp.vec3f(*getattr(self._lighting, name)))
+        reach = max(distance, 6.0)
+        look.fog_start = 1.2 * reach
+        look.fog_length = 9.0 * reach / self._cfg.fog if self._cfg.fog > 0 else 0.0
+        look.exposure = look.air = 1.0
+        if self.scenery is not None:
+            look.haze, look.air = self._cfg.haze, self.scenery.air_at(eye)
+            look.exposure = self._exposure
+        look.tile = next(side for limit, side in _TILES if distance <= limit)
+        look.shadow_size, look.shadow_half = self._shadow_size, radius
+        look.shadow_start = 2.0 * radius + _TALLEST
+        texel = 2.0 * radius / max(self._shadow_size, 1)  # whole texels only, or the shadows' edges crawl
+        local = center @ sun
+        local[:2] = np.round(local[:2] / texel) * texel
+        look.shadow_center = wp.vec3f(*(sun @ local))
+        look.shadow_x, look.shadow_y = wp.vec3f(*sun[:, 0]), wp.vec3f(*sun[:, 1])
+        return look
+
+
+def _parallel(size: int, half: float) -> np.ndarray:
+    """Parallel rays over a square of side ``2 half`` [m], camera frame, shape (size, size, 1, 2, 3)."""
+    at = ((np.arange(size) + 0.5) / size * 2.0 - 1.0) * half
+    rays = np.zeros((size, size, 1, 2, 3), dtype=np.float32)
+    rays[..., 0, 0, 0], rays[..., 0, 0, 1], rays[..., 0, 1, 2] = at[None], -at[:, None], -1.0
+    return rays
+
+
+def _pose(position: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Position and the quaternion (xyzw) of a rotation whose columns are ``axes``, shape (7,)."""
+    quat = wp.quat_from_matrix(wp.mat33f(*axes.astype(float).reshape(-1)))
+    return np.array([*position, *quat])

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Slabs, beams, columns and lumps of broken concrete, with the steel in them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import trimesh
+
+from stripe_newton.spec import Collider, MeshPart
+
+from .making import BROKEN, CONCRETE, STEEL, bent, mottled, piece, shades, stub_bars
+from .rafts import raft, upright
+from .resting import Piece
+from .shapes import Surface, bar, broken_outline, joined, plate, toned
+
+__all__ = ["beam", "chunk", "column", "rebar", "slab"]
+
+
+def slab(name: str, half_x: float, half_y: float, thickness: float, rng: np.random.Generator) -> Piece:
+    """A part of a floor, one or more of its sides broken, bars in the broken ones; its middle is the origin.
+
+    Args:
+        name: An identifier.
+        half_x: Half the length [m].
+        half_y: Half the width [m].
+        thickness: [m].
+        rng: The only source of chance.
+    """
+    deep = np.where(rng.random(4) < 0.55, rng.uniform(0.1, 0.24, 4) * min(1.0, 1.4 * half_y), 0.0)
+    deep[1] = max(deep[1], 0.12)
+    outline = broken_outline(half_x, half_y, (deep[0], deep[1], deep[2], deep[3]), rng)
+    faces, rim = plate(outline, thickness, 0.06, rng)
+    stubs = []
+    for side, way in ((1, (1.0, 0.0, 0.0)), (3, (-1.0, 0.0, 0.0))):
+        if deep[side]:
+            for y in np.arange(-half_y + 0.18, half_y - 0.1, 0.19):
+                y += rng.uniform(-0.04, 0.04)
+                ends = outline[np.abs(outline[:, 1] - y) < 0.2] * way[0]
+                reach = ends[:, 0].max(initial=0.0) - 0.06
+                stubs.append(((way[0] * reach, y, rng.uniform(-0.25, 0.25) * thickness), way))
+    tones = shades(CONCRETE, rng, (1.0, 0.91, 1.08))
+    parts = toned("face", faces, mottled(faces, rng, 3), tones)
+    parts += toned("rim", rim, mottled(rim, rng, 2), shades(BROKEN, rng, (1.0, 0.8)))
+    ends = np.array(stubs)
+    parts.append(stub_bars(ends, rng))
+    return piece(name, "slab", parts, raft(half_x, half_y, thickness, outline), ends)
+
+
+def _prism(half: float, width: float, high: float, cut: float, rng: np.random.Generator) -> Surface:
+    """A bar of rectangular section along x, its end at +x broken over a length ``cut`` [m]."""
+    ring = np.array([(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)]) * (width, high) * 0.5
+    at = [-half, -0.3 * half, 0.4 * half, half - cut]
+    corners = np.concatenate(
+        [np.column_stack([np.full(8, x), ring + rng.uniform(-0.004, 0.004, (8, 2))]) for x in at]
+        + [np.column_stack([half - cut * rng.random(8), 0.85 * ring]), [[half - 0.5 * cut, 0, 0], [-half, 0, 0]]]
+    )
+    i = np.arange(8)
+    j = (i + 1) % 8
+    faces = [np.column_stack(t) + 8 * k for k in range(4) for t in ((i, i + 8, j + 8), (i, j + 8, j))]
+    faces += [np.column_stack([i + 32, np.full(8, 40), j + 32]), np.column_stack([j, np.full(8, 41), i])]
+    return corners, np.concatenate(faces)[:, ::-1]
+
+
+def beam(name: str, length: float, width: float, height: float, rng: np.random.Generator) -> Piece:
+    """A concrete beam along x, one end of it broken; its middle is the origin. Arguments in metres."""
+    half, cut = 0.5 * length, 0.3
+    surface = _prism(half, width, height, cut, rng)
+    stubs = np.array([[(half - 0.5 * cut, y * width, z * height), (1, 0, 0)] for y in (-0.3, 0.3) for z in (-0.3, 0.3)])
+    ends = surface[0][surface[1]].mean(axis=1)[:, 0] > half - 0.7 * cut
+    tone = np.where(ends, 2, mottled(surface, rng, 2))
+    parts = toned("face", surface, tone, [*shades(CONCRETE, rng, (0.95, 0.86)), *shades(BROKEN, rng, (1.0,))])
+    parts.append(stub_bars(stubs, rng))
+    turned = raft(half - 0.5 * cut, 0.5 * width, min(width, height), spacing=2.0)
+    moved = tuple(Collider(c.kind, c.size, (c.pos[0] - 0.5 * cut, c.pos[1], 0.0), c.rot) for c in turned)
+    return piece(name, "beam", parts, moved, stubs)
+
+
+def column(name: str, height: float, width: float, rng: np.random.Generator) -> Piece:
+    """What still stands of a column: its top broken off, bars in it; the origin on the ground, 0.5 m deep in it."""
+    (corners, faces), half = _prism(0.5 * (height + 0.5), width, width, 0.35, rng), 0.5 * (height + 0.5)
+    surface = corners[:, [2, 1, 0]] * (-1, 1, 1) + (0, 0, half - 0.5), faces
+    spots = [(x * width, y * width, height - 0.25) for x in (-0.34, 0.34) for y in (-0.34, 0, 0.34)]
+    steel = []
+    for spot in spots:
+        line = bent(rng.uniform(0.3, 0.75), rng.uniform(-0.9, 0.9), rng)[:, [1, 2, 0]]
+        steel.append(bar(np.array(spot) + line, 0.009))
+    top = surface[0][surface[1]].mean(axis=1)[:, 2] > height - 0.3
+    tone = np.where(top, 2, mottled(surface, rng, 2))
+    parts = toned("face", surface, tone, [*shades(CONCRETE, rng, (0.98, 0.87)), *shades(BROKEN, rng, (1.0,))])
+    parts.append(MeshPart("steel", *joined(steel), STEEL, 0.8))
+    return piece(name, "column", parts, (upright(0.0, -0.5, height - 0.12, 0.55 * width),))
+
+
+def rebar(name: str, length: float, bend: float, rng: np.random.Generator) -> Piece:
+    """A bar that comes out of concrete at the origin along x and bends up; one capsule from its root to its tip."""
+    line, radius = bent(length, bend, rng), 0.009
+    parts = [MeshPart("steel", *bar(line - 0.06 * (line[1] / np.linalg.norm(line[1])), radius, 6), STEEL, 0.75)]
+    tip = line[-1]
+    axis = tip / np.linalg.norm(tip)
+    turn = np.array([-axis[1], axis[0], 0.0, 1.0 + axis[2]])
+    x, y, z, w = (float(t) for t in turn / np.linalg.norm(turn))
+    middle = 0.5 * tip
+    place = float(middle[0]), float(middle[1]), float(middle[2])
+    half = 0.5 * float(np.linalg.norm(tip))
+    return piece(name, "rebar", parts, (Collider("capsule", (0.02, half), place, (x, y, z, w)),))
+
+
+def chunk(name: str, radius: float, rng: np.random.Generator) -> Piece:
+    """A lump of concrete with flat sides, as wide as ``2 radius`` along x; its middle is the origin."""
+    corners = rng.standard_normal((14, 3))
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    corners = (corners - 0.5 * (low + high)) / (0.5 * (high - low))
+    hull = trimesh.convex.convex_hull(corners * (1.0, 0.72, 0.6) * radius)
+    surface = np.asarray(hull.vertices), np.asarray(hull.faces)
+    parts = toned("lump", surface, mottled(surface, rng, 2), shades(BROKEN, rng, (1.25, 0.95)))
+    quarter = math.sqrt(0.5)
+    touched = Collider("capsule", (0.55 * radius, 0.32 * radius), rot=(0.0, quarter, 0.0, quarter))
+    return piece(name, "chunk", parts, (touched,))

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draw the forest: three seeds at three densities, and the scenes that are made of other parts or of the same ones.
+
+python tools/forest_gallery.py docs/images
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from stripe_newton.spec import SceneSpec
+from stripe_newton.spec.pictures import ScenePictures
+from stripe_newton.viewers import save_image
+from stripe_tasks.forest import ClearingSpec, ForestSpec, PathSpec, RavineSpec
+from stripe_tasks.rubble import RubbleSpec
+
+SIZE, PICTURE = (96.0, 96.0), (480, 270)
+
+
+def eye_level(spec: SceneSpec, seed: int) -> np.ndarray:
+    """What one sees of a scene, with a white rim, uint8 ``(height, width, 3)``."""
+    frame = ScenePictures(spec.create(seed), resolution=PICTURE).eye_level()
+    return np.pad(frame, ((3, 3), (3, 3), (0, 0)), constant_values=255)
+
+
+def main() -> None:
+    """Write ``forest.png`` and ``scenes.png`` into the folder that is named."""
+    out = Path(sys.argv[1])
+    rows = []
+    for density in (200.0, 500.0, 900.0):  # stems per hectare
+        spec = ForestSpec(SIZE, density=density, undergrowth=2.0)
+        rows.append(np.hstack([eye_level(spec, seed) for seed in (1, 2, 3)]))
+    save_image(out / "forest.png", np.vstack(rows))
+    specs = [
+        ClearingSpec(SIZE, undergrowth=2.0), PathSpec(SIZE, undergrowth=2.0),
+        RavineSpec(SIZE, undergrowth=2.0), RubbleSpec(),
+    ]  # fmt: skip
+    pictures = [eye_level(spec, 1) for spec in specs]
+    save_image(out / "scenes.png", np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:])]))
+
+
+if __name__ == "__main__":
+    main()
