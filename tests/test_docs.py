@@ -152,7 +152,8 @@ def test_command_lines_parse(line):
     if command == "scene":
         from stripe_newton.cli.scene import ACTIONS
 
-        tyro.cli(ACTIONS[argv[0]], args=argv[1:])
+        if argv[1:]:  # else the action is only named
+            tyro.cli(ACTIONS[argv[0]], args=argv[1:])
         return
     if command in ("list", "inspect"):
         tyro.cli(options, args=argv)

@@ -213,8 +213,14 @@ def test_played_are_other_woods(task):
     assert play.curriculum is None
     assert cfg.scene.num_envs == 4096
     assert play.scene.num_envs == 64
-    for field in ("observations", "actions", "rewards", "terminations", "commands", "events", "decimation", "sim"):
+    for field in ("observations", "actions", "commands", "events", "decimation", "sim"):
         assert getattr(cfg, field) == getattr(play, field), field
+    assert cfg.rewards.replace(fallen=None) == play.rewards
+    ends = {n for n, term in vars(play.terminations).items() if term is not None}
+    assert ends == {n for n, term in vars(cfg.terminations).items() if term is not None} - {"base_contact"} | {
+        "bad_orientation",
+        "on_belly",
+    }
 
 
 def test_a_run_fits_what_is_played_and_nothing_else(tmp_path):

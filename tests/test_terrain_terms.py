@@ -49,6 +49,12 @@ def bounds(robot: ArticulationData, terrain: TerrainData, distance: float, resul
 
 
 @wp.kernel(enable_backward=False)
+def low(robot: ArticulationData, terrain: TerrainData, height: float, result: wp.array[wp.bool]):
+    env = wp.tid()
+    result[env] = mdp.root_height_over_ground_below_minimum(env, robot, terrain, height)
+
+
+@wp.kernel(enable_backward=False)
 def from_terrain(robot: ArticulationData, terrain: TerrainData, rng: wp.array[wp.uint32],
                  pose_range: wp.array[wp.vec2], velocity_range: wp.array[wp.vec2], move: wp.bool):
     env = wp.tid()
@@ -145,6 +151,15 @@ def test_levels_rise_and_fall_by_the_way_walked(kernels, distance):
     np.testing.assert_array_equal(result.numpy(), level)
     np.testing.assert_allclose(terrain.env_origin.numpy(), t["origins"][level, t["kind"]], atol=1e-6)
     np.testing.assert_array_equal(stream.numpy(), reference.n)
+
+
+def test_low_over_the_ground(kernels):
+    ground, (terrain, _), (robot, r) = hills(), terrain_of(hills()), robot_of()
+    result = wp.zeros(NUM_ENVS, dtype=wp.bool)
+    wp.launch(kernels.low, dim=NUM_ENVS, inputs=[robot, terrain, 1.0], outputs=[result])
+    wanted = r["root_pose"][:, 2] - reference_height(ground, *r["root_pose"][:, :2].T) < 1.0
+    assert 5 < wanted.sum() < NUM_ENVS - 5
+    np.testing.assert_array_equal(result.numpy(), wanted)
 
 
 def test_levels_rise_where_an_episode_lasted(kernels):

@@ -145,6 +145,28 @@ def test_eye_is_relative_to_what_origin_type_says():
         SceneRenderer(sim, root.replace(asset_name="robot"))
 
 
+def test_a_camera_turns_with_the_heading():
+    cfg = ViewerCfg(
+        eye=(-1.5, 0.4, 0.6), lookat=(0.5, 0.0, 0.0), origin_type="asset_heading", asset_name="crate", resolution=SMALL,
+        follow_time=0.0,
+    )  # fmt: skip
+    sim = sim_of(box())
+    renderer = SceneRenderer(sim, cfg)
+    renderer.render()
+    yaw = 2.0
+    poses = sim.state.body_q.numpy()
+    poses[0, 3:] = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
+    sim.state.body_q.assign(poses)
+    behind = renderer.render()
+    turn = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    middle = np.array([0.0, 0.0, 0.5])
+    still = SceneRenderer(sim, cfg)
+    still.look(middle + turn @ cfg.eye, middle + turn @ cfg.lookat)
+    difference = np.abs(behind.astype(int) - still.render().astype(int))
+    assert (difference > 8).mean() < 0.01
+    assert len(red_pixels(behind)) > 20
+
+
 def test_follower_does_not_lag_behind_steady_motion_and_jumps_with_a_reset():
     follower = Follower(time=8.0, jump=1.0)
     for i in range(100):

@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from stripe_newton.spec import SceneSpec
 from stripe_newton.spec.pictures import ScenePictures
-from stripe_newton.viewers import save_image
 from stripe_tasks.forest import ClearingSpec, ForestSpec, PathSpec, RavineSpec
 from stripe_tasks.rubble import RubbleSpec
 
@@ -26,20 +26,25 @@ def eye_level(spec: SceneSpec, seed: int) -> np.ndarray:
     return np.pad(frame, ((3, 3), (3, 3), (0, 0)), constant_values=255)
 
 
+def save(path: Path, frame: np.ndarray) -> None:
+    """Write a picture that many details would make large as PNG."""
+    Image.fromarray(frame).save(path, quality=80, optimize=True)
+
+
 def main() -> None:
-    """Write ``forest.png`` and ``scenes.png`` into the folder that is named."""
+    """Write ``forest.jpg`` and ``scenes.jpg`` into the folder that is named."""
     out = Path(sys.argv[1])
     rows = []
     for density in (200.0, 500.0, 900.0):  # stems per hectare
         spec = ForestSpec(SIZE, density=density, undergrowth=2.0)
         rows.append(np.hstack([eye_level(spec, seed) for seed in (1, 2, 3)]))
-    save_image(out / "forest.png", np.vstack(rows))
+    save(out / "forest.jpg", np.vstack(rows))
     specs = [
         ClearingSpec(SIZE, undergrowth=2.0), PathSpec(SIZE, undergrowth=2.0),
         RavineSpec(SIZE, undergrowth=2.0), RubbleSpec(),
     ]  # fmt: skip
     pictures = [eye_level(spec, 1) for spec in specs]
-    save_image(out / "scenes.png", np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:])]))
+    save(out / "scenes.jpg", np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:])]))
 
 
 if __name__ == "__main__":

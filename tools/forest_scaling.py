@@ -32,7 +32,7 @@ def extent(count: int) -> float:
     return max(24.0, math.sqrt(1.0e4 * count / DENSITY))
 
 
-def make(count: int) -> dict[str, Any]:
+def make(count: int, out: Path) -> dict[str, Any]:
     """Create, author, save, and load a forest of ``count`` trees; 5000 of them stand on 256 m by 256 m."""
     import newton
 
@@ -53,7 +53,7 @@ def make(count: int) -> dict[str, Any]:
     lap("create_s")
     stage = scene.stage
     lap("author_s")
-    file = scene.export(Path(sys.argv[2]) / f"forest_{count}.usdc")
+    file = scene.export(out / f"forest_{count}.usdc")
     lap("export_s")
     result["file_mb"] = file.stat().st_size / 1e6
     del stage
@@ -154,7 +154,7 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     if args.one is not None:
-        print(json.dumps(make(args.one)))
+        print(json.dumps(make(args.one, args.out)))
         return
     for part in args.parts:
         found = []

@@ -30,6 +30,7 @@ from stripe_kernels.mdp import (
     inverse_kinematics,
     objects,
     observations,
+    obstacles,
     randomization_bodies,
     randomization_encoder,
     randomization_joints,
@@ -69,6 +70,11 @@ def part(module: Any, *names: str) -> Any:
     return SimpleNamespace(__all__=names, **{n: getattr(module, n) for n in names})
 
 
+OBSTACLES: dict[str, tuple[Any, ...]] = {
+    "Observations of obstacles": (part(obstacles, *obstacles.OBSTACLE_OBSERVATION_SIZES),),
+    "Terminations by obstacles": (part(obstacles, "obstacle_too_close"),),
+}
+"""Terms of docs/specifications.md about collider slots."""
 CONTACTS: dict[str, tuple[Any, ...]] = {
     "Observations of contacts and IMUs": (part(contact, *contact.CONTACT_OBSERVATION_SIZES), imu),
     "Rewards for contacts": (part(contact, "undesired_contacts", "desired_contacts", "contact_forces"), feet),
@@ -88,9 +94,9 @@ RANDOMIZATION: dict[str, tuple[Any, ...]] = {
 }
 """Terms of docs/randomization.md."""
 GROUND: dict[str, tuple[Any, ...]] = {
-    "Terminations by the ground": (part(terrain, "terrain_out_of_bounds"),),
+    "Terminations by the ground": (part(terrain, "terrain_out_of_bounds", "root_height_over_ground_below_minimum"),),
     "Events on the ground": (part(terrain, "reset_root_state_from_terrain", "reset_root_state_uniform_on_terrain"),),
-    "Curriculums on the ground": (part(terrain, "terrain_levels_vel"),),
+    "Curriculums on the ground": (part(terrain, "terrain_levels_vel", "terrain_levels_survival"),),
     "Commands on the ground": (part(terrain, "resample_terrain_based_pose_2d"),),
 }
 """Terms of docs/terrain.md."""
@@ -103,6 +109,8 @@ COUNTS = {
     "joint_ids": "a joint",
     "body_ids": "a body",
     "ray_ids": "a ray",
+    "direction_ids": "a direction",
+    "num_slots": "a slot",
     "num_actions": "an action",
     "num_command": "a number",
     "num_objects": "an object",
@@ -112,6 +120,7 @@ SIZES = {
     **randomization_encoder.ENCODER_OBSERVATION_SIZES,
     **objects.OBJECT_OBSERVATION_SIZES,
     **scan.SCAN_OBSERVATION_SIZES,
+    **obstacles.OBSTACLE_OBSERVATION_SIZES,
     **contact.CONTACT_OBSERVATION_SIZES,
     **imu.IMU_OBSERVATION_SIZES,
 }
@@ -233,7 +242,7 @@ def page() -> str:
     for name, action in mdp.ACTIONS.items():
         reset = f"`{action.reset.func.__name__}`" if action.reset else ""
         lines.append(f"| `{name}` | `{action.process.func.__name__}` | `{action.apply.func.__name__}` | {reset} |")
-    lines += tables(CURRICULUMS | OBJECTS | RAYS | CONTACTS | RANDOMIZATION | GROUND | BODIES)
+    lines += tables(CURRICULUMS | OBJECTS | RAYS | OBSTACLES | CONTACTS | RANDOMIZATION | GROUND | BODIES)
     return "\n".join(lines) + "\n"
 
 

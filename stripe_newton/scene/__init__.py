@@ -6,7 +6,8 @@ from .capsules import Capsules
 from .controller import SceneController
 from .interactive_scene import InteractiveScene
 from .interactive_scene_cfg import InteractiveSceneCfg
-from .obstacles import Obstacles, ObstaclesCfg
+from .obstacles import Obstacles
+from .obstacles_cfg import ObstaclesCfg
 from .querier import SceneQuerier
 
 __all__ = [

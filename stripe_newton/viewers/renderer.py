@@ -90,7 +90,10 @@ class SceneRenderer:
         with wp.ScopedDevice(self._scene.model.device):
             poses = self._scene.update()
             shift = self._shift(poses)
-            return self._tracer.render(self._eye + shift, self._target + shift, self._reach(poses, shift))
+            eye, target = self._eye + shift, self._target + shift
+            if self._turns:
+                eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
+            return self._tracer.render(eye, target, self._reach(poses, shift))
 
     def close(self) -> None:
         """Give back the memory that the renderer holds. A second call does nothing."""
@@ -116,17 +119,20 @@ class SceneRenderer:
             first = env_ids[0] if cfg.env_index not in env_ids else cfg.env_index
             now = getattr(sim, "env_origin", None)  # a terrain moves the origins
             origin = np.asarray(sim.env_origins[first] if now is None else now.numpy()[first], dtype=float)
-        if cfg.origin_type == "asset_root":
+        if cfg.origin_type.startswith("asset_"):
             copy = list(env_ids).index(cfg.env_index) if cfg.env_index in env_ids else 0
             body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)
             followed = np.array([body])
             origin = scene.body_q[body, :3].astype(float)
         self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
         self._follow(followed)
+        self._turns = cfg.origin_type == "asset_heading"
 
     def _follow(self, bodies: np.ndarray) -> None:
         """From here on the camera moves with the mean position of ``bodies``, indices into the display state."""
-        self._follow_bodies = bodies
+        self._follow_bodies, self._turns = bodies, False
+        self._heading, self._near = Follower(4.0 * self.cfg.follow_time, jump=1.0e9), 1.0
+        self._turned = 0.0
         self._follower = Follower(self.cfg.follow_time, jump=max(self._radius, 0.5))
         at = self._scene.body_q[bodies, :3].astype(float) if len(bodies) else np.zeros((1, 3))
         self._rest = np.nan_to_num(at.mean(axis=0))
@@ -140,6 +146,25 @@ class SceneRenderer:
         if len(at) == 0:
             return np.zeros(3)
         return self._follower.follow(at.mean(axis=0)) - self._rest
+
+    def _behind(
+        self, pose: np.ndarray, eye: np.ndarray, target: np.ndarray, about: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Eye and target turned with the body about a point, the eye before whatever would hide the target."""
+        x, y, z, w = (float(q) for q in pose[3:7])
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        if math.isfinite(yaw):
+            self._turned += math.remainder(yaw - self._turned, 2.0 * math.pi)  # without a jump from pi to -pi
+        angle = float(self._heading.follow(np.array([self._turned, 0.0, 0.0]))[0])
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        eye, target = about + turn @ (eye - about), about + turn @ (target - about)
+        away = eye - target
+        length = float(np.linalg.norm(away))
+        free = float(self.distances(target[None], away[None] / length, length + 0.3)[0, 0]) - 0.3
+        share = min(max(free / length, 0.25), 1.0)
+        self._near = share if share < self._near else min(share, self._near + 0.02)  # it goes back slowly
+        return target + self._near * away, target
 
     def _reach(self, poses: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, float]:
         """Centre and radius [m] of the ball in which shadows are cast. It grows in steps, so that shadows stay calm."""

@@ -10,7 +10,7 @@ from stripe_newton.configclass import configclass
 
 __all__ = ["ORIGIN_TYPES", "ViewerCfg"]
 
-ORIGIN_TYPES = ("world", "env", "asset_root")
+ORIGIN_TYPES = ("world", "env", "asset_root", "asset_heading")
 """What ``eye`` and ``lookat`` may be measured from."""
 
 
@@ -25,9 +25,9 @@ class ViewerCfg:
     """Point in the middle of the picture [m], relative to ``origin_type``. Set it together with ``eye``."""
 
     origin_type: str = "env"
-    """What ``eye`` and ``lookat`` are measured from: ``"world"``, ``"env"`` (the origin of environment ``env_index``)
-    or ``"asset_root"`` (the root body of ``asset_name`` in environment ``env_index``: the camera follows it, without
-    turning with it)."""
+    """What ``eye`` and ``lookat`` are measured from: ``"world"``, ``"env"`` (the origin of environment ``env_index``),
+    ``"asset_root"`` (the root body of ``asset_name`` in environment ``env_index``: the camera follows it, without
+    turning with it) or ``"asset_heading"`` (it turns with it, too, and comes nearer where something hides it)."""
 
     asset_name: str | None = None
     """The asset that ``origin_type="asset_root"`` follows: a name in its prim path, such as ``"Robot"``, in any case.

@@ -31,9 +31,12 @@ def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
     """Where the surfaces of the nearest obstacles are, nearest first: four numbers for each slot.
 
     The first three are the nearest point of the surface relative to the root, in the frame of its yaw [m]; the fourth
-    is its distance, negative if the root is inside [m]. With ``a`` the nearest point of the axis, ``p`` the root and
-    ``r`` the radius: ``d = |a - p| - r``, point ``(a - p) d / |a - p|``. A slot without an obstacle reads
-    ``0, 0, 0, sight``.
+    is its distance, negative if the root is inside [m]. A slot without an obstacle reads ``0, 0, 0, sight``.
+
+    Formula: ``Rz(yaw)^T (a - p) d / |a - p|`` and ``d = |a - p| - r`` [m], ``a`` the nearest point of the axis, ``p``
+    the root, ``r`` the radius.
+
+    Source: this project.
     """
     pose = obstacles.root_pose[env]
     root = wp.transform_get_translation(pose)
@@ -53,7 +56,12 @@ def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
 
 @wp.func
 def obstacle_too_close(env: int, obstacles: ObstacleData, threshold: float) -> bool:
-    """Whether the surface of an obstacle is nearer to the root than ``threshold`` [m], at most ``sight``."""
+    """Whether the surface of an obstacle is nearer to the root than ``threshold`` [m], at most ``sight``.
+
+    Formula: ``d_0 < threshold``, ``d_0`` the distance of the nearest one [m].
+
+    Source: this project.
+    """
     return obstacles.distance[env, 0] < threshold
 
 

@@ -8,13 +8,14 @@ their origins, and a term that draws a patch takes the origin instead.
 import warp as wp
 
 from ..data import ArticulationData, EpisodeData, Pose2dCommandData, VelocityCommandData
-from ..terrain import TerrainData, terrain_max_height
+from ..terrain import TerrainData, terrain_height, terrain_max_height
 from . import frames, random
 
 __all__ = [
     "resample_terrain_based_pose_2d",
     "reset_root_state_from_terrain",
     "reset_root_state_uniform_on_terrain",
+    "root_height_over_ground_below_minimum",
     "terrain_levels_survival",
     "terrain_levels_vel",
     "terrain_out_of_bounds",
@@ -100,6 +101,20 @@ def terrain_out_of_bounds(
     out_x = pos[0] < lower[0] + distance_buffer or pos[0] > upper_x - distance_buffer
     out_y = pos[1] < lower[1] + distance_buffer or pos[1] > upper_y - distance_buffer
     return out_x or out_y
+
+
+@wp.func
+def root_height_over_ground_below_minimum(
+    env: int, robot: ArticulationData, terrain: TerrainData, minimum_height: float
+) -> bool:
+    """The root is nearer to the ground below it than ``minimum_height`` [m], as that of a robot that lies on its belly.
+
+    Formula: ``p.z - ground(p.x, p.y) < minimum_height``.
+
+    Source: this project, after Isaac Lab's ``mdp.root_height_below_minimum``.
+    """
+    pos = wp.transform_get_translation(robot.root_pose[env])
+    return pos[2] - terrain_height(terrain, pos[0], pos[1]) < minimum_height
 
 
 @wp.func

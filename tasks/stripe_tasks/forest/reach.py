@@ -128,8 +128,7 @@ def reach_cfg() -> TaskEnvCfg:
 
 def play_cfg() -> TaskEnvCfg:
     """Config of ``Stripe-Forest-Reach-Quadruped-Play-v0``."""
-    spec = training(walk.ordinary_woods(), curriculum=None, num_envs=64)
-    return spec.to_env_cfg(walk.VIEWER, episode_length_s=EPISODE, seed=walk.PLAY_SEED)
+    return walk.to_play(training).to_env_cfg(walk.VIEWER, episode_length_s=EPISODE, seed=walk.PLAY_SEED)
 
 
 @configclass

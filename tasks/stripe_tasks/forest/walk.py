@@ -2,13 +2,15 @@
 """A quadruped walks as commanded among trunks: ``Stripe-Forest-Walk-Quadruped-v0``.
 
 Woods get denser, hills higher and the ground more cluttered from level to level. The robot is told a velocity that
-knows nothing of the trees: it has to give way to them. ``-Play-v0`` is the same in ordinary woods that it was not
-trained in.
+knows nothing of the trees: it has to give way to them, and in training to touch none. ``-Play-v0`` is ordinary woods
+that it was not trained in, where an episode ends when it has fallen.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from stripe_newton.configclass import configclass
@@ -49,11 +51,13 @@ LEVELS = 8
 TYPES = 4
 TILE = (40.0, 40.0)
 SCENE_SEED, PLAY_SEED = 0, 1000
+BELLY = 0.13
+"""Height of the root over the ground at which the robot lies on it [m]; it stands at 0.3 m."""
 VIEWER = ViewerCfg(
-    origin_type="asset_root",
+    origin_type="asset_heading",
     asset_name="Robot",
-    eye=(-2.6, -0.9, 0.9),
-    lookat=(0.6, 0.0, 0.1),
+    eye=(-2.3, -0.5, 0.75),
+    lookat=(0.9, 0.0, 0.1),
     resolution=(960, 540),
 )
 
@@ -133,15 +137,23 @@ class ForestEventsCfg(RoughEventsCfg):
 
 @configclass
 class ForestTerminationsCfg(RoughTerminationsCfg):
-    """An episode ends when the robot fell or ran into something, where the forest ends, or after its full length.
+    """An episode ends when the body touches anything, where the forest ends, or after its full length."""
 
-    The body may brush against a twig: it takes two thirds of the robot's weight to count as a fall or a collision.
-    """
-
-    bad_orientation: TerminationTermCfg = TerminationTermCfg(func=mdp.bad_orientation, params={"limit_angle": 1.0})
+    base_contact: Any = RoughTerminationsCfg().base_contact
+    bad_orientation: TerminationTermCfg | None = None
+    on_belly: TerminationTermCfg | None = None
 
     def __post_init__(self) -> None:
-        self.base_contact.params.update(sensor_cfg=contacts("base"), threshold=100.0)
+        if self.base_contact is not None:
+            self.base_contact.params["sensor_cfg"] = contacts("base")
+
+
+FALLS = {
+    "base_contact": None,
+    "bad_orientation": TerminationTermCfg(func=mdp.bad_orientation, params={"limit_angle": 1.0}),
+    "on_belly": TerminationTermCfg(func=mdp.root_height_over_ground_below_minimum, params={"minimum_height": BELLY}),
+}
+"""What ends an episode of play: a robot on its side, its back or its belly. To brush against a tree is no fall."""
 
 
 @configclass
@@ -149,11 +161,8 @@ class ForestRewardsCfg(QuadrupedRewardsCfg):
     """As on rough ground, and nothing is worse than to run into a tree or to fall."""
 
     flat_orientation_l2: Any = None
-    fallen: RewardTermCfg = RewardTermCfg(
-        func=mdp.is_terminated_term, weight=-200.0, params={"term_keys": ["base_contact", "bad_orientation"]}
-    )
-    body_contact: RewardTermCfg = RewardTermCfg(
-        func=mdp.undesired_contacts, weight=-4.0, params={"sensor_cfg": contacts("base"), "threshold": 1.0}
+    fallen: RewardTermCfg | None = RewardTermCfg(
+        func=mdp.is_terminated_term, weight=-150.0, params={"term_keys": "base_contact"}
     )
 
 
@@ -210,9 +219,16 @@ def ordinary_woods() -> ForestSpec:
     return ForestSpec((96.0, 96.0), density=550.0, relief=5.0, resolution=0.2)
 
 
+def to_play(make: Callable[..., TrainingSpec]) -> TrainingSpec:
+    """A task of the forest in ordinary woods, where an episode ends when the robot has fallen."""
+    spec = make(ordinary_woods(), curriculum=None, num_envs=64)
+    rewards, terminations = spec.rewards.replace(fallen=None), spec.terminations.replace(**FALLS)
+    return replace(spec, rewards=rewards, terminations=terminations)
+
+
 def play_cfg() -> TaskEnvCfg:
     """Config of ``Stripe-Forest-Walk-Quadruped-Play-v0``."""
-    return training(ordinary_woods(), curriculum=None, num_envs=64).to_env_cfg(VIEWER, seed=PLAY_SEED)
+    return to_play(training).to_env_cfg(VIEWER, seed=PLAY_SEED)
 
 
 @configclass
