@@ -115,7 +115,8 @@ def outlines(capsules: Capsules, found: list[int]) -> tuple[np.ndarray, np.ndarr
 def test_proximity_is_that_of_rays_seen_from_above(below):
     capsules, sensor, pose, yaw = looking()
     out = wp.zeros((16, 24), dtype=float, device="cpu")
-    wp.launch(look, dim=16, inputs=[sensor.struct, wp.array(np.arange(24), dtype=int), below], outputs=[out], device="cpu")
+    inputs = [sensor.struct, wp.array(np.arange(24), dtype=int, device="cpu"), below]
+    wp.launch(look, dim=16, inputs=inputs, outputs=[out], device="cpu")
     seen = 0
     for env in range(16):
         found = [i for i in sensor.data.index[env].tolist() if i >= 0]

@@ -97,7 +97,7 @@ def test_instances_share_their_meshes(scene):
 
 
 def test_capsules_hold_the_colliders(scene):
-    with pytest.raises(ValueError, match="assets like '/World/mixed/m0': .* is a box, which no capsule stands for"):
+    with pytest.raises(ValueError, match=r"assets like ./World/mixed/m0.: .* is a box, which no capsule stands for"):
         read_scenery(scene.stage).capsules()
     scenery = read_scenery(Field((10.0, 10.0), [Mixed("mixed", boxes=False)]).create(2).stage)
     found = scenery.capsules()
