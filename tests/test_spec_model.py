@@ -22,6 +22,7 @@ from stripe_newton.spec import (
     SceneSpec,
     SphereMesh,
     TerrainInstance,
+    instancable,
 )
 from stripe_newton.terrains import Ground
 from stripe_tasks.robots import ANT_CFG
@@ -87,6 +88,36 @@ def test_prototypes_give_the_shapes_that_newton_reads(scene, tmp_path):
             np.testing.assert_allclose(ours.shape_color[own], theirs.shape_color[index], atol=1e-3)
         else:
             np.testing.assert_allclose(ours.shape_scale[own], theirs.shape_scale[index], atol=1e-5)
+
+
+class Own(BoxMesh):
+    """A box whose prims are each asset's own."""
+
+    instancable = False
+
+
+@instancable
+class Shared(Own):
+    """And one that is shared again."""
+
+
+class Two(AssetSpec):
+    def generate(self, terrain, rng):
+        for name, mesh in (("own", Own("own", (0.1, 0.1, 0.1))), ("shared", Shared("shared", (0.1, 0.1, 0.1)))):
+            for index in range(2):
+                yield self.create_instance(f"{name}_{index}", mesh, (float(index), 0.0, 1.0), scale=1.0 + index)
+
+
+def test_a_mesh_may_be_each_assets_own():
+    scene = Field((10.0, 10.0), [Two("two")]).create(2)
+    flags = {p.GetName(): p.IsInstance() for p in scene.stage.GetPrimAtPath("/World/two").GetChildren()}
+    assert flags == {"own_0": False, "own_1": False, "shared_0": True, "shared_1": True}
+    builder = newton.ModelBuilder()
+    add_scenery(builder, read_scenery(scene.stage))
+    assert builder.shape_count == 8
+    boxes = [i for i, kind in enumerate(builder.shape_type) if kind == newton.GeoType.BOX]
+    sizes = sorted(float(builder.shape_scale[i][0]) for i in boxes)
+    np.testing.assert_allclose(sizes, [0.1, 0.1, 0.2, 0.2], atol=1e-6)
 
 
 def test_instances_share_their_meshes(scene):
@@ -157,7 +188,7 @@ def test_the_saved_file_gives_the_model_of_the_spec(scene, tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
-        (lambda s: UsdGeom.Xform.Define(s, "/World/mixed/loose"), "'/World/mixed/loose': must be an instanceable"),
+        (lambda s: UsdGeom.Xform.Define(s, "/World/mixed/loose"), "'/World/mixed/loose': must be a reference"),
         (
             lambda s: s.GetPrimAtPath("/World/mixed/m0").GetAttribute("xformOp:scale").Set(Gf.Vec3f(1, 2, 1)),
             "along all",

@@ -122,7 +122,7 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
     """The instances below all :func:`scenery_groups`.
 
     Raises:
-        ValueError: for a child that is no instance, or whose scale differs by axis.
+        ValueError: for a child that is no reference, or whose scale differs by axis.
     """
     prototypes: dict[str, int] = {}
     made: list[Prototype] = []
@@ -132,9 +132,9 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
         if base != Gf.Matrix4d(1.0):
             raise ValueError(f"'{group.GetPath()}': is moved; its instances must be placed in the world's frame")
         for prim in group.GetChildren():
-            if not prim.IsInstance():
-                raise ValueError(f"'{prim.GetPath()}': must be an instanceable reference to a prototype")
-            key = str(prim.GetPrototype().GetPath())
+            if not prim.HasAuthoredReferences():
+                raise ValueError(f"'{prim.GetPath()}': must be a reference to a prototype, better an instanceable one")
+            key = str((prim.GetPrototype() if prim.IsInstance() else prim).GetPath())
             if key not in prototypes:
                 prototypes[key] = len(made)
                 made.append(_prototype(prim))

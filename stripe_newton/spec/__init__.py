@@ -7,7 +7,7 @@ No simulator has to run. A scene is a USD stage; see :class:`SceneSpec`.
 from .asset import AssetInstance, AssetSpec, IdenticalAssetSpec
 from .factory import SceneCfgFactory, SceneStageCfg
 from .fitting import fit_collider
-from .mesh import AssetMesh, Collider, DynamicMesh, MeshPart
+from .mesh import AssetMesh, Collider, DynamicMesh, MeshPart, instancable
 from .mesh_files import UniversalMesh, USDMesh
 from .places import Places
 from .primitives import BoxMesh, CapsuleMesh, ConeMesh, CylinderMesh, DebugMesh, PrimitiveMesh, SphereMesh
@@ -43,4 +43,5 @@ __all__ = [
     "USDMesh",
     "UniversalMesh",
     "fit_collider",
+    "instancable",
 ]

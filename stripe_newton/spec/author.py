@@ -179,7 +179,8 @@ def _instances(layer: Sdf.Layer, root: str, instances: list[AssetInstance]) -> N
     with Sdf.ChangeBlock():
         for instance in instances:
             prim = Sdf.CreatePrimInLayer(layer, f"{root}/{instance.name}")
-            prim.specifier, prim.typeName, prim.instanceable = Sdf.SpecifierDef, "Xform", True
+            prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
+            prim.instanceable = instance.mesh.instancable
             prim.SetInfo("kind", Kind.Tokens.component)
             prim.referenceList.prependedItems = [Sdf.Reference(primPath=f"/Prototypes/{instance.mesh.name}")]
             prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["SemanticsLabelsAPI:class"]))

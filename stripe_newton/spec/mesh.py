@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
-__all__ = ["AssetMesh", "Collider", "DynamicMesh", "MeshPart"]
+__all__ = ["AssetMesh", "Collider", "DynamicMesh", "MeshPart", "instancable"]
 
 Kind = Literal["sphere", "capsule", "cylinder", "box"]
+M = TypeVar("M", bound="AssetMesh")
 SIZES: dict[str, int] = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
 
 
@@ -76,9 +77,19 @@ class Collider:
             )
 
 
+def instancable(mesh: type[M]) -> type[M]:
+    """Class decorator: instances of such meshes share their surfaces, which is what :class:`AssetMesh` does anyway; for
+    a subclass of one that does not.
+    """
+    mesh.instancable = True
+    return mesh
+
+
 class AssetMesh:
     """What an asset is made of. Instances of one mesh object share its surfaces in USD, on disk and on the GPU."""
 
+    instancable: bool = True
+    """Whether USD instances it. A subclass that sets False gives each asset prims of its own, to be edited apart."""
     name: str
     """An identifier, unique within a scene."""
     semantic: str = ""
