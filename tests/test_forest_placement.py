@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from stripe_tasks.forest.maps import height_at
 from stripe_tasks.forest.placement import (
-    clear_spots,
     ground_slope,
     lie_on_slope,
     patch_map,
@@ -231,67 +230,3 @@ def test_a_log_needs_a_length():
         lie_on_slope(X, SIZE, np.zeros(2), 0.0, 0.0)
     with pytest.raises(ValueError, match=r"xy has the shape \(3,\)"):
         lie_on_slope(X, SIZE, np.zeros(3), 0.0, 1.0)
-
-
-def test_robots_start_on_clear_and_gentle_ground():
-    hill = 6.0 * np.exp(-(X**2 + Y**2) / 30.0)
-    obstacles = np.column_stack([rng(1).uniform(-1.0, 1.0, (80, 2)) * [20.0, 15.0], rng(2).uniform(0.1, 0.8, 80)])
-    limit = math.radians(15.0)
-    spots = clear_spots(hill, SIZE, obstacles, 0.5, 60, rng(), limit)
-    assert spots.shape == (60, 3)
-    xy = spots[:, :2]
-    assert gaps(xy, np.full(60, 0.5), obstacles[:, :2], obstacles[:, 2]).min() >= 0.0
-    own = gaps(xy, np.full(60, 0.5), xy, np.full(60, 0.5))
-    np.fill_diagonal(own, np.inf)
-    assert own.min() >= 0.0
-    assert (np.abs(xy) <= [19.5, 14.5]).all()
-    r2 = (xy**2).sum(axis=1)
-    height = 6.0 * np.exp(-r2 / 30.0)
-    np.testing.assert_allclose(spots[:, 2], height, atol=0.01)
-    steepness = np.arctan(height * 2.0 * np.sqrt(r2) / 30.0)  # of the hill's formula
-    assert steepness.max() <= limit + 0.01
-    everywhere = np.arctan(hill * 2.0 * np.hypot(X, Y) / 30.0)
-    assert np.mean(everywhere > limit) > 0.1  # there was steep ground to keep off
-    again = clear_spots(hill, SIZE, obstacles, 0.5, 60, rng(), limit)
-    assert spots.tobytes() == again.tobytes()
-
-
-def test_robots_of_worlds_of_their_own_may_share_places():
-    flat = np.zeros((5, 5))
-    assert clear_spots(flat, (4.0, 4.0), np.zeros((0, 3)), 0.5, 1000, rng(), 0.1, apart=0.0).shape == (1000, 3)
-
-
-def test_how_many_robots_fit_is_said():
-    flat = np.zeros((5, 5))
-    with pytest.raises(ValueError, match=r"only (\d+) of 100 places fit, 1 m apart") as error:
-        clear_spots(flat, (4.0, 4.0), np.zeros((0, 3)), 0.5, 100, rng(), 0.1)
-    fitted = int(str(error.value).split("only ")[1].split()[0])
-    assert 6 <= fitted <= 16
-    with pytest.raises(ValueError, match="only 0 of 3 places fit"):
-        clear_spots(2.0 * X, SIZE, np.zeros((0, 3)), 0.5, 3, rng(), 0.5)
-    with pytest.raises(ValueError, match="only 0 of 3 places fit"):
-        clear_spots(flat, (4.0, 4.0), np.array([[0.0, 0.0, 3.0]]), 0.5, 3, rng(), 0.5)
-
-
-@pytest.mark.parametrize(
-    ("args", "says"),
-    [
-        ({"robot_radius": 0.0}, "robot_radius is 0.0"),
-        ({"robot_radius": 16.0}, "robot_radius is 16.0, must be positive and fit"),
-        ({"max_slope": 2.0}, "max_slope 2.0"),
-        ({"count": -1}, "count -1"),
-        ({"obstacles": np.zeros((3, 2))}, r"obstacles have the shape \(3, 2\)"),
-        ({"heights": np.zeros(4)}, r"heights has the shape \(4,\)"),
-    ],
-)
-def test_clear_spots_refuses_what_makes_no_sense(args, says):
-    good = {
-        "heights": X,
-        "size": SIZE,
-        "obstacles": np.zeros((0, 3)),
-        "robot_radius": 0.5,
-        "count": 1,
-        "max_slope": 1.0,
-    }
-    with pytest.raises(ValueError, match=says):
-        clear_spots(**{**good, **args}, rng=rng())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where things lie and stand in a forest: blue-noise scatter, poses on the ground, free spots for robots.
+"""Where things lie and stand in a forest: blue-noise scatter, poses on the ground.
 
 Positions are (x, y) [m] in a field of ``size`` centred on the origin; maps are ``map[row, col]`` with rows along y,
 their outer values on the field's edges. A generator in the same state gives the same result.
@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 from .darts import Size, check_discs, check_map, check_size, clear_of, mean_over_field, sample_map, sampler, throw
 from .maps import height_at
 
-__all__ = ["clear_spots", "ground_slope", "lie_on_slope", "patch_map", "sample_map", "scatter", "stand_on_ground"]
+__all__ = ["ground_slope", "lie_on_slope", "patch_map", "sample_map", "scatter", "stand_on_ground"]
 
 _SPACING = (
     0.30  # share of the ground that blue-noise discs cover; darts at random reach 0.547 (random sequential packing)
@@ -187,62 +187,3 @@ def lie_on_slope(
     # Rz(yaw) Ry(-pitch): the log's x axis goes along the heading and up by the pitch
     sp, cp, sy, cy = np.sin(-0.5 * pitch), np.cos(-0.5 * pitch), np.sin(0.5 * yaw), np.cos(0.5 * yaw)
     return position, np.stack([-sy * sp, cy * sp, sy * cp, cy * cp], axis=-1)
-
-
-def clear_spots(
-    heights: np.ndarray,
-    size: Size,
-    obstacles: np.ndarray,
-    robot_radius: float,
-    count: int,
-    rng: np.random.Generator,
-    max_slope: float,
-    apart: float | None = None,
-) -> np.ndarray:
-    """Places ``(count, 3)`` on the ground where a robot stands clear of obstacles, of the field's edge and of others.
-
-    Args:
-        heights: The ground [m], ``(rows, cols)``.
-        size: Extent of the field [m].
-        obstacles: ``(N, 3)``, x, y and radius [m].
-        robot_radius: Radius about a place that is kept free [m].
-        count: How many.
-        rng: Where the randomness comes from.
-        max_slope: Steepest ground [rad] at the place and at eight points ``robot_radius`` about it.
-        apart: Least distance of two places [m]; by default ``2 robot_radius``; 0 for robots in worlds of their own.
-
-    Raises:
-        ValueError: For bad input, or when there is no room for all; it says for how many there is.
-    """
-    ground, size = check_map("heights", heights), check_size(size)
-    obstacles = np.asarray(obstacles, dtype=np.float64).reshape(-1, 3) if np.size(obstacles) == 0 else obstacles
-    obstacles = np.asarray(obstacles, dtype=np.float64)
-    if obstacles.ndim != 2 or obstacles.shape[1] != 3:
-        raise ValueError(f"clear_spots: obstacles have the shape {obstacles.shape}, must be (N, 3): x, y, radius")
-    centres, widths = check_discs("clear_spots: obstacles", (obstacles[:, :2], obstacles[:, 2]))
-    inner = np.array(size) - 2.0 * robot_radius
-    if not robot_radius > 0.0 or (inner <= 0.0).any():
-        raise ValueError(f"clear_spots: robot_radius is {robot_radius}, must be positive and fit into {size} [m]")
-    if count < 0 or not 0.0 <= max_slope <= 0.5 * math.pi or (apart is not None and apart < 0.0):
-        raise ValueError(
-            f"clear_spots: count {count} and apart {apart} must be 0 or more, max_slope {max_slope} in [0, pi / 2] rad"
-        )
-    turn = np.arange(8) * 0.25 * math.pi
-    ring = robot_radius * np.concatenate([np.zeros((1, 2)), np.stack([np.cos(turn), np.sin(turn)], axis=1)])
-    half_gap = robot_radius if apart is None else 0.5 * apart
-
-    def free(xy: np.ndarray, own: np.ndarray) -> np.ndarray:
-        clear = clear_of(xy, np.full(len(xy), robot_radius), centres, widths)
-        clear[clear] = (ground_slope(ground, size, xy[clear, None] + ring) <= max_slope).all(axis=1)
-        return clear
-
-    at, done = throw(
-        np.full(count, half_gap), lambda n: (rng.random((n, 2)) - 0.5) * inner, lambda xy, own, ease: own, free
-    )
-    if not done.all():
-        raise ValueError(
-            f"clear_spots: only {done.sum()} of {count} places fit, {2.0 * half_gap:g} m apart, robot_radius "
-            f"{robot_radius:g} m, on slopes of up to {math.degrees(max_slope):.0f} degrees; ask for fewer, or allow "
-            f"a smaller robot_radius or apart, or a larger max_slope"
-        )
-    return np.concatenate([at, height_at(ground, size, at)[:, None]], axis=1)

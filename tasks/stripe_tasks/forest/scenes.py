@@ -15,7 +15,7 @@ from stripe_newton.terrains import Ground
 
 from .assets import Lying, Rocks, Stumps, Trees, Undergrowth
 from .ground_cover import ground_colors
-from .maps import moisture, slope, traversability
+from .maps import aspect, moisture, slope, traversability
 from .relief import Relief, ReliefCfg, carve_path, carve_ravine, flatten_disc, make_relief
 
 __all__ = ["ClearingSpec", "ForestSpec", "PathSpec", "RavineSpec"]
@@ -104,7 +104,8 @@ class ForestSpec(SceneSpec):
         relief, maps = self.shape(make_relief(cfg), rng)
         heights, cell = relief.heights, relief.cell
         nothing = np.zeros((2, 2), dtype=np.float32)
-        maps = {"slope": slope(heights, cell), "moisture": moisture(heights, cell), "open": nothing, **maps}
+        shapes = {"slope": slope(heights, cell), "aspect": aspect(heights, cell)}
+        maps = {**shapes, "moisture": moisture(heights, cell), "open": nothing, **maps}
         lower = (-0.5 * self.size[0], -0.5 * self.size[1])
         terrain = TerrainInstance(Ground(heights, lower, cell), tags=("ground", "forest floor"), maps=maps)
         terrain.colors = ground_colors(maps, heights.shape, self.size, int(rng.integers(1 << 31)))

@@ -32,6 +32,7 @@ from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from stripe_tasks.velocity import (
     ActionsCfg,
+    CommandsCfg,
     RoughEventsCfg,
     RoughTerminationsCfg,
     ScanningCfg,
@@ -82,19 +83,13 @@ def woods() -> TileGridSpec:
 
 
 @configclass
-class WalkCommandsCfg:
+class WalkCommandsCfg(CommandsCfg):
     """Ahead more than back, turning to a heading."""
 
-    base_velocity: mdp.UniformVelocityCommandCfg = mdp.UniformVelocityCommandCfg(
-        asset_name="robot",
-        resampling_time_range=(10.0, 10.0),
-        rel_standing_envs=0.05,
-        rel_heading_envs=1.0,
-        heading_command=True,
-        heading_control_stiffness=0.5,
+    base_velocity: mdp.UniformVelocityCommandCfg = CommandsCfg().base_velocity.replace(
         ranges=mdp.UniformVelocityCommandCfg.Ranges(
             lin_vel_x=(-0.5, 1.0), lin_vel_y=(-0.5, 0.5), ang_vel_z=(-1.0, 1.0), heading=(-math.pi, math.pi)
-        ),
+        )
     )
 
 
