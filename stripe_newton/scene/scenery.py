@@ -122,11 +122,11 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
     """The instances below all :func:`scenery_groups`.
 
     Raises:
-        ValueError: for a child that is no reference, or whose scale differs by axis.
+        ValueError: for a child that is no reference, or whose transform is more than a move, a turn and a size.
     """
     prototypes: dict[str, int] = {}
     made: list[Prototype] = []
-    paths, which, rows = list[str](), list[int](), list[tuple[float, ...]]()
+    paths, which, rows = list[str](), list[int](), list[Gf.Matrix4d]()
     for group in scenery_groups(stage):
         base = UsdGeom.XformCache().GetLocalToWorldTransform(group)
         if base != Gf.Matrix4d(1.0):
@@ -140,18 +140,22 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
                 made.append(_prototype(prim))
             which.append(prototypes[key])
             paths.append(str(prim.GetPath()))
-            rows.append(_place(prim))
-    table = np.array(rows, dtype=float).reshape(-1, 8)
-    return Scenery(made, paths, np.array(which, dtype=int), table[:, :3], table[:, 3:7], table[:, 7])
+            rows.append(UsdGeom.Xformable(prim).GetLocalTransformation())
+    places = _places(np.array(rows, dtype=float).reshape(-1, 4, 4), paths)
+    return Scenery(made, paths, np.array(which, dtype=int), *places)
 
 
-def _place(prim: Usd.Prim) -> tuple[float, ...]:
-    pos, turn, scale = (prim.GetAttribute(f"xformOp:{n}") for n in ("translate", "orient", "scale"))
-    point, quat = pos.Get() or Gf.Vec3d(0.0), turn.Get() or Gf.Quatf(1.0)
-    size = scale.Get() or Gf.Vec3f(1.0)
-    if max(size) - min(size) > 1.0e-5 * max(size):
-        raise ValueError(f"'{prim.GetPath()}': scale is {tuple(size)}, must be the same along all axes")
-    return (*point, *quat.GetImaginary(), quat.GetReal(), size[0])
+def _places(matrices: np.ndarray, paths: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, orientations and scales of transforms as USD writes them: of rows, the last the translation."""
+    axes = matrices[:, :3, :3]
+    scale = np.linalg.norm(axes, axis=2)
+    skewed = np.abs(axes @ axes.transpose(0, 2, 1) - scale[:, :1, None] ** 2 * np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero((skewed > 2.0e-5 * scale[:, 0] ** 2) | (np.linalg.det(axes) <= 0.0))
+    if len(wrong):
+        sizes = tuple(float(round(s, 6)) for s in scale[wrong[0]])
+        raise ValueError(f"'{paths[wrong[0]]}': scale is {sizes}, must be the same along all axes, no shear, no mirror")
+    turn = Rotation.from_matrix((axes / scale[:, :1, None]).transpose(0, 2, 1))
+    return matrices[:, 3, :3], turn.as_quat(), scale[:, 0]
 
 
 def _prototype(instance: Usd.Prim) -> Prototype:
@@ -164,7 +168,7 @@ def _prototype(instance: Usd.Prim) -> Prototype:
         if prim.HasAPI(UsdPhysics.CollisionAPI):
             found.shapes.append(_shape(prim, matrix))
         elif prim.IsA(UsdGeom.Mesh):
-            read = newton.usd.get_mesh(prim)
+            read = newton.usd.get_mesh(prim, compute_inertia=False, load_visual_materials=False)
             points = np.asarray(read.vertices) @ np.array(matrix)[:3, :3] + np.array(matrix)[3, :3]
             colors = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
             red, green, blue = map(float, colors[0]) if colors else (0.5, 0.5, 0.5)
@@ -205,32 +209,45 @@ def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = 
     seen = newton.ModelBuilder.ShapeConfig(density=0.0, has_shape_collision=False, has_particle_collision=False)
     solid = builder.default_shape_cfg.copy()
     solid.density, solid.is_visible = 0.0, False
-    for index, (path, scale) in enumerate(zip(scenery.paths, scenery.scale, strict=True)):
-        prototype = scenery.prototypes[scenery.which[index]]
-        xform = wp.transform(scenery.pos[index], scenery.rot[index])
+    for index, prototype in enumerate(scenery.prototypes):
+        own = np.flatnonzero(scenery.which == index)
+        paths, poses = [scenery.paths[i] for i in own], np.hstack([scenery.pos[own], scenery.rot[own]])
         for part, (mesh, color) in enumerate(prototype.meshes):
-            size = wp.vec3(scale, scale, scale)
-            builder.add_shape_mesh(
-                -1, xform=xform, mesh=mesh, scale=size, cfg=seen, color=color, label=f"{path}/part_{part}"
-            )
+            builder.add_shape_mesh(-1, mesh=mesh, cfg=seen, color=color)
+            _repeat(builder, poses, scenery.scale[own], [f"{path}/part_{part}" for path in paths])
         for part, shape in enumerate(prototype.shapes if touched else ()):
-            (pos,), (rot,) = scenery._poses(np.array([index]), shape)
-            _add(builder, shape, wp.transform(pos, rot), float(scale), solid, f"{path}/collider_{part}")
+            _add(builder, shape, solid)
+            poses = np.hstack(scenery._poses(own, shape))
+            _repeat(builder, poses, scenery.scale[own], [f"{path}/collider_{part}" for path in paths])
 
 
-def _add(
-    builder: newton.ModelBuilder,
-    shape: Shape,
-    xform: wp.transform,
-    scale: float,
-    cfg: newton.ModelBuilder.ShapeConfig,
-    label: str,
-) -> None:
-    size = [scale * s for s in shape.size]
+def _repeat(builder: newton.ModelBuilder, poses: np.ndarray, scales: np.ndarray, labels: list[str]) -> None:
+    """Put the last shape, which is static, at many poses instead; one by one Newton takes 30 us for each.
+
+    Args:
+        builder: Whose last shape it is.
+        poses: Positions [m] and orientations, xyzw ``(N, 7)``.
+        scales: Factors on its size, ``(N,)``.
+        labels: Of the N shapes.
+    """
+    count = builder.shape_count
+    lists = {n: v for n, v in vars(builder).items() if n.startswith("shape_") and isinstance(v, list)}
+    size, radius = np.array(builder.shape_scale[-1]), builder.shape_collision_radius[-1]
+    for column in (v for v in lists.values() if len(v) == count):
+        column.extend(column[-1:] * (len(labels) - 1))
+    builder.body_shapes[-1].extend(range(count, builder.shape_count))
+    first = count - 1
+    builder.shape_transform[first:] = [wp.transform(*pose) for pose in poses.tolist()]
+    builder.shape_scale[first:] = [tuple(row) for row in (scales[:, None] * size).tolist()]
+    builder.shape_collision_radius[first:] = (scales * radius).tolist()
+    builder.shape_label[first:] = labels
+
+
+def _add(builder: newton.ModelBuilder, shape: Shape, cfg: newton.ModelBuilder.ShapeConfig) -> None:
     if shape.kind == "box":
-        builder.add_shape_box(-1, xform=xform, hx=size[0], hy=size[1], hz=size[2], cfg=cfg, label=label)
+        builder.add_shape_box(-1, hx=shape.size[0], hy=shape.size[1], hz=shape.size[2], cfg=cfg)
     elif shape.kind == "sphere":
-        builder.add_shape_sphere(-1, xform=xform, radius=size[0], cfg=cfg, label=label)
+        builder.add_shape_sphere(-1, radius=shape.size[0], cfg=cfg)
     else:
         add = builder.add_shape_capsule if shape.kind == "capsule" else builder.add_shape_cylinder
-        add(-1, xform=xform, radius=size[0], half_height=size[1], cfg=cfg, label=label)
+        add(-1, radius=shape.size[0], half_height=shape.size[1], cfg=cfg)

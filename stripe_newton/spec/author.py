@@ -39,7 +39,16 @@ def author_scene(scene: Scene) -> Usd.Stage:
     Raises:
         ValueError: if two different meshes have one name.
     """
-    stage = Usd.Stage.CreateInMemory()
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    _shared(Usd.Stage.Open(layer), scene)
+    for spec, instances in scene.terrain.placed.items():  # below a stage, which would look at each of thousands
+        if instances:
+            _instances(layer, f"/World/{spec}", instances)
+    return Usd.Stage.Open(layer)
+
+
+def _shared(stage: Usd.Stage, scene: Scene) -> None:
+    """All but the instances."""
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
@@ -61,8 +70,6 @@ def author_scene(scene: Scene) -> Usd.Stage:
             group = UsdGeom.Xform.Define(stage, f"/World/{spec}").GetPrim()
             Usd.ModelAPI(group).SetKind(Kind.Tokens.group)
             group.CreateAttribute(SCENERY_KEY, Sdf.ValueTypeNames.Bool).Set(True)
-            _instances(stage.GetRootLayer(), f"/World/{spec}", instances)
-    return stage
 
 
 def _terrain(stage: Usd.Stage, scene: Scene) -> None:
@@ -170,28 +177,37 @@ def _label(prim: Usd.Prim, labels: Any) -> None:
         UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr(Vt.TokenArray(list(labels)))
 
 
-_ORDER = Vt.TokenArray(["xformOp:translate", "xformOp:orient", "xformOp:scale"])
+_PLACE = ["xformOp:translate", "xformOp:orient", "xformOp:scale"]
 
 
 def _instances(layer: Sdf.Layer, root: str, instances: list[AssetInstance]) -> None:
-    """Instances, written below the level of prims, which would take several times as long for thousands."""
-    types = Sdf.ValueTypeNames
+    """Instances, as copies of the first of each kind, below the level of prims: a third of the time."""
+    models: dict[tuple[str, bool, tuple[str, ...]], Sdf.Path] = {}
     with Sdf.ChangeBlock():
         for instance in instances:
-            prim = Sdf.CreatePrimInLayer(layer, f"{root}/{instance.name}")
-            prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
-            prim.instanceable = instance.mesh.instancable
-            prim.SetInfo("kind", Kind.Tokens.component)
-            prim.referenceList.prependedItems = [Sdf.Reference(primPath=f"/Prototypes/{instance.mesh.name}")]
-            prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["SemanticsLabelsAPI:class"]))
+            kind = instance.mesh.name, instance.mesh.instancable, tuple(instance.labels)
+            path = Sdf.Path(f"{root}/{instance.name}")
+            if kind in models:
+                Sdf.CopySpec(layer, models[kind], layer, path)
+            else:
+                models[kind] = path
+                _instance(Sdf.CreatePrimInLayer(layer, path), *kind)
             qx, qy, qz, qw = instance.rotation
-            values = (
-                ("semantics:labels:class", types.TokenArray, Vt.TokenArray(instance.labels)),
-                ("xformOp:translate", types.Double3, Gf.Vec3d(*instance.position)),
-                ("xformOp:orient", types.Quatf, Gf.Quatf(qw, qx, qy, qz)),
-                ("xformOp:scale", types.Float3, Gf.Vec3f(instance.scale)),
-                ("xformOpOrder", types.TokenArray, _ORDER),
-            )
-            for name, kind, value in values:
-                variability = Sdf.VariabilityUniform if name in ("xformOpOrder",) else Sdf.VariabilityVarying
-                Sdf.AttributeSpec(prim, name, kind, variability).default = value
+            for attribute, value in zip(
+                _PLACE, (Gf.Vec3d(*instance.position), Gf.Quatf(qw, qx, qy, qz), Gf.Vec3f(instance.scale)), strict=True
+            ):
+                layer.GetAttributeAtPath(path.AppendProperty(attribute)).default = value
+
+
+def _instance(prim: Sdf.PrimSpec, mesh: str, shared: bool, labels: tuple[str, ...]) -> None:
+    types = Sdf.ValueTypeNames
+    prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
+    prim.instanceable = shared
+    prim.SetInfo("kind", Kind.Tokens.component)
+    prim.referenceList.prependedItems = [Sdf.Reference(primPath=f"/Prototypes/{mesh}")]
+    prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["SemanticsLabelsAPI:class"]))
+    Sdf.AttributeSpec(prim, "semantics:labels:class", types.TokenArray).default = Vt.TokenArray(labels)
+    for name, kind in zip(_PLACE, (types.Double3, types.Quatf, types.Float3), strict=True):
+        Sdf.AttributeSpec(prim, name, kind)
+    order = Sdf.AttributeSpec(prim, "xformOpOrder", types.TokenArray, Sdf.VariabilityUniform)
+    order.default = Vt.TokenArray(_PLACE)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from .asset import AssetInstance
 from .mesh import Collider
@@ -59,16 +60,15 @@ def footprints(terrain: TerrainInstance) -> np.ndarray:
     found = [np.zeros((0, 3))]
     for instances in by_mesh.values():
         pos = np.array([i.position for i in instances])
-        rot = np.array([i.rotation for i in instances])
-        scale = np.array([i.scale for i in instances])
+        scale = np.array([i.scale for i in instances])[:, None]
+        onto = Rotation.from_quat([i.rotation for i in instances]).as_matrix()[:, :2]  # the ground, seen from above
         for collider in instances[0].mesh.colliders():
             points, radius, apart = _balls(collider)
-            turned = _rotate(np.array(collider.rot), points)
-            across = np.linalg.norm(_rotate(rot, _rotate(np.array(collider.rot), apart))[:, :2], axis=1)
-            wide = scale * np.hypot(radius, 0.5 * across)  # so that they also cover what is between them
-            for point in turned:
-                at = pos + scale[:, None] * _rotate(rot, np.array(collider.pos) + point)
-                found.append(np.column_stack([at[:, :2], wide]))
+            turn = Rotation.from_quat(collider.rot)
+            at = pos[:, None, :2] + scale[:, None] * ((collider.pos + turn.apply(points)) @ onto.transpose(0, 2, 1))
+            across = np.linalg.norm(onto @ turn.apply(apart), axis=1)
+            wide = scale * np.hypot(radius, 0.5 * across)[:, None]  # so that they also cover what is between them
+            found.append(np.dstack([at, np.broadcast_to(wide[:, None], (*at.shape[:2], 1))]).reshape(-1, 3))
     return np.concatenate(found)
 
 
@@ -87,11 +87,6 @@ def _balls(collider: Collider) -> tuple[np.ndarray, float, np.ndarray]:
     steps = np.linspace(-half, half, 1 + 2 * math.ceil(half / max(radius, SPACING)))
     axis = np.array([0.0, 0.0, 1.0])
     return steps[:, None] * axis, radius, axis * (2.0 * half / max(len(steps) - 1, 1))
-
-
-def _rotate(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    twice = 2.0 * np.cross(quat[..., :3], vector)
-    return np.asarray(vector + quat[..., 3:] * twice + np.cross(quat[..., :3], twice))
 
 
 def walkable(terrain: TerrainInstance, radius: float, max_slope: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

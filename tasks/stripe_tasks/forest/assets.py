@@ -276,7 +276,7 @@ class Undergrowth(_ForestAssets):
         weight = weight * (1.0 - self.wet + self.wet * np.clip(moist - 0.2, 0.0, 1.0)) + 1.0e-4
         weight = weight * _untrodden(terrain, shape)
         at = _draw(weight, size, number, rng)
-        pick, scale = rng.integers(0, len(meshes), number), rng.uniform(0.7, 1.3, number)
+        pick, scale = rng.integers(0, len(meshes), number), rng.uniform(0.7, 1.3, number).round(2)  # sizes to share
         turn = _yaw(rng.uniform(-math.pi, math.pi, number))
         yield from self._make([meshes[i] for i in pick], _on_ground(terrain, at), turn, scale)
 

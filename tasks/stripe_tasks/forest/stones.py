@@ -202,18 +202,32 @@ def _surface(vertices: np.ndarray, faces: np.ndarray, radius: float) -> tuple[np
     return points, weight * np.where(points[:, 2] >= 0.0, 1.0, math.sqrt(_BURIED))
 
 
-def _distance(values: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Signed distance of points to the nearest of some capsules, rows of (two ends, radius)."""
-    found = []
-    for row in values.reshape(-1, 7):
-        a, axis = row[:3], row[3:6] - row[:3]
-        share = np.clip((points - a) @ axis / max(float(axis @ axis), 1.0e-12), 0.0, 1.0)
-        found.append(np.linalg.norm(points - a - share[:, None] * axis, axis=1) - row[6])
-    return np.min(found, axis=0)
-
-
 def _residuals(values: np.ndarray, first: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    return np.append(weights * _distance(values, points), 1.0e-3 * (values - first))
+    """Weighted signed distances of points to the nearest of some capsules, rows of (two ends, radius)."""
+    return np.append(weights * _nearest(values, points)[0], 1.0e-3 * (values - first))
+
+
+def _jacobian(values: np.ndarray, first: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Of :func:`_residuals`: the nearest point of an axis does not move along it, so the ends share its way."""
+    _, which, share, normal = _nearest(values, points)
+    ends = np.column_stack([(share - 1.0)[:, None] * normal, -share[:, None] * normal, -np.ones(len(points))])
+    slopes = np.zeros((len(points), len(values) // 7, 7))
+    slopes[np.arange(len(points)), which] = weights[:, None] * ends
+    return np.concatenate([slopes.reshape(len(points), -1), 1.0e-3 * np.eye(len(values))])
+
+
+def _nearest(values: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Signed distance, the capsule, where along its axis (0 to 1), and the direction from there; of each point."""
+    rows = values.reshape(-1, 1, 7)
+    a, axis = rows[..., :3], rows[..., 3:6] - rows[..., :3]
+    length = np.maximum((axis * axis).sum(axis=2), 1.0e-12)
+    share = np.clip(((points - a) * axis).sum(axis=2) / length, 0.0, 1.0)
+    away = points - a - share[..., None] * axis
+    distance = np.sqrt(np.einsum("cpd,cpd->cp", away, away))
+    which, every = np.argmin(distance - rows[..., 6], axis=0), np.arange(len(points))
+    near = distance[which, every]
+    normal = away[which, every] / np.maximum(near, 1.0e-12)[:, None]
+    return near - values.reshape(-1, 7)[which, 6], which, share[which, every], normal
 
 
 def _fit(points: np.ndarray, weights: np.ndarray, radius: float) -> list[Collider]:
@@ -236,7 +250,7 @@ def _fit(points: np.ndarray, weights: np.ndarray, radius: float) -> list[Collide
     best: tuple[float, np.ndarray] | None = None
     for start in (one, pair):
         first = np.concatenate(start) / radius
-        solved = least_squares(_residuals, first, method="lm", args=(first, points / radius, weights))
+        solved = least_squares(_residuals, first, _jacobian, method="lm", args=(first, points / radius, weights))
         if best is None or solved.cost < 0.6 * best[0]:
             best = solved.cost, solved.x * radius
     assert best is not None
