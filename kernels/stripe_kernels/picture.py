@@ -36,6 +36,7 @@ class Look:
     zenith: wp.vec3f
     fog_start: wp.float32  # [m]
     fog_length: wp.float32  # [m], 0: none
+    near: wp.float32  # scenery but the ground is seen from here on [m]
     haze: wp.float32  # share of light lost to haze [1/m], 0: none
     air: wp.float32  # brightness of the haze: less below a canopy
     exposure: wp.float32

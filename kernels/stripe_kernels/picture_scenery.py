@@ -70,8 +70,8 @@ def to_local(s: SceneryMeshes, i: int, point: wp.vec3f):
 
 
 @wp.func
-def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, limit: float):
-    """The nearest hit within ``limit`` [m] along a unit direction."""
+def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, near: float, limit: float):
+    """The nearest hit within ``limit`` [m] along a unit direction, but for things other than ground not before ``near``."""
     hit = SceneryHit()
     hit.distance = limit
     hit.index = -1
@@ -81,9 +81,11 @@ def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, 
     while start < hit.distance:
         query = wp.bvh_query_ray(s.bvh, origin + direction * start, direction)
         while wp.bvh_query_next(query, i, wp.min(length, hit.distance - start)):
-            found = wp.mesh_query_ray(s.mesh[i], to_local(s, i, origin), to_local_vector(s, i, direction), hit.distance)
+            skip = wp.where(s.kind[i] == GROUND, 0.0, near)
+            local = to_local(s, i, origin + direction * skip)
+            found = wp.mesh_query_ray(s.mesh[i], local, to_local_vector(s, i, direction), hit.distance - skip)
             if found.result:
-                hit.distance = found.t
+                hit.distance = found.t + skip
                 hit.index = i
                 hit.face = found.face
                 hit.normal = found.normal
@@ -253,7 +255,7 @@ def trace_scenery(
     a = 1.5707963 * (float(x % 2 + 2 * (y % 2)) + lattice(ray, 1, 17))
     r = sun_spread * wp.sqrt(even)
     to_sun = wp.normalize(look.to_sun + look.shadow_x * (r * wp.cos(a)) + look.shadow_y * (r * wp.sin(a)))
-    hit = closest_of_scenery(s, look.eye, direction, limit)
+    hit = closest_of_scenery(s, look.eye, direction, look.near, limit)
     if hit.index >= 0:
         depth[ray] = hit.distance
         shape[ray] = wp.uint32(s.shape[hit.index])
@@ -284,4 +286,4 @@ def scenery_distances(
 ):
     """How far one sees from each origin along each unit direction, at most ``limit`` [m]."""
     i, j = wp.tid()
-    out[i * directions.shape[0] + j] = closest_of_scenery(s, origins[i], directions[j], limit).distance
+    out[i * directions.shape[0] + j] = closest_of_scenery(s, origins[i], directions[j], 0.0, limit).distance

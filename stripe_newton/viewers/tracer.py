@@ -175,7 +175,7 @@ class Tracer:
         look.fog_length = 9.0 * reach / self._cfg.fog if self._cfg.fog > 0 else 0.0
         look.exposure = look.air = 1.0
         if self.scenery is not None:
-            look.haze, look.air = self._cfg.haze, self.scenery.air_at(eye)
+            look.near, look.haze, look.air = self._cfg.near, self._cfg.haze, self.scenery.air_at(eye)
             look.exposure = self._exposure
         look.tile = next(side for limit, side in _TILES if distance <= limit)
         look.shadow_size, look.shadow_half = self._shadow_size, radius

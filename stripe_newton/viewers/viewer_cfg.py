@@ -75,6 +75,9 @@ class ViewerCfg:
     """Draw meshes that stand still as outdoors: all of them cast shadows, ray by ray; grain on ground and bark, light
     through leaves, haze. None: where the scene has 64 or more."""
 
+    near: float = 0.0
+    """Outdoors: what stands nearer to the camera is not seen [m], so that no leaf in front of it hides all."""
+
     haze: float = 0.004
     """Outdoors: share of the light that is lost to haze on each metre [1/m], in the place of ``fog``."""
 
@@ -120,6 +123,7 @@ _RANGES = (
     ("follow_time", 0.0, 1000.0),
     ("shadow_resolution", 32, 4096),
     ("fog", 0.0, 100.0),
+    ("near", 0.0, 1000.0),
     ("haze", 0.0, 1.0),
     ("exposure", 0.01, 100.0),
 )

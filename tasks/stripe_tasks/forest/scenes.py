@@ -18,7 +18,7 @@ from .ground_cover import ground_colors
 from .maps import aspect, moisture, slope, traversability
 from .relief import Relief, ReliefCfg, carve_path, carve_ravine, flatten_disc, make_relief
 
-__all__ = ["ClearingSpec", "ForestSpec", "PathSpec", "RavineSpec"]
+__all__ = ["PLACES", "ClearingSpec", "ForestSpec", "PathSpec", "RavineSpec"]
 
 PLACES: Mapping[str, Places] = {"init_pos": Places(radius=0.7, margin=4.5), "target": Places(radius=0.6, margin=4.5)}
 """Where robots start and where they are sent."""

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import trimesh
 
 __all__ = ["Piece", "clumps", "fronds", "join", "leaves", "patches", "tubes", "unit"]
 
@@ -82,8 +83,6 @@ def tubes(
 
 @lru_cache(maxsize=4)
 def _ball(level: int) -> tuple[np.ndarray, np.ndarray]:
-    import trimesh
-
     ball = trimesh.creation.icosphere(level, 1.0)
     return np.asarray(ball.vertices, dtype=np.float64), np.asarray(ball.faces)
 

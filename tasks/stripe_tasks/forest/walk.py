@@ -43,7 +43,7 @@ from stripe_tasks.velocity import (
 )
 from stripe_tasks.velocity_quadruped import QuadrupedRewardsCfg
 
-from .scenes import ForestSpec
+from .scenes import PLACES, ForestSpec
 
 __all__ = ["LEVELS", "ForestPPORunnerCfg", "ForestWalkPPORunnerCfg", "play_cfg", "training", "walk_cfg", "woods"]
 
@@ -57,8 +57,10 @@ BELLY = 0.13
 VIEWER = ViewerCfg(
     origin_type="asset_heading",
     asset_name="Robot",
-    eye=(-2.3, -0.5, 0.75),
-    lookat=(0.9, 0.0, 0.1),
+    eye=(-1.9, -0.4, 0.65),
+    lookat=(1.2, 0.0, 0.3),
+    fov=52.0,
+    near=1.5,
     resolution=(960, 540),
 )
 
@@ -210,8 +212,9 @@ def walk_cfg() -> TaskEnvCfg:
 
 
 def ordinary_woods() -> ForestSpec:
-    """Ordinary woods, 96 m by 96 m of 550 stems/ha, none of which anything was trained in."""
-    return ForestSpec((96.0, 96.0), density=550.0, relief=5.0, resolution=0.2)
+    """Ordinary woods, 160 m by 160 m of 550 stems/ha, not trained in by any robot; they start in the middle."""
+    places = {name: replace(place, margin=30.0) for name, place in PLACES.items()}
+    return ForestSpec((160.0, 160.0), density=550.0, relief=5.0, resolution=0.2, places=places)
 
 
 def to_play(make: Callable[..., TrainingSpec]) -> TrainingSpec:
