@@ -154,6 +154,23 @@ def test_haze_hides_what_is_far(sim):
         cfg(exposure=0.0).validate()
 
 
+def test_a_camera_looks_past_what_is_near():
+    sim = wall_and_floor(True, robot_at=(2.0, 0.0, 0.5))
+
+    def red(**view):
+        options = {"natural": True, "resolution": SIZE, "shadows": False, "follow_time": 0.0} | view
+        picture = SceneRenderer(sim, ViewerCfg(**options)).render().astype(int)
+        return int(((picture[..., 0] > 2 * picture[..., 1]) & (picture[..., 0] > 60)).sum())
+
+    fixed = {"eye": (-1.0, 0.0, 1.0), "lookat": (2.0, 0.0, 0.5), "origin_type": "world"}
+    assert red(**fixed) == red(**fixed, near=0.5) == 0  # behind the wall
+    assert red(**fixed, near=2.0) > 20
+    behind = {"eye": (-3.0, 0.0, 0.3), "lookat": (0.5, 0.0, 0.0), "origin_type": "asset_heading"}
+    assert red(**behind) > 20  # it comes before the wall, but stays behind the box
+    with pytest.raises(ConfigError, match="near"):
+        ViewerCfg(near=-1.0).validate()
+
+
 def test_the_ground_has_the_colours_of_its_points():
     scene = SmallWood((40.0, 40.0), count=0).create(0)
     renderer = SceneRenderer(_still_life(scene, wp.get_device("cpu")), cfg(natural=True))

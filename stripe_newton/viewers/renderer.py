@@ -150,7 +150,7 @@ class SceneRenderer:
     def _behind(
         self, pose: np.ndarray, eye: np.ndarray, target: np.ndarray, about: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Eye and target turned with the body about a point, the eye before whatever would hide the target."""
+        """Eye and target turned with the body about a point, the eye before whatever would be seen to hide the body."""
         x, y, z, w = (float(q) for q in pose[3:7])
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         if math.isfinite(yaw):
@@ -159,12 +159,12 @@ class SceneRenderer:
         c, s = math.cos(angle), math.sin(angle)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         eye, target = about + turn @ (eye - about), about + turn @ (target - about)
-        away = eye - target
+        away = eye - about
         length = float(np.linalg.norm(away))
-        free = float(self.distances(target[None], away[None] / length, length + 0.3)[0, 0]) - 0.3
-        share = min(max(free / length, 0.25), 1.0)
+        free = float(self.distances(about[None], away[None] / length, length + 0.3)[0, 0]) - 0.3
+        share = min(max((free + self.cfg.near) / length, 0.4), 1.0)
         self._near = share if share < self._near else min(share, self._near + 0.02)  # it goes back slowly
-        return target + self._near * away, target
+        return about + self._near * away, target
 
     def _reach(self, poses: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, float]:
         """Centre and radius [m] of the ball in which shadows are cast. It grows in steps, so that shadows stay calm."""
