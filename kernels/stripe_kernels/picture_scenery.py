@@ -71,7 +71,7 @@ def to_local(s: SceneryMeshes, i: int, point: wp.vec3f):
 
 @wp.func
 def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, near: float, limit: float):
-    """The nearest hit within ``limit`` [m] along a unit direction, but for things other than ground not before ``near``."""
+    """The nearest hit within ``limit`` [m] along a unit direction; things other than ground count from ``near`` [m]."""
     hit = SceneryHit()
     hit.distance = limit
     hit.index = -1

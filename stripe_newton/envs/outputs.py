@@ -55,6 +55,10 @@ class OutputBlock:
         count = int(torch.Size(shape).numel())
         return chunk[start : start + kind.itemsize * count].view(kind).view(shape)
 
+    def views(self) -> dict[str, torch.Tensor]:
+        """The arrays themselves as tensors, by name; every step writes into them."""
+        return {name: self._view(self._chunks[place[0]], name) for name, place in self._places.items()}
+
     def take(self) -> dict[str, torch.Tensor]:
         """Fresh tensors by name; those of one step share memory among themselves and with nothing else."""
         fresh = [chunk[: min(n, chunk.numel())].clone() for chunk, n in zip(self._chunks, self._used, strict=True)]

@@ -149,21 +149,38 @@ class Plan:
         for segment in self._segments:
             segment.graph = None
 
-    def _record(self, segment: _Segment) -> wp.Graph:
-        def launch_all(operations: list[_Operation] = segment.operations) -> None:
-            main, beside = wp.get_stream(self._device), list[wp.Stream]()
-            for operation in operations:
-                if operation.beside:
-                    beside.append(self._side_stream(len(beside)))
-                    with wp.ScopedStream(beside[-1], sync_enter=True):
-                        operation.launch()
-                else:
-                    operation.launch()
-            for stream in beside:
-                main.wait_stream(stream)
+    def launch(self) -> None:
+        """Launch the kernels of all stages on the current stream, for whoever records them in a graph of their own.
 
+        Raises:
+            GraphCaptureError: if something in it runs on the host; see :attr:`eager`.
+        """
+        if self.eager:
+            raise GraphCaptureError("stage '{}': {} runs on the host ({})".format(*self.eager[0]))
+        with wp.ScopedDevice(self._device):
+            for segment in self._segments:
+                self._launch(segment.operations)
+
+    @property
+    def eager(self) -> list[tuple[str, str, str]]:
+        """Stage, name and reason of what runs on the host."""
+        return [(s.stage, s.eager.name, s.eager.reason) for s in self._segments if s.eager is not None]
+
+    def _launch(self, operations: list[_Operation]) -> None:
+        beside = list[wp.Stream]()
+        for operation in operations:
+            if operation.beside and self._device != "cpu":
+                beside.append(self._side_stream(len(beside)))
+                with wp.ScopedStream(beside[-1], sync_enter=True):
+                    operation.launch()
+            else:
+                operation.launch()
+        for stream in beside:
+            wp.get_stream(self._device).wait_stream(stream)
+
+    def _record(self, segment: _Segment) -> wp.Graph:
         try:
-            return capture_graph(self._device, launch_all)
+            return capture_graph(self._device, lambda: self._launch(segment.operations))
         except Exception as error:
             raise GraphCaptureError(self._culprit(segment, error)) from error
 

@@ -12,6 +12,7 @@ from typing import Any
 from stripe_newton.configclass import configclass
 
 __all__ = [
+    "RslRlBaseRunnerCfg",
     "RslRlCNNModelCfg",
     "RslRlMLPModelCfg",
     "RslRlOnPolicyRunnerCfg",
@@ -41,20 +42,20 @@ OPTIMIZERS = ("adam", "adamw", "sgd", "rmsprop")
 COMPILE_MODES = ("default", "max-autotune-no-cudagraphs")
 
 
-def _one_of(cfg: Any, field: str, choices: tuple[str, ...]) -> Problems:
+def one_of(cfg: Any, field: str, choices: tuple[str, ...]) -> Problems:
     value = getattr(cfg, field)
     if not isinstance(value, str) or value.lower() not in choices:
         yield field, f"is {value!r}, must be one of {', '.join(choices)}"
 
 
-def _at_least(cfg: Any, low: float, *fields: str) -> Problems:
+def at_least(cfg: Any, low: float, *fields: str) -> Problems:
     for field in fields:
         value = getattr(cfg, field)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= low:
             yield field, f"is {value!r}, must be a number of at least {low}"
 
 
-def _positive(cfg: Any, *fields: str) -> Problems:
+def positive(cfg: Any, *fields: str) -> Problems:
     for field in fields:
         value = getattr(cfg, field)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0.0:
@@ -95,8 +96,8 @@ class RslRlMLPModelCfg:
         """Whether the standard deviation is learned; it stays ``init_std`` otherwise."""
 
         def problems(self) -> Problems:
-            yield from _positive(self, "init_std")
-            yield from _one_of(self, "std_type", ("scalar", "log"))
+            yield from positive(self, "init_std")
+            yield from one_of(self, "std_type", ("scalar", "log"))
             if len(self.std_range) != 2 or not self.std_range[0] <= self.std_range[1]:
                 yield "std_range", f"is {self.std_range!r}, must be (smallest, largest)"
 
@@ -114,8 +115,8 @@ class RslRlMLPModelCfg:
         """What the network outputs: the deviation itself (``"scalar"``) or its logarithm (``"log"``)."""
 
         def problems(self) -> Problems:
-            yield from _positive(self, "init_std")
-            yield from _one_of(self, "std_type", ("scalar", "log"))
+            yield from positive(self, "init_std")
+            yield from one_of(self, "std_type", ("scalar", "log"))
 
     @configclass
     class BetaDistributionCfg:
@@ -145,7 +146,7 @@ class RslRlMLPModelCfg:
 
     def problems(self) -> Problems:
         yield from _layers(self, "hidden_dims")
-        yield from _one_of(self, "activation", ACTIVATIONS)
+        yield from one_of(self, "activation", ACTIVATIONS)
 
 
 @configclass
@@ -163,8 +164,8 @@ class RslRlRNNModelCfg(RslRlMLPModelCfg):
 
     def problems(self) -> Problems:
         yield from RslRlMLPModelCfg.problems(self)
-        yield from _one_of(self, "rnn_type", ("lstm", "gru"))
-        yield from _at_least(self, 1, "rnn_hidden_dim", "rnn_num_layers")
+        yield from one_of(self, "rnn_type", ("lstm", "gru"))
+        yield from at_least(self, 1, "rnn_hidden_dim", "rnn_num_layers")
 
 
 @configclass
@@ -198,9 +199,9 @@ class RslRlCNNModelCfg(RslRlMLPModelCfg):
 
         def problems(self) -> Problems:
             yield from _layers(self, "output_channels")
-            yield from _one_of(self, "padding", ("none", "zeros", "reflect", "replicate", "circular"))
-            yield from _one_of(self, "activation", ACTIVATIONS)
-            yield from _one_of(self, "global_pool", ("none", "max", "avg"))
+            yield from one_of(self, "padding", ("none", "zeros", "reflect", "replicate", "circular"))
+            yield from one_of(self, "activation", ACTIVATIONS)
+            yield from one_of(self, "global_pool", ("none", "max", "avg"))
 
     class_name: str = "CNNModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
@@ -232,11 +233,11 @@ class RslRlRndCfg:
     """Learning rate of the predictor."""
 
     def problems(self) -> Problems:
-        yield from _at_least(self, 1, "num_outputs")
+        yield from at_least(self, 1, "num_outputs")
         yield from _layers(self, "predictor_hidden_dims", "target_hidden_dims")
-        yield from _one_of(self, "activation", ACTIVATIONS)
-        yield from _at_least(self, 0.0, "weight")
-        yield from _positive(self, "learning_rate")
+        yield from one_of(self, "activation", ACTIVATIONS)
+        yield from at_least(self, 0.0, "weight")
+        yield from positive(self, "learning_rate")
         needs = {"constant": set(), "step": {"final_step", "final_value"}}
         needs["linear"] = {"initial_step", "final_step", "final_value"}
         if self.weight_schedule is not None:
@@ -263,7 +264,7 @@ class RslRlSymmetryCfg:
     def problems(self) -> Problems:
         if self.data_augmentation_func is None:
             yield "data_augmentation_func", "is None, must be a function or 'module:name'"
-        yield from _at_least(self, 0.0, "mirror_loss_coeff")
+        yield from at_least(self, 0.0, "mirror_loss_coeff")
 
 
 @configclass
@@ -312,20 +313,20 @@ class RslRlPpoAlgorithmCfg:
     """Size of the buckets in which several GPUs exchange gradients (MB)."""
 
     def problems(self) -> Problems:
-        yield from _at_least(self, 1, "num_learning_epochs", "num_mini_batches")
-        yield from _positive(
-            self, "clip_param", "learning_rate", "max_grad_norm", "desired_kl", "grad_reduce_bucket_mb"
-        )
+        yield from at_least(self, 1, "num_learning_epochs", "num_mini_batches")
+        yield from positive(self, "clip_param", "learning_rate", "max_grad_norm", "desired_kl", "grad_reduce_bucket_mb")
         yield from _in_unit(self, "gamma", "lam")
-        yield from _at_least(self, 0.0, "value_loss_coef", "entropy_coef")
-        yield from _one_of(self, "optimizer", OPTIMIZERS)
-        yield from _one_of(self, "schedule", ("adaptive", "fixed"))
+        yield from at_least(self, 0.0, "value_loss_coef", "entropy_coef")
+        yield from one_of(self, "optimizer", OPTIMIZERS)
+        yield from one_of(self, "schedule", ("adaptive", "fixed"))
 
 
 @configclass
-class RslRlOnPolicyRunnerCfg:
-    """A training run: how long, on which observations, with which networks and algorithm."""
+class RslRlBaseRunnerCfg:
+    """What all kinds of runs have in common."""
 
+    class_name: str = "OnPolicyRunner"
+    """The runner: ``"OnPolicyRunner"`` or ``"DistillationRunner"``."""
     seed: int = 42
     """Seed of Python, NumPy, torch and, unless it has its own, of the environment."""
     num_steps_per_env: int = 24
@@ -343,39 +344,34 @@ class RslRlOnPolicyRunnerCfg:
     """Folder of the runs of this experiment; empty for the task's name."""
     run_name: str = ""
     """Text at the end of the run folder's name."""
-    obs_groups: dict[str, list[str]] = {"actor": ["policy"], "critic": ["policy"]}
-    """Which observation groups the actor and the critic (and ``rnd_state``) read, joined in this order."""
+    obs_groups: dict[str, list[str]] = {}
+    """Which observation groups each network reads, joined in this order."""
     clip_actions: float | None = None
     """Bound of every action, or ``None`` for none."""
     check_for_nan: bool = True
     """Whether an environment that returns NaN ends the run with an error."""
+    runner: str = "graph"
+    """``"graph"``: rollout and update are CUDA graphs where they can be, and rsl_rl's own where not, which is said;
+    ``"rsl_rl"``: rsl_rl's loop and algorithm, untouched."""
+    matmul_precision: str = "highest"
+    """Of float32 matrix products, as ``torch.set_float32_matmul_precision``: ``"highest"``, ``"high"`` (TF32) or
+    ``"medium"`` (bfloat16)."""
     torch_compile_mode: str | None = None
     """``torch.compile`` mode of the networks (``"default"`` or ``"max-autotune-no-cudagraphs"``), or ``None``."""
-    actor: RslRlMLPModelCfg = RslRlMLPModelCfg(distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg())
-    """The policy's network."""
-    critic: RslRlMLPModelCfg = RslRlMLPModelCfg()
-    """The value function's network."""
-    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg()
-    """The algorithm."""
     logger: str | dict[str, Any] = "tensorboard"
     """``"tensorboard"``, or ``{"class_name": "WandbLogWriter", "project_name": ...}`` for a second writer beside it."""
 
     def problems(self) -> Problems:
-        yield from _at_least(self, 1, "num_steps_per_env", "max_iterations", "save_interval")
+        yield from at_least(self, 1, "num_steps_per_env", "max_iterations", "save_interval")
         if not isinstance(self.regenerate_interval, int) or self.regenerate_interval < 0:
             yield "regenerate_interval", f"is {self.regenerate_interval!r}, must be a whole number, 0 or more"
         if self.clip_actions is not None:
-            yield from _positive(self, "clip_actions")
-        if self.actor.distribution_cfg is None:
-            yield "actor.distribution_cfg", "is None, must be a distribution: PPO draws its actions from it"
-        if self.critic.distribution_cfg is not None:
-            yield "critic.distribution_cfg", "must be None: a value is not drawn from a distribution"
+            yield from positive(self, "clip_actions")
+        yield from one_of(self, "class_name", ("onpolicyrunner", "distillationrunner"))
+        yield from one_of(self, "runner", ("graph", "rsl_rl"))
+        yield from one_of(self, "matmul_precision", ("highest", "high", "medium"))
         if self.torch_compile_mode is not None:
-            yield from _one_of(self, "torch_compile_mode", COMPILE_MODES)
-        if self.algorithm.symmetry_cfg is not None:
-            for name in ("actor", "critic"):
-                if isinstance(getattr(self, name), RslRlRNNModelCfg):
-                    yield name, "is recurrent, which does not go with algorithm.symmetry_cfg"
+            yield from one_of(self, "torch_compile_mode", COMPILE_MODES)
         for name, groups in self.obs_groups.items():
             if not isinstance(groups, (list, tuple)) or not groups:
                 yield f"obs_groups.{name}", f"is {groups!r}, must be a list of observation groups"
@@ -385,6 +381,44 @@ class RslRlOnPolicyRunnerCfg:
     def to_rsl_rl(self) -> dict[str, Any]:
         """The nested dict that rsl_rl's runner takes; functions and classes are named as ``module:name``."""
         cfg = self.to_dict()
-        for name in ("experiment_name", "max_iterations", "init_at_random_ep_len", "regenerate_interval"):
-            cfg.pop(name)
+        for name in _OURS:
+            cfg.pop(name, None)
         return cfg
+
+
+_OURS = (
+    "class_name",
+    "experiment_name",
+    "max_iterations",
+    "init_at_random_ep_len",
+    "regenerate_interval",
+    "runner",
+    "matmul_precision",
+    "teacher_checkpoint",
+)
+"""Fields of a run that rsl_rl does not know."""
+
+
+@configclass
+class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
+    """A training run with PPO: how long, on which observations, with which networks and algorithm."""
+
+    obs_groups: dict[str, list[str]] = {"actor": ["policy"], "critic": ["policy"]}
+    """Which observation groups the actor and the critic (and ``rnd_state``) read, joined in this order."""
+    actor: RslRlMLPModelCfg = RslRlMLPModelCfg(distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg())
+    """The policy's network."""
+    critic: RslRlMLPModelCfg = RslRlMLPModelCfg()
+    """The value function's network."""
+    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg()
+    """The algorithm."""
+
+    def problems(self) -> Problems:
+        yield from super().problems()
+        if self.actor.distribution_cfg is None:
+            yield "actor.distribution_cfg", "is None, must be a distribution: PPO draws its actions from it"
+        if self.critic.distribution_cfg is not None:
+            yield "critic.distribution_cfg", "must be None: a value is not drawn from a distribution"
+        if self.algorithm.symmetry_cfg is not None:
+            for name in ("actor", "critic"):
+                if isinstance(getattr(self, name), RslRlRNNModelCfg):
+                    yield name, "is recurrent, which does not go with algorithm.symmetry_cfg"

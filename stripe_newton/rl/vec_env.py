@@ -89,6 +89,11 @@ class RslRlVecEnvWrapper(VecEnv):
             hook()
         return self._obs, rewards, (terminated | truncated).long(), extras
 
+    def hand_out(self, obs: dict[str, torch.Tensor]) -> TensorDict:
+        """Take over the observations of a step that the environment took without :meth:`step`."""
+        self._obs = self._as_tensordict(obs)
+        return self._obs
+
     def render(self) -> Any:
         """A picture of the environment, uint8 (height, width, 3)."""
         return self.env.render()

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Distillation of a trained policy into a student that sees less."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from .checkpoint import load_checkpoint
+from .config_distillation import RslRlDistillationRunnerCfg
+from .errors import CheckpointError
+from .run_folder import find_checkpoint
+from .runner import OnPolicyRunner
+from .vec_env import RslRlVecEnvWrapper
+
+__all__ = ["DistillationRunner"]
+
+
+class DistillationRunner(OnPolicyRunner):
+    """Trains a student on the actions of a teacher, with rsl_rl's algorithm; the rest is :class:`OnPolicyRunner`'s.
+
+    Reference:
+        Rusu et al. "Policy distillation", arXiv:1511.06295 (2016).
+    """
+
+    parts_to_act = {"student": True}
+
+    def __init__(
+        self, env: RslRlVecEnvWrapper, cfg: RslRlDistillationRunnerCfg, log_dir: str | os.PathLike | None = None
+    ):
+        """Build networks, algorithm and logger, and load the teacher if ``cfg`` names one.
+
+        Raises:
+            ConfigError: all problems of ``cfg``, also those that only show beside this environment.
+            CheckpointError: if there is no teacher where ``cfg`` says, or it has other networks.
+        """
+        super().__init__(env, cfg, log_dir)
+        if cfg.teacher_checkpoint:
+            self.load_teacher(cfg.teacher_checkpoint)
+
+    def load_teacher(self, path: str | os.PathLike) -> None:
+        """Load the teacher from a run folder or a checkpoint of PPO.
+
+        Raises:
+            CheckpointError: if there is none, or it has other networks or observations.
+        """
+        file = find_checkpoint(path)
+        self._load_networks(load_checkpoint(file, self.device), {"teacher": True}, True, file)
+
+    def learn(self, *args: Any, **kwargs: Any) -> bool:
+        """See :meth:`OnPolicyRunner.learn`.
+
+        Raises:
+            CheckpointError: if no teacher was loaded.
+        """
+        if not self.alg.teacher_loaded:
+            raise CheckpointError("teacher_checkpoint: is empty; give the run folder of the policy to learn from")
+        return super().learn(*args, **kwargs)
