@@ -9,9 +9,20 @@ from pathlib import Path
 
 import tyro
 
-from stripe_newton.rl import RunFolder, evaluate, find_checkpoint
+from stripe_newton.rl import evaluate, find_checkpoint
 
-from .common import build, check, load_configs, parse, peek, set_device, set_seeds, task_of
+from .common import (
+    build_policy,
+    check,
+    find_policy,
+    learn_nothing,
+    load_configs,
+    parse,
+    peek,
+    set_device,
+    set_seeds,
+    task_of,
+)
 from .errors import UserError
 
 __all__ = ["EvalArgs", "run"]
@@ -24,7 +35,7 @@ class EvalArgs:
     task: tyro.conf.Positional[str]
     """The task, one of 'stripe-newton list'."""
     checkpoint: str
-    """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
+    """A run folder, of which the newest checkpoint is taken, a checkpoint file, or an exported policy (.onnx)."""
     num_envs: tyro.conf.DisallowNone[int | None] = None
     """Number of environments; by default those of the training, but no more than episodes."""
     episodes: int = 100
@@ -40,25 +51,25 @@ class EvalArgs:
 def run(argv: list[str]) -> int:
     """Run the command."""
     task = task_of(argv, "eval", EvalArgs)
-    given = peek(argv, "--checkpoint")
-    checkpoint = find_checkpoint(given) if given else None
-    configs = load_configs(task, RunFolder.of_checkpoint(checkpoint) if checkpoint else None)
+    checkpoint, folder = find_policy(peek(argv, "--checkpoint"), task)
+    exported = checkpoint is not None and checkpoint.suffix == ".onnx"
+    configs = load_configs(task, folder, agent=not exported)
     args = parse(EvalArgs, argv, "eval", env=configs.env)
     if args.episodes < 1:
         raise UserError(f"--episodes {args.episodes}: must be at least 1")
     configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, args.episodes)
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)
-    configs.agent.algorithm.num_mini_batches = 1  # nothing is learned, and few environments shall do
+    if not exported:
+        learn_nothing(configs.agent)
     check(configs)
     set_seeds(configs.env.seed or 0)
 
-    runner = build(task, configs, checkpoint=checkpoint)
+    env, policy = build_policy(task, configs, checkpoint or find_checkpoint(args.checkpoint))
     try:
-        policy = runner.get_inference_policy(runner.device)
-        result = evaluate(runner.env, policy, args.episodes, task=task, seed=configs.env.seed).to_dict()
+        result = evaluate(env, policy, args.episodes, task=task, seed=configs.env.seed).to_dict()
     finally:
-        runner.env.close()
+        env.close()
     shown = {k: v for k, v in result.items() if k != "metrics"} | result["metrics"]
     width = max(map(len, shown)) + 2
     for name, value in shown.items():

@@ -16,17 +16,17 @@ from stripe_newton.rl import (
     Policy,
     RandomPolicy,
     RslRlVecEnvWrapper,
-    RunFolder,
     ZeroPolicy,
-    find_checkpoint,
     record_video,
 )
 
 from .common import (
     Configs,
-    build,
     build_env,
+    build_policy,
     check,
+    find_policy,
+    learn_nothing,
     load_configs,
     parse,
     peek,
@@ -47,7 +47,7 @@ class PlayArgs:
     task: tyro.conf.Positional[str]
     """The task, one of 'stripe-newton list'."""
     checkpoint: tyro.conf.DisallowNone[str | None] = None
-    """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
+    """A run folder, of which the newest checkpoint is taken, a checkpoint file, or an exported policy (.onnx)."""
     agent: tyro.conf.DisallowNone[Literal["zero", "random"] | None] = None
     """Actions that are zero or random, in place of a checkpoint."""
     viewer: tyro.conf.DisallowNone[Literal["viser", "video", "none"] | None] = None
@@ -65,10 +65,8 @@ class PlayArgs:
 def run(argv: list[str]) -> int:
     """Run the command."""
     task = task_of(argv, "play", PlayArgs)
-    given = peek(argv, "--checkpoint")
-    checkpoint = find_checkpoint(given) if given else None
-    folder = RunFolder.of_checkpoint(checkpoint) if checkpoint else None
-    configs = load_configs(task, folder, agent=checkpoint is not None)
+    checkpoint, folder = find_policy(peek(argv, "--checkpoint"), task)
+    configs = load_configs(task, folder, agent=checkpoint is not None and checkpoint.suffix != ".onnx")
     args = parse(PlayArgs, argv, "play", env=configs.env)
     _prepare(args, configs)
     env, policy = _env_and_policy(task, args, configs, checkpoint)
@@ -99,7 +97,7 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
     if configs.agent is None:
         configs.env.validate()
     else:
-        configs.agent.algorithm.num_mini_batches = 1  # nothing is learned, and few environments shall do
+        learn_nothing(configs.agent)
         check(configs)
     set_seeds(configs.env.seed or 0)
 
@@ -108,8 +106,7 @@ def _env_and_policy(
     task: str, args: PlayArgs, configs: Configs, checkpoint: Path | None
 ) -> tuple[RslRlVecEnvWrapper, Policy]:
     if checkpoint is not None:
-        runner = build(task, configs, render=args.viewer == "video", checkpoint=checkpoint)
-        return runner.env, runner.get_inference_policy(runner.device)
+        return build_policy(task, configs, checkpoint, render=args.viewer == "video")
     env = build_env(task, configs, render=args.viewer == "video")
     return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env)
 

@@ -78,6 +78,10 @@ class ActionManager(ManagerBase):
         """Numbers that each term takes."""
         return [t.size for t in self._terms.values()]
 
+    def get_term(self, name: str) -> ActionLayout:
+        """Joints, functions and numbers of a term."""
+        return self._terms[name]
+
     @property
     def action(self) -> torch.Tensor:
         """Actions of the last step, shape ``(num_envs, total_action_dim)``."""

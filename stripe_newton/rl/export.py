@@ -1,49 +1,164 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Export of a trained policy for use without this framework."""
+"""Export of a trained policy for use without this framework: ONNX, TorchScript and what a robot has to know."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import json
 import logging
 import os
+import re
 import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import torch
+
+from .errors import ExportError
+from .export_check import TOLERANCE, check_policy
+from .policy_metadata import METADATA_FILE, describe_policy
 from .runner import OnPolicyRunner
 
-__all__ = ["export_policy"]
+__all__ = ["ExportedPolicy", "export_policy"]
 
 
-def export_policy(runner: OnPolicyRunner, folder: str | os.PathLike) -> tuple[Path, Path]:
-    """Write ``policy.pt`` (TorchScript) and ``policy.onnx`` into ``folder``.
+@dataclass
+class ExportedPolicy:
+    """The files of an exported policy."""
 
-    Both take the observation groups of the actor joined in the order of ``obs_groups["actor"]``, shape (1, n), float32,
-    normalize them if the policy does, and return the actions without noise, shape (1, num_actions).
+    onnx: Path
+    """``policy.onnx``, the weights inside; takes any number of environments."""
+    torchscript: Path
+    """``policy.pt``; a recurrent one keeps its own state, of one environment, and has ``reset()``."""
+    json: Path
+    """``policy.json``, the metadata, which both others hold too."""
+    metadata: dict[str, Any]
+    """The metadata, as :func:`read_policy_metadata` reads them back."""
 
-    Returns:
-        The two files.
+    def __str__(self) -> str:
+        lines = [f"{path}  {path.stat().st_size:,} bytes" for path in (self.onnx, self.torchscript, self.json)]
+        for name, found in self.metadata["check"]["results"].items():
+            if found["largest_difference"] is None:
+                lines.append(f"{name}: not checked, {found['by']}")
+            else:
+                number = found["largest_difference"]
+                lines.append(f"{name}: at most {number:.2g} from the policy's actions ({found['by']})")
+        return "\n".join(lines)
+
+
+def export_policy(
+    runner: OnPolicyRunner, folder: str | os.PathLike, *, task: str | None = None, run: str | None = None
+) -> ExportedPolicy:
+    """Write ``policy.onnx``, ``policy.pt`` (TorchScript) and ``policy.json`` into ``folder``.
+
+    Both networks take the observation groups of the actor joined in the order of ``obs_groups["actor"]``, shape
+    ``(batch, n)``, float32, normalize them if the policy does, and return the actions without noise,
+    ``(batch, num_actions)``. Picture groups are inputs of their own. A recurrent ONNX network takes and returns its
+    state, ``(layers, batch, width)``. Before anything is written both are compared with the policy.
+
+    Args:
+        runner: the runner with the policy.
+        folder: where the files go; files of these names are replaced.
+        task: name of the task in the metadata; by default the one that the run folder names.
+        run: name of the run; by default that of the run folder.
+
+    Raises:
+        ExportError: if the network cannot be exported, or if what came of it acts differently from the policy.
     """
-    folder = Path(folder)
+    policy = runner.alg.get_policy()
+    metadata = describe_policy(runner, task, run)
+    with _quiet():
+        try:
+            script = torch.jit.script(policy.as_jit().to("cpu").eval())
+            model = _to_onnx(policy.as_onnx(verbose=False).to("cpu").eval())
+        except Exception as error:  # a network of the user's may fail in any way
+            reason = (str(error).splitlines() or [""])[0][:300]
+            raise ExportError(
+                f"{type(policy).__name__} cannot be exported: {type(error).__name__}: {reason}"
+            ) from error
+    largest, results = check_policy(policy, model.SerializeToString(), script, metadata["network"], str(runner.device))
+    metadata["check"] = {"tolerance": TOLERANCE, "largest_action": largest, "results": results}
+    allowed = TOLERANCE * max(1.0, largest)
+    for name, found in results.items():
+        if found["largest_difference"] is not None and not found["largest_difference"] <= allowed:
+            raise ExportError(
+                f"{name}: the exported policy's actions differ from the policy's by {found['largest_difference']:.3g}"
+                f" ({found['by']}), {allowed:.3g} is allowed; nothing was written"
+            )
+    return _write(Path(folder), model, script, metadata)
+
+
+def _to_onnx(network: Any) -> Any:
+    """The network as an ONNX model that takes any number of environments."""
+    batch = torch.export.Dim("batch", min=1)
+    axes = [1 if name in ("h_in", "c_in") else 0 for name in network.input_names]
+    example = [
+        torch.cat([x, x], dim=axis) for x, axis in zip(network.get_dummy_inputs(), axes, strict=True)
+    ]  # an example of one environment would fix their number
+    shapes: Any = tuple({axis: batch} for axis in axes)
+    if hasattr(network, "obs_groups_2d"):  # its pictures are *args
+        shapes = (shapes[0], shapes[1:])
+    program = torch.onnx.export(
+        network,
+        tuple(example),
+        opset_version=18,
+        input_names=network.input_names,
+        output_names=network.output_names,
+        dynamo=True,
+        dynamic_shapes=shapes,
+        verbose=False,
+    )
+    if program is None:
+        raise RuntimeError("torch.onnx.export returned nothing")
+    return program.model_proto
+
+
+def _write(folder: Path, model: Any, script: Any, metadata: dict[str, Any]) -> ExportedPolicy:
+    """Write all files beside the old ones and then put them in their place."""
     folder.mkdir(parents=True, exist_ok=True)
-    exporter_log = logging.getLogger("torch.onnx")
-    level = exporter_log.level
+    files = ExportedPolicy(folder / "policy.onnx", folder / "policy.pt", folder / "policy.json", metadata)
+    text = _short_lists(json.dumps(metadata, indent=1, allow_nan=False))
+    for key, value in metadata.items():
+        model.metadata_props.add(key=key, value=json.dumps(value, allow_nan=False))
+    buffer = io.BytesIO()
+    with _quiet():
+        torch.jit.save(script, buffer, _extra_files={METADATA_FILE: text})
+    contents = {
+        files.onnx: model.SerializeToString(),
+        files.torchscript: buffer.getvalue(),
+        files.json: (text + "\n").encode(),
+    }
+    parts = {path: path.with_name(path.name + ".part") for path in contents}
+    try:
+        for path, data in contents.items():
+            parts[path].write_bytes(data)
+        for path, part in parts.items():
+            os.replace(part, path)
+    finally:
+        for part in parts.values():
+            part.unlink(missing_ok=True)
+    (folder / "policy.onnx.data").unlink(missing_ok=True)
+    return files
+
+
+def _short_lists(text: str) -> str:
+    """JSON with each list of plain values on one line."""
+    flat = re.compile(r"\[\n\s*([^\[\]{}]*?)\n\s*\]")
+    return flat.sub(lambda match: "[" + re.sub(r"\n\s*", " ", match[1]) + "]", text)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what torch's exporters print, log and warn of."""
+    log = logging.getLogger("torch.onnx")
+    level = log.level
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")  # deprecations inside torch's own exporters
-        exporter_log.setLevel(logging.ERROR)
+        log.setLevel(logging.ERROR)
         try:
-            runner.export_policy_to_jit(str(folder), "policy.pt")
-            runner.export_policy_to_onnx(str(folder), "policy.onnx")
+            yield
         finally:
-            exporter_log.setLevel(level)
-    _into_one_file(folder / "policy.onnx")
-    return folder / "policy.pt", folder / "policy.onnx"
-
-
-def _into_one_file(path: Path) -> None:
-    """Put the weights, which torch's exporter leaves in a second file, into the model."""
-    import onnx
-
-    model = onnx.load(str(path))
-    onnx.save_model(model, str(path), save_as_external_data=False)
-    path.with_name(path.name + ".data").unlink(missing_ok=True)
+            log.setLevel(level)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stripe-newton export``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+import tyro
+import warp as wp
+
+from stripe_newton.rl import RunFolder, export_policy, find_checkpoint, load_checkpoint
+
+from .common import build, check, learn_nothing, load_configs, set_device, set_seeds
+from .errors import UserError
+from .tasks import find_task
+
+__all__ = ["ExportArgs", "run"]
+
+
+@dataclass
+class ExportArgs:
+    """Write a policy as ONNX and TorchScript, with what a robot has to know, and check both against it."""
+
+    target: tyro.conf.Positional[str]
+    """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
+    out: tyro.conf.DisallowNone[Path | None] = None
+    """Folder for the files; by default the run's 'exported', or the checkpoint's own folder."""
+    task: tyro.conf.DisallowNone[str | None] = None
+    """The task, for a checkpoint that lies in no run folder."""
+    mjcf: bool = False
+    """Also write robot.xml, the scene of one environment for plain MuJoCo."""
+    device: tyro.conf.DisallowNone[str | None] = None
+    """cpu or cuda:N; by default the first GPU where there is one."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the command."""
+    args = tyro.cli(ExportArgs, args=argv, prog="stripe-newton export")
+    checkpoint = find_checkpoint(args.target)
+    folder = RunFolder.of_checkpoint(checkpoint)
+    task = args.task or (folder.read_task() if folder is not None else None)
+    if task is None:
+        raise UserError(f"{checkpoint}: lies in no run folder that names its task; give --task TASK")
+    find_task(task)
+    configs = load_configs(task, folder)
+    configs.env.scene.num_envs = 1
+    learn_nothing(configs.agent)
+    set_device(configs.env, args.device)
+    out = args.out or (folder.exported if folder is not None else checkpoint.parent)
+    robot = _write_robot(configs.env, out) if args.mjcf else None
+    check(configs)
+    set_seeds(configs.env.seed or 0)
+
+    runner = build(task, configs)
+    try:
+        runner.load(checkpoint, load_cfg=runner.parts_to_act | {"iteration": True})
+        _restore_normalization(runner.env.unwrapped, checkpoint)
+        print(export_policy(runner, out, task=task, run=folder.path.name if folder is not None else None))
+    finally:
+        runner.env.close()
+    if robot is not None:
+        print(f"{robot}  {robot.stat().st_size:,} bytes")
+    return 0
+
+
+def _write_robot(cfg: Any, out: Path) -> Path:
+    """Let the solver write what it simulates.
+
+    Raises:
+        UserError: if it is another than MuJoCo.
+    """
+    solver: Any = getattr(cfg.sim, "solver", None)
+    if not hasattr(solver, "save_to_mjcf"):
+        raise UserError(f"--mjcf: this task runs on {type(solver).__name__}, only MuJoCoSolverCfg writes MJCF")
+    out.mkdir(parents=True, exist_ok=True)
+    solver.save_to_mjcf = str(out / "robot.xml")
+    return out / "robot.xml"
+
+
+def _restore_normalization(env: Any, checkpoint: Path) -> None:
+    """Take over what the environment had gathered to normalise observations by, where it is not the network's part."""
+    arrays = getattr(getattr(env, "context", None), "arrays", {})
+    wanted = [name for name in arrays if name.startswith("observations.") and ".normalization." in name]
+    if not wanted:
+        return
+    state = load_checkpoint(checkpoint).get("stripe_newton") or {}
+    saved = ((state.get("env") or {}).get("env") or {}).get("arrays", {})
+    for name in wanted:
+        there = saved.get(f"context.{name}")
+        if there is not None and there.shape == wp.to_torch(arrays[name]).shape:
+            with torch.no_grad():
+                wp.to_torch(arrays[name]).copy_(there)
+        elif name.endswith((".mean", ".var")):
+            print(f"warning: {checkpoint} lacks {name}; the metadata have that of a new environment", file=sys.stderr)
