@@ -23,15 +23,9 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
 from tests.fake_env import TASK
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 ROOT = Path(__file__).parent.parent
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture
@@ -280,7 +274,7 @@ def test_resume_takes_the_configuration_over(capsys):
     assert read_metrics(run / "metrics.csv")["iteration"] == [0, 1, 2, 3, 4, 5]
     agent = yaml.safe_load((run / "params/agent.yaml").read_text())
     assert (agent["max_iterations"], agent["algorithm"]["learning_rate"]) == (6, 0.002)
-    assert "there are 4 here" in error_of(
+    assert "env.scene.num_envs: was 8, is 4" in error_of(
         capsys, "train", TASK, "--resume", str(run), "--max-iterations", "9", "--num-envs", "4"
     )
 

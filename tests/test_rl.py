@@ -37,13 +37,7 @@ from stripe_newton.rl import (
 )
 from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def make_env(
@@ -230,9 +224,12 @@ def check_resume(folder: Path, agent, device: str) -> None:
         }
 
 
-def test_resume_from_an_earlier_checkpoint_leaves_no_double_rows(tmp_path):
+def test_resume_from_an_earlier_checkpoint_leaves_no_double_rows(tmp_path, monkeypatch):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+    from tensorboard.summary.writer import event_file_writer as events_of
 
+    # files of one second are told apart by a count in their names, and read in the order of names: 10 before 9
+    monkeypatch.setattr(events_of, "_global_uid", events_of.AtomicCounter(0))
     make_runner(tmp_path).learn()
     again = make_runner(tmp_path)
     again.resume(tmp_path / "checkpoints" / "model_2.pt")
@@ -251,12 +248,13 @@ def test_learn_again_goes_on_counting(tmp_path):
     assert [row["iteration"] for row in rows(tmp_path)] == ["0", "1", "2", "3"]
 
 
-def test_interrupt_ends_after_the_iteration_with_a_checkpoint(tmp_path, capfd):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_ends_after_the_iteration_with_a_checkpoint(tmp_path, capfd, number):
     runner = make_runner(tmp_path)
-    previous = signal.getsignal(signal.SIGINT)
-    runner.logger.iteration_hooks.append(lambda it: os.kill(os.getpid(), signal.SIGINT) if it == 3 else None)
+    previous = signal.getsignal(number)
+    runner.logger.iteration_hooks.append(lambda it: os.kill(os.getpid(), number) if it == 3 else None)
     assert not runner.learn()
-    assert signal.getsignal(signal.SIGINT) is previous
+    assert signal.getsignal(number) is previous
     assert find_checkpoint(tmp_path).name == "model_3.pt"
     assert len(rows(tmp_path)) == 4
     again = make_runner(tmp_path)
@@ -479,22 +477,22 @@ def test_metrics_with_a_column_that_comes_late(tmp_path):
     metrics = MetricsCsv(tmp_path / "m.csv")
     metrics.write({"iteration": 0, "a": 1.0})
     metrics.write({"iteration": 1, "a": 2.0, "b": 3.0})
-    metrics.close()
     columns = read_metrics(tmp_path / "m.csv")
     assert columns["a"] == [1.0, 2.0]
     assert np.isnan(columns["b"][0])
     assert columns["b"][1] == 3.0
     with open(tmp_path / "m.csv", "a") as file:
         file.write("2,4.0")  # a row that was cut short
-    MetricsCsv(tmp_path / "m.csv", first_iteration=9).close()
+    MetricsCsv(tmp_path / "m.csv", first_iteration=9)
     assert read_metrics(tmp_path / "m.csv")["iteration"] == [0.0, 1.0]
 
 
 def test_export(tmp_path):
     runner = make_runner(None)
     runner.learn(2)
-    script, onnx_file = export_policy(runner, tmp_path)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["policy.onnx", "policy.pt"]
+    found = export_policy(runner, tmp_path)
+    script, onnx_file = found.torchscript, found.onnx
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["policy.json", "policy.onnx", "policy.pt"]
     obs = runner.env.get_observations()[:1]
     with torch.no_grad():
         expected = runner.get_inference_policy()(obs)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.rl.errors import CheckpointError
+from stripe_newton.rl.errors import CheckpointError, ExportError
 
 from .errors import UserError
 
@@ -25,14 +25,16 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "list": ("stripe_newton.cli.list_tasks", "show the tasks, one a line"),
     "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
     "eval": ("stripe_newton.cli.eval", "measure a trained policy over a number of episodes"),
+    "export": ("stripe_newton.cli.export", "write a policy as ONNX and TorchScript, with what a robot has to know"),
     "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
+    "compare": ("stripe_newton.cli.compare", "compare runs: curves with confidence bands, a table, what differs"),
     "bench": ("stripe_newton.cli.bench", "measure what a step of a task costs, and how much of it is physics"),
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
     "scene": ("stripe_newton.cli.scene", "make a scene of a spec: pictures of it, or a USD file"),
 }
 """Module and one line of help of each subcommand."""
 
-USER_ERRORS = (UserError, ConfigError, CheckpointError)
+USER_ERRORS = (UserError, ConfigError, CheckpointError, ExportError)
 """What is told in one message, without a traceback."""
 
 

@@ -19,20 +19,24 @@ import tyro
 import warp as wp
 
 from stripe_newton.configclass import ConfigError, validate
-from stripe_newton.rl import RunFolder
+from stripe_newton.rl import RunFolder, find_checkpoint
+from stripe_newton.rl.distributed import rank_device, world
 
 from .errors import UserError
 from .fields import apply_options, apply_saved, options_of
 from .tasks import find_task, load_cfg, make_env, task_argument
 
 if TYPE_CHECKING:  # rsl_rl takes a second to import, and bench has no use for it
-    from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
+    from stripe_newton.rl import OnPolicyRunner, Policy, RslRlVecEnvWrapper
 
 __all__ = [
     "Configs",
     "build",
     "build_env",
+    "build_policy",
     "check",
+    "find_policy",
+    "learn_nothing",
     "load_configs",
     "parse",
     "peek",
@@ -117,11 +121,18 @@ def parse(options: type[T], argv: list[str], command: str, **configs: Any) -> T:
 
 
 def set_device(env_cfg: Any, requested: str | None) -> None:
-    """Write the device to run on into ``env_cfg``: the requested one, the configured one, the first GPU, or the CPU.
+    """Write the device to run on into ``env_cfg``: the requested one, the configured one, the first GPU, or the CPU;
+    where several processes train together, the one of this rank.
 
     Raises:
         UserError: if the requested one is not there.
     """
+    if world().size > 1:
+        try:
+            env_cfg.sim.device = rank_device(requested, env_cfg.sim.device)
+        except ValueError as error:
+            raise UserError(str(error)) from None
+        return
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     devices = ["cpu", *(f"cuda:{index}" for index in range(count))]
     requested = "cuda:0" if requested == "cuda" else requested
@@ -150,7 +161,8 @@ def check(configs: Configs) -> None:
     problems: list[str] = []
     for name in ("env", "agent"):
         try:
-            validate(getattr(configs, name))
+            if getattr(configs, name) is not None:
+                validate(getattr(configs, name))
         except ConfigError as error:
             problems += [f"{name}.{problem}" for problem in error.problems]
     if problems:
@@ -161,11 +173,12 @@ def build(
     task: str, configs: Configs, log_dir: Path | None = None, render: bool = False, checkpoint: Path | None = None
 ) -> OnPolicyRunner:
     """The environment and the runner of a task, with the policy of ``checkpoint`` if one is given."""
-    from stripe_newton.rl import OnPolicyRunner
+    from stripe_newton.rl import DistillationRunner, OnPolicyRunner
 
-    runner = OnPolicyRunner(build_env(task, configs, render), configs.agent, log_dir)
+    kinds = {kind.__name__: kind for kind in (OnPolicyRunner, DistillationRunner)}
+    runner = kinds[configs.agent.class_name](build_env(task, configs, render), configs.agent, log_dir)
     if checkpoint is not None:
-        runner.load(checkpoint, load_cfg={"actor": True})
+        runner.load(checkpoint, load_cfg=runner.parts_to_act)
     return runner
 
 
@@ -182,6 +195,43 @@ def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvW
     )
     clip = None if configs.agent is None else configs.agent.clip_actions
     return RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), clip)
+
+
+def learn_nothing(agent: Any) -> None:
+    """Let few environments do: no mini-batches are made of their samples."""
+    if hasattr(agent.algorithm, "num_mini_batches"):
+        agent.algorithm.num_mini_batches = 1
+
+
+def find_policy(given: str | None, task: str) -> tuple[Path | None, RunFolder | None]:
+    """The checkpoint or exported policy that ``--checkpoint`` means, and the run it is of.
+
+    An exported policy may be of a run of another task, whose configs are then not asked for.
+    """
+    if given is None:
+        return None, None
+    file = find_checkpoint(given)
+    folder = RunFolder.of_checkpoint(file)
+    if folder is not None and file.suffix == ".onnx" and folder.read_task() not in (task, task.replace("-Play-", "-")):
+        folder = None
+    return file, folder
+
+
+def build_policy(
+    task: str, configs: Configs, checkpoint: Path, render: bool = False
+) -> tuple[RslRlVecEnvWrapper, Policy]:
+    """The environment of a task and a trained policy: of a checkpoint, or an exported one (``.onnx``)."""
+    if checkpoint.suffix != ".onnx":
+        runner = build(task, configs, render=render, checkpoint=checkpoint)
+        return runner.env, runner.get_inference_policy(runner.device)
+    from stripe_newton.rl import OnnxPolicy
+
+    env = build_env(task, configs, render)
+    try:
+        return env, OnnxPolicy(checkpoint, env)
+    except BaseException:
+        env.close()
+        raise
 
 
 def program() -> str:

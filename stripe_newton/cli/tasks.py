@@ -17,10 +17,21 @@ from stripe_newton.configclass import resolve_name
 
 from .errors import UserError
 
-__all__ = ["find_task", "import_extra", "load_cfg", "load_entry_points", "make_env", "task_argument", "task_ids"]
+__all__ = [
+    "find_task",
+    "import_extra",
+    "imported",
+    "load_cfg",
+    "load_entry_points",
+    "make_env",
+    "task_argument",
+    "task_ids",
+]
 
 ENTRY_POINTS = "stripe_newton.tasks"
 """Entry-point group: a package that names a module here has it imported, to register its tasks with gymnasium."""
+
+_imported: list[str] = []
 
 _ENV_CFG, _AGENT_CFG = "env_cfg_entry_point", "rsl_rl_cfg_entry_point"
 
@@ -47,6 +58,11 @@ def import_extra(args: list[str]) -> list[str]:
     return rest
 
 
+def imported() -> list[str]:
+    """What ``--import`` named so far in this process, for processes that need the same."""
+    return list(_imported)
+
+
 def _import(target: str) -> None:
     path = Path(target)
     module, folder = (path.stem, path.resolve().parent) if path.suffix == ".py" else (target, Path.cwd())
@@ -60,6 +76,7 @@ def _import(target: str) -> None:
         if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
             raise  # the module is there, one that it imports is not
         raise UserError(f"--import: there is no module '{target}'") from None
+    _imported.append(target)
 
 
 def load_entry_points() -> None:

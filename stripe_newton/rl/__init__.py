@@ -11,6 +11,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from .config import (
+    RslRlBaseRunnerCfg,
     RslRlCNNModelCfg,
     RslRlMLPModelCfg,
     RslRlOnPolicyRunnerCfg,
@@ -19,15 +20,19 @@ from .config import (
     RslRlRNNModelCfg,
     RslRlSymmetryCfg,
 )
-from .errors import CheckpointError
+from .config_distillation import RslRlDistillationAlgorithmCfg, RslRlDistillationRunnerCfg
+from .errors import CheckpointError, ExportError
 
 if TYPE_CHECKING:
     from .checkpoint import load_checkpoint, save_checkpoint
+    from .distillation import DistillationRunner
     from .evaluation import EvalResult, evaluate
-    from .export import export_policy
+    from .export import ExportedPolicy, export_policy
     from .metrics import RunLogWriter, read_metrics
+    from .onnx_policy import OnnxPolicy
     from .plot import plot_learning_curve
     from .policies import Policy, RandomPolicy, ZeroPolicy
+    from .policy_metadata import describe_policy, read_policy_metadata
     from .record import TrainingVideo, record_video
     from .run_folder import RunFolder, find_checkpoint
     from .runner import OnPolicyRunner
@@ -35,11 +40,18 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CheckpointError",
+    "DistillationRunner",
     "EvalResult",
+    "ExportError",
+    "ExportedPolicy",
     "OnPolicyRunner",
+    "OnnxPolicy",
     "Policy",
     "RandomPolicy",
+    "RslRlBaseRunnerCfg",
     "RslRlCNNModelCfg",
+    "RslRlDistillationAlgorithmCfg",
+    "RslRlDistillationRunnerCfg",
     "RslRlMLPModelCfg",
     "RslRlOnPolicyRunnerCfg",
     "RslRlPpoAlgorithmCfg",
@@ -51,19 +63,24 @@ __all__ = [
     "RunLogWriter",
     "TrainingVideo",
     "ZeroPolicy",
+    "describe_policy",
     "evaluate",
     "export_policy",
     "find_checkpoint",
     "load_checkpoint",
     "plot_learning_curve",
     "read_metrics",
+    "read_policy_metadata",
     "record_video",
     "save_checkpoint",
 ]
 
 _LAZY = {
+    "DistillationRunner": "distillation",
     "EvalResult": "evaluation",
+    "ExportedPolicy": "export",
     "OnPolicyRunner": "runner",
+    "OnnxPolicy": "onnx_policy",
     "Policy": "policies",
     "RandomPolicy": "policies",
     "RslRlVecEnvWrapper": "vec_env",
@@ -71,12 +88,14 @@ _LAZY = {
     "RunLogWriter": "metrics",
     "TrainingVideo": "record",
     "ZeroPolicy": "policies",
+    "describe_policy": "policy_metadata",
     "evaluate": "evaluation",
     "export_policy": "export",
     "find_checkpoint": "run_folder",
     "load_checkpoint": "checkpoint",
     "plot_learning_curve": "plot",
     "read_metrics": "metrics",
+    "read_policy_metadata": "policy_metadata",
     "record_video": "record",
     "save_checkpoint": "checkpoint",
 }

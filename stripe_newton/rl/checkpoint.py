@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import pickle
 import random
+import shutil
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,24 +17,73 @@ from typing import Any
 import numpy as np
 import torch
 
-from .errors import CheckpointError
+from .errors import CheckpointError, CheckpointWriteError
 
-__all__ = ["get_rng_state", "load_checkpoint", "save_checkpoint", "set_rng_state"]
+__all__ = [
+    "damage_of",
+    "from_bytes",
+    "get_rng_state",
+    "load_checkpoint",
+    "save_checkpoint",
+    "set_rng_state",
+    "to_bytes",
+]
 
 
 def save_checkpoint(data: dict[str, Any], path: str | os.PathLike) -> None:
-    """Write ``data`` (tensors and plain values) so that ``path`` is never a half-written file."""
+    """Write ``data`` (tensors and plain values) so that ``path`` is never a half-written file.
+
+    Raises:
+        CheckpointWriteError: if the disk is full or cannot be written; ``path`` is then what it was before.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    torch.save(data, buffer)
+    content = buffer.getbuffer()
     part = path.with_name(path.name + ".part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with open(part, "wb") as file:
-            torch.save(data, file)
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise CheckpointWriteError(f"{path}: could not be written: {_why(error, path, len(content))}") from error
     finally:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _why(error: OSError, path: Path, needed: int) -> str:
+    folder = next((parent for parent in path.absolute().parents if parent.is_dir()), Path("/"))
+    free = shutil.disk_usage(folder).free
+    return f"{error.strerror or error} (it needs {needed / 1e6:.2f} MB, {free / 1e6:.2f} MB are free in {folder})"
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the name of a new file outlive a loss of power, where the file system can promise that."""
+    with contextlib.suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
+def damage_of(path: str | os.PathLike) -> str | None:
+    """What is wrong with a file that :func:`save_checkpoint` wrote, by its checksums; None if nothing is."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            bad = archive.testzip()
+    except zipfile.BadZipFile:
+        with open(path, "rb") as file:
+            magic = file.read(2)
+        return "is damaged or cut short" if magic in (b"PK", b"") else "is no file that torch.save wrote"
+    except OSError as error:
+        return f"cannot be read: {error.strerror or error}"
+    return None if bad is None else f"is damaged: the checksum of '{bad}' is wrong"
 
 
 def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu") -> dict[str, Any]:
@@ -41,32 +94,48 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
     Raises:
         CheckpointError: if the file is missing, damaged, or not a checkpoint of rsl_rl 5.
     """
-
-    def place(storage: Any, location: str) -> Any:
-        if location == "cpu" or torch.device(device).type == "cpu":
-            return storage
-        return torch.serialization.default_restore_location(storage, str(device))
-
+    path = Path(path)
+    if not path.exists():
+        raise CheckpointError(f"{path}: does not exist")
+    damage = damage_of(path)
+    if damage is not None:
+        raise CheckpointError(f"{path}: {damage}")
     try:
-        with open(path, "rb") as file:
-            magic = file.read(2)
-        if not zipfile.is_zipfile(path):
-            reason = "is damaged or cut short" if magic == b"PK" else "is no file that torch.save wrote"
-            raise CheckpointError(f"{path}: {reason}")
-        data = torch.load(path, weights_only=True, map_location=place)
-    except FileNotFoundError:
-        raise CheckpointError(f"{path}: does not exist") from None
+        data = _load(path, device)
     except pickle.UnpicklingError as error:
         reason = next((line.strip() for line in str(error).splitlines() if "GLOBAL" in line), _first_line(error))
         raise CheckpointError(f"{path}: holds more than tensors and plain values, it is not read ({reason})") from None
     except (RuntimeError, EOFError, OSError) as error:
-        raise CheckpointError(f"{path}: cannot be read, is it damaged? ({_first_line(error)})") from None
-    if not isinstance(data, dict) or "actor_state_dict" not in data:
+        raise CheckpointError(f"{path}: is no file that torch.save wrote ({_first_line(error)})") from None
+    if not isinstance(data, dict) or not {"actor_state_dict", "student_state_dict"} & set(data):
         found = f"keys {sorted(map(str, data))[:6]}" if isinstance(data, dict) else type(data).__name__
         raise CheckpointError(
             f"{path}: is no checkpoint of rsl_rl 5, expected a dict with 'actor_state_dict', found {found}"
         )
     return data
+
+
+def to_bytes(data: Any) -> torch.Tensor:
+    """What :func:`save_checkpoint` would write, as a tensor of bytes; another process's part of a checkpoint."""
+    buffer = io.BytesIO()
+    torch.save(data, buffer)
+    return torch.frombuffer(bytearray(buffer.getbuffer()), dtype=torch.uint8)
+
+
+def from_bytes(content: torch.Tensor, device: str | torch.device = "cpu") -> Any:
+    """Put back what :func:`to_bytes` made; what was on a GPU goes to ``device``."""
+    return _load(io.BytesIO(content.cpu().numpy().tobytes()), device)
+
+
+def _load(source: Any, device: str | torch.device) -> Any:
+    def place(storage: Any, location: str) -> Any:
+        if location == "cpu" or torch.device(device).type == "cpu":
+            return storage
+        return torch.serialization.default_restore_location(storage, str(device))
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "'torch.load' received a zip file that looks like a TorchScript")
+        return torch.load(source, weights_only=True, map_location=place)
 
 
 def _first_line(error: Exception) -> str:

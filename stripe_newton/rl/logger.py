@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import statistics
 import sys
 import time
 from collections import deque
@@ -17,7 +16,8 @@ from typing import Any, TextIO
 from rsl_rl.utils.log_writer import LogWriter
 from rsl_rl.utils.logger import Logger
 
-from .metrics import RunLogWriter
+from .distributed import exchange, stop_asked
+from .metrics import RankLogWriter, RunLogWriter, merge_rows
 
 __all__ = ["RunLogger", "StopTraining"]
 
@@ -38,14 +38,19 @@ class RunLogger(Logger):
     def __init__(self, **kwargs: Any):
         """Take the arguments of rsl_rl's ``Logger``."""
         super().__init__(**kwargs)
+        self.is_distributed: bool = kwargs["is_distributed"]
         self.iterations_done = 0
         self.stop_requested = False
+        self.ahead = False
+        """Whether the next iteration has begun already when one is logged; the run does not stop then."""
+        self._stop_agreed = False
         self.iteration_hooks: list[Callable[[int], None]] = []
         """Called with the iteration after each, before its checkpoint."""
         self._progress = _Progress(sys.stdout)
 
     def init_logging_writer(self) -> None:
         """Open the writers; of what they hold, this keeps the iterations that were done."""
+        self._stop_agreed = False
         self._progress = _Progress(sys.stdout)
         configured = self.cfg.get("logger", "tensorboard")
         self.cfg["logger"] = {
@@ -58,29 +63,39 @@ class RunLogger(Logger):
                 super().init_logging_writer()
         finally:
             self.cfg["logger"] = configured
-        if self.log_dir is not None:
+        if self.log_dir is not None and self.disable_logs:
+            self.writer = RankLogWriter()
+        elif self.log_dir is not None:
             with contextlib.suppress(OSError):
                 os.rmdir(os.path.join(self.log_dir, "git"))  # empty where the task is in no git repository
 
     def log(self, it: int, start_it: int, total_it: int, collect_time: float, learn_time: float, **values: Any) -> None:
-        """Log an iteration.
+        """Log an iteration; with several ranks the means of what they all have.
 
         Raises:
-            StopTraining: if the run was asked to stop.
+            StopTraining: if the run was asked to stop; all ranks stop after the same iteration.
         """
         times = {"collect_time": collect_time, "learn_time": learn_time}
         with contextlib.redirect_stdout(io.StringIO()):
             super().log(it=it, start_it=start_it, total_it=total_it, **times, **values)
         self.iterations_done = it + 1
+        row = self.writer.take_row() if isinstance(self.writer, (RunLogWriter, RankLogWriter)) else {}
+        stop = self._stop_agreed
+        if self.is_distributed:
+            told = exchange((row, self.stop_requested or stop_asked()))
+            row = merge_rows([other for other, _ in told])
+            self._stop_agreed = any(asked for _, asked in told)  # for the next: some ranks are ahead, some are not
+            self.stop_requested = self._stop_agreed
         if isinstance(self.writer, RunLogWriter):
-            self.writer.end_iteration(it, self.tot_timesteps, self.tot_time)
+            self.writer.end_iteration(it, row, self.tot_timesteps, self.tot_time)
             steps_per_s = self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size / sum(times.values())
-            reward = statistics.mean(self.rewbuffer) if self.rewbuffer else None
-            length = statistics.mean(self.lenbuffer) if self.lenbuffer else None
+            reward, length = row.get("Train/mean_reward"), row.get("Train/mean_episode_length")
             self._progress.show(it + 1, total_it, reward, length, steps_per_s, self.tot_time)
         for hook in self.iteration_hooks:
             hook(it)
-        if self.stop_requested and it + 1 < total_it:
+        if not self.is_distributed:
+            stop = self.stop_requested and not self.ahead
+        if stop and it + 1 < total_it:
             raise StopTraining
 
     def stop_logging_writer(self) -> None:

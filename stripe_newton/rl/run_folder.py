@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import shutil
+import sys
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -14,7 +17,7 @@ import yaml
 
 from .errors import CheckpointError
 
-__all__ = ["RunFolder", "find_checkpoint"]
+__all__ = ["RunFolder", "find_checkpoint", "find_run"]
 
 _CHECKPOINT = re.compile(r"model_(\d+)\.pt")
 
@@ -59,9 +62,9 @@ class RunFolder:
 
     @classmethod
     def of_checkpoint(cls, checkpoint: Path) -> RunFolder | None:
-        """The run folder that a checkpoint belongs to, or None if it stands alone."""
-        run = cls(checkpoint.resolve().parent.parent)
-        return run if checkpoint.resolve().parent == run.checkpoints and run.params.is_dir() else None
+        """The run folder that a checkpoint or an exported policy belongs to, or None if it stands alone."""
+        run, inside = cls(checkpoint.resolve().parent.parent), checkpoint.resolve().parent
+        return run if inside in (run.checkpoints, run.exported) and run.params.is_dir() else None
 
     def list_checkpoints(self) -> list[tuple[int, Path]]:
         """(iteration, file) of every checkpoint, oldest first."""
@@ -71,7 +74,12 @@ class RunFolder:
         return sorted((int(match[1]), file) for match, file in matches if match)
 
     def set_aside_after(self, iteration: int) -> list[Path]:
-        """Move checkpoints later than ``iteration`` to ``checkpoints/superseded``; returns where they are now."""
+        """Move checkpoints later than ``iteration`` to ``checkpoints/superseded``; returns where they are now.
+
+        What a process left that was killed while it wrote is removed.
+        """
+        for part in (*self.checkpoints.glob("*.part"), *self.params.glob("*.part"), *self.path.glob("*.part")):
+            part.unlink(missing_ok=True)
         moved = []
         for number, file in self.list_checkpoints():
             if number > iteration:
@@ -81,23 +89,34 @@ class RunFolder:
                 moved.append(target)
         return moved
 
+    def remove_unused(self) -> None:
+        """Remove the folder of a run that did not begin, with its configs; one that holds more is left."""
+        if self.path.is_dir() and {file.name for file in self.path.iterdir()} <= {self.params.name}:
+            shutil.rmtree(self.path, ignore_errors=True)
+
     def write_task(self, task: str) -> None:
         """Note in ``params/run.yaml`` of which task this run is."""
-        self.params.mkdir(parents=True, exist_ok=True)
-        (self.params / "run.yaml").write_text(yaml.safe_dump({"task": task}), encoding="utf-8")
+        self._write("run", yaml.safe_dump({"task": task}))
 
     def read_task(self) -> str | None:
         """The task that :meth:`write_task` noted, or None."""
         data = self._read("run") if (self.params / "run.yaml").exists() else {}
         return data.get("task")
 
-    def write_params(self, env_cfg: Any, agent_cfg: Any) -> None:
-        """Write ``params/env.yaml`` and ``params/agent.yaml`` from configs or dicts."""
-        self.params.mkdir(parents=True, exist_ok=True)
+    def write_params(self, env_cfg: Any, agent_cfg: Any, num_envs: int | None = None) -> None:
+        """Write ``params/env.yaml`` and ``params/agent.yaml`` from configs or dicts.
+
+        Args:
+            env_cfg: the environment's.
+            agent_cfg: the agent's.
+            num_envs: number of environments of all ranks, where ``env_cfg`` has that of one.
+        """
         for name, cfg in (("env", env_cfg), ("agent", agent_cfg)):
             data = cfg if isinstance(cfg, Mapping) else cfg.to_dict()
+            if name == "env" and num_envs is not None and "num_envs" in data.get("scene", {}):
+                data = {**data, "scene": {**data["scene"], "num_envs": num_envs}}
             text = yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=120)
-            (self.params / f"{name}.yaml").write_text(text, encoding="utf-8")
+            self._write(name, text)
 
     def read_params(self) -> dict[str, dict[str, Any]]:
         """``{"env": ..., "agent": ...}`` as they were written.
@@ -106,6 +125,20 @@ class RunFolder:
             CheckpointError: a file that is missing or is no YAML.
         """
         return {name: self._read(name) for name in ("env", "agent")}
+
+    def _write(self, name: str, text: str) -> None:
+        """Write a file of ``params`` whole or not at all."""
+        self.params.mkdir(parents=True, exist_ok=True)
+        file = self.params / f"{name}.yaml"
+        part = file.with_name(file.name + ".part")
+        try:
+            part.write_text(text, encoding="utf-8")
+            os.replace(part, file)
+        except OSError as error:
+            raise CheckpointError(f"{file}: could not be written: {error.strerror or error}") from error
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
 
     def _read(self, name: str) -> dict[str, Any]:
         file = self.params / f"{name}.yaml"
@@ -121,20 +154,70 @@ class RunFolder:
 
 
 def find_checkpoint(path: str | os.PathLike) -> Path:
-    """The checkpoint file that ``path`` means: the file itself, or the newest one of a run folder.
+    """The checkpoint file that ``path`` means: the file itself, or the newest one of a run folder that is whole; one
+    that is damaged is told and passed over.
 
     Raises:
         CheckpointError: if there is none.
     """
+    from .checkpoint import damage_of
+
     path = Path(path).expanduser()
     if path.is_file():
+        found = find_newest(RunFolder(path.parent.parent), before=path) if damage_of(path) else None
+        if found is not None:
+            raise CheckpointError(f"{path}: {damage_of(path)}; the newest earlier one that is whole is {found}")
         return path
     if not path.exists():
         raise CheckpointError(f"{path}: does not exist; give a run folder or a checkpoint file (model_K.pt)")
     run = RunFolder(path.parent if path.name == "checkpoints" else path)
-    found = run.list_checkpoints()
-    if not found:
+    newest = find_newest(run)
+    if newest is None:
         raise CheckpointError(
             f"{path}: holds no checkpoint; expected files {run.checkpoints.name}/model_K.pt in a run folder"
         )
-    return found[-1][1]
+    return newest
+
+
+def find_newest(run: RunFolder, before: Path | None = None) -> Path | None:
+    """The newest checkpoint of a run that is whole, or None if it has none; damaged ones are told.
+
+    Args:
+        run: the run.
+        before: only earlier ones than this file.
+
+    Raises:
+        CheckpointError: if all are damaged.
+    """
+    from .checkpoint import damage_of
+
+    found = [file for _, file in run.list_checkpoints()]
+    if before is not None:
+        found = found[: found.index(before)] if before in found else []
+    damaged: list[str] = []
+    for file in reversed(found):
+        damage = damage_of(file)
+        if damage is None:
+            for line in damaged if before is None else ():
+                print(f"warning: {line}; taking {file.name} instead", file=sys.stderr)
+            return file
+        damaged.append(f"{file}: {damage}")
+    if damaged and before is None:
+        raise CheckpointError("no checkpoint is whole: " + "; ".join(damaged))
+    return None
+
+
+def find_run(path: str | os.PathLike) -> tuple[RunFolder | None, Path | None]:
+    """What ``--resume`` means: a run, if the checkpoint is of one, and the checkpoint; the latter is None for a run
+    that was ended before its first checkpoint, so that it begins anew.
+
+    Raises:
+        CheckpointError: if there is no such run or checkpoint.
+    """
+    path = Path(path).expanduser()
+    run = RunFolder(path)
+    if run.params.is_dir() and not run.list_checkpoints():
+        run.read_params()
+        return run, None
+    checkpoint = find_checkpoint(path)
+    return RunFolder.of_checkpoint(checkpoint), checkpoint

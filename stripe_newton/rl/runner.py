@@ -9,9 +9,7 @@ import io
 import os
 import signal
 import sys
-import threading
-import types
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +18,34 @@ from rsl_rl.runners import OnPolicyRunner as _RslRlOnPolicyRunner
 
 from stripe_newton.configclass import ConfigError
 
-from .checkpoint import get_rng_state, load_checkpoint, save_checkpoint, set_rng_state
-from .config import RslRlOnPolicyRunnerCfg, RslRlRNNModelCfg
-from .errors import CheckpointError
+from .checkpoint import load_checkpoint, save_checkpoint
+from .config import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg, RslRlRNNModelCfg
+from .distributed import join, world
+from .errors import CheckpointError, CheckpointWriteError
+from .graph_loop import learn_in_graphs
+from .graph_ppo import GraphPPO
+from .graph_rollout import GraphRollout, obstacle_to_rollout
+from .interrupt import on_first_signal
 from .logger import RunLogger, StopTraining
+from .networks import networks_of
 from .run_folder import RunFolder
+from .training_state import gather_state, restore_state
 from .vec_env import RslRlVecEnvWrapper
 
 __all__ = ["OnPolicyRunner"]
 
 
 class OnPolicyRunner(_RslRlOnPolicyRunner):
-    """Trains a policy. The loop, the algorithm and the networks are rsl_rl's.
+    """Trains a policy with rsl_rl's algorithm and networks, rollout and update as CUDA graphs where they can be.
 
     Files go to a run folder (see :class:`RunFolder`); checkpoints hold all that a run needs to go on as if it had
     never stopped, and are read without running code from them.
     """
 
-    def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlOnPolicyRunnerCfg, log_dir: str | os.PathLike | None = None):
+    _unsaved: CheckpointWriteError | None = None
+    parts_to_act = {"actor": True}
+
+    def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlBaseRunnerCfg, log_dir: str | os.PathLike | None = None):
         """Build networks, algorithm and logger on the environment's device.
 
         Args:
@@ -54,8 +62,9 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             raise ConfigError(problems)
         self.agent_cfg = cfg
         self.run_folder = None if log_dir is None else RunFolder(log_dir)
+        torch.set_float32_matmul_precision(cfg.matmul_precision)
         with contextlib.redirect_stdout(io.StringIO()):  # it prints both networks and the observation sets
-            super().__init__(env, cfg.to_rsl_rl(), None if log_dir is None else str(log_dir), str(env.device))
+            super().__init__(env, _settings(cfg), None if log_dir is None else str(log_dir), str(env.device))
         self.logger: RunLogger = RunLogger(
             log_dir=self.logger.log_dir,
             cfg=self.cfg,
@@ -66,6 +75,9 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             gpu_global_rank=self.gpu_global_rank,
             device=self.device,
         )
+        self._rollout: GraphRollout | None = None
+        self.no_graphs = _why_no_graphs(cfg, env, self.alg)
+        """Why rollout and update are rsl_rl's own and no graphs, by name; empty for none."""
         if cfg.regenerate_interval:
             self.logger.iteration_hooks.append(self._regenerate)  # before others, and before the checkpoint
         self.logger.git_status_repos = [inspect.getfile(type(env.unwrapped))]  # the state of the task's own code
@@ -78,7 +90,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     def learn(self, num_learning_iterations: int | None = None, init_at_random_ep_len: bool | None = None) -> bool:
         """Train for a number of iterations, by default up to ``cfg.max_iterations``.
 
-        Ctrl-C ends the run after the iteration that is under way, with a checkpoint; a second Ctrl-C ends it at once.
+        Ctrl-C, or SIGTERM, ends the run after the iteration that is under way, with a checkpoint; a second one ends it
+        at once.
 
         Args:
             num_learning_iterations: how many more iterations.
@@ -94,32 +107,71 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             return True
         spread = self.agent_cfg.init_at_random_ep_len if init_at_random_ep_len is None else init_at_random_ep_len
         if self.run_folder is not None and not self.logger.disable_logs:
-            self.run_folder.write_params(self.env.cfg, self.agent_cfg)
+            self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
             later = self.run_folder.set_aside_after(self.iterations_done - 1)
             if later:
                 print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
         target = self.iterations_done + count
         self.current_learning_iteration = self.iterations_done
         self.logger.stop_requested = False
-        with _on_interrupt(self._request_stop):
+        signals = (signal.SIGINT,) if self.is_distributed else (signal.SIGINT, signal.SIGTERM)  # that ends lost ranks
+        with on_first_signal(signals, self._request_stop):
             try:
-                super().learn(count, spread and self.iterations_done == 0)
+                self._learn(count, spread and self.iterations_done == 0)
             except StopTraining:
                 self._save_final()
             finally:
                 if self.logger.writer is not None:
                     self.logger.stop_logging_writer()
+        self._tell_unsaved()
         return self.iterations_done == target
 
+    def _learn(self, count: int, spread: bool) -> None:
+        if "rollout" in self.no_graphs:
+            super().learn(count, spread)
+            return
+        if spread:
+            self.env.episode_length_buf = torch.randint_like(
+                self.env.episode_length_buf, high=int(self.env.max_episode_length)
+            )
+        self.alg.train_mode()
+        if self.is_distributed:
+            self.alg.broadcast_parameters()
+        self.logger.init_logging_writer()
+        if self._rollout is None:
+            sums = self.logger.cur_reward_sum, self.logger.cur_episode_length
+            self._rollout = GraphRollout(self.env, self.alg, *sums, check_for_nan=self.agent_cfg.check_for_nan)
+        first = self.current_learning_iteration
+        learn_in_graphs(self, self._rollout, first, first + count)
+        self._save_final()
+
     def save(self, path: str | os.PathLike, infos: dict | None = None) -> None:
-        """Write a checkpoint. rsl_rl's loop names files in the run folder; they go to its ``checkpoints``."""
+        """Write a checkpoint. rsl_rl's loop names files in the run folder; they go to its ``checkpoints``.
+
+        All ranks call this together, and rank 0 writes. While :meth:`learn` runs, a disk that is full is only warned
+        of: it ends the run if the last checkpoint cannot be written either.
+
+        Raises:
+            CheckpointWriteError: outside :meth:`learn`, if the file cannot be written.
+        """
         path = Path(path)
         if self.run_folder is not None and path.parent == self.run_folder.path:
             path = self.run_folder.checkpoints / path.name
+        state = gather_state(self)
+        if self.gpu_global_rank:
+            return
         data = self.alg.save()
-        data |= {"iter": self.current_learning_iteration, "infos": infos, "stripe_newton": self._training_state()}
-        save_checkpoint(data, path)
-        self.logger.save_model(str(path), self.current_learning_iteration)
+        data |= {"iter": self.current_learning_iteration, "infos": infos, "stripe_newton": state}
+        try:
+            save_checkpoint(data, path)
+        except CheckpointWriteError as error:
+            if self.logger.writer is None:
+                raise
+            print(f"\nwarning: {error}; the training goes on and tries again at the next checkpoint", file=sys.stderr)
+            self._unsaved = error
+        else:
+            self._unsaved = None
+            self.logger.save_model(str(path), self.current_learning_iteration)
 
     def load(
         self,
@@ -144,8 +196,12 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         """
         return self._load(path, load_cfg, strict, map_location)["infos"]
 
-    def resume(self, path: str | os.PathLike) -> None:
+    def resume(self, path: str | os.PathLike, episodes: bool = True) -> None:
         """Load a checkpoint so that :meth:`learn` goes on exactly where it was written.
+
+        Args:
+            path: a checkpoint of this class. If it is of another number of ranks, episodes start anew, which is said.
+            episodes: whether the environments go on in the middle of their episodes; if not, only their clock goes on.
 
         Raises:
             CheckpointError: as :meth:`load`, and if the file lacks the state of the training, or if it is of another
@@ -157,21 +213,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             raise CheckpointError(
                 f"{path}: holds networks but not the state of a training; it can be played, not resumed"
             )
-        try:
-            if state["env"] is not None:
-                self.env.set_state(state["env"])
-            self.logger.set_state(state["logger"], episodes_go_on=state["env"] is not None)
-        except (ValueError, RuntimeError) as error:
-            raise CheckpointError(f"{path}: does not fit this environment: {error}") from error
-        if state["env"] is None:
-            print("the environment keeps no state: its episodes start anew", file=sys.stderr)
-        elif state["hidden"] is not None:
-            self.alg.actor.reset(hidden_state=state["hidden"]["actor"])
-            self.alg.critic.reset(hidden_state=state["hidden"]["critic"])
-        self.alg.learning_rate = state["learning_rate"]
-        if self.alg.rnd is not None:
-            _set_rnd_state(self.alg.rnd, state["rnd"])
-        set_rng_state(state["rng"], self.device)
+        restore_state(self, state, path, episodes)
 
     @torch.inference_mode()
     def _regenerate(self, iteration: int) -> None:
@@ -186,12 +228,34 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             env.episode_length_buf = lengths
         self.logger.forget_episodes()
         ended = torch.ones(env.num_envs, dtype=torch.long, device=self.device)
-        self.alg.actor.reset(ended)
-        self.alg.critic.reset(ended)
+        for network in networks_of(self.alg).values():
+            network.reset(ended)
 
     def _request_stop(self) -> None:
         self.logger.stop_requested = True
         print("\nstopping after this iteration (Ctrl-C again: at once)", file=sys.stderr)
+
+    def _tell_unsaved(self) -> None:
+        """End with an error if what was learned last is in no checkpoint."""
+        if self._unsaved is None or self.run_folder is None:
+            return
+        error, self._unsaved = self._unsaved, None
+        newest = [str(file) for _, file in self.run_folder.list_checkpoints()[-1:]]
+        raise CheckpointWriteError(f"{error}; the newest checkpoint is {newest[0] if newest else 'none'}") from error
+
+    def _configure_multi_gpu(self) -> None:
+        """Read which rank this is, and meet the others: with NCCL for GPUs, with gloo on the CPU."""
+        me = world()
+        self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = me.size, me.rank, me.local_rank
+        self.is_distributed = me.size > 1
+        numbers = {"global_rank": me.rank, "local_rank": me.local_rank, "world_size": me.size}
+        self.cfg["multi_gpu"] = numbers if self.is_distributed else None
+        if self.is_distributed:
+            if self.device not in ("cpu", f"cuda:{me.local_rank}"):
+                raise ValueError(
+                    f"rank {me.rank} must be on 'cuda:{me.local_rank}' or on 'cpu', not on '{self.device}'"
+                )
+            join(self.device)
 
     def _save_final(self) -> None:
         if self.logger.writer is not None and self.run_folder is not None:
@@ -199,6 +263,10 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
     def _load(self, path: Any, load_cfg: dict[str, bool] | None, strict: bool, map_location: str | None) -> dict:
         data = load_checkpoint(path, map_location or self.device)
+        self._load_networks(data, load_cfg, strict, path)
+        return {"infos": None} | data
+
+    def _load_networks(self, data: dict, load_cfg: dict[str, bool] | None, strict: bool, path: Any) -> None:
         try:
             if self.alg.load(data, load_cfg, strict):
                 self.current_learning_iteration = data["iter"]
@@ -208,22 +276,25 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         except (RuntimeError, ValueError) as error:
             detail = "; ".join(line.strip() for line in str(error).splitlines()[1:4]) or str(error)
             raise CheckpointError(f"{path}: is of other networks or observations: {detail}") from None
-        return {"infos": None} | data
-
-    def _training_state(self) -> dict[str, Any]:
-        """All that rsl_rl's checkpoint leaves out."""
-        hidden = {"actor": self.alg.actor.get_hidden_state(), "critic": self.alg.critic.get_hidden_state()}
-        return {
-            "env": self.env.get_state(),
-            "hidden": hidden if any(state is not None for state in hidden.values()) else None,
-            "learning_rate": float(self.alg.learning_rate),
-            "logger": self.logger.get_state(),
-            "rnd": _get_rnd_state(self.alg.rnd),
-            "rng": get_rng_state(self.device),
-        }
 
 
-def _misfits(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
+def _settings(cfg: RslRlBaseRunnerCfg) -> dict[str, Any]:
+    """What rsl_rl is told, with the algorithm in its form as graphs if it has one."""
+    settings = cfg.to_rsl_rl()
+    if cfg.runner == "graph" and settings["algorithm"]["class_name"] == "PPO":
+        settings["algorithm"]["class_name"] = f"{GraphPPO.__module__}:{GraphPPO.__qualname__}"
+    return settings
+
+
+def _why_no_graphs(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper, algorithm: Any) -> dict[str, str]:
+    if cfg.runner != "graph":
+        return dict.fromkeys(("rollout", "update"), "runner is 'rsl_rl'")
+    update = algorithm.obstacle if isinstance(algorithm, GraphPPO) else f"the algorithm is {type(algorithm).__name__}"
+    found = {"rollout": obstacle_to_rollout(env, algorithm), "update": update}
+    return {name: reason for name, reason in found.items() if reason}
+
+
+def _misfits(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
     """Problems of a config that show only beside the environment."""
     if cfg.regenerate_interval:
         scene = getattr(env.unwrapped, "scene", None)
@@ -236,41 +307,10 @@ def _misfits(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[s
         for group in wanted:
             if group not in groups:
                 yield f"obs_groups.{name}: '{group}' is no observation group, the environment has {', '.join(groups)}"
+    if not isinstance(cfg, RslRlOnPolicyRunnerCfg):
+        return
     recurrent = isinstance(cfg.actor, RslRlRNNModelCfg) or isinstance(cfg.critic, RslRlRNNModelCfg)
     samples = env.num_envs if recurrent else env.num_envs * cfg.num_steps_per_env
     if samples < cfg.algorithm.num_mini_batches:
         what = "environments (recurrent networks divide those)" if recurrent else "samples in an iteration"
         yield f"algorithm.num_mini_batches: is {cfg.algorithm.num_mini_batches}, but there are {samples} {what}"
-
-
-def _get_rnd_state(rnd: Any) -> dict[str, Any] | None:
-    """What random network distillation keeps outside its parameters."""
-    if rnd is None:
-        return None
-    average = rnd.reward_normalizer.disc_avg.avg if rnd.reward_normalization else None
-    return {"update_counter": rnd.update_counter, "discounted_average": average}
-
-
-def _set_rnd_state(rnd: Any, state: dict[str, Any]) -> None:
-    rnd.update_counter = state["update_counter"]
-    if rnd.reward_normalization:
-        rnd.reward_normalizer.disc_avg.avg = state["discounted_average"]
-
-
-@contextlib.contextmanager
-def _on_interrupt(request_stop: Callable[[], None]) -> Iterator[None]:
-    """Let the first Ctrl-C ask for a stop; the next one interrupts as usual. Only the main thread can."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    previous = signal.getsignal(signal.SIGINT)
-
-    def handle(number: int, frame: types.FrameType | None) -> None:
-        signal.signal(signal.SIGINT, previous)
-        request_stop()
-
-    signal.signal(signal.SIGINT, handle)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
