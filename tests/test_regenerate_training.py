@@ -39,10 +39,10 @@ def whole(tmp_path_factory):
     """A run of five iterations in three scenes, its folder, and what was seen after each iteration."""
     folder = tmp_path_factory.mktemp("whole")
     run = runner(folder, 5)
-    env, act = run.env.unwrapped, run.alg.act
+    env, storage = run.env.unwrapped, run.alg.storage
     seen = {"acted_on": [], "seeds": [], "observed": [], "lengths": []}
-    run.alg.act = lambda obs: seen["acted_on"].append(obs["policy"].clone()) or act(obs)
     run.logger.iteration_hooks += [
+        lambda it: seen["acted_on"].extend(storage.observations["policy"].clone()),
         lambda it: seen["seeds"].append(env.scene.scenery_seed),
         lambda it: seen["observed"].append(env.obs_buf["policy"].clone()),
         lambda it: seen["lengths"].append(run.logger.cur_episode_length.sum()),
@@ -68,7 +68,7 @@ def test_training_goes_from_scene_to_scene_and_resumes(whole, tmp_path, stop):
 
 
 def test_training_acts_on_the_first_observations_of_a_scene(whole):
-    """rsl_rl's loop holds the last ones; the episode's sums begin at zero."""
+    """The last ones of the old scene are forgotten; the episode's sums begin at zero."""
     seen = whole[2]
     assert torch.equal(seen["acted_on"][8], seen["observed"][1])
     assert not torch.equal(seen["acted_on"][7], seen["acted_on"][8])

@@ -15,8 +15,10 @@ import warp as wp
 import yaml
 
 from stripe_newton.cli import main
+from stripe_newton.cli.common import build, load_configs
 from stripe_newton.cli.resume import check_changes, differences
 from stripe_newton.envs import ManagerBasedRLEnv
+from stripe_newton.managers import RunningNormCfg
 from stripe_newton.rl import (
     CheckpointError,
     OnPolicyRunner,
@@ -241,3 +243,17 @@ def test_a_run_without_a_checkpoint_begins_anew(capsys):
         file.unlink()
     assert train("--resume", str(run.path)) == 2
     assert "env.yaml: is missing" in capsys.readouterr().err
+
+
+def test_what_is_played_is_normalized_as_in_training(tmp_path):
+    configs = load_configs("Stripe-Cartpole-v0", None)
+    configs.env.sim.device, configs.env.scene.num_envs, configs.env.seed = "cpu", 8, 1
+    configs.env.observations.policy.normalization = RunningNormCfg()
+    runner = build("Stripe-Cartpole-v0", configs, tmp_path)
+    runner.learn(2)
+    path = "observations.policy.normalization.mean"
+    mean = runner.env.unwrapped.context.arrays[path].numpy()
+    assert (mean != 0.0).any()
+    configs.env.scene.num_envs = 3
+    played = build("Stripe-Cartpole-v0", configs, checkpoint=tmp_path / "checkpoints" / "model_1.pt")
+    assert (played.env.unwrapped.context.arrays[path].numpy() == mean).all()

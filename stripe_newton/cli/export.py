@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 import tyro
-import warp as wp
 
-from stripe_newton.rl import RunFolder, export_policy, find_checkpoint, load_checkpoint
+from stripe_newton.rl import RunFolder, export_policy, find_checkpoint
+from stripe_newton.rl.training_state import restore_statistics
 
 from .common import build, check, learn_nothing, load_configs, set_device, set_seeds
 from .errors import UserError
@@ -58,7 +56,7 @@ def run(argv: list[str]) -> int:
     runner = build(task, configs)
     try:
         runner.load(checkpoint, load_cfg=runner.parts_to_act | {"iteration": True})
-        _restore_normalization(runner.env.unwrapped, checkpoint)
+        restore_statistics(runner.env.unwrapped, checkpoint)
         print(export_policy(runner, out, task=task, run=folder.path.name if folder is not None else None))
     finally:
         runner.env.close()
@@ -79,20 +77,3 @@ def _write_robot(cfg: Any, out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     solver.save_to_mjcf = str(out / "robot.xml")
     return out / "robot.xml"
-
-
-def _restore_normalization(env: Any, checkpoint: Path) -> None:
-    """Take over what the environment had gathered to normalise observations by, where it is not the network's part."""
-    arrays = getattr(getattr(env, "context", None), "arrays", {})
-    wanted = [name for name in arrays if name.startswith("observations.") and ".normalization." in name]
-    if not wanted:
-        return
-    state = load_checkpoint(checkpoint).get("stripe_newton") or {}
-    saved = ((state.get("env") or {}).get("env") or {}).get("arrays", {})
-    for name in wanted:
-        there = saved.get(f"context.{name}")
-        if there is not None and there.shape == wp.to_torch(arrays[name]).shape:
-            with torch.no_grad():
-                wp.to_torch(arrays[name]).copy_(there)
-        elif name.endswith((".mean", ".var")):
-            print(f"warning: {checkpoint} lacks {name}; the metadata have that of a new environment", file=sys.stderr)

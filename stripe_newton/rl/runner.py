@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rsl_rl's on-policy runner with a run folder, exact resume and a clean stop."""
+"""rsl_rl's on-policy runner, with rollout and update as graphs, a run folder, exact resume and a clean stop."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +18,16 @@ from rsl_rl.runners import OnPolicyRunner as _RslRlOnPolicyRunner
 from stripe_newton.configclass import ConfigError
 
 from .checkpoint import load_checkpoint, save_checkpoint
-from .config import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg, RslRlRNNModelCfg
+from .config import RslRlBaseRunnerCfg
 from .distributed import join, world
 from .errors import CheckpointError, CheckpointWriteError
 from .graph_loop import learn_in_graphs
-from .graph_ppo import GraphPPO
-from .graph_rollout import GraphRollout, obstacle_to_rollout
+from .graph_rollout import GraphRollout
 from .interrupt import on_first_signal
 from .logger import RunLogger, StopTraining
 from .networks import networks_of
 from .run_folder import RunFolder
+from .runner_settings import misfits, settings_of, why_no_graphs
 from .training_state import gather_state, restore_state
 from .vec_env import RslRlVecEnvWrapper
 
@@ -57,14 +56,14 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             ConfigError: all problems of ``cfg``, also those that only show beside this environment.
         """
         cfg.validate()
-        problems = list(_misfits(cfg, env))
+        problems = list(misfits(cfg, env))
         if problems:
             raise ConfigError(problems)
         self.agent_cfg = cfg
         self.run_folder = None if log_dir is None else RunFolder(log_dir)
         torch.set_float32_matmul_precision(cfg.matmul_precision)
         with contextlib.redirect_stdout(io.StringIO()):  # it prints both networks and the observation sets
-            super().__init__(env, _settings(cfg), None if log_dir is None else str(log_dir), str(env.device))
+            super().__init__(env, settings_of(cfg), None if log_dir is None else str(log_dir), str(env.device))
         self.logger: RunLogger = RunLogger(
             log_dir=self.logger.log_dir,
             cfg=self.cfg,
@@ -76,7 +75,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             device=self.device,
         )
         self._rollout: GraphRollout | None = None
-        self.no_graphs = _why_no_graphs(cfg, env, self.alg)
+        self.no_graphs = why_no_graphs(cfg, env, self.alg)
         """Why rollout and update are rsl_rl's own and no graphs, by name; empty for none."""
         if cfg.regenerate_interval:
             self.logger.iteration_hooks.append(self._regenerate)  # before others, and before the checkpoint
@@ -276,41 +275,3 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         except (RuntimeError, ValueError) as error:
             detail = "; ".join(line.strip() for line in str(error).splitlines()[1:4]) or str(error)
             raise CheckpointError(f"{path}: is of other networks or observations: {detail}") from None
-
-
-def _settings(cfg: RslRlBaseRunnerCfg) -> dict[str, Any]:
-    """What rsl_rl is told, with the algorithm in its form as graphs if it has one."""
-    settings = cfg.to_rsl_rl()
-    if cfg.runner == "graph" and settings["algorithm"]["class_name"] == "PPO":
-        settings["algorithm"]["class_name"] = f"{GraphPPO.__module__}:{GraphPPO.__qualname__}"
-    return settings
-
-
-def _why_no_graphs(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper, algorithm: Any) -> dict[str, str]:
-    if cfg.runner != "graph":
-        return dict.fromkeys(("rollout", "update"), "runner is 'rsl_rl'")
-    update = algorithm.obstacle if isinstance(algorithm, GraphPPO) else f"the algorithm is {type(algorithm).__name__}"
-    found = {"rollout": obstacle_to_rollout(env, algorithm), "update": update}
-    return {name: reason for name, reason in found.items() if reason}
-
-
-def _misfits(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
-    """Problems of a config that show only beside the environment."""
-    if cfg.regenerate_interval:
-        scene = getattr(env.unwrapped, "scene", None)
-        check = getattr(scene, "obstacle_to_regenerating", None)
-        problem = "the environment has no scene of a specification" if check is None else check()
-        if problem:
-            yield f"regenerate_interval: is {cfg.regenerate_interval}, but {problem}"
-    groups = list(env.get_observations().keys())
-    for name, wanted in cfg.obs_groups.items():
-        for group in wanted:
-            if group not in groups:
-                yield f"obs_groups.{name}: '{group}' is no observation group, the environment has {', '.join(groups)}"
-    if not isinstance(cfg, RslRlOnPolicyRunnerCfg):
-        return
-    recurrent = isinstance(cfg.actor, RslRlRNNModelCfg) or isinstance(cfg.critic, RslRlRNNModelCfg)
-    samples = env.num_envs if recurrent else env.num_envs * cfg.num_steps_per_env
-    if samples < cfg.algorithm.num_mini_batches:
-        what = "environments (recurrent networks divide those)" if recurrent else "samples in an iteration"
-        yield f"algorithm.num_mini_batches: is {cfg.algorithm.num_mini_batches}, but there are {samples} {what}"

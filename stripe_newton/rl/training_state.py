@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 import warp as wp
 
-from .checkpoint import from_bytes, get_rng_state, set_rng_state, to_bytes
+from .checkpoint import from_bytes, get_rng_state, load_checkpoint, set_rng_state, to_bytes
 from .distributed import gather
 from .errors import CheckpointError
 from .networks import networks_of
@@ -17,7 +18,7 @@ from .networks import networks_of
 if TYPE_CHECKING:
     from .runner import OnPolicyRunner
 
-__all__ = ["gather_state", "restore_state", "set_learning_rate"]
+__all__ = ["gather_state", "restore_state", "restore_statistics", "set_learning_rate"]
 
 _OF_PROGRESS = ("step", "parameters", "int_parameters")
 """Arrays of the managers' context that belong to no single environment: the clock, and the numbers of the terms, which
@@ -94,6 +95,23 @@ def restore_state(runner: OnPolicyRunner, state: dict[str, Any], path: Any, go_o
         raise CheckpointError(f"{path}: lacks {error}, was it written by another version?") from None
     except (ValueError, RuntimeError) as error:
         raise CheckpointError(f"{path}: does not fit this environment: {error}") from error
+
+
+def restore_statistics(env: Any, checkpoint: Path) -> None:
+    """Take over what the environment had gathered to normalise observations by, where it is not the network's part."""
+    arrays = getattr(getattr(env, "context", None), "arrays", {})
+    wanted = [name for name in arrays if name.startswith("observations.") and ".normalization." in name]
+    if not wanted:
+        return
+    state = load_checkpoint(checkpoint).get("stripe_newton") or {}
+    saved = ((state.get("env") or {}).get("env") or {}).get("arrays", {})
+    for name in wanted:
+        there = saved.get(f"context.{name}")
+        if there is not None and there.shape == wp.to_torch(arrays[name]).shape:
+            with torch.no_grad():
+                wp.to_torch(arrays[name]).copy_(there)
+        elif name.endswith((".mean", ".var")):
+            print(f"warning: {checkpoint} lacks {name}; it is that of a new environment", file=sys.stderr)
 
 
 def set_learning_rate(algorithm: Any, value: float) -> None:
