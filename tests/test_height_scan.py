@@ -107,9 +107,8 @@ def test_a_thread_computes_a_ray():
     env = scan_env(**terms)
     kernels = env.describe(kernels=True)
     assert "if part >= 0 and part < 2:" in kernels  # neighbouring threads are environments
-    assert "part = 2 + (thread - 2 * num_envs) % 374" in kernels  # and here rays
+    assert "part = 2 + (thread - 2 * num_envs) % 187" in kernels  # and here rays, once for both
     assert "if part >= 2 and part < 189" in kernels
-    assert "if part >= 189 and part < 376" in kernels
     obs, _ = env.reset(seed=1)
     plain, noisy, some = obs["policy"].split([187, 187, 2], dim=1)
     np.testing.assert_allclose(some.numpy(), plain[:, [7, 3]].numpy() + 0.5, atol=1e-6)
@@ -124,6 +123,30 @@ def test_a_thread_computes_a_ray():
     env.set_state(state)
     assert torch.equal(env.step(torch.zeros(3, 1))[0]["policy"], again)
     env.close()
+
+
+def test_groups_that_see_the_same_have_it_computed_once():
+    scan = ObservationTermCfg(func=mdp.height_scan, params=SENSOR, noise=NOISE, clip=(-1.0, 1.0))
+    other = {**SENSOR, "offset": 0.2}
+    cfg = scan_env(scan=scan).cfg
+    alone = ManagerBasedRLEnv(cfg.copy())
+    cfg.observations["critic"] = observation_group({"scan": scan.replace(noise=None, clip=None, scale=2.0)})
+    cfg.observations["lower"] = observation_group({"scan": scan.replace(noise=None, clip=None, params=other)})
+    env = ManagerBasedRLEnv(cfg)
+    kernels = env.describe(kernels=True)
+    assert kernels.count(" height_scan(env") == 3  # two of them only if a parameter says so
+    assert "part < 374" not in kernels
+    for index in range(3):
+        seen, lone = (e.reset(seed=1)[0] if index == 0 else e.step(torch.zeros(3, 1))[0] for e in (env, alone))
+        if index == 1:  # a curriculum may tune one of them
+            for e in (env, alone):
+                e.context.parameters["observations.policy.scan.offset"] = 0.3
+            continue
+        assert torch.equal(seen["policy"], lone["policy"])  # and the same noise
+        np.testing.assert_allclose(seen["critic"].numpy(), 2.0 * expected(env), atol=1e-5)
+        np.testing.assert_allclose(seen["lower"].numpy(), expected(env, 0.2), atol=1e-5)
+    for e in (env, alone):
+        e.close()
 
 
 def bias_model(std: float = 0.01) -> NoiseModelWithAdditiveBiasCfg:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +32,7 @@ from .processing import delayed, noisy, sampled
 
 __all__ = ["ObservationManager"]
 
+_TUNED = re.compile(r"\w*parameters\[\d+\]")
 _OWN_STREAMS = 32
 """From so many independent parts on, each part of a noisy term too has its own thread, and its own random streams;
 neighbouring threads are then its parts."""
@@ -56,6 +58,36 @@ class _Term:
     @property
     def width(self) -> int:
         return self.size * max(1, self.history)
+
+
+class _Wide:
+    """A section of a term whose parts have their own threads, and of terms of other groups that compute the same.
+
+    Those copy its numbers before noise, clip and scale, which are each term's own; while a parameter of theirs has
+    another value they compute themselves.
+    """
+
+    def __init__(self, term: _Term, call: str, process: list[str], section: Section):
+        self._term, self._call, self._copies, self._process = term, call, list[str](), process
+        self.section = section
+        self._write()
+
+    def takes(self, term: _Term, count: int, where: str, call: str, process: list[str]) -> bool:
+        """Add a term, if it computes the same; ``where`` is its element of index ``i``."""
+        tuned = _tuned_apart(self._term.call, term.call)
+        if tuned is None or count != self.section.parts or term.size != self._term.size:
+            return False
+        size = term.size // count
+        self._copies += [f"for i in range(k * {size}, (k + 1) * {size}):", f"    {where} = {_element(self._term)}"]
+        if tuned:
+            self._copies += [f"if {' or '.join(f'{a} != {b}' for a, b in tuned)}:", f"    {call}"]
+        self._process += process
+        self.section.terms = [*self.section.terms, term.path.partition(".")[2]]
+        self._write()
+        return True
+
+    def _write(self) -> None:
+        self.section.body = ["k = part", self._call, *self._copies, *self._process]
 
 
 class ObservationManager(ManagerBase):
@@ -184,9 +216,10 @@ class ObservationManager(ManagerBase):
         Args:
             where_reset: Only in the environments whose episode just ended, which must not have been reset yet.
         """
-        items: list[Item] = []
+        items, wide = list[Item](), list[_Wide]()
         for group, terms in self._terms.items():
-            corrupt, body, parts, wide = self._groups[group].enable_corruption, list[str](), 0, list[Section]()
+            corrupt, body, parts, own = self._groups[group].enable_corruption, list[str](), 0, list[str]()
+            first = len(wide)
             for name, term in terms.items():
                 if term.picture:
                     array = self.context.scope.values[term.target]
@@ -194,17 +227,22 @@ class ObservationManager(ManagerBase):
                     continue
                 if term.call is None:
                     items.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
-                lines, count = self._parts(term, corrupt, parts)
+                count = self._independent(term, corrupt)
                 if count >= _OWN_STREAMS:
-                    title = f"observations_{group}_{name}"
-                    wide.append(Section(title, lines, [name], where_reset, parts=count, neighbours=True))
-                elif lines:
+                    call, process = self._part(term, corrupt, count)
+                    if not any(w.takes(term, count, _element(term), call, process) for w in wide):
+                        title = f"observations_{group}_{name}"
+                        section = Section(title, [], [name], where_reset, parts=count, neighbours=True)
+                        wide.append(_Wide(term, call, process, section))
+                    continue
+                own.append(name)
+                lines, count = self._lines(term, corrupt, parts, count)
+                if lines:
                     body += [f"# {name}", *lines]
                     parts += count
-            own = [n for n, t in terms.items() if not t.picture and n not in {s.terms[0] for s in wide}]
             if own or not terms:
                 items.append(Section(f"observations_{group}", body, own, where_reset, parts=parts))
-            items += wide
+            items += [w.section for w in wide[first:]]
             norm = self._groups[group].normalization
             if norm is not None:
                 buffers = self._raw[group], self.buffers[group]
@@ -225,35 +263,35 @@ class ObservationManager(ManagerBase):
                     body += self._draw_bias(term, noise)
         return [Section("observations_reset", body, where_reset=True)] if body else []
 
-    def _parts(self, term: _Term, corrupt: bool, part: int) -> tuple[list[str], int]:
-        """Lines of a term and how many threads they are for: one for each joint, body or ray where independent.
-
-        From ``_OWN_STREAMS`` threads on they are lines of their own section, else of one where ``part`` comes next.
-        """
+    def _independent(self, term: _Term, corrupt: bool) -> int:
+        """How many parts of a term can have a thread each, one for each joint, body or ray; 0 if it is one piece."""
         call, kind = term.call, _known_size(term.cfg.func)
-        alone = term.scratch or term.cfg.modifiers
-        count = call.counts[kind.name] if call and isinstance(kind, Each) and kind.name in call.names else 0
-        noisy_parts = corrupt and term.cfg.noise is not None
-        if call is not None and count and not alone and (count >= _OWN_STREAMS or not noisy_parts):
-            size = kind.size
-            place = self._slice(term, f"k * {size}", f"(k + 1) * {size}")
-            line = call.expression(place, sliced=(kind.name,), span="k:k + 1")
-            lines = [line, *self._process(term, corrupt, f"k * {size}", f"(k + 1) * {size}", streams=count)]
-            if count >= _OWN_STREAMS:
-                return ["k = part", *lines], count
-            return [f"if part >= {part} and part < {part + count}:", f"    k = part - {part}", *_indent(lines)], count
+        if call is None or term.scratch or term.cfg.modifiers or not isinstance(kind, Each):
+            return 0
+        count = call.counts[kind.name] if kind.name in call.names else 0
+        return 0 if corrupt and term.cfg.noise is not None and count < _OWN_STREAMS else count
+
+    def _part(self, term: _Term, corrupt: bool, count: int) -> tuple[str, list[str]]:
+        """The call of part ``k`` of a term, and the lines after it."""
+        kind, call = _known_size(term.cfg.func), term.call
+        assert call is not None
+        first, last = f"k * {kind.size}", f"(k + 1) * {kind.size}"
+        line = call.expression(self._slice(term, first, last), sliced=(kind.name,), span="k:k + 1")
+        return line, self._process(term, corrupt, first, last, streams=count)
+
+    def _lines(self, term: _Term, corrupt: bool, part: int, count: int) -> tuple[list[str], int]:
+        """Lines of a term in the section of its group, whose ``count`` parts begin at ``part``; and their number."""
+        if count:
+            call, process = self._part(term, corrupt, count)
+            body = [f"k = part - {part}", call, *process]
+            return [f"if part >= {part} and part < {part + count}:", *_indent(body)], count
         place = f"{term.scratch}[env]" if term.scratch else self._slice(term, "0", str(term.width))
-        lines = [call.expression(place)] if call is not None else []
+        lines = [term.call.expression(place)] if term.call is not None else []
         lines += self._process(term, corrupt, "0", str(term.size))
         return ([f"if part == {part}:", *_indent(lines)], 1) if lines else ([], 0)
 
     def _slice(self, term: _Term, first: str, last: str) -> str:
         return f"{term.target}[env, {term.first} + {first}:{term.first} + {last}]"
-
-    def _element(self, term: _Term) -> str:
-        if term.scratch:
-            return f"{term.scratch}[env, i]"
-        return f"{term.target}[env, {term.first} + i]" if term.first else f"{term.target}[env, i]"
 
     def _fresh(self, term: _Term) -> str:
         return self.context.scope.name(f"{term.path}_fresh", self.context.array(f"{term.path}.fresh", int, fill=1))
@@ -263,7 +301,7 @@ class ObservationManager(ManagerBase):
 
         Noise draws from a stream of the term's, or where it has several from the one of part ``k``.
         """
-        context, cfg, element = self.context, term.cfg, self._element(term)
+        context, cfg, element = self.context, term.cfg, _element(term)
         lines: list[str] = []
         for index, modifier in enumerate(cfg.modifiers):
             lines += modified(
@@ -345,6 +383,20 @@ class ObservationManager(ManagerBase):
     def __str__(self) -> str:
         rows = [(g, i, n, t.width) for g, terms in self._terms.items() for i, (n, t) in enumerate(terms.items())]
         return self.table("Observation terms", ("Group", "Index", "Name", "Size"), rows)
+
+
+def _element(term: _Term) -> str:
+    if term.scratch:
+        return f"{term.scratch}[env, i]"
+    return f"{term.target}[env, {term.first} + i]" if term.first else f"{term.target}[env, i]"
+
+
+def _tuned_apart(one: TermCall | None, other: TermCall | None) -> list[tuple[str, str]] | None:
+    """Pairs of parameters in which two calls may differ; None if they differ otherwise."""
+    if one is None or other is None or one.function != other.function or len(one.arguments) != len(other.arguments):
+        return None
+    apart = [(a, b) for a, b in zip(one.arguments, other.arguments, strict=True) if a != b]
+    return apart if all(_TUNED.fullmatch(a) and _TUNED.fullmatch(b) for a, b in apart) else None
 
 
 def _indent(lines: list[str]) -> list[str]:

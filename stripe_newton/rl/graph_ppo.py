@@ -37,7 +37,7 @@ class GraphPPO(PPO):
         """Take the arguments of rsl_rl's ``PPO``."""
         super().__init__(actor, critic, storage, *args, **kwargs)
         self._program: Program | None = None
-        self._parts: tuple[Program, Program] | None = None
+        self._parts: tuple[Program, Program, Program] | None = None
         self.obstacle = self._find_obstacle()
         """Why the update is rsl_rl's own; empty if it is a graph."""
         if not self.obstacle:
@@ -161,8 +161,8 @@ class GraphPPO(PPO):
         self._program = Program(self._update_alone, self.device)
         if self.is_multi_gpu:
             self._picked = torch.zeros(samples // self.num_mini_batches, dtype=torch.int64, **make)
-            first, second = (Program(f, self.device) for f in (lambda: self._gradients(self._picked), self._step))
-            self._parts = first, second
+            gradients = Program(lambda: self._gradients(self._picked), self.device)
+            self._parts = Program(self._begin, self.device), gradients, Program(self._step, self.device)
 
     # -- the update
 
@@ -175,8 +175,8 @@ class GraphPPO(PPO):
 
     def _update_together(self) -> None:
         assert self._parts is not None
-        gradients, step = self._parts
-        self._begin()
+        begin, gradients, step = self._parts
+        begin.run()
         for picked in self._minibatches():
             self._picked.copy_(picked)
             gradients.run()
