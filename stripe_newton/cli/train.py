@@ -142,7 +142,7 @@ def _train(task: str, argv: list[str]) -> int:
 
 def _start(task: str, configs: Configs, folder: RunFolder, checkpoint: Path | None, episodes: bool) -> OnPolicyRunner:
     runner = build(task, configs, folder.path, render=world().rank == 0)
-    if configs.agent.runner == "graph" and world().rank == 0:
+    if configs.agent.runner == "graph" and world().rank == 0 and runner.device != "cpu":
         for part, reason in runner.no_graphs.items():
             print(f"the {part} is rsl_rl's own and no graph: {reason}")
     if checkpoint is not None:
