@@ -173,11 +173,11 @@ def build(
     task: str, configs: Configs, log_dir: Path | None = None, render: bool = False, checkpoint: Path | None = None
 ) -> OnPolicyRunner:
     """The environment and the runner of a task, with the policy of ``checkpoint`` if one is given."""
-    from stripe_newton.rl import DistillationRunner, OnPolicyRunner
+    from stripe_newton.rl import DistillationRunner, OnPolicyRunner, RslRlDistillationRunnerCfg
     from stripe_newton.rl.training_state import restore_statistics
 
-    kinds = {kind.__name__: kind for kind in (OnPolicyRunner, DistillationRunner)}
-    runner = kinds[configs.agent.class_name](build_env(task, configs, render), configs.agent, log_dir)
+    kind = DistillationRunner if isinstance(configs.agent, RslRlDistillationRunnerCfg) else OnPolicyRunner
+    runner = kind(build_env(task, configs, render), configs.agent, log_dir)
     if checkpoint is not None:
         runner.load(checkpoint, load_cfg=runner.parts_to_act)
         restore_statistics(runner.env.unwrapped, checkpoint)

@@ -325,8 +325,6 @@ class RslRlPpoAlgorithmCfg:
 class RslRlBaseRunnerCfg:
     """What all kinds of runs have in common."""
 
-    class_name: str = "OnPolicyRunner"
-    """The runner: ``"OnPolicyRunner"`` or ``"DistillationRunner"``."""
     seed: int = 42
     """Seed of Python, NumPy, torch and, unless it has its own, of the environment."""
     num_steps_per_env: int = 24
@@ -367,7 +365,6 @@ class RslRlBaseRunnerCfg:
             yield "regenerate_interval", f"is {self.regenerate_interval!r}, must be a whole number, 0 or more"
         if self.clip_actions is not None:
             yield from positive(self, "clip_actions")
-        yield from one_of(self, "class_name", ("onpolicyrunner", "distillationrunner"))
         yield from one_of(self, "runner", ("graph", "rsl_rl"))
         yield from one_of(self, "matmul_precision", ("highest", "high", "medium"))
         if self.torch_compile_mode is not None:
@@ -387,7 +384,6 @@ class RslRlBaseRunnerCfg:
 
 
 _OURS = (
-    "class_name",
     "experiment_name",
     "max_iterations",
     "init_at_random_ep_len",

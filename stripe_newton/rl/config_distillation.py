@@ -52,8 +52,6 @@ class RslRlDistillationAlgorithmCfg:
 class RslRlDistillationRunnerCfg(RslRlBaseRunnerCfg):
     """A distillation run. The teacher's network and observations are those of the run that it comes from."""
 
-    class_name: str = "DistillationRunner"
-    """The runner."""
     num_steps_per_env: int = 120
     """Environment steps in an iteration."""
     obs_groups: dict[str, list[str]] = {"student": ["policy"], "teacher": ["policy"]}

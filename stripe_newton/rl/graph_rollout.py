@@ -104,7 +104,6 @@ class GraphRollout:
         steps, count, make = storage.num_transitions_per_env, env.num_envs, {"device": env.device}
         self._index = torch.zeros(1, dtype=torch.int64, **make)
         self._noise = torch.zeros(count, env.num_actions, **make)
-        self._one = torch.ones(1, dtype=torch.int64, **make)
         self._returns = torch.zeros(steps, count, **make)
         self._lengths = torch.zeros(steps, count, **make)
         self._log = torch.zeros(steps, len(self._step.log_keys), **make)
@@ -218,7 +217,7 @@ class GraphRollout:
             )
         store(storage.dones, done)
         self._account(reward, done)
-        index += self._one
+        index += 1
 
     def _account(self, reward: torch.Tensor, done: torch.Tensor) -> None:
         self._return_sum += reward

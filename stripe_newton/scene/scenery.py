@@ -7,9 +7,11 @@ where they stand.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import newton
 import numpy as np
@@ -213,30 +215,33 @@ def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = 
         own = np.flatnonzero(scenery.which == index)
         paths, poses = [scenery.paths[i] for i in own], np.hstack([scenery.pos[own], scenery.rot[own]])
         for part, (mesh, color) in enumerate(prototype.meshes):
-            builder.add_shape_mesh(-1, mesh=mesh, cfg=seen, color=color)
-            _repeat(builder, poses, scenery.scale[own], [f"{path}/part_{part}" for path in paths])
+            add = partial(builder.add_shape_mesh, -1, mesh=mesh, cfg=seen, color=color)
+            _repeat(builder, add, poses, scenery.scale[own], [f"{path}/part_{part}" for path in paths])
         for part, shape in enumerate(prototype.shapes if touched else ()):
-            _add(builder, shape, solid)
             poses = np.hstack(scenery._poses(own, shape))
-            _repeat(builder, poses, scenery.scale[own], [f"{path}/collider_{part}" for path in paths])
+            add = partial(_add, builder, shape, solid)
+            _repeat(builder, add, poses, scenery.scale[own], [f"{path}/collider_{part}" for path in paths])
 
 
-def _repeat(builder: newton.ModelBuilder, poses: np.ndarray, scales: np.ndarray, labels: list[str]) -> None:
-    """Put the last shape, which is static, at many poses instead; one by one Newton takes 30 us for each.
+def _repeat(
+    builder: newton.ModelBuilder, add: Callable[[], Any], poses: np.ndarray, scales: np.ndarray, labels: list[str]
+) -> None:
+    """Add a static shape at many poses; one by one Newton takes 30 us for each.
 
     Args:
-        builder: Whose last shape it is.
+        builder: Of the static scene.
+        add: Adds the shape once, of size 1.
         poses: Positions [m] and orientations, xyzw ``(N, 7)``.
         scales: Factors on its size, ``(N,)``.
         labels: Of the N shapes.
     """
-    count = builder.shape_count
-    lists = {n: v for n, v in vars(builder).items() if n.startswith("shape_") and isinstance(v, list)}
-    size, radius = np.array(builder.shape_scale[-1]), builder.shape_collision_radius[-1]
-    for column in (v for v in lists.values() if len(v) == count):
+    first = builder.shape_count
+    lengths = {n: len(v) for n, v in vars(builder).items() if n.startswith("shape_") and isinstance(v, list)}
+    add()
+    for column in (getattr(builder, n) for n, length in lengths.items() if len(getattr(builder, n)) == length + 1):
         column.extend(column[-1:] * (len(labels) - 1))
-    builder.body_shapes[-1].extend(range(count, builder.shape_count))
-    first = count - 1
+    size, radius = np.array(builder.shape_scale[first]), builder.shape_collision_radius[first]
+    builder.body_shapes[-1].extend(range(first + 1, builder.shape_count))
     builder.shape_transform[first:] = [wp.transform(*pose) for pose in poses.tolist()]
     builder.shape_scale[first:] = [tuple(row) for row in (scales[:, None] * size).tolist()]
     builder.shape_collision_radius[first:] = (scales * radius).tolist()
