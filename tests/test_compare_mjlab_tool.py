@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,10 +28,21 @@ class Toy:
         self.lengths = torch.zeros(2)
         self.logger = SimpleNamespace(log=lambda **values: None, rewbuffer=[], lenbuffer=[])
         self.cfg = {"num_steps_per_env": 5}
+        self.actor = torch.nn.Linear(1, 1)
+        self.alg, self.env, self.done = SimpleNamespace(actor=self.actor), self, torch.zeros(2)
 
-    def step(self, action: torch.Tensor) -> None:
+    def reset(self) -> torch.Tensor:
+        self.steps = 0
+        return torch.ones(2, 1)
+
+    def step(self, action: torch.Tensor) -> Any:
         self.target.copy_(action)
         self.physics()
+        self.steps = getattr(self, "steps", 0) + 1
+        self.done[1] = self.steps == self.falls_after
+        return torch.ones(2, 1), None, self.done.clone(), {}
+
+    falls_after = -1
 
     def physics(self) -> None:
         self.started_from.append(float(self.state[0]))
@@ -41,18 +53,31 @@ class Toy:
             if index:
                 self.logger.rewbuffer.append(float(index))
                 self.logger.lenbuffer.append(10.0)
+            with torch.no_grad():
+                self.actor.weight.zero_()
+                self.actor.bias.fill_(1.0 / (1 + index))  # what it does, and how far off the velocity is
             self.logger.log(it=index, collect_time=0.25, learn_time=0.5)
 
     def side(self) -> Any:
         spread = self.lengths.copy_
         return measuring.Side(
-            "cpu", 2, 1, self.step, self.physics, [self.state], [self.target], spread, 100, lambda folder: self
+            "cpu",
+            2,
+            1,
+            self.step,
+            self.physics,
+            [self.state],
+            [self.target],
+            spread,
+            100,
+            lambda folder: self,
+            lambda: self.target[:, 0],
         )
 
 
 def test_a_side_is_measured():
     toy = Toy()
-    request = {"device": "cpu", "parts": ["step", "train"], "steps": 6, "train_iterations": 3, "seed": 0}
+    request = {"device": "cpu", "parts": ["step", "train"], "steps": 6, "train_iterations": 3, "seed": 0, "asked": 0.0}
     found = measuring.measure(toy.side, request)
     assert found["blocks"] == 1
     assert found["steps_in_block"] == 6
@@ -67,6 +92,25 @@ def test_a_side_is_measured():
     assert [row["return"] for row in curve] == [None, 1.0, 1.5]
     assert (found["collect_s"], found["learn_s"]) == (0.25, 0.5)
     assert found["samples_per_s"] == pytest.approx(10 / found["iteration_s"])
+    assert found["start_s"] > 1.0e9  # from the command, here in 1970
+
+
+def test_when_a_robot_walked(monkeypatch):
+    request = {"device": "cpu", "parts": ["train", "walk"], "train_iterations": 8, "asked": time.time()}
+    monkeypatch.setattr(measuring, "TRY_EVERY", 4)
+    found = measuring.measure(Toy().side, request)
+    errors = [0.25, 0.125]  # after four and after eight iterations
+    assert [row["velocity_error"] for row in found["tried"]] == pytest.approx(errors)
+    assert [row["walks"] for row in found["tried"]] == [False, True]  # it must be under 0.25 m/s
+    assert found["walk_samples"] == 80
+    assert found["start_s"] < found["walk_s"] < 60.0
+    falling = Toy()
+    falling.falls_after = 50
+    found = measuring.measure(falling.side, request)
+    assert [row["upright"] for row in found["tried"]] == [1.0, 0.0]
+    assert found["tried"][1]["velocity_error"] == pytest.approx(0.125)  # as long as it was up
+    assert found["walk_s"] is None
+    assert found["walk_samples"] is None
 
 
 def rows(*points: tuple[int, float, float | None]) -> list[dict[str, Any]]:
@@ -113,6 +157,7 @@ def test_the_table_has_a_column_a_side(tmp_path):
         ([], "--mjlab-python or --mjlab-path"),
         (["--mjlab-path", "x", "--num-envs", "0"], "--num-envs: is 0, must be 1 or more"),
         (["--mjlab-path", "x", "--parts", "step", "--plot", "a.png"], "--plot: shows the training"),
+        (["--mjlab-path", "x", "--parts", "step", "walk"], "walk is about the training, so add train"),
     ],
 )
 def test_what_cannot_be_compared_is_said(arguments, message, capsys):

@@ -112,6 +112,8 @@ def test_the_update_is_that_of_rsl_rl(changes):
     assert "update" not in ours.no_graphs
     assert "rollout" in ours.no_graphs
     assert_same(theirs, ours)
+    logged = float(theirs.alg.get_policy().output_std.detach().mean())
+    assert float(ours.logger.read_std()) == pytest.approx(logged, rel=2.0e-5)
 
 
 @pytest.mark.parametrize("clip", [None, 0.2])
@@ -250,7 +252,7 @@ def test_graphs_compute_what_rsl_rl_does_and_wait_for_nothing(tmp_path):
         runner.learn(1)  # recorded, and replayed
     assert_same(theirs, ours, 5.0e-3)
     assert ours._rollout.recorded
-    assert ours.alg._program.recorded
+    assert all(program.recorded for program in ours.alg._programs.values())
     torch.cuda.synchronize()
     torch.cuda.set_sync_debug_mode("error")
     try:

@@ -2,12 +2,14 @@
 """This package beside mjlab, on mjlab's own task: its Go1 follows velocity commands on a plane.
 
     python tools/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
-        [--train-iterations 100] [--parts step train] [--cone pyramidal] [--njmax 300] [--json FILE] [--plot FILE]
+        [--train-iterations 100] [--parts step train walk] [--task TASK] [--cone pyramidal] [--njmax 300] [--json FILE]
+        [--plot FILE]
 
 mjlab needs other versions of MuJoCo than this package, so it runs under an interpreter of its own (``--mjlab-python``),
 or under this one with the folder that it was installed to first on the path (``--mjlab-path``). Each side runs in a
 fresh process, one after the other, and is measured by the same functions (``compare_mjlab_measure.py``). Prints a table
-with a column a side; ``docs/comparison.md`` says what is the same and where the two differ.
+with a column a side; ``docs/comparison.md`` says what is the same and where the two differ. ``--task`` adds one for a
+task of this package, with its own robot and settings.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +42,9 @@ ROWS = (
     ("training: collection, an iteration [s]", "collect_s", ".3f", -1),
     ("training: learning, an iteration [s]", "learn_s", ".3f", -1),
     ("training: device memory [MiB]", "train_memory_mb", ",.0f", -1),
+    ("from the command to the first iteration [s]", "start_s", ".1f", -1),
+    ("from the command to a robot that walks [s]", "walk_s", ".1f", -1),
+    ("samples until then", "walk_samples", ",.0f", -1),
 )
 """Label, key, format, and whether more (1) or less (-1) is better."""
 
@@ -65,7 +71,7 @@ class Peer:
 def _run(command: list[str], request: dict[str, Any], out: Path, env: dict[str, str]) -> Path:
     """Run a program that takes a request and writes its answer to ``out``."""
     asked, log = out.with_suffix(".request"), out.with_suffix(".log")
-    asked.write_text(json.dumps({**request, "out": str(out)}))
+    asked.write_text(json.dumps({**request, "out": str(out), "asked": time.time()}))
     with log.open("w") as file:
         try:
             status = subprocess.run([*command, str(asked)], env=env, stdout=file, stderr=subprocess.STDOUT).returncode
@@ -88,15 +94,30 @@ def make_side(request: dict[str, Any]) -> Any:
 
     from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
 
-    facts = json.loads(Path(request["facts"]).read_text())
-    agent = make_agent_cfg(facts, request)
-    env = Go1Env(make_env_cfg(facts, Path(request["facts"]).with_name("robot.xml"), request))
+    if request["task"]:
+        import stripe_tasks  # noqa: F401  (registers the tasks)
+        from stripe_newton.cli.common import load_configs
+        from stripe_newton.cli.tasks import make_env
+
+        configs = load_configs(request["task"], None)
+        configs.env.sim.device, configs.env.scene.num_envs = request["device"], request["num_envs"]
+        agent, configs.env.seed, configs.agent.seed = configs.agent, request["seed"], request["seed"]
+        env = make_env(request["task"], configs.env)
+    else:
+        facts = json.loads(Path(request["facts"]).read_text())
+        agent = make_agent_cfg(facts, request)
+        env = Go1Env(make_env_cfg(facts, Path(request["facts"]).with_name("robot.xml"), request))
+    agent.matmul_precision = "high"  # as mjlab's training sets it
     env.reset(seed=request["seed"])
     sim, state = env.sim, env.sim.state
     start = (state.joint_q, state.joint_qd, state.body_q, state.body_qd, sim.solver.mjw_data.qacc_warmstart)
 
     def spread(lengths: Any) -> None:
         env.episode_length_buf = lengths
+
+    def velocity_error() -> Any:
+        velocity = env.scene["robot"].data.root_link_lin_vel_b[:, :2]
+        return (env.command_manager.get_command(env.command_manager.active_terms[0])[:, :2] - velocity).norm(dim=1)
 
     return Side(
         device=request["device"],
@@ -109,6 +130,7 @@ def make_side(request: dict[str, Any]) -> Any:
         spread=spread,
         max_episode_length=env.max_episode_length,
         make_runner=lambda folder: OnPolicyRunner(RslRlVecEnvWrapper(env, agent.clip_actions), agent, folder),
+        velocity_error=velocity_error,
     )
 
 
@@ -123,7 +145,7 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         folder: Where files go.
 
     Returns:
-        What was measured, by side, the request, and the returns of :func:`returns`.
+        What was measured, by side and for ``--task`` by its name, the request, and the returns of :func:`returns`.
     """
     request = {
         "device": arguments.device,
@@ -135,6 +157,7 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "cone": arguments.cone,
         "njmax": arguments.njmax,
         "randomize": True,
+        "task": None,
     }
     peer = Peer(arguments.mjlab_python, arguments.mjlab_path)
     print("reading the task of mjlab ...", flush=True)
@@ -142,20 +165,29 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     task = json.loads(facts.read_text())
     _check(task, arguments)
     physics = {"decimation": task["env"]["decimation"], "dt": task["env"]["sim"]["mujoco"]["timestep"]}
-    found: dict[str, Any] = {"request": request, **physics}
+    found: dict[str, Any] = {"request": {**request, "task": arguments.task}, **physics}
     print("measuring mjlab ...", flush=True)
     answer = peer.ask("measure", request, folder / "mjlab.json")
     found["mjlab"] = json.loads(answer.read_text())
-    print("measuring stripe-newton ...", flush=True)
+    _keep(found, arguments.json)
     own = [sys.executable, str(Path(__file__).resolve()), "--request"]
-    answer = _run(own, {**request, "facts": str(facts)}, folder / "stripe-newton.json", dict(os.environ))
-    found["stripe-newton"] = json.loads(answer.read_text())
-    for side in SIDES:
-        if "step_ms" in found[side]:
+    for side, task in (("stripe-newton", None), *([(arguments.task, arguments.task)] if arguments.task else [])):
+        print(f"measuring {side} ...", flush=True)
+        asked = {**request, "facts": str(facts), "task": task}
+        found[side] = json.loads(_run(own, asked, folder / f"{side}.json", dict(os.environ)).read_text())
+        _keep(found, arguments.json)
+    for side in (*SIDES, arguments.task):
+        if "step_ms" in found.get(side, {}):
             found[side]["overhead"] = found[side]["step_ms"] / found[side]["physics_ms"]
     if "train" in arguments.parts:
         found["returns"] = returns(*(found[side]["curve"] for side in SIDES))
     return found
+
+
+def _keep(found: dict[str, Any], path: Path | None) -> None:
+    """Write what was found so far: a side takes minutes."""
+    if path:
+        path.write_text(json.dumps(found, indent=1))
 
 
 def _check(facts: dict[str, Any], arguments: argparse.Namespace) -> None:
@@ -189,19 +221,28 @@ def returns(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[st
 
 
 def table(found: dict[str, Any]) -> str:
-    """Both sides as text; ``better by`` is how many times as good ours is."""
-    rows: list[tuple[str, ...]] = [("", *SIDES, "better by")]
+    """Both sides as text, and a task of ours; ``better by`` is how many times as good as mjlab ours is."""
+    task = found["request"].get("task")
+    more = (task, "better by") if task else ()
+    rows: list[tuple[str, ...]] = [("", *SIDES, "better by", *more)]
     for label, key, form, sign in ROWS:
         values = [found[side].get(key) for side in SIDES]
         if any(key in found[side] for side in SIDES):
-            rows.append((label, *(_text(value, form) for value in values), _factor(values, sign)))
+            row = (label, *(_text(value, form) for value in values), _factor(values, sign))
+            own = found[task].get(key) if task else None
+            rows.append((*row, *((_text(own, form), _factor([own, values[1]], sign)) if task else ())))
     if "returns" in found:
         pairs = found["returns"]
         at = {"after_samples": f"{pairs['samples']:,} samples", "after_seconds": f"{pairs['seconds']:.1f} s"}
         for key, when in at.items():
-            rows.append((f"return after {when}", *(_text(value, ".2f") for value in pairs[key]), ""))
-    widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    lines = [row[0].ljust(widths[0]) + "".join(f"  {row[i]:>{widths[i]}}" for i in range(1, 4)) for row in rows]
+            rows.append(
+                (f"return after {when}", *(_text(value, ".2f") for value in pairs[key]), "", *(" " for _ in more))
+            )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        row[0].ljust(widths[0]) + "".join(f"  {cell:>{n}}" for cell, n in zip(row[1:], widths[1:], strict=True))
+        for row in rows
+    ]
     lines.insert(1, "-" * len(lines[0]))
     versions = []
     for side in SIDES:
@@ -251,7 +292,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--steps", type=int, default=300, help="steps to time, in blocks of up to 32")
     parser.add_argument("--train-iterations", type=int, default=100)
-    parser.add_argument("--parts", nargs="+", choices=("step", "train"), default=["step", "train"])
+    parser.add_argument("--parts", nargs="+", choices=("step", "train", "walk"), default=["step", "train", "walk"])
+    parser.add_argument("--task", help="a velocity task of this package, measured too")
     parser.add_argument("--seed", type=int, default=42)
     parser.add_argument("--cone", choices=("pyramidal", "elliptic"), help="friction cone of both sides; as in mjlab")
     parser.add_argument("--njmax", type=int, help="constraints that both sides have room for, a world; as in mjlab")
@@ -264,6 +306,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     for name in ("num_envs", "steps", "train_iterations", "njmax"):
         if getattr(found, name) is not None and getattr(found, name) < 1:
             parser.error(f"--{name.replace('_', '-')}: is {getattr(found, name)}, must be 1 or more")
+    if "walk" in found.parts and "train" not in found.parts:
+        parser.error("--parts: walk is about the training, so add train")
     if found.plot and "train" not in found.parts:
         parser.error("--plot: shows the training, which --parts leaves out")
     return found
@@ -281,8 +325,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         found = compare(arguments, Path(folder))
     print(table(found))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1))
+    _keep(found, arguments.json)
     if arguments.plot:
         plot(found, arguments.plot)
 

@@ -21,10 +21,14 @@ from typing import Any
 
 import torch
 
-__all__ = ["Memory", "Side", "measure", "measure_steps", "measure_training", "versions"]
+__all__ = ["Memory", "Side", "measure", "measure_steps", "measure_training", "measure_walk", "versions"]
 
 BLOCK = 32
 """Steps between two waits for the device."""
+TRY_EVERY = 10
+"""Iterations between two policies of which it is asked whether the robot walks."""
+MAX_ERROR, MIN_UPRIGHT = 0.25, 0.95
+"""A robot walks if its mean error of the velocity [m/s] and the share of episodes without a fall are within these."""
 PACKAGES = ("mjlab", "stripe-newton", "newton", "mujoco", "mujoco-warp", "warp-lang", "rsl-rl-lib", "torch")
 
 
@@ -48,6 +52,8 @@ class Side:
     max_episode_length: int
     make_runner: Callable[[str], Any]
     """An rsl_rl runner that writes to a folder."""
+    velocity_error: Callable[[], torch.Tensor]
+    """How far the robots are from the horizontal velocities that they are commanded [m/s], ``(num_envs,)``."""
 
 
 def measure(make: Callable[[], Side], request: dict[str, Any]) -> dict[str, Any]:
@@ -55,11 +61,13 @@ def measure(make: Callable[[], Side], request: dict[str, Any]) -> dict[str, Any]
 
     Args:
         make: Builds it.
-        request: ``device``, ``parts`` (``"step"``, ``"train"``), ``steps``, ``train_iterations``, ``seed``.
+        request: ``device``, ``parts`` (``"step"``, ``"train"``, ``"walk"``), ``steps``, ``train_iterations``, ``seed``,
+            ``asked`` (when this process was started, by ``time.time()``).
 
     Returns:
         Milliseconds, MiB and counts a step for ``"step"``, see :func:`measure_steps`; for ``"train"`` the curve and its
-        medians, see :func:`measure_training`. CUDA counts and memory are None on the CPU.
+        medians, see :func:`measure_training`; for ``"walk"``, too, when the robots walked, see :func:`measure_walk`.
+        CUDA counts and memory are None on the CPU.
     """
     memory = Memory(request["device"])
     start = time.perf_counter()
@@ -72,8 +80,12 @@ def measure(make: Callable[[], Side], request: dict[str, Any]) -> dict[str, Any]
         found |= measure_steps(side, request["steps"], request["seed"], memory)
         found["memory_mb"] = memory.look()
     if "train" in request["parts"]:
-        found |= measure_training(side, request["train_iterations"], memory)
+        found["start_s"] = time.time() - request["asked"]
+        runner, policies, curve = measure_training(side, request["train_iterations"])
+        found |= curve
         found["train_memory_mb"] = memory.look()
+        if "walk" in request["parts"]:
+            found |= measure_walk(side, runner, policies, found["start_s"])
     return found
 
 
@@ -128,47 +140,89 @@ def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str
     return found | {f"{kind}_per_step": count for kind, count in counts.items()}
 
 
-def measure_training(side: Side, iterations: int, memory: Memory) -> dict[str, Any]:
+def measure_training(side: Side, iterations: int) -> tuple[Any, list[dict[str, Any]], dict[str, Any]]:
     """Train with rsl_rl and keep what its logger is told after each iteration.
 
     ``curve`` has a row an iteration: samples so far, seconds since the start, mean return and length of the last 100
     episodes that ended (None before the first), seconds of collection and of learning. ``samples_per_s`` goes by the
     median iteration, so that the first one, in which kernels are loaded, does not count.
+
+    Returns:
+        The runner, the policies after every tenth iteration (``samples``, ``seconds``, ``state``), and the curve.
     """
     curve: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
+        wait(side.device)
+        start = time.perf_counter()
         runner = side.make_runner(folder)
         logger, log = runner.logger, runner.logger.log
         samples = runner.cfg["num_steps_per_env"] * side.num_envs
 
         def note(*args: Any, **values: Any) -> None:
             log(*args, **values)
-            wait(side.device)
-            memory.look()
+            seconds = time.perf_counter() - start
             curve.append(
                 {
                     "samples": samples * (len(curve) + 1),
-                    "seconds": time.perf_counter() - start,
+                    "seconds": seconds,
                     "return": statistics.mean(logger.rewbuffer) if logger.rewbuffer else None,
                     "length": statistics.mean(logger.lenbuffer) if logger.lenbuffer else None,
                     "collect_s": values["collect_time"],
                     "learn_s": values["learn_time"],
                 }
             )
+            if len(curve) % TRY_EVERY == 0:
+                state = {name: value.clone() for name, value in runner.alg.actor.state_dict().items()}
+                policies.append({"samples": curve[-1]["samples"], "seconds": seconds, "state": state})
 
         logger.log = note
-        wait(side.device)
-        start = time.perf_counter()
         runner.learn(iterations, init_at_random_ep_len=True)
-    times = [0.0, *(row["seconds"] for row in curve)]
-    iteration = statistics.median(b - a for a, b in itertools.pairwise(times))
-    return {
+        wait(side.device)
+    times = [row["seconds"] for row in curve]
+    iteration = statistics.median(b - a for a, b in itertools.pairwise(times)) if len(times) > 1 else times[0]
+    found = {
         "curve": curve,
         "samples_per_s": samples / iteration,
         "iteration_s": iteration,
         "collect_s": statistics.median(row["collect_s"] for row in curve),
         "learn_s": statistics.median(row["learn_s"] for row in curve),
     }
+    return runner, policies, found
+
+
+@torch.inference_mode()
+def measure_walk(side: Side, runner: Any, policies: list[dict[str, Any]], start_s: float) -> dict[str, Any]:
+    """When in its training the robot walked: each policy acts in its share of the environments, for one whole episode.
+
+    It acts without noise of its own, under the noise and the pushes of the training. A robot walks if
+    its velocity, averaged over the steps before it falls, is on average less than 0.25 m/s off, and 95 % do not fall.
+
+    Returns:
+        ``tried``, a row a policy; ``walk_s``, seconds from the command, which was ``start_s`` before the training, to
+        the first policy that walks, and ``walk_samples``, the samples it had seen; None if there is none.
+    """
+    env, actor, count = runner.env, runner.alg.actor.eval(), len(policies)
+    obs = env.reset()
+    obs = obs[0] if isinstance(obs, tuple) else obs
+    shares = [rows.to(side.device) for rows in torch.arange(side.num_envs).tensor_split(count)] if count else []
+    upright = torch.ones(side.num_envs, dtype=torch.bool, device=side.device)
+    error, steps = torch.zeros((2, side.num_envs), device=side.device)
+    for _ in range(side.max_episode_length - 1 if count else 0):
+        given = zip(policies, shares, strict=True)
+        actions = [torch.func.functional_call(actor, policy["state"], (obs[rows],)) for policy, rows in given]
+        obs, _, done, _ = env.step(torch.cat(actions))
+        upright &= done == 0
+        error += torch.where(upright, side.velocity_error(), 0.0)
+        steps += upright
+    tried: list[dict[str, Any]] = []
+    for policy, rows in zip(policies, shares, strict=True):
+        off, share = float((error / steps.clamp(min=1.0))[rows].mean()), float(upright[rows].float().mean())
+        walks = off < MAX_ERROR and share >= MIN_UPRIGHT
+        times = {"samples": policy["samples"], "seconds": start_s + policy["seconds"]}
+        tried.append({**times, "velocity_error": off, "upright": share, "walks": walks})
+    first = next((row for row in tried if row["walks"]), {"seconds": None, "samples": None})
+    return {"tried": tried, "walk_s": first["seconds"], "walk_samples": first["samples"]}
 
 
 class Memory:

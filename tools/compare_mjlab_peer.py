@@ -53,7 +53,9 @@ def make_side(request: dict[str, Any]) -> Side:
     from mjlab.envs import ManagerBasedRlEnv
     from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
     from mjlab.tasks.registry import load_rl_cfg
+    from mjlab.utils.torch import configure_torch_backends
 
+    configure_torch_backends()  # as its own training does: TF32
     cfg = make_cfg(request)
     env = ManagerBasedRlEnv(cfg, device=request["device"])
     env.reset(seed=request["seed"])
@@ -71,6 +73,10 @@ def make_side(request: dict[str, Any]) -> Side:
         torch.manual_seed(request["seed"])
         return MjlabOnPolicyRunner(RslRlVecEnvWrapper(env, agent["clip_actions"]), agent, folder, request["device"])
 
+    def velocity_error() -> torch.Tensor:
+        velocity = env.scene["robot"].data.root_link_lin_vel_b[:, :2]
+        return (env.command_manager.get_command("twist")[:, :2] - velocity).norm(dim=1)
+
     data = env.sim.wp_data
     return Side(
         device=request["device"],
@@ -83,6 +89,7 @@ def make_side(request: dict[str, Any]) -> Side:
         spread=spread,
         max_episode_length=env.max_episode_length,
         make_runner=make_runner,
+        velocity_error=velocity_error,
     )
 
 

@@ -5,7 +5,8 @@
     python tools/training_speed.py OUT --cases graph "graph tf32" rsl_rl --iterations 60
 
 Networks are 512-256-128, an iteration is 24 steps, 5 epochs of 4 minibatches. ``OUT/training_speed.json`` has the
-numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the wall from the sixth to the last.
+numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the wall from the sixth to the last, parts of them
+after the training, each alone and many times in a row; "the rest" is what an iteration takes longer than these.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ def table(found: list[dict[str, Any]]) -> str:
             "policy, critic, sampling": lambda f: f["policy_ms"],
             "storage, bookkeeping": lambda f: f["rollout_ms"] - f["env_ms"] - f["policy_ms"],
             "update": lambda f: f["update_ms"],
-            "host, logging": lambda f: f["collect_ms"] + f["learn_ms"] - f["rollout_ms"] - f["update_ms"],
+            "the rest": lambda f: f["collect_ms"] + f["learn_ms"] - f["rollout_ms"] - f["update_ms"],
         }
         for name, value in rows.items():
             lines.append(f"| {name} | " + " | ".join(f"{value(f):.2f} ms" for f in split) + " |")

@@ -73,7 +73,7 @@ def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, t
         algorithm.compute_returns(obs)
         losses = algorithm.update()
         runner.current_learning_iteration = number
-        numbers = losses | {"learning_rate": algorithm.rate, "std": algorithm.actor.output_std.mean()}
+        numbers = losses | {"learning_rate": algorithm.rate, "std": algorithm.std}
         iteration = _Iteration(number, rollout.tell(numbers), clock.reader())
         saves = logger.writer is not None and number % runner.cfg["save_interval"] == 0
         seen = saves or logger.iteration_hooks or logger.stop_requested or number + 1 == total

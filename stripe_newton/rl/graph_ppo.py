@@ -21,7 +21,7 @@ _FUSED = torch.optim.Adam, torch.optim.AdamW
 
 
 class GraphPPO(PPO):
-    """PPO with returns, all minibatches and the normalizers as one CUDA graph.
+    """PPO of which returns, a minibatch and the normalizers are a CUDA graph each; nobody waits for the device.
 
     What rsl_rl computes, in its order; learning rate, KL divergence and norms of gradients stay on the device. With
     several GPUs the gradients of each minibatch are averaged between two graphs. Adam is the fused one. Where a graph
@@ -36,8 +36,7 @@ class GraphPPO(PPO):
     def __init__(self, actor: MLPModel, critic: MLPModel, storage: RolloutStorage, *args: Any, **kwargs: Any):
         """Take the arguments of rsl_rl's ``PPO``."""
         super().__init__(actor, critic, storage, *args, **kwargs)
-        self._program: Program | None = None
-        self._parts: tuple[Program, Program, Program] | None = None
+        self._programs: dict[str, Program] = {}
         self.obstacle = self._find_obstacle()
         """Why the update is rsl_rl's own; empty if it is a graph."""
         if not self.obstacle:
@@ -63,6 +62,11 @@ class GraphPPO(PPO):
         """The learning rate, float64, as it is on the device; its memory changes."""
         return self._rate
 
+    @property
+    def std(self) -> torch.Tensor:
+        """Mean standard deviation of the actions in the last minibatch, as it is on the device; its memory changes."""
+        return self._std
+
     # -- what rsl_rl's runner calls
 
     def compute_returns(self, obs: TensorDict) -> None:
@@ -70,7 +74,7 @@ class GraphPPO(PPO):
         if self.obstacle:
             super().compute_returns(obs)
             return
-        if self._program is None:
+        if not self._programs:
             self._allocate(obs)
         for name, value in obs.items():
             self._last_obs[name].copy_(value)
@@ -85,10 +89,17 @@ class GraphPPO(PPO):
             return super().update()
         indices = torch.randperm(len(self._indices), device=self.device)
         self._indices.copy_(indices)
-        if self._parts is not None:
-            self._update_together()
-        elif self._program is not None:
-            self._program.run()
+        run = {name: program.run for name, program in self._programs.items()}
+        run["begin"]()
+        for picked in self._minibatches():
+            self._picked.copy_(picked)
+            if self.is_multi_gpu:
+                run["gradients"]()
+                self._average()
+                run["step"]()
+            else:
+                run["minibatch"]()
+        run.get("end", self._end)()
         self.storage.clear()
         return dict(zip(self._loss_names, self._losses.clone().unbind(), strict=True))
 
@@ -108,9 +119,8 @@ class GraphPPO(PPO):
         iteration = super().load(loaded_dict, load_cfg, strict)
         if not self.obstacle:
             self._prepare_optimizer()
-            for program in (self._program, *(self._parts or ())):
-                if program is not None:
-                    program.forget()
+            for program in self._programs.values():
+                program.forget()
         return iteration
 
     # -- construction
@@ -157,34 +167,24 @@ class GraphPPO(PPO):
         self._last_obs = obs.clone()
         self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
         self._losses = torch.zeros(len(self._loss_names), **make)
-        self._kl = torch.zeros((), **make)
-        self._program = Program(self._update_alone, self.device)
-        if self.is_multi_gpu:
-            self._picked = torch.zeros(samples // self.num_mini_batches, dtype=torch.int64, **make)
-            gradients = Program(lambda: self._gradients(self._picked), self.device)
-            self._parts = Program(self._begin, self.device), gradients, Program(self._step, self.device)
+        self._kl, self._std = torch.zeros((), **make), torch.zeros((), **make)
+        self._picked = torch.zeros(samples // self.num_mini_batches, dtype=torch.int64, **make)
+        alone = {"minibatch": self._learn_minibatch, "end": self._end}
+        together = {"gradients": self._gradients, "step": self._step}  # what comes between speaks to other processes
+        functions = {"begin": self._begin, **(together if self.is_multi_gpu else alone)}
+        self._programs = {name: Program(function, self.device) for name, function in functions.items()}
 
     # -- the update
 
-    def _update_alone(self) -> None:
-        self._begin()
-        for picked in self._minibatches():
-            self._gradients(picked)
-            self._step()
-        self._end()
+    def _learn_minibatch(self) -> None:
+        self._gradients()
+        self._step()
 
-    def _update_together(self) -> None:
-        assert self._parts is not None
-        begin, gradients, step = self._parts
-        begin.run()
-        for picked in self._minibatches():
-            self._picked.copy_(picked)
-            gradients.run()
-            torch.distributed.all_reduce(self._kl)
-            self._kl /= self.gpu_world_size
-            self.reduce_parameters()
-            step.run()
-        self._end()
+    def _average(self) -> None:
+        """Average KL divergence and gradients over the ranks."""
+        torch.distributed.all_reduce(self._kl)
+        self._kl /= self.gpu_world_size
+        self.reduce_parameters()
 
     def _minibatches(self) -> list[torch.Tensor]:
         return list(self._indices.chunk(self.num_mini_batches)) * self.num_learning_epochs
@@ -216,8 +216,8 @@ class GraphPPO(PPO):
                 samples = torch.cat([flat[g] for g in model.obs_groups], dim=-1)
                 _learn_moments(model.obs_normalizer, samples, self.gpu_world_size)
 
-    def _batch(self, picked: torch.Tensor) -> RolloutStorage.Batch:
-        st = self.storage
+    def _batch(self) -> RolloutStorage.Batch:
+        st, picked = self.storage, self._picked
         rows = {name: value.flatten(0, 1)[picked] for name, value in st.observations.items()}
         batch = RolloutStorage.Batch(
             observations=TensorDict(rows, batch_size=[len(picked)]),
@@ -232,10 +232,9 @@ class GraphPPO(PPO):
             batch.advantages = (batch.advantages - batch.advantages.mean()) / (batch.advantages.std() + 1e-8)
         return batch
 
-    def _gradients(self, picked: torch.Tensor) -> None:
+    def _gradients(self) -> None:
         """Losses, KL divergence and gradients of a minibatch."""
-        count = len(picked)
-        batch = self._batch(picked)
+        batch, count = self._batch(), len(self._picked)
         if self.symmetry:
             self.symmetry.augment_batch(batch, count)
         kind = torch.device(self.device).type
@@ -261,6 +260,7 @@ class GraphPPO(PPO):
         loss.backward()
         with torch.no_grad():
             self._losses += torch.stack([value.detach().float() for value in losses])
+            self._std.copy_(actor.output_std.mean())
 
     def _surrogate_loss(self, log_prob: torch.Tensor, batch: RolloutStorage.Batch) -> torch.Tensor:
         advantages = -torch.squeeze(batch.advantages)

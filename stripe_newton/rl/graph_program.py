@@ -22,6 +22,7 @@ class Program:
         """Take a function without arguments that neither waits for the device nor depends on values on the host."""
         self._function, self._device = function, torch.device(device)
         if self._device.type == "cuda":
+            wp.init()  # a function of torch alone may be the first to be recorded
             self._stream = torch.cuda.Stream(self._device)
         self._graph: torch.cuda.CUDAGraph | None = None
         self._held: wp.Graph | None = None  # what Warp must not free while the graph lives

@@ -150,8 +150,8 @@ class GraphRollout:
             Waits for it and gives the report; to be called before this method is called again.
         """
         names = list(numbers)
-        values = [*numbers.values(), *self._log.mean(dim=0).unbind(), *self._nan.unbind()]
-        packed = torch.stack([v.detach().float() for v in values])
+        values = torch.stack([value.detach().float() for value in numbers.values()])
+        packed = torch.cat((values, self._log.mean(dim=0), self._nan.float()))
         done = self._algorithm.storage.dones.squeeze(-1)
         sent = [
             self._send(name, v) for name, v in (("p", packed), ("d", done), ("r", self._returns), ("l", self._lengths))

@@ -43,6 +43,8 @@ class RunLogger(Logger):
         self.stop_requested = False
         self.ahead = False
         """Whether the next iteration has begun already when one is logged; the run does not stop then."""
+        self.read_std: Callable[[], Any] | None = None
+        """Gives the standard deviation of the actions that is logged, where the actor does not know it."""
         self._stop_agreed = False
         self.iteration_hooks: list[Callable[[int], None]] = []
         """Called with the iteration after each, before its checkpoint."""
@@ -76,6 +78,8 @@ class RunLogger(Logger):
             StopTraining: if the run was asked to stop; all ranks stop after the same iteration.
         """
         times = {"collect_time": collect_time, "learn_time": learn_time}
+        if self.read_std is not None:
+            values["action_std"] = self.read_std()
         with contextlib.redirect_stdout(io.StringIO()):
             super().log(it=it, start_it=start_it, total_it=total_it, **times, **values)
         self.iterations_done = it + 1
