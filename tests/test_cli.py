@@ -16,8 +16,8 @@ import torch
 import tyro
 import yaml
 
-from stripe_newton.cli import main
-from stripe_newton.cli.common import program
+from stripe_newton.cli import main, tasks
+from stripe_newton.cli.common import command, program
 from stripe_newton.cli.fields import apply_options, apply_saved, options_of
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
@@ -325,9 +325,9 @@ def test_live_view(monkeypatch, capsys):
 
 def test_interrupted_command_leaves_a_run_that_goes_on():
     path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
-    command = [sys.executable, "-m", "stripe_newton.cli", "--import", str(ROOT / "tests/fake_env.py"), "train", TASK]
+    words = [sys.executable, "-m", "stripe_newton.cli", "--import", str(ROOT / "tests/fake_env.py"), "train", TASK]
     process = subprocess.Popen(
-        [*command, "--device", "cpu", "--max-iterations", "100000"],
+        [*words, "--device", "cpu", "--max-iterations", "100000"],
         env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -403,3 +403,5 @@ def test_the_commands_to_run_next_start_in_the_callers_shell(tmp_path, monkeypat
     script.write_text("#!/bin/sh\n")
     script.chmod(0o755)
     assert program() == "stripe-newton"
+    monkeypatch.setattr(tasks, "_imported", ["my task.py"])
+    assert command("play", "My-v0") == "stripe-newton play My-v0 --import 'my task.py'"

@@ -20,6 +20,7 @@ optuna = pytest.importorskip("optuna")
 
 from stripe_newton.cli import main  # noqa: E402
 from stripe_newton.cli import sweep as cli_sweep  # noqa: E402
+from stripe_newton.cli import tasks as cli_tasks  # noqa: E402
 from stripe_newton.cli.common import Configs  # noqa: E402
 from stripe_newton.cli.errors import UserError  # noqa: E402
 from stripe_newton.cli.sweep_file import read_sweep_file  # noqa: E402
@@ -449,6 +450,7 @@ def command(*words: str) -> int:
 @pytest.fixture
 def fake_children(monkeypatch):
     monkeypatch.setattr(cli_sweep, "child_command", lambda: FAKE)
+    monkeypatch.setattr(cli_tasks, "_imported", [])
 
 
 def test_the_command(fake_children, capsys):

@@ -24,7 +24,7 @@ from stripe_newton.rl.distributed import rank_device, world
 
 from .errors import UserError
 from .fields import apply_options, apply_saved, options_of
-from .tasks import find_task, load_cfg, make_env, task_argument
+from .tasks import find_task, import_options, load_cfg, make_env, task_argument
 
 if TYPE_CHECKING:  # rsl_rl takes a second to import, and bench has no use for it
     from stripe_newton.rl import OnPolicyRunner, Policy, RslRlVecEnvWrapper
@@ -244,6 +244,11 @@ def program() -> str:
     if started.name != "stripe-newton":
         return shlex.join([sys.executable, "-m", "stripe_newton.cli"])
     return shlex.quote(os.path.relpath(started))
+
+
+def command(*words: str) -> str:
+    """A command of this program as one would type it, with the ``--import`` that this one was given."""
+    return f"{program()} {shlex.join([*words, *import_options()])}"
 
 
 def video_steps(env: RslRlVecEnvWrapper) -> int:

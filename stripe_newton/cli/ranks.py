@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from stripe_newton.rl.distributed import LAUNCHER, exchange, join, tell, world
 
 from .errors import UserError
-from .tasks import imported
+from .tasks import import_options
 
 __all__ = ["launch_ranks", "number_of_ranks", "run_folder_of_all", "split_over_ranks"]
 
@@ -42,13 +41,12 @@ def launch_ranks(task: str, argv: list[str], count: int) -> int:
     from stripe_newton.rl.launcher import launch
 
     from . import USER_ERRORS
-    from .common import program
+    from .common import command
 
-    extra = [word for target in imported() for word in ("--import", target)]
-    arguments = ["-m", "stripe_newton.cli", *extra, "train", *argv]
+    arguments = ["-m", "stripe_newton.cli", *import_options(), "train", *argv]
     code, folder = launch(arguments, count, USER_ERRORS)
     if code == 1 and folder is not None:
-        again = f"{program()} train {task} --gpus {count} --resume {shlex.quote(folder)}"
+        again = command("train", task, "--gpus", str(count), "--resume", folder)
         print(f"after its last checkpoint the run goes on with:\n  {again}", file=sys.stderr)
     return code
 

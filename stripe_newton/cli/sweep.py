@@ -6,17 +6,16 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import torch
 
-from .common import Configs, program
+from .common import Configs, command
 from .errors import UserError
 from .sweep_file import read_sweep_file
-from .tasks import imported
+from .tasks import import_options
 
 if TYPE_CHECKING:
     from stripe_newton.rl.sweep_process import Slot
@@ -84,14 +83,13 @@ def run_sweep(task: str, argv: list[str], args: TrainArgs, configs: Configs) -> 
         return 130
     if best is None:
         raise UserError(f"{folder}: no trial was completed; results.csv says why each of them was not")
-    print(f"best parameters:\n  {program()} train {shlex.join(cfg.words(best))}")
+    print(f"best parameters:\n  {command('train', *cfg.words(best))}")
     return 0
 
 
 def child_command() -> list[str]:
     """The words that start a training in a process of its own, with the tasks imported here."""
-    extra = [word for target in imported() for word in ("--import", target)]
-    return [sys.executable, "-m", "stripe_newton.cli", *extra, "train"]
+    return [sys.executable, "-m", "stripe_newton.cli", *import_options(), "train"]
 
 
 def list_slots(device: str | None, jobs: int | None) -> list[Slot]:

@@ -20,7 +20,7 @@ from .errors import UserError
 __all__ = [
     "find_task",
     "import_extra",
-    "imported",
+    "import_options",
     "load_cfg",
     "load_entry_points",
     "make_env",
@@ -58,9 +58,9 @@ def import_extra(args: list[str]) -> list[str]:
     return rest
 
 
-def imported() -> list[str]:
-    """What ``--import`` named so far in this process, for processes that need the same."""
-    return list(_imported)
+def import_options() -> list[str]:
+    """The options ``--import`` that were given so far in this process, for commands that need the same."""
+    return [word for target in _imported for word in ("--import", target)]
 
 
 def _import(target: str) -> None:
@@ -76,7 +76,8 @@ def _import(target: str) -> None:
         if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
             raise  # the module is there, one that it imports is not
         raise UserError(f"--import: there is no module '{target}'") from None
-    _imported.append(target)
+    if target not in _imported:
+        _imported.append(target)
 
 
 def load_entry_points() -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,10 +29,10 @@ from .common import (
     Configs,
     build,
     check,
+    command,
     load_configs,
     parse,
     peek,
-    program,
     set_device,
     set_seeds,
     task_of,
@@ -203,13 +202,10 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
 
 
 def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
-    path, command = shlex.quote(str(folder.path)), program()
+    path = str(folder.path)
     if not complete:
-        ranks = f" --gpus {world().size}" if world().size > 1 else ""
-        print(f"stopped; go on with:\n  {command} train {task}{ranks} --resume {path}")
-    print(
-        f"run folder: {folder.path}\n"
-        "next:\n"
-        f"  {command} play {task} --checkpoint {path}\n"
-        f"  {command} eval {task} --checkpoint {path}"
-    )
+        ranks = ["--gpus", str(world().size)] if world().size > 1 else []
+        print(f"stopped; go on with:\n  {command('train', task, *ranks, '--resume', path)}")
+    print(f"run folder: {folder.path}\nnext:")
+    for verb in ("play", "eval"):
+        print(f"  {command(verb, task, '--checkpoint', path)}")
