@@ -117,7 +117,8 @@ def plot(out: Path, made: list[dict[str, Any]], steps: list[dict[str, Any]]) -> 
         axes[2].bar(places, [s["physics_ms"] for s in steps], color="tab:green", label="physics")
         axes[2].set_xticks(places, ["bare" if not s["trees"] else f"{s['trees']:,}" for s in steps])
         axes[2].set(xlabel="trees", ylabel="ms", title=f"a step of {steps[0]['num_envs']} quadrupeds")
-        axes[2].legend(frameon=False)
+        axes[2].set_ylim(0.0, 1.2 * max(s["env_ms"] for s in steps))
+        axes[2].legend(frameon=False, ncols=2)
     for axis in axes[:2]:
         axis.grid(alpha=0.3)
     figure.savefig(out / "forest_scaling.png", dpi=130)
