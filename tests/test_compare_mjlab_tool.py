@@ -158,12 +158,20 @@ def test_the_table_has_a_column_a_side(tmp_path):
         (["--mjlab-path", "x", "--num-envs", "0"], "--num-envs: is 0, must be 1 or more"),
         (["--mjlab-path", "x", "--parts", "step", "--plot", "a.png"], "--plot: shows the training"),
         (["--mjlab-path", "x", "--parts", "step", "walk"], "walk is about the training, so add train"),
+        (["--mjlab-path", "x", "--task", "Stripe-Nothing-v0"], "--task Stripe-Nothing-v0: "),
+        (["--mjlab-path", "x", "--task", "Stripe-Cartpole-v0"], "does not follow velocity commands"),
+        (["--mjlab-path", "x", "--task", "Stripe-Cartpole-Direct-v0"], "is not made of managers"),
     ],
 )
 def test_what_cannot_be_compared_is_said(arguments, message, capsys):
     with pytest.raises(SystemExit):
         tool.parse(arguments)
     assert message in capsys.readouterr().err
+
+
+def test_a_velocity_task_can_be_measured_too():
+    task = "Stripe-Velocity-Flat-Quadruped-v0"
+    assert tool.parse(["--mjlab-path", "x", "--task", task]).task == task
 
 
 def test_a_run_ends_before_mjlab_widens_its_commands(tmp_path):

@@ -171,9 +171,9 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     found["mjlab"] = json.loads(answer.read_text())
     _keep(found, arguments.json)
     own = [sys.executable, str(Path(__file__).resolve()), "--request"]
-    for side, task in (("stripe-newton", None), *([(arguments.task, arguments.task)] if arguments.task else [])):
+    for side in ("stripe-newton", *([arguments.task] if arguments.task else [])):
         print(f"measuring {side} ...", flush=True)
-        asked = {**request, "facts": str(facts), "task": task}
+        asked = {**request, "facts": str(facts), "task": None if side in SIDES else side}
         found[side] = json.loads(_run(own, asked, folder / f"{side}.json", dict(os.environ)).read_text())
         _keep(found, arguments.json)
     for side in (*SIDES, arguments.task):
@@ -301,6 +301,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--plot", type=Path, help="picture of both curves (PNG)")
     parser.add_argument("--request", type=Path, help=argparse.SUPPRESS)  # measure our side, in a process of its own
     found = parser.parse_args(arguments)
+    problem = _problem_of_task(found.task) if found.task else ""
+    if problem:
+        parser.error(f"--task {found.task}: {problem}")
     if not (found.request or found.mjlab_python or found.mjlab_path):
         parser.error("name mjlab by --mjlab-python or --mjlab-path; 'pip install mjlab' in an environment of its own")
     for name in ("num_envs", "steps", "train_iterations", "njmax"):
@@ -311,6 +314,25 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     if found.plot and "train" not in found.parts:
         parser.error("--plot: shows the training, which --parts leaves out")
     return found
+
+
+def _problem_of_task(task: str) -> str:
+    """Why a task cannot be measured beside mjlab's; empty if it can."""
+    import stripe_tasks  # noqa: F401  (registers the tasks)
+    from stripe_newton.cli.errors import UserError
+    from stripe_newton.cli.tasks import load_cfg
+    from stripe_newton.envs import ManagerBasedRLEnvCfg, mdp
+
+    try:
+        cfg = load_cfg(task, "env")
+    except UserError as error:
+        return str(error)
+    if not isinstance(cfg, ManagerBasedRLEnvCfg):
+        return "is not made of managers"
+    commands = [value for value in getattr(cfg.commands, "__dict__", cfg.commands or {}).values() if value is not None]
+    if not commands or not isinstance(commands[0], mdp.UniformVelocityCommandCfg):
+        return "does not follow velocity commands"
+    return ""
 
 
 def main() -> None:
