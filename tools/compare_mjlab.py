@@ -2,8 +2,8 @@
 """This package beside mjlab, on mjlab's own task: its Go1 follows velocity commands on a plane.
 
     python tools/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
-        [--train-iterations 100] [--parts step train walk] [--task TASK] [--cone pyramidal] [--njmax 300] [--json FILE]
-        [--plot FILE]
+        [--train-iterations 100] [--parts step train walk] [--task TASK] [--no-tf32] [--cone pyramidal] [--njmax 300]
+        [--json FILE] [--plot FILE]
 
 mjlab needs other versions of MuJoCo than this package, so it runs under an interpreter of its own (``--mjlab-python``),
 or under this one with the folder that it was installed to first on the path (``--mjlab-path``). Each side runs in a
@@ -107,7 +107,7 @@ def make_side(request: dict[str, Any]) -> Any:
         facts = json.loads(Path(request["facts"]).read_text())
         agent = make_agent_cfg(facts, request)
         env = Go1Env(make_env_cfg(facts, Path(request["facts"]).with_name("robot.xml"), request))
-    agent.matmul_precision = "high"  # as mjlab's training sets it
+    agent.matmul_precision = "high" if request["tf32"] else "highest"
     env.reset(seed=request["seed"])
     sim, state = env.sim, env.sim.state
     start = (state.joint_q, state.joint_qd, state.body_q, state.body_qd, sim.solver.mjw_data.qacc_warmstart)
@@ -154,6 +154,7 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "train_iterations": arguments.train_iterations,
         "parts": arguments.parts,
         "seed": arguments.seed,
+        "tf32": arguments.tf32,
         "cone": arguments.cone,
         "njmax": arguments.njmax,
         "randomize": True,
@@ -295,6 +296,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=("step", "train", "walk"), default=["step", "train", "walk"])
     parser.add_argument("--task", help="a velocity task of this package, measured too")
     parser.add_argument("--seed", type=int, default=42)
+    parser.add_argument(
+        "--tf32",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="matrix products, as mjlab's training has them",
+    )
     parser.add_argument("--cone", choices=("pyramidal", "elliptic"), help="friction cone of both sides; as in mjlab")
     parser.add_argument("--njmax", type=int, help="constraints that both sides have room for, a world; as in mjlab")
     parser.add_argument("--json", type=Path, help="file for all figures and both curves")

@@ -55,7 +55,7 @@ def make_side(request: dict[str, Any]) -> Side:
     from mjlab.tasks.registry import load_rl_cfg
     from mjlab.utils.torch import configure_torch_backends
 
-    configure_torch_backends()  # as its own training does: TF32
+    configure_torch_backends(allow_tf32=request["tf32"])
     cfg = make_cfg(request)
     env = ManagerBasedRlEnv(cfg, device=request["device"])
     env.reset(seed=request["seed"])

@@ -87,11 +87,10 @@ class GraphPPO(PPO):
         """
         if self.obstacle:
             return super().update()
-        indices = torch.randperm(len(self._indices), device=self.device)
-        self._indices.copy_(indices)
+        indices = torch.randperm(len(self._picked) * self.num_mini_batches, device=self.device)
         run = {name: program.run for name, program in self._programs.items()}
         run["begin"]()
-        for picked in self._minibatches():
+        for picked in indices.chunk(self.num_mini_batches) * self.num_learning_epochs:
             self._picked.copy_(picked)
             if self.is_multi_gpu:
                 run["gradients"]()
@@ -161,14 +160,13 @@ class GraphPPO(PPO):
     @torch.inference_mode(False)  # rsl_rl's loop is in one, and what is made there cannot be written elsewhere
     def _allocate(self, obs: TensorDict) -> None:
         storage = self.storage
-        samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches * self.num_mini_batches
+        samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
         make: dict[str, Any] = {"device": self.device}
-        self._indices = torch.zeros(samples, dtype=torch.int64, **make)
+        self._picked = torch.zeros(samples, dtype=torch.int64, **make)
         self._last_obs = obs.clone()
         self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
         self._losses = torch.zeros(len(self._loss_names), **make)
         self._kl, self._std = torch.zeros((), **make), torch.zeros((), **make)
-        self._picked = torch.zeros(samples // self.num_mini_batches, dtype=torch.int64, **make)
         alone = {"minibatch": self._learn_minibatch, "end": self._end}
         together = {"gradients": self._gradients, "step": self._step}  # what comes between speaks to other processes
         functions = {"begin": self._begin, **(together if self.is_multi_gpu else alone)}
@@ -185,9 +183,6 @@ class GraphPPO(PPO):
         torch.distributed.all_reduce(self._kl)
         self._kl /= self.gpu_world_size
         self.reduce_parameters()
-
-    def _minibatches(self) -> list[torch.Tensor]:
-        return list(self._indices.chunk(self.num_mini_batches)) * self.num_learning_epochs
 
     @torch.no_grad()
     def _begin(self) -> None:

@@ -22,7 +22,6 @@ from .config import RslRlBaseRunnerCfg
 from .distributed import join, world
 from .errors import CheckpointError, CheckpointWriteError
 from .graph_loop import learn_in_graphs
-from .graph_ppo import GraphPPO
 from .graph_rollout import GraphRollout
 from .interrupt import on_first_signal
 from .logger import RunLogger, StopTraining
@@ -128,7 +127,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
     def _learn(self, count: int, spread: bool) -> None:
         if "rollout" in self.no_graphs:
-            if isinstance(self.alg, GraphPPO) and not self.alg.obstacle:
+            if "update" not in self.no_graphs:
                 self.logger.read_std = lambda: self.alg.std  # the actor's own is that of the last step
             super().learn(count, spread)
             return
