@@ -10,7 +10,6 @@ from typing import Any
 import tyro
 
 from stripe_newton.rl import RunFolder, export_policy, find_checkpoint
-from stripe_newton.rl.training_state import restore_statistics
 
 from .common import build, check, learn_nothing, load_configs, set_device, set_seeds
 from .errors import UserError
@@ -53,10 +52,8 @@ def run(argv: list[str]) -> int:
     check(configs)
     set_seeds(configs.env.seed or 0)
 
-    runner = build(task, configs)
+    runner = build(task, configs, checkpoint=checkpoint)
     try:
-        runner.load(checkpoint, load_cfg=runner.parts_to_act | {"iteration": True})
-        restore_statistics(runner.env.unwrapped, checkpoint)
         print(export_policy(runner, out, task=task, run=folder.path.name if folder is not None else None))
     finally:
         runner.env.close()

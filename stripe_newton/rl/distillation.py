@@ -23,7 +23,7 @@ class DistillationRunner(OnPolicyRunner):
         Rusu et al. "Policy distillation", arXiv:1511.06295 (2016).
     """
 
-    parts_to_act = {"student": True}
+    parts_to_act = {"student": True, "iteration": True}
 
     def __init__(
         self, env: RslRlVecEnvWrapper, cfg: RslRlDistillationRunnerCfg, log_dir: str | os.PathLike | None = None

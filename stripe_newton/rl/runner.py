@@ -42,7 +42,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     """
 
     _unsaved: CheckpointWriteError | None = None
-    parts_to_act = {"actor": True}
+    parts_to_act = {"actor": True, "iteration": True}
 
     def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlBaseRunnerCfg, log_dir: str | os.PathLike | None = None):
         """Build networks, algorithm and logger on the environment's device.
