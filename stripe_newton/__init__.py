@@ -12,9 +12,14 @@ Importing this package loads nothing heavy: no torch, no Warp, no GPU. Take what
 
 from importlib.metadata import PackageNotFoundError, version
 
+from .moved_modules import forward_modules
+
 __all__ = ["__version__"]
 
 try:
     __version__ = version("stripe-newton")
 except PackageNotFoundError:  # run from a source tree that is not installed
     __version__ = "0+source"
+
+# Old module paths, by the release that moved them. What moved in 0.2 goes with 0.3; CHANGELOG lists each.
+forward_modules({})
