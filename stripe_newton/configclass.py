@@ -5,7 +5,8 @@
 * a public class attribute without an annotation is a field too;
 * ``MISSING`` marks what the user must set;
 * a name that is not a field is refused, with the nearest one that is;
-* :func:`validate` gathers every problem of a whole tree of configs and reports them at once.
+* :func:`validate` gathers every problem of a whole tree of configs and reports them at once;
+* fields that exist only so that other people's configs load are named in ``IGNORED``, and setting one warns.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import inspect
 import os
 import re
 import typing
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -65,6 +67,11 @@ def configclass(cls: type[T]) -> type[T]:
     Instances get ``replace(**changes)``, ``copy()``, ``to_dict()``, ``from_dict(data)`` (in place) and
     ``validate()``. A class adds checks of its own by a method ``problems(self)`` that yields
     ``(field, message)`` pairs, and derived defaults by ``__post_init__``, as a dataclass does.
+
+    Fields without effect are declared with their reason, and a value other than the default is a warning::
+
+        collision_group: int = 0
+        IGNORED: ClassVar[dict[str, str]] = {"collision_group": "environments never collide with each other"}
     """
     cls.__annotations__ = _own_fields(cls)
     inherited = getattr(cls, "__dataclass_fields__", {})
@@ -342,6 +349,8 @@ def resolve_name(name: str) -> Any:
 def validate(self: Any) -> None:
     """Check the whole tree of configs.
 
+    A field that has no effect warns, once by name, where its value is not the default.
+
     Raises:
         ConfigError: every field still ``MISSING`` and every problem that a config class reports of itself.
     """
@@ -350,8 +359,19 @@ def validate(self: Any) -> None:
         raise ConfigError(problems)
 
 
+def _warn_of_ignored(config: Any) -> None:
+    """Warn of each field that was set and has no effect. Python shows an equal warning of one place once."""
+    for cls in type(config).__mro__:
+        for name, reason in vars(cls).get("IGNORED", {}).items():
+            field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
+            default = field.default if field.default_factory is MISSING else field.default_factory()
+            if getattr(config, name) != default:
+                warnings.warn(f"{cls.__name__}.{name} has no effect: {reason}", stacklevel=2)
+
+
 def _walk(value: Any, path: str) -> Iterator[str]:
     if is_config(value):
+        _warn_of_ignored(value)
         missing = [name for name in _field_names(value) if getattr(value, name) is MISSING]
         yield from (f"{path}{name}: is missing, {type(value).__name__} needs a value" for name in missing)
         try:

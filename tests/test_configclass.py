@@ -11,6 +11,7 @@ import dataclasses
 import enum
 import math
 import pickle
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -443,3 +444,36 @@ def test_resolve_name():
     for name, error in (("math", ValueError), ("math:nope", AttributeError), ("no_such_module:x", ImportError)):
         with pytest.raises(error):
             resolve_name(name)
+
+
+def test_a_field_without_effect_warns_when_it_is_set():
+    @configclass
+    class Base:
+        group: int = 0
+        size: float = 1.0
+        IGNORED: ClassVar[dict[str, str]] = {"group": "all of them collide"}
+
+    @configclass
+    class Derived(Base):
+        group = 3
+
+    assert [f.name for f in dataclasses.fields(Base)] == ["group", "size"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Base(size=2.0).validate()
+    for config in (Base(group=1), Derived()):
+        with pytest.warns(UserWarning, match=r"^Base\.group has no effect: all of them collide$"):
+            config.validate()
+
+
+def test_a_field_without_effect_warns_once():
+    @configclass
+    class Part:
+        group: int = 0
+        IGNORED: ClassVar[dict[str, str]] = {"group": "all of them collide"}
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            Part(group=1).validate()
+    assert len(caught) == 1
