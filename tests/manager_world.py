@@ -45,8 +45,6 @@ def manager_context(
         num_terminations=num_terminations,
     )
     context.seed(seed)
-    nonfinite = context.array("nonfinite", wp.bool)
-    context.scope.name("nonfinite", nonfinite)
     return context
 
 
@@ -66,6 +64,7 @@ def plan(context: ManagerContext, *item_lists: list[Any]) -> Plan:
 
 def set_reset(context: ManagerContext, mask: list[bool] | torch.Tensor) -> None:
     """Say whose episodes just ended."""
+    context.reset_mask.begin_step()
     wp.to_torch(context.reset)[:] = torch.as_tensor(mask)
 
 

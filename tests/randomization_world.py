@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from stripe_kernels.model_data import EncoderData
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.managers import EventManager, EventTermCfg, ManagerContext
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
@@ -148,4 +149,4 @@ def all_arrays(world: RandomizedWorld) -> dict[str, np.ndarray]:
 
 
 def _bias(world: RandomizedWorld) -> wp.array:
-    return next(iter(s["robot"] for k, s in world.context.provided.items() if "EncoderData" in k.key)).bias
+    return world.context.structs.provided[EncoderData]["robot"].bias

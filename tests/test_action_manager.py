@@ -14,7 +14,7 @@ from stripe_kernels import mdp
 from stripe_kernels.data import ActionData, ArticulationData
 from stripe_kernels.mdp import ACTIONS
 from stripe_newton.envs import mdp as cfgs
-from stripe_newton.fusion import Section, bind_term
+from stripe_newton.fusion import Section, bind_term, code
 from stripe_newton.managers import ActionManager, ActionTermCfg, ManagerContext
 from stripe_newton.noise import ConstantNoiseCfg, GaussianNoiseCfg, NoiseCfg, UniformNoiseCfg
 from tests import term_reference_random as reference
@@ -193,7 +193,7 @@ def test_terms_share_the_actions_in_the_order_of_the_config():
     manager = world.manager
     assert manager.active_terms == ["feet", "grip", "legs"]
     assert (manager.total_action_dim, manager.action_term_dim) == (8, [3, 1, 4])
-    assert world.context.action_slices == {"feet": (0, 3), "grip": (3, 1), "legs": (4, 4)}
+    assert world.manager.action_spans == {"feet": (0, 3), "grip": (3, 1), "legs": (4, 4)}
     assert [line.split() for line in str(manager).splitlines()[3:]] == [
         ["0", "feet", "3"], ["1", "grip", "1"], ["2", "legs", "4"],
     ]  # fmt: skip
@@ -286,7 +286,7 @@ def test_a_term_reads_all_actions_or_those_of_one_action_term():
         size = call.counts["num_actions"]
         key = params.get("action_name", "all")
         outs[key] = context.array(f"out_{key}", float, 2 * size)
-        lines.append(call.expression(f"{context.scope.name(f'out_{key}', outs[key])}[env]"))
+        lines.append(call.expression(code("{}[env]", context.scope.name(f"out_{key}", outs[key]))))
     a, b = np.random.default_rng(2).normal(size=(2, N, 6)).astype(np.float32)
     world.step(a)
     world.step(b)

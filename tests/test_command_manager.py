@@ -15,7 +15,7 @@ from stripe_kernels import mdp
 from stripe_kernels.data import CommandData, PoseCommandData, VelocityCommandData
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp as cfgs
-from stripe_newton.fusion import Captured, Section, bind_term
+from stripe_newton.fusion import Captured, Section, bind_term, code
 from stripe_newton.managers import CommandManager, CommandTermCfg
 from stripe_newton.noise import UniformNoiseCfg
 from tests import term_reference, term_reference_random
@@ -60,7 +60,7 @@ class World:
     def values(self) -> dict[str, Any]:
         names = "root_pose", "root_vel", "body_pose", "env_origin", "default_root_pose"
         found = {"ArticulationData": {n: getattr(self.robot, n).numpy().astype(float) for n in names}}
-        for kind, structs in self.context.provided.items():
+        for kind, structs in self.context.structs.provided.items():
             fields = {n: getattr(s, n) for s in structs.values() for n in kind.vars}
             found[kind.key.rpartition(".")[2]] = {n: a.numpy() for n, a in fields.items()}
         return found
@@ -382,7 +382,7 @@ def test_terms_read_commands_by_name_and_kind():
     shown = bind_term(context, mdp.generated_commands, {"command_name": "walk"}, "observations.policy.c", "observation")
     assert shown.counts["num_command"] == 3
     out = context.array("out", float, 4)
-    reader = plan(context, [Section("read", [call.expression(f"{context.scope.name('out', out)}[env]")])])
+    reader = plan(context, [Section("read", [call.expression(code("{}[env]", context.scope.name("out", out)))])])
     world.reset(*range(N))
     world.compute()
     reader.run()

@@ -341,10 +341,6 @@ def test_prestartup_terms_run_without_a_model():
 
     assert len(prestartup_events(EventsCfg(), calls)) == 1
     assert prestartup_events(None, calls) == []
-    context = manager_context(1)
-    context.owner = calls
-    EventManager(EventsCfg(), context).prestartup()[0].function()
-    assert calls.by_name["early"] == [(0, None)] * 2
 
 
 def test_neighbouring_warp_terms_share_a_section_and_the_order_is_kept():

@@ -14,8 +14,10 @@ from stripe_kernels.data import ArticulationData
 from stripe_newton.envs import mdp
 from stripe_newton.fusion import (
     Captured,
+    Code,
     Eager,
     EpisodeLog,
+    Flag,
     Parameters,
     Plan,
     SceneEntityCfg,
@@ -23,7 +25,12 @@ from stripe_newton.fusion import (
     Section,
     Stage,
     TermState,
+    TunedNumber,
     bind_term,
+    block,
+    code,
+    may_use,
+    only,
 )
 from stripe_newton.managers import MetricsManager, MetricTermCfg, RewardManager, RewardTermCfg
 from tests.manager_world import manager_context, plan, run, set_reset
@@ -90,19 +97,19 @@ def generated() -> set[str]:
 
 def test_one_name_per_value():
     scope, one, two = Scope(), wp.zeros(3, dtype=float), wp.zeros(3, dtype=float)
-    assert scope.name("x", one) == "x"
-    assert scope.name("y", one) == "x"
-    assert scope.name("x", two) == "x_2"
+    assert scope.name("x", one).text == "x"
+    assert scope.name("y", one).text == "x"
+    assert scope.name("x", two).text == "x_2"
     assert scope.values == {"x": one, "x_2": two}
-    assert scope.function(count_up) == "count_up"
-    assert scope.function(count_up) == "count_up"
-    assert scope.name("count_up", wp.zeros(1, dtype=int)) == "count_up_2"
+    assert scope.function(count_up).text == "count_up"
+    assert scope.function(count_up).text == "count_up"
+    assert scope.name("count_up", wp.zeros(1, dtype=int)).text == "count_up_2"
 
 
 def test_names_are_those_of_neither_python_nor_cpp():
     scope, names = Scope(), []
     for wish in ("env", "wp", "class", "template", "lambda", "out", "rewards.a-b", "3d"):
-        name = scope.name(wish, wp.zeros(2, dtype=float))
+        name = scope.name(wish, wp.zeros(2, dtype=float)).text
         assert name.isidentifier()
         names.append(name)
     assert names[:6] == ["env_2", "wp_2", "class_2", "template_2", "lambda_2", "out_2"]
@@ -115,13 +122,41 @@ def test_numbers_have_no_names(value):
         Scope().name("speed", value)
 
 
-def test_only_names_that_are_mentioned():
+# -- source
+
+
+def test_source_knows_the_names_that_it_uses():
     scope = Scope()
-    for name in ("joint", "joint_pos", "pos"):
-        scope.name(name, wp.zeros(1, dtype=float))
-    scope.function(count_up)
-    assert scope.mentioned(["joint_pos[env] = thing.pos + 1.0  # joint"]) == (["joint_pos"], [])
-    assert scope.mentioned(["x = count_up(env, pos)"]) == (["pos"], ["count_up"])
+    joint_pos, pos = (scope.name(n, wp.zeros(1, dtype=float)) for n in ("joint_pos", "pos"))
+    line = code("{}[env] = {thing}.pos + {}  # pos", joint_pos, 1, thing="thing")
+    assert line == Code("joint_pos[env] = thing.pos + 1  # pos", frozenset({"joint_pos"}))
+    call = scope.call(count_up, "env", code("{}[{}]", pos, "k"))
+    assert call.text == "count_up(env, pos[k])"
+    assert scope.used(call.uses) == (["pos"], ["count_up"])
+    nested = block(code("if {}:", call), [line])
+    assert [piece.text for piece in nested] == ["if count_up(env, pos[k]):", f"    {line.text}"]
+    assert nested[1].uses == line.uses
+    assert block(code("else:"), [])[1].text == "    pass"
+
+
+def test_source_knows_the_fields_of_structs(cart):
+    robot = cart.scope.name("robot", cart.entity("robot").data.struct)
+    line = code("{robot.joint_pos}[env, 0] = {}", 0, robot=robot)
+    assert line.text == "robot.joint_pos[env, 0] = 0"
+    assert line.uses == {"robot", "robot.joint_pos"}
+    with pytest.raises(
+        AttributeError, match="'robot' has no field 'joint_position'; it has body_acc, body_parent_wrench"
+    ):
+        code("{robot.joint_position}", robot=robot)
+
+
+def test_source_in_an_f_string_is_an_error():
+    """It would lose the names that it uses."""
+    name = Scope().name("values", wp.zeros(1, dtype=float))
+    with pytest.raises(TypeError, match=r"'values' is source in an f-string, write it with code"):
+        f"{name}[env]"
+    with pytest.raises(TypeError, match=r"'\{\} = 1': a part is array, must be source or text"):
+        code("{} = 1", wp.zeros(1, dtype=float))
 
 
 # -- parameters
@@ -180,8 +215,9 @@ def test_parameters_in_source(cart):
     name, add = cart.scope.name("result", out), cart.parameters.add
     values = [("f", 2.0, float), ("b", True, bool), ("v", (3.0, 4.0), wp.vec2), ("n", 5, int)]
     f, b, v, n = (add(*value) for value in values)
-    body = [f"{name}[env, 0] = {f}", f"{name}[env, 1] = wp.where({b}, 1.0, 0.0)"]
-    body += [f"{name}[env, 2] = ({v})[0] * ({v})[1]", f"{name}[env, 3] = float({n})"]
+    assert [isinstance(piece, TunedNumber) for piece in (f, b, v, n)] == [True, False, False, True]
+    body = [code("{}[env, 0] = {}", name, f), code("{}[env, 1] = wp.where({}, 1.0, 0.0)", name, b)]
+    body += [code("{}[env, 2] = ({})[0] * ({})[1]", name, v, v), code("{}[env, 3] = float({})", name, n)]
     work = plan(cart, [Section("read", body)])
     work.run()
     assert out.numpy().tolist() == [[2.0, 1.0, 12.0, 5.0]] * 4
@@ -200,8 +236,8 @@ def test_log(cart):
         log.line("ended", "float(env) + 1.0", "mean"),
         log.line("how_many", "1.0", "count"),
     ]
-    section = Section("log_lines", lines, where_reset=True)
-    last = Section("level", ["if env == 0:", "    " + log.line("level", "float(step[0])", "last")])
+    section = Section("log_lines", lines).only(cart.is_reset)
+    last = Section("level", block(code("if env == 0:"), [log.line("level", cart.code("float({step}[0])"), "last")]))
     work = plan(cart, [section, last, Captured("log", log.finish)])
     values = wp.to_torch(log.values)
     got = []
@@ -295,12 +331,53 @@ def test_all_problems_at_once_and_nothing_is_compiled(cart):
 
 
 def test_fixed_arguments_and_counts(cart):
-    call = bind_term(cart, cart_energy, {}, "rewards.x", "reward", {"mass": "masses[env]"})
-    assert call.expression().startswith("cart_energy(env, robot, ")
-    assert call.expression().endswith(", masses[env])")
+    call = bind_term(cart, cart_energy, {}, "rewards.x", "reward", {"mass": code("masses[env]")})
+    assert call.expression().text.startswith("cart_energy(env, robot, ")
+    assert call.expression().text.endswith(", masses[env])")
+    assert call.expression().uses >= {"cart_energy", "robot"}
     assert call.counts == {"joint_ids": 2}
     observed = bind_term(cart, mdp.joint_pos, {}, "observations.policy.q", "observation")
-    assert "policy[env, 3:5]" in observed.expression("policy[env, 3:5]")
+    assert "policy[env, 3:5]" in observed.expression(code("policy[env, 3:5]")).text
+    (part,) = (observed.expression(code("out"), sliced=["joint_ids"], span="k:k + 1").text,)
+    assert part == "joint_pos(env, robot, joint_ids[k:k + 1], out)"
+
+
+def test_calls_that_differ_in_tuned_numbers_alone(cart):
+    def call(where: str, mass: float, joint: str):
+        params = {"mass": mass, "asset_cfg": SceneEntityCfg("robot", joint_names=[joint])}
+        return bind_term(cart, cart_energy, params, where, "reward")
+
+    one, same, other = call("a", 1.0, "cart_to_pole"), call("b", 1.0, "cart_to_pole"), call("c", 1.0, "slider_to_cart")
+    ((mine, its),) = one.tuned_apart(same)
+    assert mine != its
+    assert one.tuned_apart(one) == []
+    assert one.tuned_apart(other) is None
+
+
+@wp.struct
+class Wind:
+    """A struct of a user's own."""
+
+    speed: wp.array[float]
+
+
+@wp.func
+def wind_speed(env: int, wind: Wind) -> float:
+    return wind.speed[env]
+
+
+def test_a_struct_of_a_users_own_is_bound_by_type_and_name(cart):
+    assert problems_of(cart, wind_speed, {}).endswith("of which the environment has none")
+    for name, speed in (("breeze", 2.0), ("storm", 30.0)):
+        wind = Wind()
+        wind.speed = wp.full(cart.num_envs, speed, dtype=float)
+        cart.provide(wind, name)
+    assert problems_of(cart, wind_speed, {}) == "rewards.x.params.wind: is missing, must name a Wind: breeze, storm"
+    assert "is 'calm', must name a Wind: breeze, storm" in problems_of(cart, wind_speed, {"wind_name": "calm"})
+    cart.problems.clear()
+    terms = {n: RewardTermCfg(wind_speed, {"wind": n}, weight=1.0) for n in ("breeze", "storm")}
+    run(cart, all_of(RewardManager(terms, cart, scale_by_dt=False)))
+    assert wp.to_torch(cart.reward).tolist() == [32.0] * 4
 
 
 def test_terms_share_a_state(cart):
@@ -412,14 +489,18 @@ def numbers(context, name: str = "numbers"):
     return context.scope.name(name, array), wp.to_torch(array)
 
 
+def added(name: Code, number: float) -> Code:
+    return code("{n}[env] = {n}[env] + {number}", n=name, number=str(number))
+
+
 def test_sections_run_in_order(cart):
     name, values = numbers(cart)
     order = []
     items = [
-        Section("one", [f"local = {name}[env] + 1.0", f"{name}[env] = local"]),
-        Section("two", [f"local = {name}[env] * 10.0", f"{name}[env] = local"]),
+        Section("one", [code("local = {}[env] + 1.0", name), code("{}[env] = local", name)]),
+        Section("two", [code("local = {}[env] * 10.0", name), code("{}[env] = local", name)]),
         Captured("middle", lambda: order.append(values.tolist())),
-        Section("two", [f"{name}[env] = {name}[env] + float(env)"]),
+        Section("two", [code("{n}[env] = {n}[env] + float(env)", n=name)]),
         Section("empty", []),
     ]
     run(cart, items)
@@ -427,30 +508,50 @@ def test_sections_run_in_order(cart):
     assert values.tolist() == [10.0, 11.0, 12.0, 13.0]
 
 
-def test_where_reset_and_conditions(cart):
+def test_flags_are_combined_by_and(cart):
     name, values = numbers(cart)
     set_reset(cart, [False, True, True, False])
     wp.to_torch(cart.stepping)[:] = 0
+    outside = Flag(0, cart.code("{stepping}[0] == 0"))
+    ended = Section("ended", [added(name, 1.0)]).only(cart.is_reset)
     items = [
-        Section("ended", [f"{name}[env] = {name}[env] + 1.0"], where_reset=True),
-        Section("within", [f"{name}[env] = {name}[env] + 10.0"], condition="stepping[0] != 0"),
-        Section("both", [f"{name}[env] = {name}[env] + 100.0"], where_reset=True, condition="stepping[0] == 0"),
+        ended,
+        Section("within", [added(name, 10.0)]).only(cart.within_step),
+        Section("both", [added(name, 100.0)]).only(cart.is_reset, outside),
+        *only([Captured("always", lambda: None), Section("again", [added(name, 1000.0)])], cart.is_reset),
     ]
+    assert ended.only(cart.is_reset) == ended
+    assert ended.only(outside).when == {cart.is_reset, outside}
+    assert ended.when == {cart.is_reset}
     work = plan(cart, items)
     work.run()
-    assert values.tolist() == [0.0, 101.0, 101.0, 0.0]
+    assert values.tolist() == [0.0, 1101.0, 1101.0, 0.0]
     wp.to_torch(cart.stepping)[:] = 1
     work.run()
-    assert values.tolist() == [10.0, 112.0, 112.0, 10.0]
+    assert values.tolist() == [10.0, 2112.0, 2112.0, 10.0]
+    assert "if stepping[0] == 0 and reset[env]:" in work.kernels[0].source
 
 
 def test_sections_may_be_called_like_arrays(cart):
     """As a command of the user may be called like a part of the step."""
     name, values = numbers(cart)
-    run(
-        cart, [Section(name, [f"{name}[env] = {name}[env] + 1.0"]), Section("step", [f"{name}[env] += float(step[0])"])]
-    )
+    step = cart.code("{n}[env] += float({step}[0])", n=name)
+    run(cart, [Section(name.text, [added(name, 1.0)]), Section("step", [step])])
     assert values.tolist() == [1.0] * 4
+
+
+def test_items_say_which_fields_they_may_use(cart):
+    functions = cart.scope.functions
+    robot = cart.scope.name("robot", cart.entity("robot").data.struct)
+    direct = Section("direct", [code("x = {robot.joint_pos}[env, 0]", robot=robot)])
+    calls = Section("calls", [cart.scope.call(silent, "env", robot)])
+    for item in (direct, calls):
+        assert may_use(item, {"joint_pos"}, functions)
+        assert not may_use(item, {"joint_vel", "body_pose"}, functions)
+    assert may_use(Eager("torch", lambda: None, "torch term"), {"body_pose"}, functions)
+    assert may_use(Captured("unknown", lambda: None), {"body_pose"}, functions)
+    assert not may_use(Captured("known", lambda: None, fields=frozenset({"joint_pos"})), {"body_pose"}, functions)
+    assert may_use(Captured("known", lambda: None, fields=frozenset({"joint_pos"})), {"joint_pos"}, functions)
 
 
 def test_eager_splits_the_step(cart):
@@ -460,7 +561,7 @@ def test_eager_splits_the_step(cart):
         values.mul_(2.0)
 
     def plus_one(title: str) -> Section:
-        return Section(title, [f"{name}[env] = {name}[env] + 1.0"], [f"term_{title}"])
+        return Section(title, [added(name, 1.0)], [f"term_{title}"])
 
     whole = plan(cart, [plus_one("a")], [plus_one("b")])
     split = plan(cart, [plus_one("a")], [Eager("rewards", on_host, "torch term 'mine'", ["mine"])], [plus_one("b")])
@@ -478,11 +579,9 @@ def test_eager_splits_the_step(cart):
     assert split.kernels[0].source in split.describe(kernels=True)
 
 
-def test_stage_without_items_says_why(cart):
-    stages = [Stage("curriculum", [], "no terms"), Stage("commands", [])]
-    text = Plan("test", stages, cart.scope, cart.num_envs, cart.device, use_graph=False).describe()
-    assert "no terms" in text
-    assert "commands" in text
+def test_a_stage_without_items_has_a_row(cart):
+    plan_ = Plan("test", [Stage("commands", [])], cart.scope, cart.num_envs, cart.device, use_graph=False)
+    assert plan_.rows() == [("commands", "-", "-")]
 
 
 def test_run_without_graph_runs_the_stages_named(cart):
@@ -490,10 +589,10 @@ def test_run_without_graph_runs_the_stages_named(cart):
     barrier = Captured("barrier", lambda: calls.append("barrier"))
     stages = [
         Stage("physics", [Captured("physics", lambda: calls.append("physics"))]),
-        Stage("outcome", [Section("outcome", [f"{name}[env] = {name}[env] + 1.0"])]),
+        Stage("outcome", [Section("outcome", [added(name, 1.0)])]),
         Stage("host", [Eager("host", lambda: calls.append("host"), "torch")]),
-        Stage("reset", [Section("reset_it", [f"{name}[env] = {name}[env] + 10.0"]), barrier]),
-        Stage("observations", [Section("observe", [f"{name}[env] = {name}[env] + 100.0"])]),
+        Stage("reset", [Section("reset_it", [added(name, 10.0)]), barrier]),
+        Stage("observations", [Section("observe", [added(name, 100.0)])]),
     ]
     work = Plan("test", stages, cart.scope, cart.num_envs, cart.device, use_graph=False)
     work.run_without_graph(["reset", "observations"])

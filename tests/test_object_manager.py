@@ -13,7 +13,7 @@ import warp as wp
 from stripe_kernels.mdp import objects as mdp
 from stripe_newton.assets import AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
-from stripe_newton.fusion import Section, bind_term
+from stripe_newton.fusion import Section, bind_term, block, code
 from stripe_newton.managers import ManagerContext
 from stripe_newton.managers.object_cfg import ObjectPoolCfg, spawn_object_pools
 from stripe_newton.managers.object_manager import ObjectManager
@@ -320,8 +320,8 @@ def test_only_environments_with_something_new_are_marked_as_moved(world):
     world.after_physics(slice(None))
     world.step()
     assert not world.moved.any()
-    spawn = world.context.scope.function(mdp.retire_object)
-    item = Section("retire_one", ["if env == 2:", f"    {spawn}(env, balls, 3)"])
+    retire = world.context.scope.call(mdp.retire_object, "env", world.manager["balls"].struct_name, 3)
+    item = Section("retire_one", block(code("if env == 2:"), [retire]))
     run(world.context, [item], world.manager.update())
     assert world.moved.tolist() == [False, False, True, False]
     assert world.manager["balls"].active.sum(dim=1).tolist() == [4, 4, 3, 4]
@@ -386,7 +386,7 @@ def test_terms_find_a_pool_by_its_name(world):
         context, mdp.object_lifted, {"pool_name": "boxes", "minimal_height": 0.05}, "rewards.lifted", "reward"
     )
     assert lifted is not None
-    lines = [call.expression(f"{name}[env, 1:5]"), f"{name}[env, 0] = {lifted.expression()}"]
+    lines = [call.expression(code("{}[env, 1:5]", name)), code("{}[env, 0] = {}", name, lifted.expression())]
     run(context, [Section("terms", lines)])
     assert buffer.numpy()[2].tolist() == [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     assert bind_term(context, mdp.object_active, {}, "observations.policy.none", "observation") is None

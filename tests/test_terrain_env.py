@@ -12,6 +12,7 @@ import pytest
 import torch
 import warp as wp
 
+from stripe_kernels.data import Pose2dCommandData
 from stripe_newton.assets import Articulation, ArticulationCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg, ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
@@ -208,7 +209,7 @@ def test_a_world_that_is_no_longer_finite_is_not_judged(env):
 def test_places_to_go_to_are_level_patches_of_the_tile(env):
     env.reset()
     terrain = env.scene.terrain
-    command = next(v for k, v in env.context.provided.items() if "Pose2dCommandData" in k.key)["place"]
+    command = env.context.structs.provided[Pose2dCommandData]["place"]
     where = command.pos.numpy()
     patches = terrain.flat_patches["target"][terrain.terrain_levels.long(), terrain.terrain_types.long()].numpy()
     gaps = np.linalg.norm(patches + [0.0, 0.0, 0.34] - where[:, None], axis=2)

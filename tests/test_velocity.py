@@ -53,7 +53,7 @@ def put_same(one: Any, two: Any) -> None:
     for name in ("joint_q", "joint_qd"):
         getattr(two.sim.state, name).assign(getattr(one.sim.state, name))
     two.sim.forward()
-    (mine,) = one.context.provided[VelocityCommandData].values()
+    (mine,) = one.context.structs.provided[VelocityCommandData].values()
     for name in ("command", "heading_target", "is_heading", "is_standing"):
         getattr(two._task.command, name).assign(getattr(mine, name))
 

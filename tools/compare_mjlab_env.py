@@ -53,8 +53,7 @@ class ForwardVelocityCommandCfg(mdp.UniformVelocityCommandCfg):
 class Go1Env(ManagerBasedRLEnv):
     """An environment whose terms may read the centres of mass."""
 
-    def _prestartup(self) -> None:
-        super()._prestartup()
+    def _provide_structs(self) -> None:
         ModelStructs(self.context).get(BodyModelData, "robot", ["com"])
 
 

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments of several agents in the direct workflow: subclass, fill the hooks."""
+"""Direct MARL environment: several agents in the direct workflow, with hooks in torch."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
-import warp as wp
 from gymnasium import spaces
 
-from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
+from stripe_newton.fusion import Eager, Item, Stage
 
 from .by_agent import (
     AgentNoise,
@@ -22,16 +21,15 @@ from .by_agent import (
     of_all,
     tensors_by_agent,
 )
+from .direct_env_base import DirectEnvBase
 from .direct_marl_env_cfg import DirectMARLEnvCfg
-from .events import EventRunner
-from .rl_env import RLEnv
+from .env_state import EnvState, state_arrays
 from .spaces import to_space
-from .substeps import Substeps
 
 __all__ = ["DirectMARLEnv"]
 
 
-class DirectMARLEnv(RLEnv):
+class DirectMARLEnv(DirectEnvBase):
     """Base class of environments in which several agents act at once, each with observations and rewards of its own.
 
     The interface is the ``parallel`` one of PettingZoo, for ``num_envs`` environments at once: what an agent gives and
@@ -74,11 +72,8 @@ class DirectMARLEnv(RLEnv):
         self.obs_dict, self.reward_dict = ByAgent(), ByAgent()
         self.terminated_dict, self.time_out_dict = ByAgent(), ByAgent()
         self._state: torch.Tensor | None = None
-        self._checked = False
-        self._events = EventRunner(cfg.events, self) if cfg.events is not None else None
-        self._substeps = Substeps(cfg.apply_action, cfg.decimation)
-        if self._events is not None:
-            self._events.startup()
+        self._make_hook_helpers(cfg)
+        self._run_startup_events()
 
     # -- PettingZoo
 
@@ -133,42 +128,33 @@ class DirectMARLEnv(RLEnv):
     # -- the step
 
     def _stages(self) -> list[Stage]:
-        measured = self._measure("launch_measured")
-        count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], condition="stepping[0] != 0")
-        steps, mode = self.cfg.decimation, self._substeps.mode
-        physics = f"_apply_action ({mode}), {type(self.sim.solver).__name__}, {steps} physics steps"
-        graph = self.device != "cpu" and self.cfg.sim.use_cuda_graph
-        how = f"torch hook; the physics is {'one CUDA graph' if graph else 'kernel by kernel'}"
-        outcome: list[Item] = [count, self._safety.after_physics()]
-        hooks = {"_get_dones": self._dones, "_get_rewards": self._rewards_of}
-        outcome += [Eager(name, function, "torch hook") for name, function in hooks.items()]
-        reset: list[Item] = [Eager("_reset_idx, forward kinematics", self._reset_ended, "torch hook")]
+        count = self._count_section().only(self.context.within_step)
+        outcome: list[Item] = [count, self._safety.after_physics(), self._hook("_get_dones", self._take_dones)]
+        reset: list[Item] = [Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
         if self.cfg.compute_final_obs:
-            reset.insert(0, Eager("final observations", self._final_observations, "torch copies"))
+            reset.insert(0, Eager("final observations", self._keep_final_observations, "torch copies"))
         events: list[Item] = []
         if self._events is not None and self._events.has_intervals:
             events.append(Eager("interval events", self._run_interval_events, "torch terms"))
-        sensors = self._measure("launch_observed")
-        if self.scene.needs_update:
-            sensors.insert(0, Eager("assets", lambda: self.scene.update_assets(self.step_dt), "host update"))
-        log = [Captured("log", self.context.log.finish)] if self.context.log.keys else []
         return [
-            Stage("actions", [Eager("_pre_physics_step", lambda: self._pre_physics_step(self._action), "torch hook")]),
-            Stage("physics", [Eager(physics, lambda: self._substeps.run(self), how)]),
-            *([Stage("measurements", measured)] if measured else []),
-            Stage("outcome", outcome),
+            Stage("actions", [self._hook("_pre_physics_step", lambda: self._pre_physics_step(self._action))]),
+            Stage("physics", [self._torch_physics()]),
+            *self._measurements_stage(),
+            Stage("outcome", [*outcome, self._hook("_get_rewards", self._take_rewards)]),
             Stage("reset", [*reset, *self._measure("launch_reset")]),
             Stage("events", events),
-            Stage("sensors", sensors),
-            Stage("observations", [Eager("_get_observations", self._observe, "torch hook"), *log]),
+            Stage("sensors", self._sensor_items()),
+            Stage("observations", [self._hook("_get_observations", self._observe), *self._log_items()]),
         ]
+
+    def _hook(self, name: str, function: Callable[[], None]) -> Eager:
+        return Eager(name, function, "torch hook")
 
     def _checked_action(self, action: Any) -> Any:
         refuse = self.cfg.nonfinite_actions == "raise" and self.device == "cpu"
         return checked_actions(action, self.action_spaces, self.num_envs, self.device, refuse)
 
     def _take_action(self, action: Any) -> None:
-        self._steps_before = self.common_step_counter
         self._action: ByAgent = {}
         for agent, value in action.items():
             value = self._action_noise(agent, value)
@@ -176,37 +162,28 @@ class DirectMARLEnv(RLEnv):
             if value.is_floating_point():
                 self._safety.make_finite(value)
 
-    def _dones(self) -> None:
-        self.common_step_counter = self._steps_before + 1
-        broken = wp.to_torch(self._safety.nonfinite)
+    def _take_dones(self) -> None:
+        self.count_step()
+        broken = self._safety.nonfinite
         terminated, time_outs = (of_all(self.agents, "_get_dones", v) for v in self._get_dones())
         self.terminated_dict = {a: v.bool() | broken for a, v in terminated.items()}
         self.time_out_dict = {a: v.bool().clone() for a, v in time_outs.items()}
         ended, failed, late = ends_of_envs(self.terminated_dict, self.time_out_dict)
         self.reset_buf[:], self.reset_terminated[:], self.reset_time_outs[:] = ended, failed, late
-        wp.to_torch(self.context.moved)[:] = self.reset_buf
+        self.context.torch(self.context.moved)[:] = self.reset_buf
 
-    def _rewards_of(self) -> None:
-        broken = wp.to_torch(self._safety.nonfinite)
+    def _take_rewards(self) -> None:
         rewards = of_all(self.agents, "_get_rewards", self._get_rewards())
-        self.reward_dict = {a: torch.where(broken, 0.0, v.float()) for a, v in rewards.items()}
+        self.reward_dict = {a: torch.where(self._safety.nonfinite, 0.0, v.float()) for a, v in rewards.items()}
         self.reward_buf[:] = torch.stack([*self.reward_dict.values()]).sum(dim=0)
 
-    def _reset_ended(self) -> None:
-        ids = self.reset_buf.nonzero().squeeze(-1)
-        if len(ids):
-            self._reset_idx(ids)
-            mask = torch.zeros_like(self.reset_buf)
-            mask[ids] = True
-            self.sim.forward(mask)
-
-    def _final_observations(self) -> None:
-        if not bool(self._stepping[0]) or not bool(self.reset_buf.any()):
+    def _keep_final_observations(self) -> None:
+        if not self._is_final():
             return
-        for agent, value in self._observations().items():
+        for agent, value in self._noisy_observations().items():
             self.extras[agent] |= {"final_obs": value.clone(), "_final_obs": self.reset_buf.clone()}
 
-    def _observations(self) -> ByAgent:
+    def _noisy_observations(self) -> ByAgent:
         groups = of_all(self.agents, "_get_observations", self._get_observations())
         if not self._checked:
             check_observations(groups, self.observation_spaces, self.num_envs)
@@ -214,13 +191,13 @@ class DirectMARLEnv(RLEnv):
         return {a: self._observation_noise(a, v) for a, v in groups.items()}
 
     def _observe(self) -> None:
-        self.obs_dict = {a: v.clone() for a, v in self._observations().items()}
+        self.obs_dict = {a: v.clone() for a, v in self._noisy_observations().items()}
         if self.cfg.state_space == -1:
             self._state = torch.cat([v.flatten(1) for v in self.obs_dict.values()], dim=-1)
         elif self.state_space is not None:
             self._state = checked_state(self._get_states(), self.state_space, self.num_envs).clone()
 
-    def _hand_out(self, values: dict[str, torch.Tensor]) -> ByAgent:
+    def _collect_observations(self, values: dict[str, torch.Tensor]) -> ByAgent:
         return self.obs_dict
 
     def _begin_extras(self) -> None:
@@ -229,20 +206,21 @@ class DirectMARLEnv(RLEnv):
 
     # -- continuing where it stopped
 
-    def get_state(self) -> dict[str, Any]:
+    def get_state(self) -> EnvState:
         """See :meth:`RLEnv.get_state`; tensors that the subclass keeps in dicts by agent are part of it too."""
-        arrays = [*self._arrays().values(), self.sim.state.body_q, self.sim.state.body_qd]
+        arrays = [*state_arrays(self).values(), self.sim.state.body_q, self.sim.state.body_qd]
         found = tensors_by_agent(vars(self), self.possible_agents, arrays)
         return super().get_state() | {"by_agent": {k: v.clone() for k, v in found}}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_state(self, state: EnvState) -> None:
         """See :meth:`RLEnv.set_state`."""
         self._state = None  # handed out: not to be written into
         super().set_state(state)
-        for (name, agent), value in state["by_agent"].items():  # new dicts: others may hold the old ones
+        by_agent: dict[tuple[str, str], torch.Tensor] = state["by_agent"]  # type: ignore[assignment]
+        for (name, agent), value in by_agent.items():  # new dicts: others may hold the old ones
             setattr(self, name, getattr(self, name, {}) | {agent: value.to(self.device).clone()})
 
-    def _parts(self) -> list[dict[str, Any]]:
+    def state_parts(self) -> list[dict[str, torch.Tensor]]:
         noise = [*self._observation_noise.parts(), *self._action_noise.parts()]
         return [*noise, *(self._events.clocks() if self._events is not None else [])]
 
@@ -286,7 +264,7 @@ class DirectMARLEnv(RLEnv):
         Args:
             env_ids: Environments, int64, shape ``(n,)``; ``None`` means all.
         """
-        ids = torch.as_tensor(range(self.num_envs) if env_ids is None else env_ids, device=self.device)
+        ids = self._env_indices(env_ids)
         self.scene.reset(ids)
         if self._events is not None:
             self._events.reset(ids)

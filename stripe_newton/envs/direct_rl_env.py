@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments in the direct workflow: subclass, fill the hooks."""
+"""Direct RL environment: subclass it and fill the hooks, with torch or with Warp kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,27 +15,18 @@ from gymnasium.vector.utils import batch_space
 
 from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
+from stripe_newton.noise import NoiseModel, NoiseModelCfg
 
+from .direct_env_base import DirectEnvBase
 from .direct_rl_env_cfg import DirectRLEnvCfg
-from .events import EventRunner
-from .rl_env import Observations, RLEnv
+from .hooks import DirectHooks
+from .rl_env import Observations
 from .spaces import to_space
-from .substeps import Substeps
 
 __all__ = ["DirectRLEnv"]
 
-_PAIRS = {
-    "_pre_physics_step": "_launch_pre_physics_step",
-    "_apply_action": "_launch_apply_action",
-    "_get_dones": "_launch_dones",
-    "_get_rewards": "_launch_rewards",
-    "_reset_idx": "_launch_reset",
-    "_get_observations": "_launch_observations",
-}
-"""Torch hooks, and the Warp hooks that may stand in for them."""
 
-
-class DirectRLEnv(RLEnv):
+class DirectRLEnv(DirectEnvBase):
     """Base class of environments whose hooks compute observations, rewards and dones for all environments at once.
 
     A step runs in this order: noise on the actions, ``_pre_physics_step``, the physics (``decimation`` steps,
@@ -69,28 +60,17 @@ class DirectRLEnv(RLEnv):
             ConfigError: all problems of the config at once.
             TypeError: if a class fills a hook twice, with torch and with Warp.
         """
-        self._check_hooks()
+        self._hooks = DirectHooks.of(type(self), DirectRLEnv)
         super().__init__(cfg, render_mode, **kwargs)
-        self._checked = False
         self._make_spaces()
-        for name in ("observation", "action"):
-            noise = getattr(self.cfg, f"{name}_noise_model")
-            model = noise.class_type(noise, self.num_envs, self.device) if noise is not None else None
-            setattr(self, f"_{name}_noise_model", model)
-        self._events = EventRunner(self.cfg.events, self) if self.cfg.events is not None else None
-        self._substeps = Substeps(self.cfg.apply_action, self.cfg.decimation)
+        self._observation_noise_model = self._make_noise(self.cfg.observation_noise_model)
+        self._action_noise_model = self._make_noise(self.cfg.action_noise_model)
+        self._make_hook_helpers(self.cfg)
         self._make_warp()
-        if self._events is not None:
-            self._events.startup()
+        self._run_startup_events()
 
-    def _fills(self, hook: str) -> bool:
-        """Whether the class fills a hook."""
-        return getattr(type(self), hook) is not getattr(DirectRLEnv, hook)
-
-    def _check_hooks(self) -> None:
-        twice = [f"{a} and {b}" for a, b in _PAIRS.items() if self._fills(a) and self._fills(b)]
-        if twice:
-            raise TypeError(f"{type(self).__name__} fills {'; '.join(twice)}: fill one of the two")
+    def _make_noise(self, cfg: NoiseModelCfg | None) -> NoiseModel | None:
+        return cfg.class_type(cfg, self.num_envs, self.device) if cfg is not None else None
 
     def _make_spaces(self) -> None:
         cfg = self.cfg
@@ -118,7 +98,7 @@ class DirectRLEnv(RLEnv):
         )
         self._actions_name = context.scope.name("actions", self.warp.actions)
         self.actions = wp.to_torch(self.warp.actions)
-        if self._fills("_launch_observations"):
+        if self._hooks.observations.is_warp:
             for name, space in self.single_observation_space.spaces.items():
                 shape = self.num_envs, spaces.flatdim(space)
                 self.warp.observations[name] = self.outputs.reserve(f"obs.{name}", wp.float32, shape)
@@ -129,115 +109,90 @@ class DirectRLEnv(RLEnv):
     # -- the step
 
     def _stages(self) -> list[Stage]:
-        measured = self._measure("launch_measured")
-        count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], condition="stepping[0] != 0")
         return [
             Stage("actions", self._action_items()),
             Stage("physics", self._physics_items()),
-            *([Stage("measurements", measured)] if measured else []),
-            Stage("outcome", [count, self._safety.after_physics(), *self._outcome_items()]),
+            # Sensors measure on the new state before anybody judges it.
+            *self._measurements_stage(),
+            Stage("outcome", self._outcome_items()),
+            # Resets lie within the step: what follows sees the new episodes, and the learner never a stale one.
             Stage("reset", self._reset_items()),
             Stage("events", self._event_items()),
-            Stage("forward kinematics", self._safety.forward() if self._fills("_launch_reset") else []),
+            # A torch hook has let the bodies follow already, by the exact environments that it was called with.
+            Stage("forward kinematics", self._safety.forward() if self._hooks.reset.is_warp else []),
             Stage("sensors", self._sensor_items()),
             Stage("observations", self._observation_items()),
         ]
 
-    def _either(self, hook: str, launch: Callable[[], None], torch_hook: Callable[[], None], terms: str = "") -> Item:
-        """A Warp hook as it is, or a torch hook with the reason why it is eager."""
-        if self._fills(_PAIRS[hook]):
-            return Captured(_PAIRS[hook], launch)
-        return Eager(f"{hook}{terms}", torch_hook, "torch hook")
-
     def _action_items(self) -> list[Item]:
-        noise = ", noise" if self._action_noise_model is not None else ""
-        if self._fills("_launch_pre_physics_step"):
-            finite = self._safety.actions(self._actions_name, self.warp.actions.shape[1])
+        if self._hooks.pre_physics.is_warp:
+            finite = self._safety.actions(self._actions_name)
             launch = Captured("_launch_pre_physics_step", lambda: self._launch_pre_physics_step(self.warp.actions))
             return [finite, launch]
+        noise = ", noise" if self._action_noise_model is not None else ""
         return [Eager(f"_pre_physics_step{noise}", lambda: self._pre_physics_step(self._action), "torch hook")]
 
     def _physics_items(self) -> list[Item]:
-        steps, solver = self.cfg.decimation, type(self.sim.solver).__name__
-        physics = f"{solver}, {steps} physics steps"
-        if self._fills("_launch_apply_action"):
-            if self._substeps.mode == "step":
-                return [
-                    Captured("_launch_apply_action", self._launch_apply_action),
-                    Captured(physics, lambda: self.sim.launch(steps)),
-                ]
+        steps, name = self.cfg.decimation, self._physics_name
+        alone = Captured(name, lambda: self.sim.launch(steps))
+        if self._hooks.apply_action.is_warp and self._substeps.mode == "step":
+            return [Captured("_launch_apply_action", self._launch_apply_action), alone]
+        if self._hooks.apply_action.is_warp:
             each = self._launch_apply_action
-            return [Captured(f"{physics}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
-        if self._fills("_launch_pre_physics_step") and not self._fills("_apply_action"):
-            return [Captured(physics, lambda: self.sim.launch(steps))]
-        graph = self.device != "cpu" and self.cfg.sim.use_cuda_graph
-        how = f"torch hook; the physics is {'one CUDA graph' if graph else 'kernel by kernel'}"
-        name = f"_apply_action ({self._substeps.mode}), {physics}"
-        return [Eager(name, lambda: self._substeps.run(self), how)]
+            return [Captured(f"{name}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
+        if self._hooks.pre_physics.is_warp and self._hooks.apply_action.is_empty:
+            return [alone]
+        return [self._torch_physics()]
 
     def _outcome_items(self) -> list[Item]:
-        dones = self._either("_get_dones", self._launch_dones, self._torch_dones)
-        rewards = self._either("_get_rewards", self._launch_rewards, self._torch_rewards)
-        items = [dones, rewards]
-        if isinstance(dones, Captured):
+        context = self.context
+        # The length of the episode counts this step already where dones and rewards look at it, as in Isaac Lab.
+        items: list[Item] = [self._count_section().only(context.within_step), self._safety.after_physics()]
+        items.append(self._hooks.dones.item(self._launch_dones, self._torch_dones))
+        if self._hooks.dones.is_warp:
             body = [
-                "episode.terminated[env] = episode.terminated[env] or nonfinite[env]",
-                "reset[env] = episode.terminated[env] or episode.truncated[env]",
-                "moved[env] = reset[env]",
+                context.code("{episode.terminated}[env] = {episode.terminated}[env] or {nonfinite}[env]"),
+                context.code("{reset}[env] = {episode.terminated}[env] or {episode.truncated}[env]"),
+                context.code("{moved}[env] = {reset}[env]"),
             ]
-            items.insert(1, Section("ended", body, condition="stepping[0] != 0"))
-        if isinstance(rewards, Captured):
-            items.append(Section("finite_reward", ["if nonfinite[env]:", "    reward[env] = 0.0"]))
+            items.append(Section("ended", body).only(context.within_step))
+        items.append(self._hooks.rewards.item(self._launch_rewards, self._torch_rewards))
+        if self._hooks.rewards.is_warp:
+            finite = [context.code("if {nonfinite}[env]:"), context.code("    {reward}[env] = 0.0")]
+            items.append(Section("finite_reward", finite))
         return items
 
     def _torch_dones(self) -> None:
-        self._count_step()
-        terminated, time_outs = self._get_dones()
-        torch.logical_or(terminated, wp.to_torch(self._safety.nonfinite), out=self.reset_terminated)
-        self.reset_time_outs[:] = time_outs
-        torch.logical_or(self.reset_terminated, self.reset_time_outs, out=self.reset_buf)
-        wp.to_torch(self.context.moved)[:] = self.reset_buf
+        self.count_step()
+        self._end_episodes(*self._get_dones())
 
     def _torch_rewards(self) -> None:
-        self._count_step()
+        self.count_step()
         rewards = self._get_rewards()
-        self.reward_buf[:] = torch.where(wp.to_torch(self._safety.nonfinite), 0.0, rewards)
-
-    def _count_step(self) -> None:
-        """Torch hooks after the physics see this step counted."""
-        self.common_step_counter = self._steps_before + 1
+        self.reward_buf[:] = torch.where(self._safety.nonfinite, 0.0, rewards)
 
     def _reset_items(self) -> list[Item]:
         items: list[Item] = []
         if self.cfg.compute_final_obs:
-            items.append(Eager("final observations", self._final_observations, "torch copies"))
-        if not self._fills("_launch_reset"):
-            items.append(Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook"))
-            return items
+            items.append(Eager("final observations", self._keep_final_observations, "torch copies"))
+        if not self._hooks.reset.is_warp:
+            return [*items, Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
         if self._events is not None or self._noise_models():
             items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
         items += [self._safety.begin_reset(), Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset))]
         return [*items, *self._measure("launch_reset"), self._safety.end_reset()]
 
-    def _torch_reset(self) -> None:
-        ids = self.reset_buf.nonzero().squeeze(-1)
-        if len(ids):
-            self._reset_idx(ids)
-            mask = torch.zeros_like(self.reset_buf)
-            mask[ids] = True
-            self.sim.forward(mask)
-
     def _torch_reset_events(self) -> None:
-        ids = self.reset_buf.nonzero().squeeze(-1)
+        ids = self.context.reset_mask.indices()
         if len(ids):
             self._reset_events(ids)
             for model in self._noise_models():
                 model.reset(ids)
 
-    def _final_observations(self) -> None:
-        if not bool(self._stepping[0]) or not bool(self.reset_buf.any()):
+    def _keep_final_observations(self) -> None:
+        if not self._is_final():
             return
-        if self._fills("_launch_observations"):
+        if self._hooks.observations.is_warp:
             self._launch_observations()
             groups = {k: wp.to_torch(v) for k, v in self.warp.observations.items()}
         else:
@@ -246,22 +201,15 @@ class DirectRLEnv(RLEnv):
         self.extras["_final_obs"] = self.reset_buf.clone()
 
     def _event_items(self) -> list[Item]:
-        own = self._fills("_interval_events")
+        own = type(self)._interval_events is not DirectRLEnv._interval_events
         if own or (self._events is not None and self._events.has_intervals):
             return [Eager("interval events", lambda: self._interval_events(self.step_dt), "torch terms")]
         return []
 
-    def _sensor_items(self) -> list[Item]:
-        items: list[Item] = []
-        if self.scene.needs_update:
-            items.append(Eager("assets", lambda: self.scene.update_assets(self.step_dt), "host update"))
-        return [*items, *self._measure("launch_observed")]
-
     def _observation_items(self) -> list[Item]:
         noise = ", noise" if self._observation_noise_model is not None else ""
-        observe = self._either("_get_observations", self._launch_observations, self._torch_observations, noise)
-        log = [Captured("log", self.context.log.finish)] if self.context.log.keys else []
-        return [observe, *log]
+        observe = self._hooks.observations.item(self._launch_observations, self._torch_observations, noise)
+        return [observe, *self._log_items()]
 
     def _torch_observations(self) -> None:
         self._observed = {k: v.clone() for k, v in self._torch_groups().items()}  # learners keep what they are given
@@ -277,28 +225,31 @@ class DirectRLEnv(RLEnv):
         return groups
 
     def _take_action(self, action: torch.Tensor) -> None:
-        self._steps_before = self.common_step_counter
         if self._action_noise_model is not None:
             action = self._action_noise_model(action.float())
-        if self._fills("_launch_pre_physics_step"):
+        if self._hooks.pre_physics.is_warp:
             wp.to_torch(self.warp.actions).copy_(action.reshape(self.num_envs, -1))
-        else:
-            self._action = action.float().clone() if action.is_floating_point() else action.clone()
-            if action.is_floating_point():
-                self._safety.make_finite(self._action)
+            return
+        # A copy: the hook may keep or change it, and the caller's tensor is the caller's.
+        self._action = action.float().clone() if action.is_floating_point() else action.clone()
+        if action.is_floating_point():
+            self._safety.make_finite(self._action)
 
-    def _hand_out(self, values: dict[str, torch.Tensor]) -> Observations:
-        if not self._fills("_launch_observations"):
+    def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
+        if not self._hooks.observations.is_warp:
             return self._observed
         groups = {name: values[f"obs.{name}"] for name in self.warp.observations}
         if self._observation_noise_model is not None:
             groups["policy"] = self._observation_noise_model(groups["policy"])
         return groups
 
-    def _noise_models(self) -> list[Any]:
+    def why_not_capturable(self) -> str:
+        return "noise models are torch modules" if self._noise_models() else super().why_not_capturable()
+
+    def _noise_models(self) -> list[NoiseModel]:
         return [m for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
 
-    def _parts(self) -> list[dict[str, Any]]:
+    def state_parts(self) -> list[dict[str, torch.Tensor]]:
         """What events and noise models remember, as the dicts they keep it in."""
         models = [m.__dict__ for m in self._noise_models()]
         return [*models, *(self._events.clocks() if self._events is not None else [])]
@@ -343,11 +294,7 @@ class DirectRLEnv(RLEnv):
         Args:
             env_ids: Environments, int64, shape ``(n,)``; ``None`` means all.
         """
-        ids = (
-            torch.arange(self.num_envs, device=self.device)
-            if env_ids is None
-            else torch.as_tensor(env_ids, device=self.device)
-        )
+        ids = self._env_indices(env_ids)
         self.scene.reset(ids)
         self._reset_events(ids)
         for model in self._noise_models():

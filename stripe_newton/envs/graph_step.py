@@ -1,36 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An environment's step as a part of somebody else's CUDA graph."""
+"""Graph step: an environment's step as a part of somebody else's CUDA graph."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 
-from .rl_env import RLEnv
+from .rl_env import Observations, RLEnv
 
-__all__ = ["GraphStep", "obstacle_to_graph"]
+__all__ = ["GraphStep", "why_not_capturable"]
 
 
-def obstacle_to_graph(env: Any) -> str:
+def why_not_capturable(env: object) -> str:
     """Why the step of ``env`` cannot be a part of a graph of the caller's; empty if it can."""
     if not isinstance(env, RLEnv):
         return f"{type(env).__name__} is not an environment of this package"
-    changed = [n for n in _METHODS if getattr(type(env), n).__module__.partition(".")[0] != _OWN]
-    if changed:
-        return f"{type(env).__name__} has a {changed[0]} of its own"
-    if env.plan.eager:
-        stage, name, reason = env.plan.eager[0]
-        return f"stage '{stage}' has {name}: {reason}"
-    if getattr(env, "_noise_models", list)():
-        return "noise models are torch modules"
-    if any(isinstance(value, dict) for value in env.obs_buf.values()):
-        return "an observation group is not concatenated"
-    return ""
-
-
-_OWN = __name__.partition(".")[0]
-_METHODS = "step", "_take_action", "_hand_out", "_rewards", "_begin_extras"
+    return env.why_not_capturable()
 
 
 class GraphStep:
@@ -51,14 +35,12 @@ class GraphStep:
         Raises:
             ValueError: if its step cannot be a part of a graph.
         """
-        problem = obstacle_to_graph(env)
+        problem = why_not_capturable(env)
         if problem:
             raise ValueError(f"the step cannot be a part of a graph: {problem}")
         self._env = env
+        self.observations = env.observation_views()
         values = env.outputs.views()
-        env._stepping_now, stepping = False, env._stepping_now  # no final observations
-        self.observations: dict[str, torch.Tensor] = env._hand_out(values)
-        env._stepping_now = stepping
         self.reward, self.terminated, self.truncated = (values[n] for n in ("reward", "terminated", "truncated"))
         self.log_keys = list(env.context.log.keys)
         self.log = values["log"][: len(self.log_keys)] if self.log_keys else values["reward"][:0]
@@ -70,8 +52,7 @@ class GraphStep:
         Args:
             action: Shape ``(num_envs, num_actions)``.
         """
-        self._env._take_action(action)
-        self._env.plan.launch()
+        self._env.launch_step(action)
 
     def before(self) -> bool:
         """What the host does before a step. Returns whether a graph that holds the step must be recorded anew.
@@ -81,21 +62,12 @@ class GraphStep:
             ValueError: if actions were not finite and the config says to raise.
         """
         env = self._env
-        env.sim.begin_step()
-        if env.cfg.nonfinite_actions == "raise":
-            env._safety.raise_for_actions()
-        env.common_step_counter += 1
+        env.begin_step()
+        env.raise_for_actions()
+        env.count_step()  # nothing on the host looks at the number within a replay
         stale, self._recaptures = env.sim.recaptures != self._recaptures, env.sim.recaptures
         return stale
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
-    def after(self) -> dict[str, torch.Tensor]:
+    def after(self) -> Observations:
         """Make what the last step handed out the environment's own. Returns the observations, in new memory."""
-        env = self._env
-        env.sim.pending = env._bodies_later
-        values = env.outputs.take()
-        env._begin_extras()
-        env.obs_buf = env._hand_out(values)
-        env.extras["log"] = dict(zip(self.log_keys, values["log"].unbind(), strict=False)) if self.log_keys else {}
-        return env.obs_buf
+        return self._env.finish_step()[0]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments made of terms."""
+"""Manager-based RL environment: a config of terms, made into managers and one graph a step."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import warp as wp
 from gymnasium import spaces
 
 from stripe_newton.configclass import ConfigError, is_config
-from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, fields_read, fuse
+from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
 from stripe_newton.managers import (
     ActionManager,
     CommandManager,
@@ -28,16 +28,21 @@ from stripe_newton.managers import (
     prestartup_events,
     spawn_object_pools,
 )
+from stripe_newton.managers.manager_base import terms_of
 
+from .env_state import EnvState
 from .manager_based_rl_env_cfg import ManagerBasedRLEnvCfg
 from .rl_env import Observations, RLEnv
 
 __all__ = ["ManagerBasedRLEnv"]
 
-_NEEDS = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
+_OBSERVABLES = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
 """What the solver must report for terms that read these fields."""
 _FIELDS = "observations", "rewards", "terminations", "events", "curriculum", "metrics", "commands", "actions"
-_STEPPING = "stepping[0] != 0"
+_BODY_FIELDS = frozenset({"body_pose", "body_vel"})
+"""Fields that forward kinematics computes."""
+_ROOT_FIELDS = frozenset({"root_pose", "root_vel"})
+"""Fields that it computes for a fixed base; those of a floating base are joint coordinates."""
 
 
 class ManagerBasedRLEnv(RLEnv):
@@ -57,8 +62,26 @@ class ManagerBasedRLEnv(RLEnv):
 
     def __init__(self, cfg: ManagerBasedRLEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
+        self._make_managers()
+        stages = self._stages()
+        problems = self.context.problems
+        if "policy" not in self.observation_manager.buffers:
+            problems.append("observations: has no group 'policy'; the learner needs it")
+        if problems:
+            raise ConfigError(problems)
+        graph = self.cfg.sim.use_cuda_graph
+        self._plan = Plan("step", stages, self.context.scope, self.num_envs, self.device, graph)
+        self._make_spaces()
+        self._startup()
+
+    # -- construction
+
+    def _make_managers(self) -> None:
         cfg, context = self.cfg, self.context
-        self._prestartup()
+        if self._reads("external_wrench"):
+            self.sim.enable_external_wrench()
+        self._provide_structs()
+        self.event_manager = EventManager(cfg.events, context)
         self.object_manager = ObjectManager(cfg.objects, context)
         self.action_manager = ActionManager(cfg.actions, context)
         self.command_manager = CommandManager(cfg.commands, context)
@@ -68,20 +91,13 @@ class ManagerBasedRLEnv(RLEnv):
         self.observation_manager = ObservationManager(cfg.observations, context, self._reserve_observations)
         self.curriculum_manager = CurriculumManager(cfg.curriculum, context)
         self.recorder_manager = RecorderManager(cfg.recorders, context)
-        stages = self._stages()
-        if "policy" not in self.observation_manager.buffers:
-            context.problems.append("observations: has no group 'policy'; the learner needs it")
-        if context.problems:
-            raise ConfigError(context.problems)
-        self._plan = Plan("step", stages, context.scope, self.num_envs, self.device, cfg.sim.use_cuda_graph)
-        self._make_spaces()
-        self._startup()
 
-    # -- construction
+    def _provide_structs(self) -> None:
+        """Offer structs of your own to terms, by ``self.context.provide(struct, name)``; the default offers none."""
 
-    def _terms(self, *names: str) -> Iterator[Any]:
-        """Functions of all terms in some fields of the config."""
-        todo: list[Any] = [getattr(self.cfg, n) for n in names]
+    def _terms(self) -> Iterator[wp.Function]:
+        """Warp functions of all terms in the config."""
+        todo: list[object] = [getattr(self.cfg, name) for name in _FIELDS]
         while todo:
             cfg = todo.pop()
             for value in cfg.values() if isinstance(cfg, dict) else vars(cfg).values() if is_config(cfg) else ():
@@ -90,14 +106,12 @@ class ManagerBasedRLEnv(RLEnv):
                 elif isinstance(value, dict) or is_config(value):
                     todo.append(value)
 
-    def _terms_after_reset(self) -> list[Any]:
-        own = list(self._terms("observations", "commands", "curriculum"))
-        known = [v for t in self.command_manager.functions() for v in t if v is not None]
-        return [*own, *known]
+    def _reads(self, field: str) -> bool:
+        """Whether a Warp term reads or writes a field, or may."""
+        return any(usage_of(function).may_use([field]) for function in self._terms())
 
     def _prepare_simulation(self) -> None:
-        self._read = set[str]().union(*(fields_read(f) for f in self._terms(*_FIELDS)))
-        wanted = [_NEEDS[name] for name in _NEEDS if name in self._read]
+        wanted = [observable for field, observable in _OBSERVABLES.items() if self._reads(field)]
         self.sim.cfg.observables = tuple(dict.fromkeys([*self.sim.cfg.observables, *wanted]))
 
     def _setup_scene(self) -> None:
@@ -107,14 +121,7 @@ class ManagerBasedRLEnv(RLEnv):
         self.scene.clone_environments()
 
     def _num_terminations(self) -> int:
-        cfg = self.cfg.terminations
-        names = cfg if isinstance(cfg, dict) else getattr(cfg, "__dataclass_fields__", {})
-        return len(names)
-
-    def _prestartup(self) -> None:
-        if "external_wrench" in self._read:
-            self.sim.enable_external_wrench()
-        self.event_manager = EventManager(self.cfg.events, self.context)
+        return len(terms_of(self.cfg.terminations))
 
     def _reserve_observations(self, name: str, size: int) -> wp.array:
         shape = self.num_envs, size
@@ -150,65 +157,81 @@ class ManagerBasedRLEnv(RLEnv):
     # -- the step
 
     def _stages(self) -> list[Stage]:
-        safety, record = self._safety, self.recorder_manager
-        self._bodies_later = not self._reads_bodies()
-        process = self.action_manager.process()
-        parts = int(any(isinstance(i, Section) and i.parts for i in process))
-        count = Section("count", ["if env == 0:", "    step[0] = step[0] + wp.int64(1)"], parts=parts)
+        context, safety, record = self.context, self._safety, self.recorder_manager
+        in_step = context.within_step
+        apply, process = self.action_manager.apply(), self.action_manager.process()
+        # A number of the policy may have a thread each: the section beside them must share their kernel.
+        parts = int(any(isinstance(item, Section) and item.parts for item in process))
+        actions = [self._count_section(parts), *process, *record.pre_step()]
+        measured = self._measure("launch_measured")
+        # Terminations and rewards see the state after the physics; rewards know which episodes end.
         outcome = [safety.after_physics(), *self.termination_manager.compute()]
         rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
-        curriculum = _when(self.curriculum_manager.compute(), f"{_STEPPING} and not nonfinite[env]")
+        # The curriculum judges the episode that ended, so it runs before anything of it is cleared.
+        curriculum = only(self.curriculum_manager.compute(), in_step, context.is_finite)
         reset: list[Item] = [
+            *record.pre_reset(),
             *self.reward_manager.reset(),
             *self.metrics_manager.reset(),
             safety.begin_reset(),
             *self.event_manager.reset(),
+            # After the events: objects keep their distance from where the robots are put.
             *self.object_manager.reset(),
             *self.action_manager.reset(),
             *self.command_manager.reset(),
             *self.observation_manager.reset(),
             safety.end_reset(),
+            *self._measure("launch_reset"),
         ]
         events = [*self.event_manager.interval(), *self.event_manager.step()]
-        commands = self.command_manager.compute()
-        observe = self.observation_manager.compute()
+        objects = self.object_manager.update()
+        # After forward kinematics, so that all of it sees the bodies of the episodes that began.
+        commands = only(self.command_manager.compute(), in_step)
+        observe = only(self.observation_manager.compute(), context.within_step_or_reset)
+        observed = self._measure("launch_observed")
         final = self._final_observations()
-        measured = self._measure("launch_measured")
-        end: list[Item] = [*self.curriculum_manager.update(), Captured("log", self.context.log.finish, beside=True)]
+        # At the end, when every parameter exists that a curriculum may change. Nothing waits for the log.
+        end = self.curriculum_manager.update()
+        log = Captured("log", context.log.finish, beside=True, fields=frozenset())
+        readers = [*record.post_reset(), *commands, *end, *observed, *observe, *actions, *apply]
+        self._bodies_later = self._may_leave_bodies(readers)
         return [
-            Stage("actions", [count, *process, *record.pre_step()]),
-            Stage("physics", [self._physics()]),
+            Stage("actions", actions),
+            Stage("physics", [self._physics(apply)]),
             *([Stage("measurements", measured)] if measured else []),
-            Stage("outcome", _when(outcome, _STEPPING)),
-            Stage("rewards", [*_when(rewards, _STEPPING), *record.post_step()]),
-            Stage("episode log", [*final, *curriculum, *_when(self.termination_manager.reset(), _STEPPING)]),
-            Stage("reset", [*record.pre_reset(), *reset, *self._measure("launch_reset")]),
-            Stage("events", _when(events, _STEPPING)),
-            Stage("objects", _when(self.object_manager.update(), _STEPPING)),
+            Stage("outcome", only(outcome, in_step)),
+            Stage("rewards", [*only(rewards, in_step), *record.post_step()]),
+            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset(), in_step)]),
+            Stage("reset", reset),
+            Stage("events", only(events, in_step)),
+            Stage("objects", only(objects, in_step)),
             Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset()]),
-            Stage("commands", _when(commands, _STEPPING)),
-            Stage("log", end),
-            Stage("sensors", self._measure("launch_observed")),
-            Stage("observations", _when(observe, f"({_STEPPING} or reset[env])")),
+            Stage("commands", commands),
+            Stage("log", [*end, log]),
+            Stage("sensors", observed),
+            Stage("observations", observe),
         ]
 
-    def _reads_bodies(self) -> bool:
-        """Whether anything reads bodies between the reset and the end of the next physics step."""
-        sim, read = self.sim, set[str]().union(*(fields_read(f) for f in self._terms_after_reset()))
-        fixed = not all(a.layout.floating for a in self.scene.articulations.values())
-        return (
-            bool(read & {"body_pose", "body_vel", *(("root_pose", "root_vel") if fixed else ())})
-            or not (sim.cfg.solver.finds_contacts and sim.cfg.solver.reduced_coordinates and sim.cfg.solver.in_place)
-            or sim.external_wrench is not None
-            or bool(self.action_manager.apply())
-            or bool(self._measure("launch_observed"))
-            or bool(self.recorder_manager.active_terms)
-        )
+    def _may_leave_bodies(self, readers: list[Item]) -> bool:
+        """Whether nothing needs the bodies between the reset and the next physics step, which computes them anyway.
 
-    def _physics(self) -> Captured:
+        Args:
+            readers: All that runs in between, from forward kinematics to the end of the step and, in the next one, up
+                to the physics.
+        """
+        sim, solver = self.sim, self.sim.cfg.solver
+        if not (solver.finds_contacts and solver.reduced_coordinates and solver.in_place):
+            return False  # the solver, or Newton's collision pipeline, starts from the bodies
+        if sim.external_wrench is not None:
+            return False  # given in the bodies' frames
+        all_float = all(a.layout.floating for a in self.scene.articulations.values())
+        fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
+        return not any(may_use(item, fields, self.context.scope.functions) for item in readers)
+
+    def _physics(self, apply: list[Section]) -> Captured:
+        """The physics steps, and before each of them what sets targets by the state."""
         steps, sim = self.cfg.decimation, self.sim
         what = f"{type(sim.solver).__name__}, {steps} physics steps"
-        apply = [i for i in self.action_manager.apply() if isinstance(i, Section)]
         if not apply:
             return Captured(what, lambda: sim.launch(steps))
         kernel = fuse("step_apply", apply, self.context.scope, self.num_envs, self.device)
@@ -216,25 +239,30 @@ class ManagerBasedRLEnv(RLEnv):
         return Captured(f"{what}, before each: {names}", lambda: sim.launch(steps, kernel.launch))
 
     def _final_observations(self) -> list[Item]:
+        """Items that keep the last observations of the episodes that end, where the config asks for them."""
         if not self.cfg.compute_final_obs:
             return []
-        compute = self.observation_manager.compute(where_reset=True)
         copies, scope = [], self.context.scope
+        compute = self.observation_manager.compute(where_reset=True)
         for name, buffer in self.observation_manager.flat_buffers().items():
             source = scope.name(f"obs_{name}", buffer)
             target = scope.name(f"final_{name}", self.outputs.array(f"final.{name}"))
-            copies += [f"for i in range({target}.shape[1]):", f"    {target}[env, i] = {source}[env, i]"]
-        return _when([*compute, Section("final_observations", copies, where_reset=True)], _STEPPING)
+            copy = code("{}[env, i] = {}[env, i]", target, source)
+            copies += block(code("for i in range({}.shape[1]):", target), [copy])
+        keep = Section("final_observations", copies).only(self.context.is_reset)
+        return only([*compute, keep], self.context.within_step)
 
     def _take_action(self, action: torch.Tensor) -> None:
         self._action_input.copy_(action)
 
-    def _hand_out(self, values: dict[str, torch.Tensor]) -> Observations:
-        groups = self._groups(values, "obs")
-        if self.cfg.compute_final_obs and bool(self._stepping_now):
-            self.extras["final_obs"] = self._groups(values, "final")
-            self.extras["_final_obs"] = values["terminated"] | values["truncated"]
-        return groups
+    def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
+        return self._groups(values, "obs")
+
+    def _final_extras(self, values: dict[str, torch.Tensor]) -> dict[str, Any]:
+        if not self.cfg.compute_final_obs:
+            return {}
+        ended = values["terminated"] | values["truncated"]
+        return {"final_obs": self._groups(values, "final"), "_final_obs": ended}
 
     def _groups(self, values: dict[str, torch.Tensor], prefix: str) -> Observations:
         groups: Observations = {}
@@ -272,22 +300,13 @@ class ManagerBasedRLEnv(RLEnv):
         """
         return "\n\n".join([*map(str, self.managers), super().describe(kernels)])
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_state(self, state: EnvState) -> None:
         """See :meth:`RLEnv.set_state`; what was recorded of the episodes under way is dropped."""
         super().set_state(state)
         self.recorder_manager.clear()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the recorder's file, renderer and simulation."""
-        if hasattr(self, "recorder_manager"):
+        if "recorder_manager" in vars(self):  # the constructor may have failed before
             self.recorder_manager.close()
         super().close_extras(**kwargs)
-
-
-def _when(items: Iterable[Item], condition: str) -> list[Item]:
-    """The items, whose sections run only under a condition."""
-    out = list(items)
-    for item in out:
-        if isinstance(item, Section):
-            item.condition = condition
-    return out

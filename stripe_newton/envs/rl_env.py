@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all environments have in common: construction, the step, the interface of gymnasium, saved state."""
+"""RL environment: the base class of all environments, with the step and the interface of gymnasium."""
 
 from __future__ import annotations
 
 import math
 import random
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import newton
 import numpy as np
 import torch
 import warp as wp
@@ -18,18 +17,28 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.fusion import Captured, Item, Plan, Stage
+from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
 from stripe_newton.managers import ManagerContext
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation
 
-from .outputs import OutputBlock
+from .env_state import EnvState, restore_state, save_state
+from .output_block import OutputBlock
 from .rl_env_cfg import RLEnvCfg
 from .safety import Safety
+
+if TYPE_CHECKING:
+    from stripe_newton.viewers import SceneRenderer
 
 __all__ = ["Observations", "RLEnv"]
 
 Observations = dict[str, Any]
+"""Observations by group; a dict by term in the place of a tensor where a group's terms are not concatenated."""
+_STEP_METHODS = (
+    "step", "begin_step", "launch_step", "finish_step", "_take_action", "_collect_observations", "_rewards",
+    "_begin_extras",
+)  # fmt: skip
+"""Methods of a step that a graph replaces: one of a user's own would not run then."""
 
 
 class RLEnv(VectorEnv):
@@ -56,6 +65,7 @@ class RLEnv(VectorEnv):
     }
 
     cfg: RLEnvCfg
+    _renderer: SceneRenderer | None = None
 
     def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: Any):
         """Build scene and simulation.
@@ -76,7 +86,7 @@ class RLEnv(VectorEnv):
         self.cfg = cfg.copy()
         self.render_mode = render_mode
         if self.cfg.seed is not None:
-            self.seed(self.cfg.seed)
+            self._seed_host(self.cfg.seed)
         self.sim = Simulation(self.cfg.sim)
         self.sim.decimation = self.cfg.decimation
         self._prepare_simulation()
@@ -85,7 +95,6 @@ class RLEnv(VectorEnv):
             self._setup_scene()
         self.scene.build()
         self._make_buffers()
-        self._renderer: Any = None
 
     def _prepare_simulation(self) -> None:
         """What the simulation must know before it is built."""
@@ -108,21 +117,21 @@ class RLEnv(VectorEnv):
             owner=self,
             reserve=self.outputs.reserve,
         )
-        context.seed(getattr(self, "_np_random_seed", None) or int(torch.randint(2**31, ()).item()))
+        context.seed(self._np_random_seed or int(torch.randint(2**31, ()).item()))
         self._safety = Safety(self.sim, context)
         self._episode_length_buf = wp.to_torch(context.episode.length)
         self.reset_terminated = wp.to_torch(context.episode.terminated)
         self.reset_time_outs = wp.to_torch(context.episode.truncated)
-        self.reset_buf = wp.to_torch(context.reset)
+        self.reset_buf = context.reset_mask.tensor
         self.reset_buf[:] = True
         self.reward_buf = wp.to_torch(context.reward)
         self._stepping = wp.to_torch(context.stepping)
         self.obs_buf: Observations = {}
         self.extras: dict[str, Any] = {"log": {}}
         self.common_step_counter = 0
+        self._steps_before = 0
         self._plan: Plan | None = None
         self._recaptures = 0
-        self._stepping_now = True
 
     def _set_spaces(self, observations: dict[str, Any], action: Any) -> None:
         self.single_observation_space = spaces.Dict(observations)
@@ -176,13 +185,17 @@ class RLEnv(VectorEnv):
     def seed(self, seed: int | None = None) -> int:
         """Seed Python's, NumPy's and torch's random numbers; ``None`` draws a seed. Returns the seed."""
         seed = int(np.random.default_rng().integers(2**31)) if seed is None else int(seed)
+        self._seed_host(seed)
+        if "context" in vars(self):  # a hook may seed while the scene is made
+            self.context.seed(seed)
+        return seed
+
+    def _seed_host(self, seed: int) -> None:
+        """Seed the random numbers that hooks and the scene draw on the host."""
         random.seed(seed)
         np.random.seed(seed % 2**32)  # noqa: NPY002  (what users' hooks draw from)
         torch.manual_seed(seed)
         self._np_random, self._np_random_seed = seeding.np_random(seed)
-        if hasattr(self, "context"):
-            self.context.seed(seed)
-        return seed
 
     @torch.inference_mode(False)  # tensors made in an inference mode could not be written outside of it
     @torch.no_grad()
@@ -201,22 +214,20 @@ class RLEnv(VectorEnv):
         if seed is not None:
             self.seed(seed)
         mask = (options or {}).get("reset_mask")
-        self.reset_buf[:] = True if mask is None else torch.as_tensor(mask, dtype=torch.bool, device=self.device)
         self._begin_extras()
-        self._safety.begin(self.reset_buf)
+        self.context.reset_mask.begin_step()
+        self.reset_buf[:] = True if mask is None else torch.as_tensor(mask, dtype=torch.bool, device=self.device)
+        self._safety.begin_reset_from_outside()
+        # The stages that begin an episode, and no others. A kernel may reach into the stages beside them: its sections
+        # that are for a step alone look at the flag.
         self._stepping.zero_()
-        self._stepping_now = False
         self.plan.run_without_graph(self._reset_stages)
-        self.sim.pending = self._bodies_later
         self._stepping.fill_(1)
-        self.context.log.clear()
-        self.obs_buf = self._hand_out(self.outputs.take())
-        self._stepping_now = True
+        self._leave_bodies_for_later()
+        self.context.log.clear()  # episodes that were cut off from outside are not logged
+        self.obs_buf = self._collect_observations(self.outputs.take())
         self.extras["log"] = _own(self.extras.get("log") or {})
         return self.obs_buf, self.extras
-
-    _bodies_later = False
-    """Whether forward kinematics after a reset waits until somebody reads the bodies."""
 
     _reset_stages: ClassVar[tuple[str, ...]] = ("reset", "forward kinematics", "sensors", "observations")
 
@@ -238,26 +249,100 @@ class RLEnv(VectorEnv):
             ValueError: if the shape of the actions does not fit, or they are not finite and the config says to raise.
             RuntimeError: if contacts or constraints were dropped, naming the size to set.
         """
-        self._take_action(self._checked_action(action))
+        action = self._checked_action(action)
+        self.begin_step()
+        self._take_action(action)
+        self.plan.run()
+        return self.finish_step()
+
+    # -- a step in parts: :meth:`step` runs them, and whoever records the step in a graph of their own
+
+    def begin_step(self) -> None:
+        """What the host does before a step.
+
+        Raises:
+            RuntimeError: if contacts or constraints were dropped, naming the size to set.
+        """
         self._begin_extras()
-        plan, count = self.plan, self.common_step_counter
+        self._steps_before = self.common_step_counter
+        self.context.reset_mask.begin_step()
+        # Before the physics: the solver learns of roots that were moved by hand. An overflow that the device has
+        # reported ends the run here, as what was computed since is wrong.
         self.sim.begin_step()
         if self.sim.recaptures != self._recaptures:
+            # An array that the graphs read was replaced, say by a hook that applied the first external force.
             self._recaptures = self.sim.recaptures
-            plan.recapture()
-        plan.run()
-        self.sim.pending = self._bodies_later
-        self.common_step_counter = count + 1
+            self.plan.recapture()
+
+    def launch_step(self, action: torch.Tensor) -> None:
+        """Launch all kernels of a step on the current stream, to be recorded in a graph of the caller's.
+
+        Args:
+            action: Shape ``(num_envs, num_actions)``.
+
+        Raises:
+            GraphCaptureError: if something in the step runs on the host; see :meth:`why_not_capturable`.
+        """
+        self._take_action(action)
+        self.plan.launch()
+
+    def count_step(self) -> None:
+        """Count the step under way. Torch hooks before the physics see the steps before it, those after it this one."""
+        self.common_step_counter = self._steps_before + 1
+
+    def raise_for_actions(self) -> None:
+        """Raise if the device has reported actions that were not finite, where the config says to raise.
+
+        Raises:
+            ValueError: with their number.
+        """
         if self.cfg.nonfinite_actions == "raise":
             self._safety.raise_for_actions()
+
+    @torch.inference_mode(False)
+    @torch.no_grad()
+    def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """What the host does after a step: hand out what the step wrote, as :meth:`step` returns it.
+
+        Raises:
+            ValueError: if actions were not finite and the config says to raise.
+        """
+        self.count_step()
+        self._leave_bodies_for_later()
+        self.raise_for_actions()
+        # One copy for all: learners keep what they are given, and the next step overwrites the outputs.
         values = self.outputs.take()
-        self.obs_buf = self._hand_out(values)
-        log = self.extras.get("log")
-        self.extras["log"] = _own(log) if log else {}
-        keys = self.context.log.keys
-        if keys:
-            self.extras["log"] |= dict(zip(keys, values["log"][: len(keys)].unbind(), strict=True))
+        self.obs_buf = self._collect_observations(values)
+        self.extras |= self._final_extras(values)
+        self.extras["log"] = _own(self.extras.get("log") or {}) | self._log(values)
         return self.obs_buf, self._rewards(values), values["terminated"], values["truncated"], self.extras
+
+    def why_not_capturable(self) -> str:
+        """Why the step cannot be a part of a graph of the caller's; empty if it can."""
+        package = __name__.partition(".")[0]
+        changed = [n for n in _STEP_METHODS if getattr(type(self), n).__module__.partition(".")[0] != package]
+        if changed:
+            return f"{type(self).__name__} has a {changed[0]} of its own"
+        if self.plan.eager:
+            stage, name, reason = self.plan.eager[0]
+            return f"stage '{stage}' has {name}: {reason}"
+        return "an observation group is not concatenated" if _has_dicts(self.obs_buf) else ""
+
+    def observation_views(self) -> Observations:
+        """Observations by group in the memory that every step overwrites, rather than in new tensors."""
+        return self._collect_observations(self.outputs.views())
+
+    def _leave_bodies_for_later(self) -> None:
+        """Let whoever reads the bodies next compute them, if the step has left them as they were before the reset."""
+        self.sim.pending = self._bodies_later
+
+    _bodies_later = False
+    """Whether forward kinematics after a reset waits until somebody reads the bodies."""
+
+    def _log(self, values: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """The episode log of the step by key."""
+        keys = self.context.log.keys
+        return dict(zip(keys, values["log"][: len(keys)].unbind(), strict=True)) if keys else {}
 
     @property
     def plan(self) -> Plan:
@@ -270,28 +355,40 @@ class RLEnv(VectorEnv):
             self._plan = Plan("step", stages, self.context.scope, self.num_envs, self.device, graph)
         return self._plan
 
+    # -- what the kinds of environments fill
+
     def _stages(self) -> list[Stage]:
+        """The step, stage by stage, in the order in which it runs."""
         raise NotImplementedError
 
+    def _take_action(self, action: torch.Tensor) -> None:
+        """Put the actions where the first stage finds them."""
+        raise NotImplementedError
+
+    def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
+        """Observations by group, from what the step wrote."""
+        raise NotImplementedError
+
+    def _final_extras(self, values: dict[str, torch.Tensor]) -> dict[str, Any]:
+        """Final observations of the episodes that ended, where the config asks for them."""
+        return {}
+
+    def _rewards(self, values: dict[str, torch.Tensor]) -> torch.Tensor:
+        return values["reward"]
+
+    def _count_section(self, parts: int = 0) -> Section:
+        """Count the environment steps, on the device: one thread for all environments."""
+        count = self.context.code("    {step}[0] = {step}[0] + wp.int64(1)")
+        return Section("count", [code("if env == 0:"), count], parts=parts)
+
     def _measure(self, when: str) -> list[Item]:
-        """The items of the sensors that launch something at a time, such as ``"launch_measured"``."""
+        """The launches of the sensors that measure at a time, such as ``"launch_measured"``."""
         items: list[Item] = []
         for name, sensor in self.scene.sensors.items():
             if when in sensor.measures:
                 launch = getattr(sensor, when)
                 items.append(Captured(name, partial(launch, self.context.reset) if when == "launch_reset" else launch))
         return items
-
-    def _take_action(self, action: torch.Tensor) -> None:
-        """Put the actions where the first stage finds them."""
-        raise NotImplementedError
-
-    def _hand_out(self, values: dict[str, torch.Tensor]) -> Observations:
-        """Observations by group, from what the step wrote."""
-        raise NotImplementedError
-
-    def _rewards(self, values: dict[str, torch.Tensor]) -> torch.Tensor:
-        return values["reward"]
 
     def _begin_extras(self) -> None:
         self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
@@ -314,7 +411,7 @@ class RLEnv(VectorEnv):
 
     @property
     def nonfinite_worlds(self) -> int:
-        """How often a world became non-finite and was reset, as far as the device has told."""
+        """How often a world became non-finite and was reset, as of the last report from the device."""
         return self._safety.worlds
 
     def describe(self, kernels: bool = False) -> str:
@@ -333,17 +430,17 @@ class RLEnv(VectorEnv):
         if self.render_mode != "rgb_array":
             return None
         if self._renderer is None:
-            from stripe_newton.viewers import SceneRenderer
+            from stripe_newton.viewers import SceneRenderer  # most environments are never drawn, and it takes a while
 
             self._renderer = SceneRenderer(self.sim, self.cfg.viewer)
         return self._renderer.render()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release renderer and simulation."""
-        if getattr(self, "_renderer", None) is not None:
+        if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-        if hasattr(self, "scene"):  # the constructor may have failed before
+        if "scene" in vars(self):  # the constructor may have failed before
             self.scene.close()
 
     def regenerate(self, seed: int) -> None:
@@ -371,89 +468,33 @@ class RLEnv(VectorEnv):
 
     # -- continuing where it stopped
 
-    def get_state(self) -> dict[str, Any]:
+    def get_state(self) -> EnvState:
         """All that the next step depends on: joints, targets, the solver's warm start, counters, and every tensor that
         the subclass keeps as an attribute. :meth:`set_state` brings it back."""
-        moved = self.scene.scenery_seed != self.scene.first_scenery_seed
-        return ({"scenery_seed": self.scene.scenery_seed} if moved else {}) | {
-            "step": self.common_step_counter,
-            "arrays": {k: wp.to_torch(v).clone() for k, v in self._arrays().items()},
-            "buffers": {k: v.clone() for k, v in self._buffers().items()},
-            "parts": [_own({k: v for k, v in p.items() if isinstance(v, torch.Tensor)}) for p in self._parts()],
-        }
+        return save_state(self)
 
     @torch.inference_mode(False)
     @torch.no_grad()
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_state(self, state: EnvState) -> None:
         """Go on from what :meth:`get_state` returned.
 
         Raises:
             ValueError: if it is the state of another environment.
         """
         seed = state.get("scenery_seed", self.scene.first_scenery_seed)
-        if seed is not None and seed != self.scene.scenery_seed:
+        if isinstance(seed, int) and seed != self.scene.scenery_seed:
             self._move_to_scene(seed)
-        if "external_wrench" in state["arrays"]:
-            self.sim.enable_external_wrench()
-        dynamics = [name.removeprefix("model.") for name in state["arrays"] if name.startswith("model.")]
-        for name in dynamics:
-            self.scene.controller.track(name)
-        arrays, buffers = self._arrays(), self._buffers()
-        for name, value in state["arrays"].items():
-            mine = wp.to_torch(arrays[name]) if name in arrays else None
-            if mine is None or mine.shape != value.shape:
-                here = tuple(mine.shape) if mine is not None else "none"
-                raise ValueError(
-                    f"the state has '{name}' of shape {tuple(value.shape)}, the environment {here}: "
-                    "it is of another task or size"
-                )
-        self.common_step_counter = state["step"]
-        for name, value in state["arrays"].items():
-            wp.to_torch(arrays[name]).copy_(value)
-        for name, value in state["buffers"].items():
-            mine = buffers.get(name)
-            if mine is not None and mine.shape == value.shape and mine.is_contiguous() and not mine.is_inference():
-                mine.copy_(value)
-            else:  # made by a hook that has not run here yet, or not to be written in place
-                setattr(self, name, value.to(self.device).clone())
-        for mine, part in zip(self._parts(), state["parts"]):
-            mine.update({k: v.to(self.device).clone() for k, v in part.items()})
-        self.sim.roots_moved = True
-        if dynamics:
-            self.sim.refresh_drives()
-            self.sim.notify(newton.ModelFlags.ALL)
-        self.sim.forward()
+        restore_state(self, state)
 
-    def _parts(self) -> list[dict[str, Any]]:
-        """What is remembered elsewhere, as the dicts it is kept in."""
+    def state_parts(self) -> list[dict[str, torch.Tensor]]:
+        """What is remembered elsewhere than in attributes, as the dicts it is kept in; they are part of the state."""
         return []
-
-    def _arrays(self) -> dict[str, wp.array]:
-        sim = self.sim
-        found = {
-            "joint_q": sim.state.joint_q,
-            "joint_qd": sim.state.joint_qd,
-            "previous_joint_qd": sim.previous_joint_qd,
-        }
-        found |= {k: getattr(sim.control, k) for k in ("joint_target_q", "joint_target_qd", "joint_act")}
-        found["joint_X_p"] = sim.model.joint_X_p
-        found |= {f"model.{k}": getattr(sim.model, k) for k in self.scene.controller.randomized}
-        if sim.external_wrench is not None:
-            found |= {"external_wrench": sim.external_wrench, "wrench_in_world": sim.wrench_in_world}
-        data = getattr(sim.solver, "mjw_data", None)
-        if data is not None:
-            found["qacc_warmstart"] = data.qacc_warmstart
-        found |= {f"context.{k}": v for k, v in self.context.arrays.items()}
-        return {k: v for k, v in found.items() if v is not None and v.size}
-
-    def _buffers(self) -> dict[str, torch.Tensor]:
-        """Tensors kept as attributes, but those that share memory with the simulation."""
-        shared = {wp.to_torch(a).untyped_storage().data_ptr() for a in self._arrays().values()}
-        shared |= {wp.to_torch(a).untyped_storage().data_ptr() for a in (self.sim.state.body_q, self.sim.state.body_qd)}
-        mine = {k: v for k, v in vars(self).items() if isinstance(v, torch.Tensor)}
-        return {k: v for k, v in mine.items() if v.untyped_storage().data_ptr() not in shared}
 
 
 def _own(values: dict[str, Any]) -> dict[str, Any]:
     """A copy of a dict with its tensors."""
     return {k: v.clone() if isinstance(v, torch.Tensor) else v for k, v in values.items()}
+
+
+def _has_dicts(observations: Observations) -> bool:
+    return any(isinstance(group, dict) for group in observations.values())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds and actions that are not finite."""
+"""Safety: worlds and actions that are not finite are found, made finite and counted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stripe_kernels.episode import (
     restore_row,
     row_is_finite,
 )
-from stripe_newton.fusion import Captured, Item, Section
+from stripe_newton.fusion import Captured, Code, Item, Name, Section, block, code
 from stripe_newton.managers import ManagerContext
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.flags import HostFlags
@@ -32,36 +32,37 @@ class Safety:
         self._reported = 0
         context.arrays["actions.nonfinite"] = self._actions.array
         scope = context.scope
-        self.nonfinite = context.array("nonfinite", wp.bool)
-        """Worlds that were not finite after the physics, bool, shape ``(num_envs,)``."""
-        scope.name("nonfinite", self.nonfinite)
-        scope.name("nonfinite_worlds", self._worlds.array)
-        self._bad_actions = scope.name("nonfinite_actions", self._actions.array)
-        self._world_mask = wp.zeros(context.num_envs + 1, dtype=wp.bool, device=context.device)
-        scope.name("world_mask", self._world_mask)
+        self._worlds_name = scope.name("nonfinite_worlds", self._worlds.array)
+        self._actions_name = scope.name("nonfinite_actions", self._actions.array)
         self._per_env = sim.model.articulation_count // context.num_envs
-        scope.name("articulation_mask", sim.articulation_mask.reshape((context.num_envs, self._per_env)))
-        self._checked: list[tuple[str, str]] = []
-        state = sim.state
-        for name in ("joint_q", "joint_qd"):
-            array = getattr(state, name)
+        masks = sim.articulation_mask.reshape((context.num_envs, self._per_env))
+        self._articulation_mask = scope.name("articulation_mask", masks)
+        self._checked: list[tuple[Name, Name]] = []
+        """State of the worlds that must be finite, and what it was at first."""
+        for name, array in {"joint_q": sim.state.joint_q, "joint_qd": sim.state.joint_qd}.items():
             if array is not None and array.size:
                 rows = scope.name(f"world_{name}", _rows(sim, array))
                 first = scope.name(f"initial_{name}", wp.clone(_rows(sim, array)))
                 self._checked.append((rows, first))
         observed = sim.observables
+        # What a world that is no longer finite may have left behind, where rewards and sensors of this step read it.
         left = {"previous_joint_qd": sim.previous_joint_qd, "joint_f": sim.control.joint_f}
         left["computed_effort"] = sim.actuation.computed_effort
         left |= {n: getattr(observed, n, None) for n in ("qfrc_actuator", "body_qdd", "body_parent_f")}
         self._cleared = [scope.name(f"world_{n}", _rows(sim, a)) for n, a in left.items() if a is not None and a.size]
 
     @property
+    def nonfinite(self) -> torch.Tensor:
+        """Worlds that were not finite after the physics, bool, shape ``(num_envs,)``."""
+        return self._context.torch(self._context.nonfinite)
+
+    @property
     def worlds(self) -> int:
-        """Worlds that were found, as far as the device has told."""
+        """Worlds that were found, as of the last report from the device."""
         return self._worlds[0]
 
     def raise_for_actions(self) -> None:
-        """Raise if actions were not finite since the last call, as far as the device has told.
+        """Raise if the device has reported actions that were not finite since the last call.
 
         Raises:
             ValueError: with their number.
@@ -73,52 +74,53 @@ class Safety:
                 "nonfinite_actions='clamp'"
             )
 
-    def begin(self, mask: torch.Tensor) -> None:
-        """Mark environments as ended from outside of a step."""
-        wp.to_torch(self._context.moved)[:] = mask
-        wp.to_torch(self.nonfinite).zero_()
+    def begin_reset_from_outside(self) -> None:
+        """Mark the environments of the reset mask as ended in another way than by a step."""
+        self._context.torch(self._context.moved)[:] = self._context.reset_mask.tensor
+        self.nonfinite.zero_()
 
     def make_finite(self, actions: torch.Tensor) -> None:
         """Make actions finite, in place, and count those that were not: one kernel."""
         flat = wp.from_torch(actions.view(-1))
         wp.launch(make_actions_finite, dim=flat.shape, inputs=[flat, self._actions.array], device=flat.device)
 
-    def actions(self, array: str, size: int) -> Section:
-        """Make actions finite, in place, and count those that were not."""
-        function = self._context.scope.function(finite_action)
-        line = f"    {array}[env, i] = {function}({array}[env, i], {self._bad_actions})"
-        return Section("finite_actions", [f"for i in range({array}.shape[1]):", line])
+    # -- items
+
+    def actions(self, actions: Code) -> Section:
+        """Make an array of actions finite, in place, and count those that were not."""
+        number = code("{}[env, i]", actions)
+        line = code("{} = {}", number, self._context.scope.call(finite_action, number, self._actions_name))
+        return Section("finite_actions", block(code("for i in range({}.shape[1]):", actions), [line]))
 
     def after_physics(self) -> Section:
         """Count the step of the episode and look at the world."""
-        function = self._context.scope.function
-        finite, restore, clear = function(row_is_finite), function(restore_row), function(clear_row)
-        checks = " and ".join(f"{finite}({rows}[env])" for rows, _ in self._checked)
+        context, call = self._context, self._context.scope.call
+        checks = [call(row_is_finite, code("{}[env]", rows)) for rows, _ in self._checked]
+        mend = [call(restore_row, code("{}[env]", rows), code("{}[env]", first)) for rows, first in self._checked]
+        mend += [call(clear_row, code("{}[env]", rows)) for rows in self._cleared]
+        mend.append(code("wp.atomic_add({}, 0, 1)", self._worlds_name))
         body = [
-            "episode.length[env] = episode.length[env] + wp.int64(1)",
-            f"finite = {checks}",
-            "nonfinite[env] = not finite",
-            "if not finite:",
-            *(f"    {restore}({rows}[env], {first}[env])" for rows, first in self._checked),
-            *(f"    {clear}({rows}[env])" for rows in self._cleared),
-            "    wp.atomic_add(nonfinite_worlds, 0, 1)",
+            context.code("{episode.length}[env] = {episode.length}[env] + wp.int64(1)"),
+            code(f"finite = {' and '.join(['{}'] * len(checks))}", *checks),
+            context.code("{nonfinite}[env] = not finite"),
+            *block(code("if not finite:"), mend),
         ]
-        return Section("after_physics", body, condition="stepping[0] != 0")
+        return Section("after_physics", body).only(context.within_step)
 
     def begin_reset(self) -> Section:
         """Targets of all assets back to their defaults, wrenches removed."""
-        context, body = self._context, []
-        function = context.scope.function
+        context, body = self._context, list[Code]()
         for name in context.entity_names():
-            struct = context.scope.name(name, context.entity(name).data.struct)
-            body.append(f"{function(reset_targets)}(env, {struct})")
+            struct = context.scope.name(name, context.asset(name).data.struct)
+            body.append(context.scope.call(reset_targets, "env", struct))
             if self._sim.external_wrench is not None:
-                body.append(f"{function(clear_wrench)}(env, {struct})")
-        return Section("targets", body, where_reset=True)
+                body.append(context.scope.call(clear_wrench, "env", struct))
+        return Section("targets", body).only(context.is_reset)
 
     def end_reset(self) -> Section:
         """The episode starts."""
-        return Section("episode_start", ["episode.length[env] = wp.int64(0)"], where_reset=True)
+        line = self._context.code("{episode.length}[env] = wp.int64(0)")
+        return Section("episode_start", [line]).only(self._context.is_reset)
 
     def forward(self, later: bool = False) -> list[Item]:
         """Bodies follow the joints where those were written, and the solver forgets the episodes that ended.
@@ -126,19 +128,17 @@ class Safety:
         Args:
             later: Leave the bodies to :meth:`Simulation.flush`, as nothing in the rest of the step reads them.
         """
-        body = [
-            *(f"articulation_mask[env, {a}] = moved[env] or reset[env]" for a in range(self._per_env)),
-            "world_mask[env] = reset[env]",
-        ]
-        items: list[Item] = [Section("masks", body)]
+        follows = self._context.code("{moved}[env] or {reset}[env]")
+        lines = [code("{}[env, {}] = {}", self._articulation_mask, a, follows) for a in range(self._per_env)]
+        items: list[Item] = [Section("masks", lines)]
         if not later:
             items.append(Captured("forward kinematics", self._sim.forward_masked))
-        clear = Captured(
-            "solver memory cleared",
-            lambda: self._sim.clear_masked(self._world_mask, self._context.reset),
-            beside=True,
-        )
+        # Beside what follows: only the physics of the next step reads the solver's memory.
+        clear = Captured("solver memory cleared", self._clear_solver, beside=True, fields=frozenset())
         return [*items, clear]
+
+    def _clear_solver(self) -> None:
+        self._sim.clear_masked(self._context.reset_mask.worlds, self._context.reset)
 
 
 def _rows(sim: Simulation, array: wp.array) -> wp.array:

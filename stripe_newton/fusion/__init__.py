@@ -1,35 +1,66 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms composed into kernels, kernels into one graph a step."""
+"""Fusion: terms become calls in generated source, source becomes kernels, kernels become one graph a step.
 
-from .binding import TermCall, TermState, bind_term, fields_read
-from .entity import SceneEntityCfg, names_of, resolve_entities
-from .items import Captured, Eager, Item, Section
-from .kernels import FusedKernel, fuse
-from .log import EpisodeLog
+The way goes in one direction. ``bind_term`` finds the arguments of a term and makes a :class:`TermCall`; a manager
+writes calls and lines into a :class:`Section`; a :class:`Plan` fuses neighbouring sections into kernels and records
+them. Source is written and never read: a piece of :class:`Code` knows the names that it uses.
+"""
+
+from .binding import BindingContext, bind_term
+from .episode_log import EpisodeLog
+from .fused_kernel import FusedKernel, fuse
 from .parameters import Parameters
-from .plan import GraphCaptureError, Plan, Stage
+from .plan import GraphCaptureError, Plan
+from .scene_entity import SceneEntityCfg, names_of, resolve_entities
 from .scope import Scope
-from .single import single_thread
+from .single_thread import single_thread
+from .source import Code, Name, TunedNumber, block, code, indented
+from .stage import Captured, Eager, Flag, Item, Section, Stage, fields_used, may_use, only
+from .structs import NamedStructs, ParameterReferences, SharedStruct, StructRegistry, StructResolver
+from .term_arrays import TermState
+from .term_binding import ArgumentError, TermBinding, TermContext
+from .term_call import TermCall
+from .usage import Usage, usage_of
 
 __all__ = [
+    "ArgumentError",
+    "BindingContext",
     "Captured",
+    "Code",
     "Eager",
     "EpisodeLog",
+    "Flag",
     "FusedKernel",
     "GraphCaptureError",
     "Item",
+    "Name",
+    "NamedStructs",
+    "ParameterReferences",
     "Parameters",
     "Plan",
     "SceneEntityCfg",
     "Scope",
     "Section",
+    "SharedStruct",
     "Stage",
+    "StructRegistry",
+    "StructResolver",
+    "TermBinding",
     "TermCall",
+    "TermContext",
     "TermState",
+    "TunedNumber",
+    "Usage",
     "bind_term",
-    "fields_read",
+    "block",
+    "code",
+    "fields_used",
     "fuse",
+    "indented",
+    "may_use",
     "names_of",
+    "only",
     "resolve_entities",
     "single_thread",
+    "usage_of",
 ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that people tune, on the device."""
+"""Parameters: the numbers of terms that people tune, by path, in arrays that kernels read."""
 
 from __future__ import annotations
 
@@ -14,11 +14,18 @@ import warp as wp
 from stripe_kernels.data import Parameter
 
 from .scope import Scope
+from .source import Code, TunedNumber, code
 
-__all__ = ["Parameters"]
+__all__ = ["ParameterKind", "ParameterValue", "Parameters"]
 
 _CAPACITY = 4096
+"""Numbers of each array. The arrays never grow, as graphs hold their addresses."""
 _VECTORS = {wp.vec2: 2, wp.vec3: 3, wp.vec4: 4, wp.quat: 4}
+
+ParameterKind = type[float] | type[int] | type[bool]  # or wp.vec2, wp.vec3, wp.vec4, wp.quat
+"""Type of a parameter as a Warp function declares it."""
+ParameterValue = float | Sequence[float] | np.ndarray | torch.Tensor
+"""A number, a truth value, or the numbers of a vector."""
 
 
 class Parameters:
@@ -36,13 +43,13 @@ class Parameters:
         """Whole numbers and truth values, int32."""
         self._names = scope.name("parameters", self.floats), scope.name("int_parameters", self.ints)
         self._used = [0, 0]
-        self._places: dict[str, tuple[Any, int]] = {}
+        self._places: dict[str, tuple[ParameterKind, int]] = {}
 
-    def add(self, path: str, value: Any, kind: type) -> str:
+    def add(self, path: str, value: ParameterValue, kind: ParameterKind) -> Code:
         """Keep a number and return the expression that reads it in generated source.
 
         Args:
-            path: What it is called; a path that is there already keeps its place and takes the value.
+            path: Its name; a path that is there already keeps its place and takes the value.
             value: A number, a truth value, or the numbers of a vector.
             kind: ``float``, ``int``, ``bool``, ``wp.vec2``, ``wp.vec3``, ``wp.vec4`` or ``wp.quat``.
 
@@ -64,17 +71,25 @@ class Parameters:
             self[path] = value
         return self._expression(path)
 
-    def _expression(self, path: str) -> str:
+    def _expression(self, path: str) -> Code:
         kind, index = self._places[path]
         floats, ints = self._names
         if kind is bool:
-            return f"({ints}[{index}] != 0)"
-        if kind is int:
-            return f"{ints}[{index}]"
-        if kind is float:
-            return f"{floats}[{index}]"
-        parts = ", ".join(f"{floats}[{index + k}]" for k in range(_VECTORS[kind]))
-        return f"wp.{kind.__name__.removesuffix('f')}({parts})"
+            return code("({}[{}] != 0)", ints, index)
+        if kind in (int, float):
+            number = code("{}[{}]", floats if kind is float else ints, index)
+            return TunedNumber(number.text, number.uses)
+        parts = [code("{}[{}]", floats, index + k) for k in range(_VECTORS[kind])]
+        name = kind.__name__.removesuffix("f")
+        return code(f"wp.{name}({', '.join(['{}'] * len(parts))})", *parts)
+
+    def index(self, path: str) -> int:
+        """Where the first number of a parameter lies in :attr:`floats`, or in :attr:`ints` for whole numbers.
+
+        Raises:
+            KeyError: if there is no such parameter.
+        """
+        return self._place(path)[1]
 
     def paths(self) -> list[str]:
         """Paths of all parameters."""
@@ -83,8 +98,8 @@ class Parameters:
     def __contains__(self, path: str) -> bool:
         return path in self._places
 
-    def __getitem__(self, path: str) -> Any:
-        """The value now; it waits for the device.
+    def __getitem__(self, path: str) -> float | tuple[float, ...]:
+        """The value now. It waits for the device.
 
         Raises:
             KeyError: if there is no such parameter.
@@ -94,7 +109,7 @@ class Parameters:
         values = tensor[index : index + _VECTORS.get(kind, 1)].tolist()
         return tuple(values) if kind in _VECTORS else kind(values[0])
 
-    def __setitem__(self, path: str, value: Any) -> None:
+    def __setitem__(self, path: str, value: ParameterValue) -> None:
         """Change a value.
 
         Raises:
@@ -105,7 +120,7 @@ class Parameters:
         size = _VECTORS.get(kind, 1)
         if isinstance(value, torch.Tensor):
             value = value.tolist()
-        values = list(value) if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str) else [value]
+        values: list[Any] = list(value) if isinstance(value, (tuple, list, np.ndarray)) else [value]
         number = (int, float, np.integer, np.floating, np.bool_)
         if len(values) != size or not all(isinstance(v, number) for v in values):
             what = "a number" if size == 1 else f"{size} numbers"
@@ -132,7 +147,7 @@ class Parameters:
         reference.values, reference.index = self.floats, index
         return reference
 
-    def _place(self, path: str) -> tuple[Any, int]:
+    def _place(self, path: str) -> tuple[ParameterKind, int]:
         if path not in self._places:
             near = difflib.get_close_matches(path, self._places, n=3, cutoff=0.4)
             hint = f"; near it: {', '.join(near)}" if near else ""

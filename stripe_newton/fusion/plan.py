@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A step as a list of stages: what of it is fused, what is captured, what runs on the host."""
+"""Plan: the stages of a step, its sections fused into kernels and the kernels recorded as CUDA graphs."""
 
 from __future__ import annotations
 
@@ -10,30 +10,22 @@ import warp as wp
 
 from stripe_newton.sim.capture import capture_graph
 
-from .items import Captured, Eager, Item, Section
-from .kernels import FusedKernel, fuse
+from .fused_kernel import FusedKernel, fuse
 from .scope import Scope
+from .stage import Captured, Eager, Section, Stage
 
-__all__ = ["GraphCaptureError", "Plan", "Stage"]
+__all__ = ["GraphCaptureError", "Plan"]
 
 
 class GraphCaptureError(RuntimeError):
     """Work that was promised to be one CUDA graph cannot be recorded as one."""
 
 
-@dataclass
-class Stage:
-    """A named part of a step."""
-
-    name: str
-    items: Sequence[Item]
-    note: str = ""
-    """Said in the description where there are no items."""
-
-
-@dataclass
+@dataclass(frozen=True)
 class _Operation:
-    stage: str
+    """A launch: a fused kernel, or a function that launches kernels of its own."""
+
+    stages: tuple[str, ...]
     name: str
     launch: Callable[[], None]
     fused: FusedKernel | None = None
@@ -42,7 +34,7 @@ class _Operation:
 
 @dataclass
 class _Segment:
-    """Operations between two interruptions by the host."""
+    """What lies between two host functions, or a host function."""
 
     operations: list[_Operation] = field(default_factory=list)
     eager: Eager | None = None
@@ -61,46 +53,10 @@ class Plan:
         self.name, self.stages = name, list(stages)
         self.captures = use_graph and device != "cpu"
         """Whether it is replayed as graphs."""
-        self._device, self._scope, self._num_envs = device, scope, num_envs
-        self._streams: list[wp.Stream] = []
-        self._segments = self._cut()
-        self._ready = False
-
-    def _cut(self) -> list[_Segment]:
-        segments = [_Segment()]
-        waiting: list[tuple[str, Section]] = []
-        held: list[_Operation] = []
-
-        def flush() -> None:
-            if waiting:
-                stages = list(dict.fromkeys(stage for stage, _ in waiting))
-                title = "_".join([self.name, *stages]).replace(" ", "_")
-                fused = fuse(title, [s for _, s in waiting], self._scope, self._num_envs, self._device)
-                segments[-1].operations.append(_Operation(" + ".join(stages), title, fused.launch, fused))
-                waiting.clear()
-            segments[-1].operations.extend(held)
-            held.clear()
-
-        for stage in self.stages:
-            for item in stage.items:
-                if isinstance(item, Section):
-                    if not item.body:
-                        continue
-                    if waiting and not _fit(waiting[-1], (stage.name, item)):
-                        flush()
-                    waiting.append((stage.name, item))
-                    continue
-                if isinstance(item, Captured) and item.beside and waiting:  # the kernel that it waits for may yet grow
-                    held.append(_Operation(stage.name, item.name, item.function, beside=True))
-                    continue
-                flush()
-                if isinstance(item, Eager):
-                    segments.append(_Segment(eager=item, stage=stage.name))
-                    segments.append(_Segment())
-                else:
-                    segments[-1].operations.append(_Operation(stage.name, item.name, item.function, beside=item.beside))
-        flush()
-        return [s for s in segments if s.operations or s.eager]
+        self._device = device
+        self._side_streams: list[wp.Stream] = []
+        self._segments = _Cutter(name, scope, num_envs, device).cut(stages)
+        self._recorded = False
 
     @property
     def kernels(self) -> list[FusedKernel]:
@@ -111,6 +67,13 @@ class Plan:
     def graph_count(self) -> int:
         """Graph launches in a run."""
         return sum(s.eager is None for s in self._segments) if self.captures else 0
+
+    @property
+    def eager(self) -> list[tuple[str, str, str]]:
+        """Stage, name and reason of what runs on the host."""
+        return [(s.stage, s.eager.name, s.eager.reason) for s in self._segments if s.eager is not None]
+
+    # -- running
 
     def run(self) -> None:
         """Run all stages.
@@ -125,32 +88,29 @@ class Plan:
                 elif segment.graph is not None:
                     wp.capture_launch(segment.graph)
                 else:
+                    # Without the side streams: the first run loads modules, and loading synchronises anyway.
                     for operation in segment.operations:
                         operation.launch()
-            if self.captures and not self._ready:
+            if self.captures and not self._recorded:
+                # Recorded after the whole run, as a kernel that is not loaded yet cannot be.
                 for segment in self._segments:
                     if segment.eager is None:
                         segment.graph = self._record(segment)
-        self._ready = True
+        self._recorded = True
 
     def run_without_graph(self, stages: Sequence[str]) -> None:
         """Run only some stages, kernel by kernel; for what happens outside of a step."""
+        wanted = set(stages)
         with wp.ScopedDevice(self._device):
             for segment in self._segments:
-                if segment.eager is not None and segment.stage in stages:
+                if segment.eager is not None and segment.stage in wanted:
                     segment.eager.function()
                 for operation in segment.operations:
-                    if set(operation.stage.split(" + ")) & set(stages):
+                    if not wanted.isdisjoint(operation.stages):
                         operation.launch()
 
-    def recapture(self) -> None:
-        """Record the graphs anew at the next run; for whoever replaced an array that a captured function reads."""
-        self._ready = False
-        for segment in self._segments:
-            segment.graph = None
-
     def launch(self) -> None:
-        """Launch the kernels of all stages on the current stream, for whoever records them in a graph of their own.
+        """Launch the kernels of all stages on the current stream, to be recorded in a graph of the caller's.
 
         Raises:
             GraphCaptureError: if something in it runs on the host; see :attr:`eager`.
@@ -161,12 +121,14 @@ class Plan:
             for segment in self._segments:
                 self._launch(segment.operations)
 
-    @property
-    def eager(self) -> list[tuple[str, str, str]]:
-        """Stage, name and reason of what runs on the host."""
-        return [(s.stage, s.eager.name, s.eager.reason) for s in self._segments if s.eager is not None]
+    def recapture(self) -> None:
+        """Record the graphs anew at the next run. Call this after replacing an array that a captured function reads."""
+        self._recorded = False
+        for segment in self._segments:
+            segment.graph = None
 
-    def _launch(self, operations: list[_Operation]) -> None:
+    def _launch(self, operations: Sequence[_Operation]) -> None:
+        """Launch operations in order, those that nothing waits for on streams of their own."""
         beside = list[wp.Stream]()
         for operation in operations:
             if operation.beside and self._device != "cpu":
@@ -175,29 +137,30 @@ class Plan:
                     operation.launch()
             else:
                 operation.launch()
-        for stream in beside:
+        for stream in beside:  # a graph that is recorded must end on the stream that it began on
             wp.get_stream(self._device).wait_stream(stream)
+
+    def _side_stream(self, index: int) -> wp.Stream:
+        while len(self._side_streams) <= index:
+            self._side_streams.append(wp.Stream(self._device))
+        return self._side_streams[index]
 
     def _record(self, segment: _Segment) -> wp.Graph:
         try:
             return capture_graph(self._device, lambda: self._launch(segment.operations))
         except Exception as error:
-            raise GraphCaptureError(self._culprit(segment, error)) from error
+            raise GraphCaptureError(self._why_not_recorded(segment, error)) from error
 
-    def _side_stream(self, index: int) -> wp.Stream:
-        while len(self._streams) <= index:
-            self._streams.append(wp.Stream(self._device))
-        return self._streams[index]
-
-    def _culprit(self, segment: _Segment, error: Exception) -> str:
-        """Which operation it is that cannot be recorded."""
+    def _why_not_recorded(self, segment: _Segment, error: Exception) -> str:
+        """Which operation it is that cannot be recorded, found by recording each alone."""
         for operation in segment.operations:
             try:
                 capture_graph(self._device, operation.launch)
             except Exception as own:
                 return (
-                    f"stage '{operation.stage}': {operation.name} cannot be captured ({_first_line(own)}); it may only "
-                    "launch kernels on arrays that exist: use the torch hook or a torch term for what needs the host"
+                    f"stage '{' + '.join(operation.stages)}': {operation.name} cannot be captured "
+                    f"({_first_line(own)}); it may only launch kernels on arrays that exist: use the torch hook or a "
+                    "torch term for what needs the host"
                 )
         return f"the step cannot be captured: {_first_line(error)}"
 
@@ -217,7 +180,7 @@ class Plan:
                 elif item.body:
                     rows.append((stage.name, terms, f"{how}, fused"))
             if not stage.items:
-                rows.append((stage.name, stage.note or "-", "-"))
+                rows.append((stage.name, "-", "-"))
         return rows
 
     def describe(self, kernels: bool = False) -> str:
@@ -233,10 +196,64 @@ class Plan:
         return "\n".join(out)
 
 
-def _fit(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
+class _Cutter:
+    """Cuts stages into segments at the host functions, and fuses the sections that may be in one kernel."""
+
+    def __init__(self, name: str, scope: Scope, num_envs: int, device: str):
+        self._name, self._scope, self._num_envs, self._device = name, scope, num_envs, device
+        self._segments = [_Segment()]
+        self._waiting: list[tuple[str, Section]] = []
+        """Sections for the next kernel, with their stages."""
+        self._held: list[_Operation] = []
+        """Launches that nothing waits for, to follow that kernel."""
+
+    def cut(self, stages: Sequence[Stage]) -> list[_Segment]:
+        for stage in stages:
+            for item in stage.items:
+                if isinstance(item, Section):
+                    self._add_section(stage.name, item)
+                elif isinstance(item, Captured):
+                    self._add_captured(stage.name, item)
+                else:
+                    self._flush()
+                    self._segments += [_Segment(eager=item, stage=stage.name), _Segment()]
+        self._flush()
+        return [s for s in self._segments if s.operations or s.eager]
+
+    def _add_section(self, stage: str, section: Section) -> None:
+        if not section.body:
+            return
+        if self._waiting and not _share_kernel(self._waiting[-1], (stage, section)):
+            self._flush()
+        self._waiting.append((stage, section))
+
+    def _add_captured(self, stage: str, item: Captured) -> None:
+        operation = _Operation((stage,), item.name, item.function, beside=item.beside)
+        if item.beside and self._waiting:
+            # Nothing waits for it, so it need not end the kernel before it, which may yet grow: one launch less.
+            self._held.append(operation)
+            return
+        self._flush()
+        self._segments[-1].operations.append(operation)
+
+    def _flush(self) -> None:
+        """End the kernel under construction."""
+        if self._waiting:
+            stages = tuple(dict.fromkeys(stage for stage, _ in self._waiting))
+            title = "_".join([self._name, *stages]).replace(" ", "_")
+            fused = fuse(title, [s for _, s in self._waiting], self._scope, self._num_envs, self._device)
+            self._segments[-1].operations.append(_Operation(stages, title, fused.launch, fused))
+            self._waiting.clear()
+        self._segments[-1].operations += self._held
+        self._held.clear()
+
+
+def _share_kernel(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
     """Whether two neighbouring sections may be in one kernel."""
     if before[1].parts and after[1].parts:
-        return before[0] == after[0]  # parts of a stage do not depend on each other
+        # Parts of one stage do not depend on each other; those of the next stage may depend on any part of this one,
+        # and the threads of a launch do not wait for each other.
+        return before[0] == after[0]
     return not before[1].parts and not after[1].parts
 
 

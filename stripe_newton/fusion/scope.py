@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names for what generated kernels read, write and call."""
+"""Scope: the names of arrays, structs and functions in the generated kernels of one environment."""
 
 from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Hashable, Set
 
 import warp as wp
+
+from .source import Code, Name, code
+from .warp_types import Value, struct_fields, struct_of
 
 __all__ = ["Scope"]
 
@@ -16,52 +18,55 @@ _CPP = (
     "auto char class const double explicit extern final friend inline int8 long mutable namespace new operator private "
     "protected public register short signed static struct switch template this typename union unsigned virtual void"
 )
-_OWN = "env part thread num_envs wp out value total done left due i j k"
-_RESERVED = {*_CPP.split(), *keyword.kwlist, *_OWN.split()}
-_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+_LOCAL = "env part thread num_envs wp out value total done left due i j k"
+_RESERVED = {*_CPP.split(), *keyword.kwlist, *_LOCAL.split()}
+"""Names that generated source uses itself, or that are no names in Python or in the C++ that Warp makes of it."""
 
 
 class Scope:
-    """One name for each array, struct and function, shared by all kernels of an environment.
-
-    A section of source mentions those names; what a kernel takes follows from the names found in it.
-    """
+    """One name for each array, struct and function, shared by all kernels of an environment."""
 
     def __init__(self) -> None:
-        self.values: dict[str, Any] = {}
+        self.values: dict[str, Value] = {}
         """Arrays and structs by name."""
         self.functions: dict[str, wp.Function] = {}
         """Warp functions by name."""
-        self._names: dict[Any, str] = {}
+        self._names: dict[Hashable, Name] = {}
 
-    def name(self, wish: str, value: Any) -> str:
+    def name(self, wish: str, value: Value) -> Name:
         """The name of an array or a struct: ``wish``, or something like it where that is taken.
 
         Raises:
             TypeError: if ``value`` is neither; a number would be frozen into a graph, it belongs in ``Parameters``.
         """
-        if not isinstance(value, wp.array) and not hasattr(value, "_cls"):
+        if not isinstance(value, wp.array) and not wp.types.is_struct(value):
             raise TypeError(
                 f"'{wish}': is {type(value).__name__}, must be a Warp array or an instance of a Warp struct"
             )
         key = _identity(value)
         if key not in self._names:
-            self._names[key] = self._free(wish)
-            self.values[self._names[key]] = value
+            name = self._free(wish)
+            fields = frozenset() if isinstance(value, wp.array) else frozenset(struct_fields(struct_of(value)))
+            self._names[key] = Name(name, frozenset({name}), fields)
+            self.values[name] = value
         return self._names[key]
 
-    def function(self, function: wp.Function) -> str:
-        """The name of a Warp function in the source."""
+    def function(self, function: wp.Function) -> Name:
+        """The name of a Warp function."""
         key = ("function", id(function))
         if key not in self._names:
-            self._names[key] = self._free(function.func.__name__)
-            self.functions[self._names[key]] = function
+            name = self._free(function.func.__name__)
+            self._names[key] = Name(name, frozenset({name}))
+            self.functions[name] = function
         return self._names[key]
 
-    def mentioned(self, lines: Iterable[str]) -> tuple[list[str], list[str]]:
-        """Values and functions that lines of source mention, each in order of their names' making."""
-        found = {name for line in lines for name in _NAME.findall(line.partition("#")[0])}
-        return [n for n in self.values if n in found], [n for n in self.functions if n in found]
+    def call(self, function: wp.Function, *arguments: Code | str | int) -> Code:
+        """The call of a Warp function."""
+        return code(f"{{}}({', '.join(['{}'] * len(arguments))})", self.function(function), *arguments)
+
+    def used(self, uses: Set[str]) -> tuple[list[str], list[str]]:
+        """The values and the functions among some names, each in the order in which they were named."""
+        return [n for n in self.values if n in uses], [n for n in self.functions if n in uses]
 
     def _free(self, wish: str) -> str:
         base = re.sub(r"\W", "_", wish).lstrip("0123456789") or "x"
@@ -72,7 +77,8 @@ class Scope:
         return name
 
 
-def _identity(value: Any) -> Any:
+def _identity(value: Value) -> Hashable:
+    """Equal for two arrays over the same memory: an array and a view of all of it share a name."""
     if isinstance(value, wp.array) and value.ptr:
         return value.ptr, value.dtype, tuple(value.shape), tuple(value.strides), str(value.device)
     return "object", id(value)

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an action term takes, moves and calls, as its config says."""
+"""Action layout: the numbers, joints and functions of an action term, as its config says."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from stripe_kernels.mdp import ACTIONS, DIFFERENTIAL_IK_METHODS
+import warp as wp
+
+from stripe_kernels.mdp import ACTIONS
+from stripe_newton.assets.asset_base import BoundAsset
 from stripe_newton.matching import match_names, match_values
 
 from .actions_cfg import (
@@ -16,6 +18,7 @@ from .actions_cfg import (
     DifferentialInverseKinematicsActionCfg,
     JointActionCfg,
     NonHolonomicActionCfg,
+    PerJoint,
 )
 from .context import ManagerContext
 from .kinematic_chain import kinematic_chain
@@ -23,6 +26,9 @@ from .manager_base import is_warp_term
 from .term_params import unknown_params
 
 __all__ = ["ActionLayout", "lay_out"]
+
+_DEFAULTS = {"scale": 1.0, "offset": 0.0, "alpha": 1.0}
+"""Numbers of the joints that a config does not name."""
 
 
 @dataclass
@@ -37,11 +43,11 @@ class ActionLayout:
     width: int
     """Numbers of the commands."""
     joint_ids: list[int]
-    functions: dict[str, Any]
+    functions: dict[str, wp.Function | None]
     """``process``, ``apply`` and ``reset``; the last may be None."""
-    values: dict[str, Any]
+    values: dict[str, object] = field(default_factory=dict)
     """Arguments of the functions that fields of the config give."""
-    per_substep: bool
+    per_substep: bool = True
 
     def meets(self, other: ActionLayout) -> bool:
         """Whether both move the same joint."""
@@ -50,7 +56,7 @@ class ActionLayout:
     @property
     def is_elementwise(self) -> bool:
         """Whether each command follows from the action of the same index, before the physics alone."""
-        known = ACTIONS.get(getattr(self.cfg, "kind", ""))
+        known = ACTIONS.get(self.cfg.kind) if isinstance(self.cfg, JointActionCfg) else None
         if known is None or (self.functions["process"], self.functions["apply"]) != (known.process, known.apply):
             return False
         prepared = self.cfg.noise is not None or self.cfg.delay_max_lag > 0
@@ -60,125 +66,147 @@ class ActionLayout:
 def lay_out(context: ManagerContext, path: str, cfg: ActionTermCfg, first: int) -> ActionLayout | None:
     """The layout of a term, or None after problems were added to ``context.problems``."""
     before = len(context.problems)
-    layout = _Reading(context, path, cfg).layout(first)
+    layout = _ActionReader(context, path, cfg).layout(first)
     return layout if len(context.problems) == before else None
 
 
-class _Reading:
-    def __init__(self, context: ManagerContext, path: str, cfg: Any):
-        self.context, self.path, self.cfg = context, path, cfg
+class _ActionReader:
+    """Reads the config of one action term and notes what is wrong with it."""
 
-    def problem(self, field: str, text: object) -> None:
-        self.context.problems.append(f"{self.path}.{field}: {text}")
+    def __init__(self, context: ManagerContext, path: str, cfg: ActionTermCfg):
+        self._context, self._path, self._cfg = context, path, cfg
+
+    def _problem(self, name: str, text: object) -> None:
+        self._context.problems.append(f"{self._path}.{name}: {text}")
 
     def layout(self, first: int) -> ActionLayout | None:
-        cfg = self.cfg
-        try:
-            data = self.context.entity(cfg.asset_name).data
-        except KeyError as error:
-            self.problem("asset_name", error.args[0])
+        cfg, asset = self._cfg, self._asset()
+        if asset is None:
             return None
-        names, before = getattr(data, "joint_names", []), len(self.context.problems)
-        if isinstance(cfg, NonHolonomicActionCfg):
-            fields = ("x_joint_name", "y_joint_name", "yaw_joint_name")
-            ids = [i for field in fields for i in self.indices(field, names, "joint", one=True)]
-            self.indices("body_name", data.body_names, "body", one=True)
-            named = ids[::2]  # a number for the speed and one for the turn
-        else:
-            named = ids = self.indices("joint_names", names, "joint")
-        size = cfg.action_size if cfg.action_size is not None else len(ids)
-        width = cfg.processed_size if cfg.processed_size is not None else len(ids)
-        for field in ("action_size", "processed_size"):
-            if getattr(cfg, field) is not None and getattr(cfg, field) < 1:
-                self.problem(field, f"is {getattr(cfg, field)}, must be 1 or more")
-        functions = dict(self.functions())
-        values: dict[str, Any] = {}
-        if isinstance(cfg, JointActionCfg) and len(self.context.problems) == before:
-            values = dict(self.values([names[i] for i in named]))
+        before = len(self._context.problems)
+        names, ids, named = self._joints(asset)
+        layout = ActionLayout(cfg, first, len(ids), len(ids), ids, self._functions(), per_substep=cfg.per_substep)
+        self._take_sizes(layout)
+        if isinstance(cfg, JointActionCfg) and len(self._context.problems) == before:
+            layout.values = self._values(cfg, [names[i] for i in named])
         if isinstance(cfg, DifferentialInverseKinematicsActionCfg):
-            size, width = cfg.controller.action_dim, 7  # the desired pose
-            values = dict(self.inverse_kinematics(ids))
-        if functions["process"] and functions["apply"]:
-            self.context.problems += unknown_params(self.path, functions.values(), cfg.params)
-        return ActionLayout(cfg, first, size, width, ids, functions, values, cfg.per_substep)
+            layout.size, layout.width = cfg.controller.action_dim, 7  # the desired pose
+            layout.values = self._inverse_kinematics(cfg, asset, ids)
+        if layout.functions["process"] and layout.functions["apply"]:
+            functions, structs = layout.functions.values(), self._context.structs
+            self._context.problems += unknown_params(structs, self._path, functions, cfg.params)
+        return layout
 
-    def indices(self, field: str, names: list[str], what: str, one: bool = False) -> list[int]:
-        expressions, asset = getattr(self.cfg, field), self.cfg.asset_name
+    def _asset(self) -> BoundAsset | None:
         try:
-            ids = match_names(expressions, names, not one and self.cfg.preserve_order, f"{what} of '{asset}'")[0]
+            asset = self._context.entity(self._cfg.asset_name)
+        except KeyError as error:
+            self._problem("asset_name", error.args[0])
+            return None
+        if not isinstance(asset, BoundAsset):
+            self._problem("asset_name", f"'{self._cfg.asset_name}' is a sensor, must be an articulation")
+            return None
+        return asset
+
+    def _joints(self, asset: BoundAsset) -> tuple[list[str], list[int], list[int]]:
+        """Names of the asset's joints, indices of those that are moved, and of those that numbers are named by."""
+        cfg, names = self._cfg, asset.layout.joint_names
+        if not isinstance(cfg, NonHolonomicActionCfg):
+            ids = self._indices("joint_names", cfg.joint_names, names, "joint", cfg.preserve_order)
+            return names, ids, ids
+        self._one("body_name", cfg.body_name, asset.layout.body_names, "body")
+        joints = {"x_joint_name": cfg.x_joint_name, "y_joint_name": cfg.y_joint_name}
+        joints |= {"yaw_joint_name": cfg.yaw_joint_name}
+        ids = [i for name, joint in joints.items() for i in self._one(name, joint, names, "joint")]
+        return names, ids, ids[::2]  # a number for the speed along x and one for the turn
+
+    def _indices(
+        self, name: str, expressions: str | Sequence[str], names: Sequence[str], what: str, preserve_order: bool = False
+    ) -> list[int]:
+        try:
+            return match_names(expressions, names, preserve_order, f"{what} of '{self._cfg.asset_name}'")[0]
         except ValueError as error:
-            self.problem(field, error)
+            self._problem(name, error)
             return []
-        if one and len(ids) != 1:
-            found = ", ".join(names[i] for i in ids)
-            self.problem(field, f"'{expressions}' matches more than one {what} of '{asset}', name one of: {found}")
+
+    def _one(self, name: str, expression: str, names: Sequence[str], what: str) -> list[int]:
+        """The index of the one thing that an expression names."""
+        ids = self._indices(name, expression, names, what)
+        if len(ids) > 1:
+            found, asset = ", ".join(names[i] for i in ids), self._cfg.asset_name
+            self._problem(name, f"'{expression}' matches more than one {what} of '{asset}', name one of: {found}")
         return ids
 
-    def functions(self) -> Iterator[tuple[str, Any]]:
+    def _functions(self) -> dict[str, wp.Function | None]:
         """The config's functions, or those that come with the package for its kind."""
-        if isinstance(self.cfg, DifferentialInverseKinematicsActionCfg):
-            known = {"apply": DIFFERENTIAL_IK_METHODS.get(self.cfg.controller.ik_method)}
-        else:
-            term = ACTIONS.get(getattr(self.cfg, "kind", ""))
-            known = term._asdict() if term is not None else {}
-        for what in ("process", "apply", "reset"):
-            function = getattr(self.cfg, what) or known.get(what)
-            if not is_warp_term(function) and (what != "reset" or function is not None):
-                self.problem(what, f"is {function!r}, must be a Warp function (@wp.func)")
-                function = None
-            yield what, function
+        known, functions = self._cfg.known_functions, dict[str, wp.Function | None]()
+        own = {"process": self._cfg.process, "apply": self._cfg.apply, "reset": self._cfg.reset}
+        for what, function in own.items():
+            found = function or known.get(what)
+            if not is_warp_term(found) and (what != "reset" or found is not None):
+                self._problem(what, f"is {found!r}, must be a Warp function (@wp.func)")
+                found = None
+            functions[what] = found
+        return functions
 
-    def values(self, names: list[str]) -> Iterator[tuple[str, Any]]:
+    def _take_sizes(self, layout: ActionLayout) -> None:
+        """Sizes that the config says; by default one number for each joint."""
+        sizes = {"action_size": self._cfg.action_size, "processed_size": self._cfg.processed_size}
+        for name, size in sizes.items():
+            if size is not None and size < 1:
+                self._problem(name, f"is {size}, must be 1 or more")
+        layout.size = layout.size if self._cfg.action_size is None else self._cfg.action_size
+        layout.width = layout.width if self._cfg.processed_size is None else self._cfg.processed_size
+
+    def _values(self, cfg: JointActionCfg, names: list[str]) -> dict[str, object]:
         """Arguments of the functions by name, with one number for each of ``names``."""
-        cfg = self.cfg
-        for field in ("use_default_offset", "rescale_to_limits"):
-            if hasattr(cfg, field):
-                yield field, getattr(cfg, field)
-        for field, default in (("scale", 1.0), ("offset", 0.0), ("alpha", 1.0)):
-            value = getattr(cfg, field, default)
-            if field == "offset" and getattr(cfg, "use_zero_offset", False):
-                value = 0.0
-            if isinstance(value, (tuple, list)):
-                if len(value) != len(names):
-                    self.problem(field, f"has {len(value)} numbers, must have {len(names)}: {', '.join(names)}")
-                yield field, list(value)
-            else:
-                found = self.matched(field, value, names)
-                yield field, [found.get(i, default) for i in range(len(names))]
-        clip = [(-math.inf, math.inf)] * len(names)
-        lower = self.matched("clip", {k: v[0] for k, v in (cfg.clip or {}).items()}, names)
-        upper = match_values({k: v[1] for k, v in cfg.clip.items()}, names) if lower else {}
-        yield "clip", [(lower.get(i, low), upper.get(i, high)) for i, (low, high) in enumerate(clip)]
-        for which in ("open", "close"):
-            field = f"{which}_command_expr"
-            if hasattr(cfg, field):
-                found = self.matched(field, getattr(cfg, field), names)
-                missing = [n for i, n in enumerate(names) if i not in found]
-                if found and missing:
-                    self.problem(field, f"has no value for {', '.join(missing)}")
-                yield f"{which}_command", [found.get(i, 0.0) for i in range(len(names))]
+        values: dict[str, object] = {**cfg.switches}
+        for name, given in cfg.numbers.items():
+            values[name] = self._per_joint(name, given, names)
+        values["clip"] = self._clip(cfg, names)
+        for name, positions in cfg.positions.items():
+            found = self._matched(f"{name}_expr", positions, names)
+            missing = [n for i, n in enumerate(names) if i not in found]
+            if found and missing:
+                self._problem(f"{name}_expr", f"has no value for {', '.join(missing)}")
+            values[name] = [found.get(i, 0.0) for i in range(len(names))]
+        return values
 
-    def inverse_kinematics(self, ids: list[int]) -> Iterator[tuple[str, Any]]:
+    def _per_joint(self, name: str, value: PerJoint, names: list[str]) -> list[float]:
+        if isinstance(value, (tuple, list)):
+            if len(value) != len(names):
+                self._problem(name, f"has {len(value)} numbers, must have {len(names)}: {', '.join(names)}")
+            return list(value)
+        assert isinstance(value, (float, int, Mapping))
+        found = self._matched(name, value, names)
+        return [found.get(i, _DEFAULTS[name]) for i in range(len(names))]
+
+    def _clip(self, cfg: JointActionCfg, names: list[str]) -> list[tuple[float, float]]:
+        """Bounds of each number; a joint that is not named has none."""
+        bounds = cfg.clip or {}
+        lower = self._matched("clip", {k: low for k, (low, _) in bounds.items()}, names)
+        upper = match_values({k: high for k, (_, high) in bounds.items()}, names) if lower else {}
+        return [(lower.get(i, -math.inf), upper.get(i, math.inf)) for i in range(len(names))]
+
+    def _inverse_kinematics(
+        self, cfg: DifferentialInverseKinematicsActionCfg, asset: BoundAsset, ids: list[int]
+    ) -> dict[str, object]:
         """Arguments of the functions that move a body."""
-        cfg, entity = self.cfg, self.context.entity(self.cfg.asset_name)
-        controller, offset = cfg.controller, cfg.body_offset or cfg.OffsetCfg()
-        body = self.indices("body_name", entity.data.body_names, "body", one=True)
+        controller, offset, values = cfg.controller, cfg.body_offset or cfg.OffsetCfg(), dict[str, object]()
+        body = self._one("body_name", cfg.body_name, asset.layout.body_names, "body")
         if ids and len(body) == 1:
             try:
-                yield "chain", kinematic_chain(self.context.scene.sim, entity.layout, ids, body[0])
+                values["chain"] = kinematic_chain(self._context.scene.sim, asset.layout, ids, body[0])
             except ValueError as error:
-                self.problem("joint_names", error)
+                self._problem("joint_names", error)
         scale = cfg.scale if isinstance(cfg.scale, (tuple, list)) else [cfg.scale] * controller.action_dim
-        yield from {"scale": list(scale), "body_offset_pos": offset.pos, "body_offset_rot": offset.rot}.items()
-        yield from {
-            "has_rotation": controller.command_type == "pose",
-            "is_relative": controller.use_relative_mode,
-        }.items()
-        yield from controller.numbers.items()
+        values |= {"scale": list(scale), "body_offset_pos": offset.pos, "body_offset_rot": offset.rot}
+        values |= {"has_rotation": controller.command_type == "pose", "is_relative": controller.use_relative_mode}
+        return values | controller.numbers
 
-    def matched(self, field: str, value: Any, names: list[str]) -> dict[int, float]:
+    def _matched(self, name: str, value: float | Mapping[str, float], names: list[str]) -> dict[int, float]:
         try:
             return match_values(value, names, what="joint")
         except ValueError as error:
-            self.problem(field, error)
+            self._problem(name, error)
             return {}

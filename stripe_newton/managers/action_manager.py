@@ -1,28 +1,69 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the policy does."""
+"""Action manager: the numbers of the policy, split among action terms and turned into targets."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import torch
 
 from stripe_kernels.data import ActionData
 from stripe_kernels.episode import finite_action
-from stripe_newton.fusion import Item, SceneEntityCfg, Section, bind_term
+from stripe_newton.fusion import (
+    ArgumentError,
+    Code,
+    Item,
+    SceneEntityCfg,
+    Section,
+    TermBinding,
+    bind_term,
+    block,
+    code,
+)
 
 from .action_layout import ActionLayout, lay_out
 from .actions_cfg import ActionTermCfg
 from .context import ManagerContext
 from .manager_base import ManagerBase
-from .processing import delayed, noisy
+from .processing import NoiseSource, delay_of
 from .term_params import params_for
 
 __all__ = ["ActionManager"]
 
 _PER_NUMBER = ("joint_ids", "scale", "offset", "clip", "alpha")
 """Arguments of the terms that have one entry a number."""
+
+
+class ActionStructs:
+    """Finds the actions for a term that reads them: all of them, or those of the action term ``action_name``."""
+
+    def __init__(self, whole: ActionData, spans: Mapping[str, tuple[int, int]]):
+        """``spans`` are the first number and the count of numbers by action term."""
+        self._whole, self._spans = whole, spans
+        self._parts: dict[str, ActionData] = {}
+
+    def parameters(self, argument: str) -> Sequence[str]:
+        """``action_name``, whatever the argument is called."""
+        return ("action_name",)
+
+    def resolve(self, binding: TermBinding, argument: str) -> Code:
+        """Source of the actions.
+
+        Raises:
+            ArgumentError: if there is no such action term.
+        """
+        term, scope = binding.take("action_name"), binding.context.scope
+        if term is None:
+            binding.counts["num_actions"] = self._whole.action.shape[1]
+            return scope.name("actions", self._whole)
+        if term not in self._spans:
+            raise ArgumentError(f"action_name is '{term}', must be one of {', '.join(self._spans)}")
+        first, size = self._spans[str(term)]
+        part = self._parts.setdefault(str(term), ActionData())
+        part.action = self._whole.action[:, first : first + size]
+        part.prev_action = self._whole.prev_action[:, first : first + size]
+        binding.counts["num_actions"] = size
+        return scope.name(f"actions_{term}", part)
 
 
 class ActionManager(ManagerBase):
@@ -37,7 +78,7 @@ class ActionManager(ManagerBase):
 
     name = "actions"
 
-    def __init__(self, cfg: Any, context: ManagerContext):
+    def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
         self._terms: dict[str, ActionLayout] = {}
         first = 0
@@ -45,10 +86,9 @@ class ActionManager(ManagerBase):
             made = lay_out(context, f"actions.{name}", term, first)
             if made is None:
                 continue
-            # An earlier term that runs before each physics step must not hold against this one.
+            # An earlier term that runs before each physics step must not override this one.
             made.per_substep |= any(t.per_substep and t.meets(made) for t in self._terms.values())
             self._terms[name] = made
-            context.action_slices[name] = first, made.size
             context.array(f"actions.{name}.processed", float, made.width)
             first += made.size
         self.total_action_dim = first
@@ -56,15 +96,11 @@ class ActionManager(ManagerBase):
         self._data = ActionData()
         self._data.action = context.array("actions.action", float, first)
         self._data.prev_action = context.array("actions.prev_action", float, first)
-        context.provide(self._data, "actions")
-        bad = context.shared("actions.nonfinite", int, 1)
+        context.structs.register(ActionData, ActionStructs(self._data, self.action_spans))
         scope = context.scope
-        self._names = {
-            "input": scope.name("action_input", self.input),
-            "actions": scope.name("actions", self._data),
-            "bad": scope.name("nonfinite_actions", bad),
-            "finite": scope.function(finite_action),
-        }
+        self._input = scope.name("action_input", self.input)
+        self._actions = scope.name("actions", self._data)
+        self._nonfinite = scope.name("nonfinite_actions", context.shared("actions.nonfinite", int, 1))
 
     # -- what it is
 
@@ -77,6 +113,11 @@ class ActionManager(ManagerBase):
     def action_term_dim(self) -> list[int]:
         """Numbers that each term takes."""
         return [t.size for t in self._terms.values()]
+
+    @property
+    def action_spans(self) -> dict[str, tuple[int, int]]:
+        """First number and count of numbers by term."""
+        return {name: (term.first, term.size) for name, term in self._terms.items()}
 
     def get_term(self, name: str) -> ActionLayout:
         """Joints, functions and numbers of a term."""
@@ -104,22 +145,33 @@ class ActionManager(ManagerBase):
         """Items that take the actions in and set the targets that hold for the whole step."""
         if self._may_be_spread():
             return self._process_side_by_side()
-        names, body = self._names, []
-        if self.total_action_dim:
-            body = [
-                f"for i in range({names['input']}.shape[1]):",
-                f"    {names['actions']}.prev_action[env, i] = {names['actions']}.action[env, i]",
-                f"    {names['actions']}.action[env, i] = {names['finite']}({names['input']}[env, i], {names['bad']})",
-            ]
+        body = (
+            block(code("for i in range({}.shape[1]):", self._input), self._take_in("i"))
+            if self.total_action_dim
+            else []
+        )
         for name, term in self._terms.items():
-            source = f"{names['actions']}.action[env, {term.first}:{term.first + term.size}]"
+            source = code("{}[env, {}:{}]", self._action, term.first, term.first + term.size)
             if term.cfg.noise is not None or term.cfg.delay_max_lag:
-                source = self._prepared(name, term, source, body)
-            fixed = {"action": source, "processed": f"{self._processed(name)}[env]"}
+                source = self._prepared(name, term, body)
+            fixed = {"action": source, "processed": code("{}[env]", self._processed(name))}
             body += self._call(name, term, "process", fixed)
             if not term.per_substep:
                 body += self._call(name, term, "apply", fixed)
         return [Section("actions_process", body, self.active_terms)]
+
+    @property
+    def _action(self) -> Code:
+        return self._actions.field("action")
+
+    def _take_in(self, index: str) -> list[Code]:
+        """Lines that make the action of one index the one before, and take in the new one, made finite."""
+        previous, action = self._actions.field("prev_action"), self._action
+        given = self.context.scope.call(finite_action, code("{}[env, {}]", self._input, index), self._nonfinite)
+        return [
+            code("{}[env, {i}] = {}[env, {i}]", previous, action, i=index),
+            code("{}[env, {}] = {}", action, index, given),
+        ]
 
     def _may_be_spread(self) -> bool:
         """Whether threads may share the work: no number depends on another, and no two terms set the same target."""
@@ -134,69 +186,64 @@ class ActionManager(ManagerBase):
 
     def _process_side_by_side(self) -> list[Item]:
         """:meth:`process` with a thread for each number, as its terms treat each on its own."""
-        names, number = self._names, "part:part + 1"
-        body = [
-            f"{names['actions']}.prev_action[env, part] = {names['actions']}.action[env, part]",
-            f"{names['actions']}.action[env, part] = {names['finite']}({names['input']}[env, part], {names['bad']})",
-        ]
+        number, body = "part:part + 1", self._take_in("part")
         for name, term in self._terms.items():
             span = f"part - {term.first}:part - {term.first} + 1" if term.first else number
-            own = f"{names['actions']}.action[env, {number}]"
-            fixed = {"action": own, "processed": f"{self._processed(name)}[env, {span}]"}
-            lines = [
-                *self._call(name, term, "process", fixed, span),
-                *self._call(name, term, "apply", fixed, span),
-            ]
-            body += [f"if part >= {term.first} and part < {term.first + term.size}:", *(f"    {x}" for x in lines)]
+            fixed = {
+                "action": code("{}[env, {}]", self._action, number),
+                "processed": code("{}[env, {}]", self._processed(name), span),
+            }
+            lines = [*self._call(name, term, "process", fixed, span), *self._call(name, term, "apply", fixed, span)]
+            mine = code("if part >= {} and part < {}:", term.first, term.first + term.size)
+            body += block(mine, lines)
         return [Section("actions_process", body, self.active_terms, parts=self.total_action_dim)]
 
-    def apply(self) -> list[Item]:
-        """Items that set targets before each physics step, for terms whose targets depend on the state."""
-        body, names = [], []
+    def apply(self) -> list[Section]:
+        """Sections that set targets before each physics step, for terms whose targets depend on the state."""
+        body, names = list[Code](), list[str]()
         for name, term in self._terms.items():
             if term.per_substep:
-                body += self._call(name, term, "apply", {"processed": f"{self._processed(name)}[env]"})
+                body += self._call(name, term, "apply", {"processed": code("{}[env]", self._processed(name))})
                 names.append(name)
         return [Section("actions_apply", body, names)] if body else []
 
     def reset(self) -> list[Item]:
         """Items that start episodes: no actions yet."""
-        names = self._names
-        body = [
-            f"for i in range({names['actions']}.action.shape[1]):",
-            f"    {names['actions']}.action[env, i] = 0.0",
-            f"    {names['actions']}.prev_action[env, i] = 0.0",
-        ]
+        body = block(
+            code("for i in range({}.shape[1]):", self._action),
+            [code("{}[env, i] = 0.0", self._action), code("{}[env, i] = 0.0", self._actions.field("prev_action"))],
+        )
         for name, term in self._terms.items():
-            body += [f"for i in range({term.width}):", f"    {self._processed(name)}[env, i] = 0.0"]
+            processed = self._processed(name)
+            body += block(code("for i in range({}):", term.width), [code("{}[env, i] = 0.0", processed)])
             if term.cfg.delay_max_lag:
-                body += delayed(self.context, f"actions.{name}", term.size, term.cfg).reset(zero=True)
-            body += self._call(name, term, "reset", {"processed": f"{self._processed(name)}[env]"})
-        return [Section("actions_reset", body, where_reset=True)] if self._terms else []
+                body += delay_of(self.context, f"actions.{name}", term.size, term.cfg).reset(zero=True)
+            body += self._call(name, term, "reset", {"processed": code("{}[env]", processed)})
+        return [Section("actions_reset", body).only(self.context.is_reset)] if self._terms else []
 
-    def _processed(self, name: str) -> str:
-        return str(self.context.scope.name(f"{name}_commands", self.context.arrays[f"actions.{name}.processed"]))
+    # -- parts of them
 
-    def _prepared(self, name: str, term: ActionLayout, source: str, body: list[str]) -> str:
-        """The actions of a term with noise and delay, in an array of its own."""
-        context = self.context
+    def _processed(self, name: str) -> Code:
+        return self.context.scope.name(f"{name}_commands", self.context.arrays[f"actions.{name}.processed"])
+
+    def _prepared(self, name: str, term: ActionLayout, body: list[Code]) -> Code:
+        """The actions of a term with noise and delay, in an array of its own that lines in ``body`` fill."""
+        context, each = self.context, code("for i in range({}):", term.size)
         own = context.scope.name(f"{name}_raw", context.array(f"actions.{name}.raw", float, term.size))
-        body += [
-            f"for i in range({term.size}):",
-            f"    {own}[env, i] = {self._names['actions']}.action[env, {term.first} + i]",
-        ]
+        element = code("{}[env, i]", own)
+        body += block(each, [code("{} = {}[env, {} + i]", element, self._action, term.first)])
         if term.cfg.noise is not None:
-            lines = noisy(context, f"actions.{name}.noise", term.cfg.noise, term.size, f"{own}[env, i]")
-            body += [f"for i in range({term.size}):", *(f"    {line}" for line in lines)]
+            path, rng = f"actions.{name}.noise", context.code("{rng}")
+            body += block(each, NoiseSource(context, path, term.cfg.noise, term.size, rng).apply(element))
         if term.cfg.delay_max_lag:
-            body += delayed(context, f"actions.{name}", term.size, term.cfg).step(f"{own}[env, i]")
-        return f"{own}[env]"
+            body += delay_of(context, f"actions.{name}", term.size, term.cfg).step(element)
+        return code("{}[env]", own)
 
-    def _call(self, name: str, term: ActionLayout, what: str, fixed: Mapping[str, str], span: str = "") -> list[str]:
+    def _call(self, name: str, term: ActionLayout, what: str, fixed: Mapping[str, Code], span: str = "") -> list[Code]:
         cfg, func = term.cfg, term.functions[what]
         if func is None:
             return []
-        params = params_for(func, cfg.params | term.values)
+        params = params_for(self.context.structs, func, cfg.params | term.values)
         entity = SceneEntityCfg(cfg.asset_name, joint_ids=term.joint_ids, body_names=getattr(cfg, "body_name", None))
         params.setdefault("asset_cfg", entity)
         fixed = {k: v for k, v in fixed.items() if k in func.input_types}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configs of action terms."""
+"""Configs of action terms: joint positions, velocities and efforts, grippers, a car-like base, inverse kinematics."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from stripe_kernels.mdp import process_differential_ik
+import warp as wp
+
+from stripe_kernels.mdp import ACTIONS, DIFFERENTIAL_IK_METHODS, process_differential_ik
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.noise import NoiseCfg
 
@@ -31,7 +33,7 @@ PerJoint = float | Mapping[str, float] | Sequence[float]
 """One number for all joints, numbers by joint-name expression, or one for each joint."""
 
 
-def _numbers(value: Any) -> Sequence[float]:
+def _numbers(value: PerJoint) -> Sequence[float]:
     return list(value.values()) if isinstance(value, Mapping) else value if isinstance(value, Sequence) else [value]
 
 
@@ -49,11 +51,11 @@ class ActionTermCfg:
     """Expressions for the joints."""
     preserve_order: bool = False
     """Order of the expressions rather than of the asset."""
-    process: Callable[..., Any] | None = None
+    process: Callable[..., object] | None = None
     """Warp function that turns actions into commands."""
-    apply: Callable[..., Any] | None = None
+    apply: Callable[..., object] | None = None
     """Warp function that sets targets."""
-    reset: Callable[..., Any] | None = None
+    reset: Callable[..., object] | None = None
     """Warp function ``(env, ..., processed)`` that starts an episode."""
     action_size: int | None = None
     """Numbers of the policy; by default one a joint."""
@@ -71,6 +73,11 @@ class ActionTermCfg:
     delay_max_lag: int = 0
     """Largest delay [steps]; each episode draws one within the bounds."""
 
+    @property
+    def known_functions(self) -> dict[str, wp.Function | None]:
+        """Functions that come with the package for its kind, where the config names none of its own."""
+        return {}
+
     def problems(self) -> Iterator[tuple[str, str]]:
         if not 0 <= self.delay_min_lag <= self.delay_max_lag:
             bounds = f"({self.delay_min_lag}, {self.delay_max_lag})"
@@ -79,7 +86,7 @@ class ActionTermCfg:
 
 @configclass
 class JointActionCfg(ActionTermCfg):
-    """What action terms on joints have."""
+    """An action term on joints: numbers that are scaled, shifted and clipped, one for each joint."""
 
     kind: str = ""
     """Name in ``stripe_kernels.mdp.ACTIONS``."""
@@ -90,6 +97,25 @@ class JointActionCfg(ActionTermCfg):
     """Added to the scaled actions, in the unit of the command."""
     clip: Mapping[str, tuple[float, float]] | None = None
     """Bounds of the commands by joint-name expression."""
+
+    @property
+    def known_functions(self) -> dict[str, wp.Function | None]:
+        return ACTIONS[self.kind]._asdict() if self.kind in ACTIONS else {}
+
+    @property
+    def switches(self) -> dict[str, bool]:
+        """Truth values among the arguments of its functions."""
+        return {}
+
+    @property
+    def numbers(self) -> dict[str, PerJoint]:
+        """Numbers among the arguments of its functions, which have one for each joint."""
+        return {"scale": self.scale, "offset": self.offset, "alpha": 1.0}
+
+    @property
+    def positions(self) -> dict[str, Mapping[str, float]]:
+        """Numbers by joint among the arguments of its functions, which every joint must have."""
+        return {}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from ActionTermCfg.problems(self)
@@ -109,6 +135,10 @@ class JointPositionActionCfg(JointActionCfg):
     use_default_offset: bool = True
     """Whether the default positions stand in for ``offset``."""
 
+    @property
+    def switches(self) -> dict[str, bool]:
+        return {"use_default_offset": self.use_default_offset}
+
 
 @configclass
 class RelativeJointPositionActionCfg(JointActionCfg):
@@ -119,6 +149,10 @@ class RelativeJointPositionActionCfg(JointActionCfg):
     use_zero_offset: bool = True
     """Whether zero stands in for ``offset``."""
 
+    @property
+    def numbers(self) -> dict[str, PerJoint]:
+        return super().numbers | ({"offset": 0.0} if self.use_zero_offset else {})
+
 
 @configclass
 class JointVelocityActionCfg(JointActionCfg):
@@ -127,6 +161,10 @@ class JointVelocityActionCfg(JointActionCfg):
     kind: str = "JointVelocity"
     use_default_offset: bool = True
     """Whether the default velocities stand in for ``offset``."""
+
+    @property
+    def switches(self) -> dict[str, bool]:
+        return {"use_default_offset": self.use_default_offset}
 
 
 @configclass
@@ -144,6 +182,10 @@ class JointPositionToLimitsActionCfg(JointActionCfg):
     rescale_to_limits: bool = True
     """Whether actions are mapped to the limits; otherwise they are positions."""
 
+    @property
+    def switches(self) -> dict[str, bool]:
+        return {"rescale_to_limits": self.rescale_to_limits}
+
 
 @configclass
 class EMAJointPositionToLimitsActionCfg(JointPositionToLimitsActionCfg):
@@ -152,6 +194,10 @@ class EMAJointPositionToLimitsActionCfg(JointPositionToLimitsActionCfg):
     kind: str = "EMAJointPositionToLimits"
     alpha: PerJoint = 1.0
     """Weight of the new target; 1 does not average."""
+
+    @property
+    def numbers(self) -> dict[str, PerJoint]:
+        return super().numbers | {"alpha": self.alpha}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from JointActionCfg.problems(self)
@@ -169,6 +215,10 @@ class BinaryJointPositionActionCfg(JointActionCfg):
     """Positions when open, by expression [m or rad]."""
     close_command_expr: Mapping[str, float] = MISSING
     """Positions when closed, by expression [m or rad]."""
+
+    @property
+    def positions(self) -> dict[str, Mapping[str, float]]:
+        return {"open_command": self.open_command_expr, "close_command": self.close_command_expr}
 
 
 @configclass
@@ -276,7 +326,7 @@ class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
             if len(self.rot) != 4 or not math.isclose(math.hypot(*self.rot), 1.0, abs_tol=1e-3):
                 yield "rot", f"is {self.rot}, must be a unit quaternion (x, y, z, w)"
 
-    process: Callable[..., Any] | None = process_differential_ik
+    process: Callable[..., object] | None = process_differential_ik
     body_name: str = MISSING
     """The body."""
     body_offset: OffsetCfg | None = None
@@ -285,6 +335,10 @@ class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
     """Factor on the actions; one number, or one for each."""
     controller: DifferentialIKControllerCfg = MISSING
     """How the joints follow."""
+
+    @property
+    def known_functions(self) -> dict[str, wp.Function | None]:
+        return {"apply": DIFFERENTIAL_IK_METHODS.get(self.controller.ik_method)}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from ActionTermCfg.problems(self)

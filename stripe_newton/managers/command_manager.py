@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the policy is asked to do."""
+"""Command manager: the velocities, poses and the like that a policy is asked for, drawn anew from time to time."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import torch
 import warp as wp
@@ -12,6 +12,7 @@ import warp as wp
 from stripe_kernels.data import ArticulationData, CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
 from stripe_kernels.mdp import (
     COMMANDS,
+    CommandTerm,
     advance_command,
     orientation_command_error,
     pose_2d_error_heading,
@@ -21,7 +22,8 @@ from stripe_kernels.mdp import (
     velocity_error_xy,
     velocity_error_yaw,
 )
-from stripe_newton.fusion import Item, SceneEntityCfg, Section, bind_term
+from stripe_newton.fusion import Code, Item, NamedStructs, SceneEntityCfg, Section, bind_term, block, code
+from stripe_newton.fusion.warp_types import Struct, StructInstance, struct_of
 from stripe_newton.matching import match_names
 
 from .commands_cfg import (
@@ -40,16 +42,30 @@ from .terrain_checks import check_terrain
 __all__ = ["CommandManager"]
 
 
+class CommandStructs(NamedStructs):
+    """Finds a command by ``command_name``."""
+
+    def __init__(self, kind: Struct):
+        super().__init__(kind, ["command_name"])
+
+
 @dataclass
 class _Term:
+    """A term, with what its config and its kind say."""
+
     cfg: CommandTermCfg
     data: CommandData
-    resample: Any
-    update: Any
-    params: dict[str, Any]
-    metrics: dict[str, Any] = field(default_factory=dict)
-    fixed: dict[str, str] = field(default_factory=dict)
-    """Expressions of arguments."""
+    resample: wp.Function | None
+    update: wp.Function | None
+    params: dict[str, object]
+    metrics: dict[str, wp.Function] = field(default_factory=dict)
+    fixed: dict[str, Code] = field(default_factory=dict)
+    """Source of arguments."""
+
+    def functions(self) -> dict[str, wp.Function | None]:
+        """All functions by their path below the term's."""
+        metrics = {f"metrics.{name}": function for name, function in self.metrics.items()}
+        return {"resample": self.resample, "update": self.update, **metrics}
 
 
 class CommandManager(ManagerBase):
@@ -64,10 +80,10 @@ class CommandManager(ManagerBase):
 
     name = "commands"
 
-    def __init__(self, cfg: Any, context: ManagerContext):
+    def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
         self._terms: dict[str, _Term] = {}
-        self._lines: dict[tuple[str, Any], list[str]] = {}
+        self._lines: dict[tuple[str, wp.Function], list[Code]] = {}
         self._null: list[str] = []
         for name, term in self.terms(cfg, CommandTermCfg).items():
             if isinstance(term, NullCommandCfg):
@@ -78,22 +94,15 @@ class CommandManager(ManagerBase):
         self._sums_name = context.scope.name("command_metrics", self._sums)
         self._steps_name = context.scope.name("command_steps", context.array("commands.steps", int))
 
+    # -- construction
+
     def _make(self, name: str, cfg: CommandTermCfg) -> _Term:
         """Arrays, functions and arguments of a term."""
-        context, path = self.context, f"commands.{name}"
-        before = len(context.problems)
-        kinds = [c.__name__.removesuffix("Cfg") for c in type(cfg).__mro__]  # a subclass is still of its kind
-        known = next((COMMANDS[kind] for kind in kinds if kind in COMMANDS), None)
-        data = CommandData()
-        data.command = context.array(f"{path}.command", float, cfg.size if known is None else known.size)
-        data.time_left = context.array(f"{path}.time_left", float)
-        data.counter = context.array(f"{path}.counter", int)
-        context.provide(data, name)
-        params = {"asset_cfg": SceneEntityCfg(cfg.asset_name)} | cfg.params
-        resample, update = (getattr(cfg, n) or getattr(known, n, None) for n in ("resample", "update"))
-        term = _Term(cfg, data, resample, update, params)
+        path, known = f"commands.{name}", _known_kind(cfg)
+        before = len(self.context.problems)
+        term = self._make_data(path, name, cfg, known)
         if known is None and cfg.size < 1:
-            context.problems.append(f"{path}.size: is {cfg.size}, must be 1 or more")
+            self.context.problems.append(f"{path}.size: is {cfg.size}, must be 1 or more")
         if isinstance(cfg, (UniformVelocityCommandCfg, NormalVelocityCommandCfg)):
             self._add_velocity(path, name, term)
         elif isinstance(cfg, UniformPoseCommandCfg):
@@ -101,23 +110,41 @@ class CommandManager(ManagerBase):
         elif isinstance(cfg, UniformPose2dCommandCfg):
             self._add_pose_2d(path, name, term)
         term.metrics |= cfg.metrics
-        functions = {"resample": term.resample, "update": term.update}
-        functions |= {f"metrics.{k}": f for k, f in term.metrics.items()}
-        for what, function in functions.items():
-            if not is_warp_term(function) and (what != "update" or function is not None):
-                context.problems.append(f"{path}.{what}: is {function!r}, must be a Warp function (@wp.func)")
-        every = [f for f in functions.values() if is_warp_term(f)]
-        if any(ArticulationData in f.input_types.values() for f in every):
-            try:
-                context.entity(cfg.asset_name)
-            except KeyError as error:
-                context.problems.append(f"{path}.asset_name: {error.args[0]}")
-        if len(context.problems) == before:
-            context.problems += unknown_params(path, every, cfg.params)
-            self._add_fields(path, term, every)
+        self.context.problems += self._function_problems(path, term)
+        if len(self.context.problems) == before:
+            functions = [f for f in term.functions().values() if f is not None]
+            self.context.problems += unknown_params(self.context.structs, path, functions, cfg.params)
+            self._add_fields(path, term, functions)
         else:  # one problem is enough for a term
             term.resample, term.update, term.metrics = None, None, {}
         return term
+
+    def _make_data(self, path: str, name: str, cfg: CommandTermCfg, known: CommandTerm | None) -> _Term:
+        context = self.context
+        data = CommandData()
+        data.command = context.array(f"{path}.command", float, cfg.size if known is None else known.size)
+        data.time_left = context.array(f"{path}.time_left", float)
+        data.counter = context.array(f"{path}.counter", int)
+        self._provide(data, name, data)
+        own = known if known is not None else CommandTerm(None, None, cfg.size)
+        params = {"asset_cfg": SceneEntityCfg(cfg.asset_name)} | cfg.params
+        return _Term(cfg, data, cfg.resample or own.resample, cfg.update or own.update, params)
+
+    def _provide(self, struct: StructInstance, name: str, data: CommandData) -> None:
+        """Offer a struct of a command to terms."""
+        counts = {"num_command": data.command.shape[1]}
+        self.context.structs.named(struct_of(struct), CommandStructs).add(name, struct, counts)
+
+    def _function_problems(self, path: str, term: _Term) -> Iterator[str]:
+        for what, function in term.functions().items():
+            if not is_warp_term(function) and (what != "update" or function is not None):
+                yield f"{path}.{what}: is {function!r}, must be a Warp function (@wp.func)"
+        every = [f for f in term.functions().values() if is_warp_term(f)]
+        if any(ArticulationData in f.input_types.values() for f in every):
+            try:
+                self.context.entity(term.cfg.asset_name)
+            except KeyError as error:
+                yield f"{path}.asset_name: {error.args[0]}"
 
     def _add_velocity(self, path: str, name: str, term: _Term) -> None:
         velocity, array = VelocityCommandData(), self.context.array
@@ -125,7 +152,7 @@ class CommandManager(ManagerBase):
         velocity.heading_target = array(f"{path}.heading_target", float)
         velocity.is_heading = array(f"{path}.is_heading", wp.bool)
         velocity.is_standing = array(f"{path}.is_standing", wp.bool)
-        self.context.provide(velocity, name)
+        self._provide(velocity, name, term.data)
         term.metrics |= {"error_vel_xy": velocity_error_xy, "error_vel_yaw": velocity_error_yaw}
         if isinstance(term.cfg, UniformVelocityCommandCfg) and not term.cfg.heading_command:
             term.params["rel_heading_envs"] = 0.0
@@ -134,9 +161,9 @@ class CommandManager(ManagerBase):
         context, cfg, pose = self.context, term.cfg, PoseCommandData()
         assert isinstance(cfg, UniformPoseCommandCfg)
         pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
-        context.provide(pose, name)
+        self._provide(pose, name, term.data)
         if cfg.asset_name in context.entity_names():
-            names = context.entity(cfg.asset_name).data.body_names
+            names = context.asset(cfg.asset_name).data.body_names
             try:
                 bodies = match_names(cfg.body_name, names, what=f"body of '{cfg.asset_name}'")[1]
                 if len(bodies) > 1:
@@ -157,18 +184,18 @@ class CommandManager(ManagerBase):
         place.command = term.data.command
         place.pos = array(f"{path}.pos", wp.vec3)
         place.heading = array(f"{path}.heading_w", float)
-        self.context.provide(place, name)
+        self._provide(place, name, term.data)
         term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
         check_terrain(self.context, path, term.resample)
 
-    def _add_fields(self, path: str, term: _Term, functions: list[Any]) -> None:
+    def _add_fields(self, path: str, term: _Term, functions: Sequence[wp.Function]) -> None:
         """Give arguments the values of the config's fields of the same name, those of its ``ranges`` too."""
-        cfg: Any = term.cfg
+        cfg, ranges = term.cfg, getattr(term.cfg, "ranges", None)
         for argument, kind in {a: k for f in functions for a, k in f.input_types.items()}.items():
             if argument in term.params:
                 continue
-            if argument in getattr(getattr(cfg, "ranges", None), "__dataclass_fields__", ()):
-                value = getattr(cfg.ranges, argument)
+            if argument in getattr(ranges, "__dataclass_fields__", ()):
+                value = getattr(ranges, argument)
                 value = (0.0, 0.0) if value is None else value
                 term.fixed[argument] = self.context.parameters.add(f"{path}.ranges.{argument}", value, kind)
             elif argument in cfg.__dataclass_fields__:
@@ -193,63 +220,64 @@ class CommandManager(ManagerBase):
             raise KeyError(f"no command '{name}'; there is {', '.join(self._terms) or 'none'}")
         return self.context.torch(self._terms[name].data.command)
 
-    def functions(self) -> list[list[Any]]:
-        """Warp functions of each term that run after the reset."""
-        return [[t.resample, t.update, *t.metrics.values()] for t in self._terms.values()]
-
     # -- items
 
     def compute(self) -> list[Item]:
         """Items that run in every step: the clocks, draws that are due, updates, metrics."""
         context, metric = self.context, 0
-        body = [f"{self._steps_name}[env] = {self._steps_name}[env] + 1"] if self._terms else []
+        body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)] if self._terms else []
         dt = context.parameters.add("step_dt", context.step_dt, float)
         for name, term in self._terms.items():
-            data = context.scope.name(f"{name}_clock", term.data)
-            advance = context.scope.function(advance_command)
-            span = self._span(name, term)
-            resample = self._call(name, term, term.resample)
-            body += [
-                f"if {advance}(env, {data}, rng, {span}, {dt}):",
-                *(f"    {line}" for line in resample or ["pass"]),
-            ]
+            data, rng = context.scope.name(f"{name}_clock", term.data), context.code("{rng}")
+            due = context.scope.call(advance_command, "env", data, rng, self._span(name, term), dt)
+            body += block(code("if {}:", due), self._call(name, term, term.resample))
             body += self._call(name, term, term.update)
             for what, func in term.metrics.items():
                 line = self._call(name, term, func, f"{name}.{what}", "metric")
-                body += [f"{self._sums_name}[env, {metric}] += {line[0]}"] if line else []
+                body += [code("{}[env, {}] += {}", self._sums_name, metric, line[0])] if line else []
                 metric += 1
         return [Section("commands", body, self.active_terms)] if body else []
 
     def reset(self) -> list[Item]:
         """Items that log the metrics, the mean over the steps of the episode, and draw the first command."""
-        context, metric = self.context, 0
-        body = [f"steps = float(wp.max({self._steps_name}[env], 1))", f"{self._steps_name}[env] = 0"]
+        context, steps, metric = self.context, self._steps_name, 0
+        body = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]
         for name, term in self._terms.items():
             for what in term.metrics:
-                place = f"{self._sums_name}[env, {metric}]"
-                body += [context.log.line(f"Metrics/{name}/{what}", f"{place} / steps"), f"{place} = 0.0"]
+                sum_ = code("{}[env, {}]", self._sums_name, metric)
+                body.append(context.log.line(f"Metrics/{name}/{what}", code("{} / steps", sum_)))
+                body.append(code("{} = 0.0", sum_))
                 metric += 1
-            data = context.scope.name(f"{name}_clock", term.data)
-            restart = context.scope.function(restart_command)
-            body += [f"{restart}(env, {data}, rng, {self._span(name, term)})"]
+            data, rng = context.scope.name(f"{name}_clock", term.data), context.code("{rng}")
+            body.append(context.scope.call(restart_command, "env", data, rng, self._span(name, term)))
             body += [*self._call(name, term, term.resample), *self._call(name, term, term.update)]
-        return [Section("commands_reset", body, self.active_terms, where_reset=True)] if self._terms else []
+        return [Section("commands_reset", body, self.active_terms).only(context.is_reset)] if self._terms else []
 
-    def _span(self, name: str, term: _Term) -> str:
+    def _span(self, name: str, term: _Term) -> Code:
         path = f"commands.{name}.resampling_time_range"
         return self.context.parameters.add(path, term.cfg.resampling_time_range, wp.vec2)
 
-    def _call(self, name: str, term: _Term, func: Any, where: str | None = None, kind: str = "command") -> list[str]:
+    def _call(
+        self, name: str, term: _Term, func: wp.Function | None, where: str | None = None, kind: str = "command"
+    ) -> list[Code]:
+        """The line that calls a function of a term; none where it has no such function, or after problems."""
         if func is None:
             return []
-        params = params_for(func, term.params)
-        if any(t in self.context.provided for t in func.input_types.values()):
-            params.setdefault("command_name", name)
         place = f"commands.{where or name}"
         if (place, func) not in self._lines:
+            params = self._own_structs(name, func) | params_for(self.context.structs, func, term.params)
             call = bind_term(self.context, func, params, place, kind, term.fixed)
             self._lines[place, func] = [call.expression()] if call is not None else []
         return self._lines[place, func]
+
+    def _own_structs(self, name: str, func: wp.Function) -> dict[str, object]:
+        """Parameters that give a function the structs of its own command."""
+        own, given = dict[str, object](), self._terms[name].params.keys()
+        for argument, kind in func.input_types.items():
+            resolver = self.context.structs.resolver(kind)
+            if isinstance(resolver, NamedStructs) and name in resolver.there:
+                own |= {} if given & set(resolver.parameters(argument)) else {argument: name}
+        return own
 
     def __str__(self) -> str:
         rows = [
@@ -257,3 +285,9 @@ class CommandManager(ManagerBase):
             for i, (n, t) in enumerate(self._terms.items())
         ]
         return self.table("Command terms", ("Index", "Name", "Type", "Size", "Resampled after [s]"), rows)
+
+
+def _known_kind(cfg: CommandTermCfg) -> CommandTerm | None:
+    """Functions and size of a command that comes with the package; a subclass of its config is still of its kind."""
+    kinds = [c.__name__.removesuffix("Cfg") for c in type(cfg).__mro__]
+    return next((COMMANDS[kind] for kind in kinds if kind in COMMANDS), None)

@@ -1,26 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the managers of an environment share."""
+"""Manager context: arrays, names, numbers and structs that the managers of one environment share."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
 
 import torch
 import warp as wp
 
-from stripe_kernels.data import EpisodeData
+from stripe_kernels.data import EpisodeData, Parameter
 from stripe_kernels.episode import seed_streams
-from stripe_kernels.model_data import EncoderData
-from stripe_newton.fusion import EpisodeLog, Parameters, Scope
+from stripe_newton.assets.asset_base import BoundAsset
+from stripe_newton.assets.term_structs import register_asset_structs
+from stripe_newton.fusion import (
+    Code,
+    EpisodeLog,
+    Flag,
+    ParameterReferences,
+    Parameters,
+    Scope,
+    SharedStruct,
+    StructRegistry,
+    code,
+)
+from stripe_newton.fusion.warp_types import StructInstance, struct_of
 from stripe_newton.scene import InteractiveScene
+from stripe_newton.sensors import SensorBase
+from stripe_newton.sensors.term_structs import register_sensor_structs
+from stripe_newton.terrains.term_structs import register_terrain_struct
+
+from .reset_mask import ResetMask
 
 __all__ = ["ManagerContext"]
 
+Reserve = Callable[[str, type, tuple[int, ...]], wp.array]
+"""Makes an array of a name, a type and a shape."""
+
 
 class ManagerContext:
-    """Arrays, names and numbers of one environment; managers get this and never the environment.
+    """What the managers of one environment share; they get this and never the environment.
 
     Attributes:
         scene: The scene, built.
@@ -30,16 +49,23 @@ class ManagerContext:
         max_episode_length: Environment steps in it.
         scope: Names in generated source.
         parameters: Numbers that are tuned.
+        structs: Structs that terms may ask for.
         log: The log of a step.
         episode: Length and end of the episodes.
-        reset: Environments whose episode just ended, bool, shape ``(num_envs,)``.
+        reset_mask: Environments whose episode just ended.
+        reset: The same as an array, bool, shape ``(num_envs,)``.
         moved: Environments whose joints were written since the physics, bool, shape ``(num_envs,)``.
+        nonfinite: Worlds that were not finite after the physics, bool, shape ``(num_envs,)``.
         reward: Rewards of the step, shape ``(num_envs,)``.
         rng: Random streams, uint32, shape ``(num_envs,)``.
         step: Environment steps taken, int64, shape ``(1,)``.
-        provided: Structs that terms may ask for, by type and name.
-        problems: What is wrong with the config, gathered.
         stepping: 1 within a step, 0 while environments are reset from outside; int32, shape ``(1,)``.
+        within_step: Flag of sections that run within a step alone.
+        is_reset: Flag of sections that run where an episode just ended.
+        is_finite: Flag of sections that run where the world was finite.
+        within_step_or_reset: Flag of sections that a reset from outside runs in the environments that it resets.
+        termination_names: Names of the termination terms.
+        problems: What is wrong with the config, gathered.
         owner: What torch terms get as their environment.
         arrays: Everything that lasts from step to step, by name.
     """
@@ -52,8 +78,8 @@ class ManagerContext:
         max_episode_length_s: float,
         max_episode_length: int,
         num_terminations: int = 0,
-        owner: Any = None,
-        reserve: Callable[..., wp.array] | None = None,
+        owner: object = None,
+        reserve: Reserve | None = None,
     ):
         self.scene, self.owner = scene, owner
         self.step_dt, self.decimation = step_dt, decimation
@@ -63,19 +89,32 @@ class ManagerContext:
         self.parameters = Parameters(self.scope, self.device)
         self.log = EpisodeLog(self.scope, self.device)
         self.arrays: dict[str, wp.array] = {}
-        self.provided: dict[Any, dict[str, Any]] = {}
         self.problems: list[str] = []
+        self.termination_names: list[str] = []
         self._streams: list[str] = []
         self._indices: dict[tuple[int, ...], wp.array] = {}
-        self.termination_names: list[str] = []
-        self.action_slices: dict[str, tuple[int, int]] = {}
-        self.action_parts: dict[str, Any] = {}
-        reserve = reserve or (lambda name, dtype, shape: wp.zeros(shape, dtype=dtype, device=self.device))
+        self._reserve_outputs(reserve or self._make_array)
+        self._make_state(num_terminations)
+        self._make_flags()
+        self.structs = self._make_structs()
+        self._add_arrays_of_others()
+        self.seed(0)
+
+    # -- construction
+
+    def _reserve_outputs(self, reserve: Reserve) -> None:
+        """Arrays that every step hands out, where the environment wants them."""
         self.arrays["reward"] = reserve("reward", wp.float32, (self.num_envs,))
         for name in ("terminated", "truncated"):
             self.arrays[f"episode.{name}"] = reserve(name, wp.bool, (self.num_envs,))
         self.log.bind(reserve("log", wp.float32, (self.log.capacity,)))
-        self.reset = self.array("reset", wp.bool)
+
+    def _make_array(self, name: str, dtype: type, shape: tuple[int, ...]) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+    def _make_state(self, num_terminations: int) -> None:
+        self.reset_mask = ResetMask(self.num_envs, self.device)
+        self.reset = self.arrays["reset"] = self.reset_mask.array
         self.moved = self.array("moved", wp.bool)
         self.reward = self.array("reward", float)
         self.rng = self.array("rng", wp.uint32)
@@ -86,20 +125,33 @@ class ManagerContext:
         episode.terminated = self.array("episode.terminated", wp.bool)
         episode.truncated = self.array("episode.truncated", wp.bool)
         episode.term_terminated = self.array("episode.term_terminated", wp.bool, num_terminations)
-        episode.max_length, episode.max_length_s, episode.step_dt = max_episode_length, max_episode_length_s, step_dt
+        episode.max_length, episode.max_length_s = self.max_episode_length, self.max_episode_length_s
+        episode.step_dt = self.step_dt
         self.episode = episode
-        for name in ("reset", "moved", "reward", "rng", "step", "stepping", "episode"):
+        self.nonfinite = self.array("nonfinite", wp.bool)
+        for name in ("reset", "moved", "reward", "rng", "step", "stepping", "episode", "nonfinite"):
             self.scope.name(name, getattr(self, name))
-        for name, sensor in scene.sensors.items():
-            if sensor.struct is not None:
-                self.provide(sensor.struct, name)
-        if getattr(scene.terrain, "struct", None) is not None:
-            self.provide(scene.terrain.struct, "terrain")
+
+    def _make_flags(self) -> None:
+        # Ranked as a kernel tests them: the same for all environments first, then by how rarely it is set.
+        self.within_step = Flag(0, self.code("{stepping}[0] != 0"))
+        self.within_step_or_reset = Flag(1, self.code("({stepping}[0] != 0 or {reset}[env])"))
+        self.is_finite = Flag(2, self.code("not {nonfinite}[env]"))
+        self.is_reset = Flag(3, self.code("{reset}[env]"))
+
+    def _make_structs(self) -> StructRegistry:
+        structs, scene = StructRegistry(), self.scene
+        structs.register(EpisodeData, SharedStruct("episode", self.episode))
+        structs.register(Parameter, ParameterReferences())
+        register_asset_structs(structs, scene.articulations)
+        register_sensor_structs(structs, scene.sensors)
+        register_terrain_struct(structs, scene.terrain)
+        return structs
+
+    def _add_arrays_of_others(self) -> None:
+        """What lasts from step to step outside of the managers: it is saved, and its random streams are seeded."""
+        scene = self.scene
         self.arrays |= {f"terrain.{k}": v for k, v in getattr(scene.terrain, "arrays", {}).items()}
-        for name, articulation in scene.articulations.items():
-            encoder = EncoderData()
-            encoder.bias = wp.zeros((self.num_envs, articulation.num_joints), dtype=float, device=self.device)
-            self.provide(encoder, name)
         self.arrays |= {
             "log": self.log.values,
             "parameters": self.parameters.floats,
@@ -108,18 +160,31 @@ class ManagerContext:
         self.arrays |= {f"actuators.{k}": v for k, v in scene.sim.actuation.arrays.items()}
         self._streams += [k for k in ("actuators.rng",) if k in self.arrays]
         for name, sensor in scene.sensors.items():
-            lasting = {f"sensors.{name}.{k}": v for k, v in getattr(sensor, "arrays", {}).items()}
+            lasting = {f"sensors.{name}.{k}": v for k, v in sensor.arrays.items()}
             self.arrays |= lasting
             self._streams += [k for k in lasting if k.endswith("rng")]
-        self.seed(0)
+
+    # -- source
+
+    def code(self, template: str, *parts: Code | str | int, **named: Code | str | int) -> Code:
+        """A piece of source, as :func:`stripe_newton.fusion.code` makes it, whose placeholders may also be names that
+        every environment has: ``{reset}``, ``{moved}``, ``{reward}``, ``{rng}``, ``{step}``, ``{stepping}``,
+        ``{episode.length}`` and the like, ``{nonfinite}``."""
+        return code(template, *parts, **(self._own_names() | named))
+
+    def _own_names(self) -> dict[str, Code | str | int]:
+        own = ("reset", "moved", "reward", "rng", "step", "stepping", "episode", "nonfinite")
+        return {name: self.scope.name(name, getattr(self, name)) for name in own}
+
+    # -- random numbers
 
     def seed(self, seed: int) -> None:
         """Restart the random streams."""
         self._seed = seed
         wp.launch(seed_streams, dim=self.num_envs, inputs=[seed % 2**31], outputs=[self.rng], device=self.device)
-
         for name in self._streams:
             array = self.arrays[name]
+            # Of a name of its own, so that what it draws does not depend on which other streams there are.
             own = (seed + zlib.crc32(name.encode())) % 2**31
             wp.launch(seed_streams, dim=array.shape, inputs=[own], outputs=[array], device=self.device)
 
@@ -134,11 +199,13 @@ class ManagerContext:
             self.seed(self._seed)
         return self.arrays[name]
 
-    def array(self, name: str, dtype: Any, *shape: int, fill: float = 0) -> wp.array:
+    # -- arrays
+
+    def array(self, name: str, dtype: type, *shape: int, fill: float = 0) -> wp.array:
         """An array ``(num_envs, *shape)`` that lasts from step to step; the same one for the same name."""
         return self.shared(name, dtype, self.num_envs, *shape, fill=fill)
 
-    def shared(self, name: str, dtype: Any, *shape: int, fill: float = 0) -> wp.array:
+    def shared(self, name: str, dtype: type, *shape: int, fill: float = 0) -> wp.array:
         """An array that lasts from step to step, of any shape.
 
         Raises:
@@ -162,27 +229,50 @@ class ManagerContext:
             self._indices[key] = wp.array(list(ids), dtype=int, device=self.device)
         return self._indices[key]
 
+    def torch(self, array: wp.array) -> torch.Tensor:
+        """An array as a tensor, same memory."""
+        return wp.to_torch(array)
+
+    # -- the scene
+
     def entity_names(self) -> list[str]:
         """Names of the assets that terms may be about."""
         return [*self.scene.articulations, *self.scene.rigid_objects]
 
-    def entity(self, name: str) -> Any:
+    def entity(self, name: str) -> BoundAsset | SensorBase:
         """An articulation, rigid object or sensor by name.
 
         Raises:
             KeyError: if there is none; the message says what there is.
         """
         scene = self.scene
-        for family in (scene.articulations, scene.rigid_objects, scene.sensors):
+        families: tuple[Mapping[str, BoundAsset | SensorBase], ...] = (
+            scene.articulations, scene.rigid_objects, scene.sensors,
+        )  # fmt: skip
+        for family in families:
             if name in family:
                 return family[name]
         there = ", ".join([*self.entity_names(), *scene.sensors]) or "none"
         raise KeyError(f"no asset or sensor '{name}' in the scene; it has {there}")
 
-    def provide(self, value: Any, name: str) -> None:
-        """Offer a struct to terms, by its type and a name."""
-        self.provided.setdefault(value._cls, {})[name] = value
+    def asset(self, name: str) -> BoundAsset:
+        """An articulation or rigid object by name.
 
-    def torch(self, array: wp.array) -> torch.Tensor:
-        """An array as a tensor, same memory."""
-        return wp.to_torch(array)
+        Raises:
+            KeyError: if there is none, or it is a sensor; the message says what there is.
+        """
+        entity = self.entity(name)
+        if not isinstance(entity, BoundAsset):
+            raise KeyError(f"'{name}' is a sensor, must be an articulation or a rigid object")
+        return entity
+
+    def provide(self, struct: StructInstance, name: str, counts: Mapping[str, int] | None = None) -> None:
+        """Offer a struct of your own to terms, by its type and a name; call it before the managers are made.
+
+        Args:
+            struct: An instance of a Warp struct, whose arrays lead with the environment.
+            name: Its name. A term whose argument has this type gets it, and where there are several, the one that the
+                config names by ``<argument>`` or ``<argument>_name``.
+            counts: Numbers that sizes of observations may depend on.
+        """
+        self.structs.named(struct_of(struct)).add(name, struct, counts)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What changes as training goes on."""
+"""Curriculum manager: terms that change a task as training goes on."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+import torch
+import warp as wp
+
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Eager, Item, Section, bind_term, resolve_entities, single_thread
+from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, resolve_entities, single_thread
 
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
@@ -21,7 +24,7 @@ __all__ = ["CurriculumManager", "CurriculumTermCfg"]
 class CurriculumTermCfg:
     """One thing that changes as training goes on."""
 
-    func: Callable[..., Any] = MISSING
+    func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float`` of an environment whose episode ended, or Warp function without ``env``
     that one thread runs in every step, or torch function ``(env, env_ids, **params)`` that returns a number, a dict of
     numbers or None."""
@@ -39,9 +42,9 @@ class CurriculumManager(ManagerBase):
 
     name: ClassVar[str] = "curriculum"
 
-    def __init__(self, cfg: Any, context: ManagerContext):
+    def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
-        self._terms: dict[str, CurriculumTermCfg] = self.terms(cfg, CurriculumTermCfg)
+        self._terms = self.terms(cfg, CurriculumTermCfg)
 
     @property
     def active_terms(self) -> list[str]:
@@ -57,10 +60,10 @@ class CurriculumManager(ManagerBase):
             if not is_warp_term(term.func):
                 items.append(Eager("curriculum", self._torch(name, term), f"torch term '{name}'", [name]))
                 continue
-            value = self._expression(name, term) if _is_per_env(term.func) else None
+            value = self._value(name, term, term.func) if _is_per_env(term.func) else None
             if value is not None:
                 line = self.context.log.line(f"Curriculum/{name}", value, "mean")
-                items.append(Section("curriculum", [line], [name], where_reset=True))
+                items.append(Section("curriculum", [line], [name]).only(self.context.is_reset))
         return items
 
     def update(self) -> list[Item]:
@@ -69,19 +72,21 @@ class CurriculumManager(ManagerBase):
         It goes to the end of the step, before the log is finished. Ask for it after all other managers' items, so that
         every parameter exists.
         """
-        body, names = [], []
+        body, names = list[Code](), list[str]()
         for name, term in self._terms.items():
-            value = self._expression(name, term) if is_warp_term(term.func) and not _is_per_env(term.func) else None
+            if not is_warp_term(term.func) or _is_per_env(term.func):
+                continue
+            value = self._value(name, term, term.func)
             if value is not None:
                 body.append(self.context.log.line(f"Curriculum/{name}", value, "last"))
                 names.append(name)
-        return [single_thread(self.context, "curriculum", body, names)] if names else []
+        return [single_thread(self.context.scope, self.context.device, "curriculum", body, names)] if names else []
 
     # -- parts of them
 
-    def _expression(self, name: str, term: CurriculumTermCfg) -> str | None:
-        context, where, fixed = self.context, f"{self.name}.{name}", {}
-        func: Any = term.func
+    def _value(self, name: str, term: CurriculumTermCfg, func: wp.Function) -> Code | None:
+        """Source of a Warp term's value; None after problems."""
+        context, where, fixed = self.context, f"{self.name}.{name}", dict[str, Code]()
         check_terrain(context, where, func)
         if "memory" in func.input_types and "memory" not in term.params and not _is_per_env(func):
             memory = context.shared(f"{where}.memory", float, 1, fill=math.nan)
@@ -91,15 +96,14 @@ class CurriculumManager(ManagerBase):
 
     def _torch(self, name: str, term: CurriculumTermCfg) -> Callable[[], None]:
         context = self.context
-        ended = context.torch(context.reset)
         params = resolve_entities(term.params, context.scene.__getitem__)
 
         def run() -> None:
-            env_ids = ended.nonzero().squeeze(-1)
+            env_ids = context.reset_mask.indices()
             if not len(env_ids):
                 return
             value = term.func(context.owner, env_ids, **params)
-            if isinstance(value, dict):
+            if isinstance(value, Mapping):
                 for key, part in value.items():
                     self._log(f"Curriculum/{name}/{key}", part)
             elif value is not None:
@@ -107,11 +111,11 @@ class CurriculumManager(ManagerBase):
 
         return run
 
-    def _log(self, key: str, value: Any) -> None:
+    def _log(self, key: str, value: object) -> None:
         """Hand out a value from now on. It bypasses the sums: the graph that finishes them may not know the key."""
         log = self.context.log
         index = log.add(key, "last")
-        self.context.torch(log.values)[index] = value
+        self.context.torch(log.values)[index] = torch.as_tensor(value)
 
     def __str__(self) -> str:
         rows = []
@@ -123,5 +127,5 @@ class CurriculumManager(ManagerBase):
         return self.table("Curriculum terms", ("Name", "Kind", "When"), rows)
 
 
-def _is_per_env(func: Any) -> bool:
+def _is_per_env(func: wp.Function) -> bool:
     return "env" in func.input_types

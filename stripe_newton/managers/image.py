@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a camera as an observation."""
+"""Image: the picture of a camera as an observation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 import warp as wp
 
 from stripe_kernels.sensors import image as kernels
 from stripe_newton.fusion import SceneEntityCfg
+from stripe_newton.scene import InteractiveScene
+from stripe_newton.sensors import Camera
 
 from .context import ManagerContext
 
-__all__ = ["image", "image_shape", "image_source", "image_writer"]
+__all__ = ["Picture", "find_picture", "image", "image_writer"]
 
 
-def image(env: Any, sensor_cfg: Any, data_type: str = "rgb", normalize: bool = True) -> torch.Tensor:
+class HasScene(Protocol):
+    """An environment, as far as this term is concerned."""
+
+    scene: InteractiveScene
+
+
+def image(
+    env: HasScene, sensor_cfg: SceneEntityCfg | str, data_type: str = "rgb", normalize: bool = True
+) -> torch.Tensor:
     """The picture of a camera, float32, shape ``(num_envs, height, width, channels)``.
 
     An observation manager knows this term and writes the same numbers by kernels that are part of the step's graph.
@@ -34,7 +45,7 @@ def image(env: Any, sensor_cfg: Any, data_type: str = "rgb", normalize: bool = T
         data_type: One of the camera's ``data_types`` but ``rgba``.
         normalize: Whether the numbers are brought to a common range.
     """
-    sensor = env.scene.sensors[getattr(sensor_cfg, "name", sensor_cfg)]
+    sensor = env.scene.sensors[sensor_cfg.name if isinstance(sensor_cfg, SceneEntityCfg) else sensor_cfg]
     sensor.image(data_type)
     values: torch.Tensor = sensor.data.output[data_type].float()
     if normalize and data_type == "rgb":
@@ -46,22 +57,36 @@ def image(env: Any, sensor_cfg: Any, data_type: str = "rgb", normalize: bool = T
     return values
 
 
-def image_shape(array: wp.array) -> tuple[int, int, int]:
-    """Height, width and channels of a camera's array."""
-    channels = array.shape[3] if array.ndim == 4 else 3 if array.dtype is wp.vec3 else 1
-    return array.shape[1], array.shape[2], channels
+@dataclass(frozen=True)
+class Picture:
+    """What an image term shows.
+
+    Attributes:
+        array: The camera's array.
+        normalize: Whether its numbers are brought to a common range.
+    """
+
+    array: wp.array
+    normalize: bool
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Height, width and channels."""
+        array = self.array
+        channels = array.shape[3] if array.ndim == 4 else 3 if array.dtype is wp.vec3 else 1
+        return array.shape[1], array.shape[2], channels
 
 
-def image_source(context: ManagerContext, params: dict[str, Any], where: str) -> tuple[wp.array, bool] | None:
-    """The array that an image term reads, and whether it is normalised; None after a problem was noted."""
+def find_picture(context: ManagerContext, params: Mapping[str, object], where: str) -> Picture | None:
+    """The picture that the parameters of an image term name; None after a problem was noted."""
     given = dict(params)
-    cfg, data_type = given.pop("sensor_cfg", None), given.pop("data_type", "rgb")
+    cfg, data_type = given.pop("sensor_cfg", None), str(given.pop("data_type", "rgb"))
     normalize = bool(given.pop("normalize", True))
     context.problems += [
         f"{where}.params.{extra}: 'image' has no such argument; it takes sensor_cfg, data_type, normalize"
         for extra in given
     ]
-    cameras = {name: s for name, s in context.scene.sensors.items() if hasattr(s, "image")}
+    cameras = {name: s for name, s in context.scene.sensors.items() if isinstance(s, Camera)}
     name = cfg.name if isinstance(cfg, SceneEntityCfg) else cfg
     if name is None and len(cameras) == 1:
         name = next(iter(cameras))
@@ -71,14 +96,15 @@ def image_source(context: ManagerContext, params: dict[str, Any], where: str) ->
         context.problems.append(f"{where}.params.sensor_cfg: {asked}, must name a camera: {there}")
         return None
     try:
-        return cameras[name].image(data_type), normalize
+        return Picture(cameras[str(name)].image(data_type), normalize)
     except KeyError as error:
         context.problems.append(f"{where}.params.data_type: {error.args[0]}")
         return None
 
 
-def image_writer(source: wp.array, normalize: bool, target: wp.array, first: int) -> Callable[[], None]:
+def image_writer(picture: Picture, target: wp.array, first: int) -> Callable[[], None]:
     """A function that launches the kernels which write a picture into ``target`` from column ``first`` on."""
+    source, normalize = picture.array, picture.normalize
     dim, device = source.shape[:3], source.device
     if source.ndim == 4:
         sums = wp.zeros((source.shape[0], 3), dtype=wp.uint32, device=device)

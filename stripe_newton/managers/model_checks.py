@@ -1,25 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be wrong with an event that randomises the model."""
+"""Model checks: ranges of randomising events that make no sense, or that the solver would not heed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import newton
 import numpy as np
 
 from stripe_kernels.actuators import LAW_MADE
 from stripe_kernels.mdp.randomization import DISTRIBUTIONS, OPERATIONS
 from stripe_kernels.model_data import JointModelData, ShapeModelData
-
-if TYPE_CHECKING:
-    from stripe_newton.sim import Simulation
+from stripe_newton.fusion.warp_types import Struct
+from stripe_newton.sim import Simulation
 
 __all__ = ["range_problems", "solver_problems"]
 
 _PENALTY = {"friction", "effort_limit"}
-_UNREAD: dict[str, dict[Any, set[str]]] = {
+_UNREAD: dict[str, dict[Struct, set[str]]] = {
     "mujoco": {ShapeModelData: {"restitution"}},
     "xpbd": {JointModelData: {*_PENALTY, "armature", "passive_stiffness", "passive_damping"}},
     "semiimplicit": {
@@ -66,7 +66,7 @@ def range_problems(params: Mapping[str, Any], name: str, bound: str) -> Iterator
         yield f"is {pair}, must be {bound}"
 
 
-def solver_problems(sim: Simulation, kind: Any, field: str, dofs: list[int], largest: float) -> Iterator[str]:
+def solver_problems(sim: Simulation, kind: Struct, field: str, dofs: list[int], largest: float) -> Iterator[str]:
     """Why the solver would not heed a field.
 
     Args:
@@ -97,7 +97,7 @@ def solver_problems(sim: Simulation, kind: Any, field: str, dofs: list[int], lar
         yield "none of these joints has a drive with gains, give them actuators in ArticulationCfg"
 
 
-def _limited(solver: Any, dofs: list[int]) -> bool:
+def _limited(solver: newton.solvers.SolverMuJoCo, dofs: list[int]) -> bool:
     joints = np.isin(solver.mjc_jnt_to_newton_dof.numpy()[0], dofs)
     return bool(solver.mj_model.jnt_limited[joints].any())
 

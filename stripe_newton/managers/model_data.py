@@ -1,25 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The model's quantities as the structs that randomising events take."""
+"""Model data: quantities of the model as the structs that randomising events take."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
 
 import torch
 import warp as wp
 
 from stripe_kernels.model_data import BodyModelData, JointModelData, SceneModelData, ShapeModelData
+from stripe_newton.fusion.warp_types import Struct, StructInstance, dtype_of, struct_fields
 
-if TYPE_CHECKING:
-    from .context import ManagerContext
+from .context import ManagerContext
 
 __all__ = ["MODEL_FIELDS", "SCENE", "ModelStructs"]
 
 SCENE = "scene"
 """Name of what belongs to no asset."""
 
-MODEL_FIELDS: dict[Any, dict[str, str]] = {
+MODEL_FIELDS: dict[Struct, dict[str, str]] = {
     BodyModelData: {
         "mass": "body_mass",
         "inv_mass": "body_inv_mass",
@@ -60,9 +59,9 @@ class ModelStructs:
 
     def __init__(self, context: ManagerContext):
         self._context = context
-        self._made: dict[tuple[Any, str], Any] = {}
+        self._made: dict[tuple[Struct, str], StructInstance] = {}
 
-    def get(self, kind: Any, name: str, fields: Iterable[str]) -> Any:
+    def get(self, kind: Struct, name: str, fields: Iterable[str]) -> StructInstance:
         """A struct in which at least some fields are there; it is provided to terms.
 
         Args:
@@ -77,30 +76,30 @@ class ModelStructs:
         if struct is None:
             struct = self._made[kind, name] = kind()
             self._context.provide(struct, name)
-        missing = [f for f in fields if f in kind.vars and not _is_there(getattr(struct, f))]
+        missing = [f for f in fields if f in struct_fields(kind) and not _is_there(getattr(struct, f))]
         for field in missing:
             setattr(struct, field, self._array(kind, name, field))
         return struct
 
-    def default(self, kind: Any, name: str, field: str, ids: list[int]) -> torch.Tensor:
+    def default(self, kind: Struct, name: str, field: str, ids: list[int]) -> torch.Tensor:
         """Default values of a field for some bodies, joints or shapes in the first environment, shape ``(n, ...)``."""
         wanted = field if field.startswith("initial") else f"default_{field}"
         return wp.to_torch(getattr(self.get(kind, name, [wanted]), wanted))[0, ids]
 
-    def _array(self, kind: Any, name: str, field: str) -> wp.array:
+    def _array(self, kind: Struct, name: str, field: str) -> wp.array:
         context = self._context
-        dtype = kind.vars[field].type.dtype
+        dtype = dtype_of(kind, field)
         if field == "kind":
             return wp.array([int(t) for t in context.scene.sim.template.shape_type], dtype=int, device=context.device)
         if field == "initial_joint_pos":
-            positions = context.entity(name).data.struct.default_joint_pos
+            positions = context.asset(name).data.struct.default_joint_pos
             context.arrays[f"default_joint_pos.{name}"] = positions
             return wp.clone(positions)
         is_default = field.startswith("default_")
         source = MODEL_FIELDS[kind][field.removeprefix("default_")]
         values = context.scene.controller.field(source)[is_default]
         if kind in (BodyModelData, JointModelData):
-            layout = context.entity(name).layout
+            layout = context.asset(name).layout
             rows = layout.body_slice if kind is BodyModelData else _slice(layout.dofs)
             if not isinstance(rows, slice):
                 raise ValueError(f"the bodies of '{name}' do not lie together in the model, events cannot change them")
@@ -108,7 +107,7 @@ class ModelStructs:
         return wp.from_torch(values, dtype=dtype)
 
 
-def _is_there(array: Any) -> bool:
+def _is_there(array: wp.array | None) -> bool:
     return array is not None and bool(array.ptr)
 
 

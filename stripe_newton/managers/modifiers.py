@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source for the modifiers of observations: filters, integrators, functions of one's own."""
+"""Source of observation modifiers: digital filters, integrators, functions of a user's own."""
 
 from __future__ import annotations
 
-from stripe_newton.fusion import bind_term
+from stripe_newton.fusion import Code, bind_term, block, code
 
 from .context import ManagerContext
 from .observation_cfg import DigitalFilterCfg, IntegratorCfg, ModifierCfg
 
-__all__ = ["modified"]
+__all__ = ["modifier_lines"]
 
 
-def modified(context: ManagerContext, path: str, cfg: ModifierCfg, size: int, element: str, fresh: str) -> list[str]:
+def modifier_lines(
+    context: ManagerContext, path: str, cfg: ModifierCfg, size: int, element: Code, fresh: Code
+) -> list[Code]:
     """Lines that change one number of a term.
 
     Args:
@@ -22,33 +24,55 @@ def modified(context: ManagerContext, path: str, cfg: ModifierCfg, size: int, el
         element: Source of the number, which mentions its index as ``i``.
         fresh: Name of the array that says whether an episode just began.
     """
-    name, array = context.scope.name, context.array
     if isinstance(cfg, DigitalFilterCfg):
-        past_x = name(f"{path}_x", array(f"{path}.x", float, len(cfg.B), size))
-        past_y = name(f"{path}_y", array(f"{path}.y", float, max(1, len(cfg.A)), size))
-        a = [context.parameters.add(f"{path}.A.{k}", v, float) for k, v in enumerate(cfg.A)]
-        b = [context.parameters.add(f"{path}.B.{k}", v, float) for k, v in enumerate(cfg.B)]
-        lines = [f"if {fresh}[env] != 0:"]
-        lines += [f"    {past_x}[env, {k}, i] = {element}" for k in range(len(b))]
-        lines += [f"    {past_y}[env, {k}, i] = {element}" for k in range(len(a))]
-        lines += [f"{past_x}[env, {k}, i] = {past_x}[env, {k - 1}, i]" for k in range(len(b) - 1, 0, -1)]
-        lines += [f"{past_x}[env, 0, i] = {element}"]
-        terms = [f"{c} * {past_x}[env, {k}, i]" for k, c in enumerate(b)]
-        terms += [f"-{c} * {past_y}[env, {k}, i]" for k, c in enumerate(a)]
-        lines += [f"{element} = {' + '.join(terms)}"]
-        lines += [f"{past_y}[env, {k}, i] = {past_y}[env, {k - 1}, i]" for k in range(len(a) - 1, 0, -1)]
-        return lines + ([f"{past_y}[env, 0, i] = {element}"] if a else [])
+        return _filter_lines(context, path, cfg, size, element, fresh)
     if isinstance(cfg, IntegratorCfg):
-        before = name(f"{path}_x", array(f"{path}.x", float, size))
-        total = name(f"{path}_y", array(f"{path}.y", float, size))
-        dt = context.parameters.add(f"{path}.dt", cfg.dt, float)
-        return [
-            f"if {fresh}[env] != 0:",
-            f"    {before}[env, i] = 0.0",
-            f"    {total}[env, i] = 0.0",
-            f"{total}[env, i] = {total}[env, i] + 0.5 * ({element} + {before}[env, i]) * {dt}",
-            f"{before}[env, i] = {element}",
-            f"{element} = {total}[env, i]",
-        ]
+        return _integrator_lines(context, path, cfg, size, element, fresh)
     call = bind_term(context, cfg.func, cfg.params, path, "modifier", {"value": element})
-    return [f"{element} = {call.expression()}"] if call is not None else []
+    return [code("{} = {}", element, call.expression())] if call is not None else []
+
+
+def _filter_lines(
+    context: ManagerContext, path: str, cfg: DigitalFilterCfg, size: int, element: Code, fresh: Code
+) -> list[Code]:
+    """``y_n = sum_k B_k x_{n-k} - sum_k A_{k+1} y_{n-1-k}``: past values move up by one, the newest comes first."""
+    name, array, add = context.scope.name, context.array, context.parameters.add
+    past_x = name(f"{path}_x", array(f"{path}.x", float, len(cfg.B), size))
+    past_y = name(f"{path}_y", array(f"{path}.y", float, max(1, len(cfg.A)), size))
+    a = [add(f"{path}.A.{k}", v, float) for k, v in enumerate(cfg.A)]
+    b = [add(f"{path}.B.{k}", v, float) for k, v in enumerate(cfg.B)]
+
+    def past(values: Code, k: int) -> Code:
+        return code("{}[env, {}, i]", values, k)
+
+    def set_to(target: Code, value: Code) -> Code:
+        return code("{} = {}", target, value)
+
+    start = [set_to(past(past_x, k), element) for k in range(len(b))]
+    start += [set_to(past(past_y, k), element) for k in range(len(a))]
+    terms = [code("{} * {}", c, past(past_x, k)) for k, c in enumerate(b)]
+    terms += [code("-{} * {}", c, past(past_y, k)) for k, c in enumerate(a)]
+    return [
+        *block(code("if {}[env] != 0:", fresh), start),
+        *(set_to(past(past_x, k), past(past_x, k - 1)) for k in range(len(b) - 1, 0, -1)),
+        set_to(past(past_x, 0), element),
+        set_to(element, code(" + ".join(["{}"] * len(terms)), *terms)),
+        *(set_to(past(past_y, k), past(past_y, k - 1)) for k in range(len(a) - 1, 0, -1)),
+        *([set_to(past(past_y, 0), element)] if a else []),
+    ]
+
+
+def _integrator_lines(
+    context: ManagerContext, path: str, cfg: IntegratorCfg, size: int, element: Code, fresh: Code
+) -> list[Code]:
+    """``y_n = y_{n-1} + (x_n + x_{n-1}) / 2 dt``."""
+    before = context.scope.name(f"{path}_x", context.array(f"{path}.x", float, size))
+    total = context.scope.name(f"{path}_y", context.array(f"{path}.y", float, size))
+    dt = context.parameters.add(f"{path}.dt", cfg.dt, float)
+    last, sum_ = code("{}[env, i]", before), code("{}[env, i]", total)
+    return [
+        *block(code("if {}[env] != 0:", fresh), [code("{} = 0.0", last), code("{} = 0.0", sum_)]),
+        code("{} = {} + 0.5 * ({} + {}) * {}", sum_, sum_, element, last, dt),
+        code("{} = {}", last, element),
+        code("{} = {}", element, sum_),
+    ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observations normalised by the mean and variance of all that was seen."""
+"""Running normalisation of an observation group by the mean and variance of all that was observed."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _PARTS = 64
 def running_normalization(
     context: ManagerContext, group: str, cfg: RunningNormCfg, raw: wp.array, buffer: wp.array, gather: bool
 ) -> Captured:
-    """What normalises ``raw`` into ``buffer``, both ``(num_envs, n)``, and with ``gather`` counts it as seen before."""
+    """Normalises ``raw`` into ``buffer``, both ``(num_envs, n)``; with ``gather`` it counts as seen before that."""
     count, columns = buffer.shape
     path = f"observations.{group}.normalization"
     mean, seen = context.shared(f"{path}.mean", float, columns), context.shared(f"{path}.seen", float, columns)
     var = context.shared(f"{path}.var", float, columns, fill=1)
     sums, squares = (context.shared(f"{path}.{n}", float, columns, _PARTS) for n in ("sums", "squares"))
-    update = context.parameters.add(f"{path}.update", cfg.update, bool)
-    index = int(update.partition("[")[2].partition("]")[0])
+    context.parameters.add(f"{path}.update", cfg.update, bool)
+    update = context.parameters.index(f"{path}.update")
 
     def launch() -> None:
         if gather:
@@ -35,9 +35,9 @@ def running_normalization(
             wp.launch(
                 merge_statistics,
                 columns,
-                [raw, count, context.parameters.ints, index, sums, squares],
+                [raw, count, context.parameters.ints, update, sums, squares],
                 [seen, mean, var],
             )
         wp.launch(normalize, (count, columns), [raw, mean, var, cfg.eps, cfg.clip], [buffer])
 
-    return Captured(f"running normalisation of '{group}'", launch)
+    return Captured(f"running normalisation of '{group}'", launch, fields=frozenset())

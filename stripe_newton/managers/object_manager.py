@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects that come and go while a task runs."""
+"""Object manager: pools of rigid objects that are spawned, retired and tracked while a task runs."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import torch
 import warp as wp
@@ -14,7 +14,8 @@ import warp as wp
 from stripe_kernels.mdp import objects as mdp
 from stripe_newton.assets import RigidObject
 from stripe_newton.assets.asset_base import EnvIds
-from stripe_newton.fusion import Item, SceneEntityCfg, Section, bind_term
+from stripe_newton.fusion import Code, Item, NamedStructs, SceneEntityCfg, Section, bind_term, code
+from stripe_newton.fusion.warp_types import Struct, struct_of
 
 from .context import ManagerContext
 from .manager_base import ManagerBase
@@ -24,6 +25,13 @@ __all__ = ["ObjectManager", "ObjectPool"]
 
 _CLEARANCE = 0.5
 """Gap between objects in the parking place [m]."""
+
+
+class PoolStructs(NamedStructs):
+    """Finds the objects of a pool by ``pool_name``."""
+
+    def __init__(self, kind: Struct):
+        super().__init__(kind, ["pool_name"])
 
 
 class ObjectManager(ManagerBase):
@@ -39,7 +47,7 @@ class ObjectManager(ManagerBase):
 
     name: ClassVar[str] = "objects"
 
-    def __init__(self, cfg: Any, context: ManagerContext):
+    def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
         self.pools: dict[str, ObjectPool] = {}
         for name, pool in self.terms(cfg, ObjectPoolCfg).items():
@@ -67,7 +75,9 @@ class ObjectManager(ManagerBase):
 
     def reset(self) -> list[Item]:
         """Log how many objects were active, retire them and spawn new ones; after the robots were reset."""
-        return [Section("objects_reset", self._respawn, self.active_terms, where_reset=True)] if self.pools else []
+        if not self.pools:
+            return []
+        return [Section("objects_reset", self._respawn, self.active_terms).only(self.context.is_reset)]
 
     def update(self) -> list[Item]:
         """Count ages and keep retired objects parked; in every step after resets and events, before ``moved`` is used.
@@ -77,23 +87,24 @@ class ObjectManager(ManagerBase):
         """
         if not self.pools:
             return []
-        update = self.context.scope.function(mdp.update_objects)
-        body = [f"{update}(env, {pool.scope_name}, moved)" for pool in self.pools.values()]
-        if not self.context.scene.sim.cfg.solver.reduced_coordinates:  # its state is that of the bodies
-            body.append("moved[env] = True")
+        context = self.context
+        moved = context.code("{moved}")
+        body = [context.scope.call(mdp.update_objects, "env", pool.struct_name, moved) for pool in self.pools.values()]
+        if not context.scene.sim.cfg.solver.reduced_coordinates:  # its state is that of the bodies
+            body.append(context.code("{moved}[env] = True"))
         return [Section("objects_update", body, self.active_terms)]
 
-    def _respawn_lines(self, pool: ObjectPool) -> list[str]:
-        context, cfg, name = self.context, pool.cfg, pool.scope_name
-        count = f"float({context.scope.function(mdp.num_active_objects)}(env, {name}))"
+    def _respawn_lines(self, pool: ObjectPool) -> list[Code]:
+        context, cfg, where = self.context, pool.cfg, f"{self.name}.{pool.name}"
+        count = code("float({})", context.scope.call(mdp.num_active_objects, "env", pool.struct_name))
         lines = [context.log.line(f"Metrics/{pool.name}/active", count, "mean")]
-        where, this = f"{self.name}.{pool.name}", {"pool_name": pool.name}
+        this: dict[str, object] = {"pool_name": pool.name}
         if cfg.target_range is not None:
             lines += self._call(mdp.sample_object_targets, this | {"pose_range": cfg.target_range}, f"{where}.target")
         if not cfg.respawn:
             return lines
         lines += self._call(mdp.retire_objects, this, where)
-        params: dict[str, Any] = this | {"num_range": tuple(map(float, cfg.num_range))}
+        params = this | {"num_range": tuple(map(float, cfg.num_range))}
         if cfg.pose_range is None:
             return lines + self._call(mdp.spawn_objects_at_home, params, where)
         params |= {f: getattr(cfg, f) for f in ("pose_range", "velocity_range", "min_distance", "max_tries")}
@@ -102,7 +113,7 @@ class ObjectManager(ManagerBase):
         params |= {"robot": SceneEntityCfg(cfg.robot_name), "min_robot_distance": cfg.min_robot_distance}
         return lines + self._call(mdp.spawn_objects, params, where)
 
-    def _call(self, func: Any, params: dict[str, Any], where: str) -> list[str]:
+    def _call(self, func: wp.Function, params: Mapping[str, object], where: str) -> list[Code]:
         call = bind_term(self.context, func, params, where, "event")
         return [call.expression()] if call else []
 
@@ -140,7 +151,7 @@ class ObjectPool:
         names: Names of the objects in the scene, one a slot.
         objects: The objects themselves.
         data: What terms read, an ``ObjectPoolData``.
-        scope_name: Name of ``data`` in generated source.
+        struct_name: Name of ``data`` in generated source.
         pose: Poses in the world [m], shape ``(num_envs, num_objects, 7)``.
         vel: Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_objects, 6)``.
         active: Whether an object takes part, bool, shape ``(num_envs, num_objects)``.
@@ -158,7 +169,7 @@ class ObjectPool:
         self.pose = _rows(sim.per_env(sim.state.joint_q), [x.root_coord for x in layouts], 7)
         self.vel = _rows(sim.per_env(sim.state.joint_qd), [x.root_dof for x in layouts], 6)
 
-        def array(field: str, dtype: Any) -> wp.array:
+        def array(field: str, dtype: type) -> wp.array:
             return context.array(f"objects.{name}.{field}", dtype, count)
 
         self.data = data = mdp.ObjectPoolData()
@@ -175,8 +186,8 @@ class ObjectPool:
         defaults = torch.stack([o.data.default_root_state for o in self.objects], dim=1)
         self.home[:], self.target[:] = defaults[..., :7], defaults[..., :7]
         wp.to_torch(data.home_vel)[:] = defaults[..., 7:]
-        context.provide(data, name)
-        self.scope_name = context.scope.name(name, data)
+        context.structs.named(struct_of(data), PoolStructs).add(name, data, {"num_objects": count})
+        self.struct_name = context.scope.name(name, data)
 
     @property
     def positions(self) -> torch.Tensor:
@@ -223,7 +234,9 @@ class ObjectPool:
         pose[..., :3] += self._scene.env_origins[rows]
         self._write(rows, columns, pose, 0.0, active=False)
 
-    def _write(self, rows: torch.Tensor, columns: torch.Tensor, pose: torch.Tensor, vel: Any, active: bool) -> None:
+    def _write(
+        self, rows: torch.Tensor, columns: torch.Tensor, pose: torch.Tensor, vel: torch.Tensor | float, active: bool
+    ) -> None:
         self.pose[rows, columns], self.vel[rows, columns] = pose, vel
         self.active[rows, columns], self.age[rows, columns] = active, 0
         self._scene.sim.forward(self._scene.controller.mask(rows.squeeze(-1)))

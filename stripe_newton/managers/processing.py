@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source for what lies between a term and the policy: noise and delay."""
+"""Source of noise and delay, which lie between a term and the policy."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import torch
+import warp as wp
 
 from stripe_kernels.mdp import random
 from stripe_kernels.processing import (
@@ -18,13 +19,14 @@ from stripe_kernels.processing import (
     sample_gaussian,
     sample_uniform,
 )
+from stripe_newton.fusion import Code, block, code
 from stripe_newton.noise import ConstantNoiseCfg, GaussianNoiseCfg, NoiseCfg, UniformNoiseCfg
 
 from .context import ManagerContext
 
-__all__ = ["delayed", "noisy", "sampled"]
+__all__ = ["Delay", "DelayCfg", "NoiseSource", "delay_of"]
 
-_KINDS: dict[type, tuple[Any, str, str | None]] = {
+_KINDS: dict[type, tuple[wp.Function, str, str | None]] = {
     ConstantNoiseCfg: (sample_constant, "bias", None),
     UniformNoiseCfg: (sample_uniform, "n_min", "n_max"),
     GaussianNoiseCfg: (sample_gaussian, "mean", "std"),
@@ -32,99 +34,130 @@ _KINDS: dict[type, tuple[Any, str, str | None]] = {
 _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOISE_ABS)}
 
 
-def sampled(
-    context: ManagerContext, where: str, cfg: NoiseCfg, size: int, rng: str = "rng", stream: str = "env"
-) -> str:
-    """Expression of a draw of a noise for element ``i``, of stream ``stream``; empty after a problem was noted."""
-    kind = next((k for k in _KINDS if isinstance(cfg, k)), None)
-    if kind is None:
-        names = ", ".join(k.__name__ for k in _KINDS)
-        context.problems.append(f"{where}: is {type(cfg).__name__}, must be one of {names}")
-        return ""
-    function, *fields = _KINDS[kind]
-    arguments = []
-    for field in fields:
-        value = torch.as_tensor(getattr(cfg, field) if field else 0.0, dtype=torch.float32).flatten()
-        path = f"{where}.{field or 'unused'}"
+@dataclass(frozen=True)
+class NoiseSource:
+    """Draws of a noise for the numbers of a term.
+
+    Attributes:
+        context: Where parameters and arrays are made.
+        path: Path of the noise's config.
+        cfg: The noise.
+        size: Numbers of the term.
+        rng: Random streams that it draws from.
+        stream: Index of the stream.
+    """
+
+    context: ManagerContext
+    path: str
+    cfg: NoiseCfg
+    size: int
+    rng: Code
+    stream: str = "env"
+
+    def draw(self) -> Code | None:
+        """A draw for element ``i``; None after a problem was noted."""
+        kind = next((k for k in _KINDS if isinstance(self.cfg, k)), None)
+        if kind is None:
+            names = ", ".join(k.__name__ for k in _KINDS)
+            self.context.problems.append(f"{self.path}: is {type(self.cfg).__name__}, must be one of {names}")
+            return None
+        function, *fields = _KINDS[kind]
+        arguments = [self._number(field) for field in fields]
+        if any(argument is None for argument in arguments):
+            return None
+        return self.context.scope.call(function, self.stream, self.rng, *filter(None, arguments))
+
+    def _number(self, field: str | None) -> Code | None:
+        """A number of the config, or its element ``i`` where it has one for each number of the term."""
+        context, path = self.context, f"{self.path}.{field or 'unused'}"
+        value = torch.as_tensor(getattr(self.cfg, field) if field else 0.0, dtype=torch.float32).flatten()
         if value.numel() == 1:
-            arguments.append(context.parameters.add(path, float(value), float))
-        elif value.numel() == size:
-            array = context.shared(path, float, size)
+            return context.parameters.add(path, float(value), float)
+        if value.numel() == self.size:
+            array = context.shared(path, float, self.size)
             context.torch(array).copy_(value)
-            arguments.append(f"{context.scope.name(path, array)}[i]")
-        else:
-            context.problems.append(f"{path}: has {value.numel()} numbers, the term {size}; give one or {size}")
-            return ""
-    return f"{context.scope.function(function)}({stream}, {rng}, {', '.join(arguments)})"
+            return code("{}[i]", context.scope.name(path, array))
+        text = f"has {value.numel()} numbers, the term {self.size}; give one or {self.size}"
+        context.problems.append(f"{path}: {text}")
+        return None
+
+    def apply(self, target: Code) -> list[Code]:
+        """Lines that put the noise on ``target``, which mentions the element as ``i``."""
+        draw, operation = self.draw(), _OPERATIONS.get(self.cfg.operation, 0)
+        if draw is None:
+            return []
+        return [code("{} = {}", target, self.context.scope.call(combine_noise, target, draw, operation))]
 
 
-def noisy(
-    context: ManagerContext, where: str, cfg: NoiseCfg, size: int, target: str, rng: str = "rng", stream: str = "env"
-) -> list[str]:
-    """Lines that put noise on ``target``, which mentions the element as ``i``."""
-    draw = sampled(context, where, cfg, size, rng, stream)
-    operation = _OPERATIONS.get(cfg.operation, 0)
-    return [f"{target} = {context.scope.function(combine_noise)}({target}, {draw}, {operation})"] if draw else []
+class DelayCfg(Protocol):
+    """What the config of a term that may be delayed has."""
+
+    delay_min_lag: int
+    """Least delay [steps]."""
+    delay_max_lag: int
+    """Largest delay [steps]."""
 
 
-@dataclass
-class _Delay:
+@dataclass(frozen=True)
+class Delay:
     """A ring of past values, and how far back an episode reads in it."""
 
     context: ManagerContext
     size: int
     depth: int
-    ring: str
-    head: str
-    lag: str
-    filled: str
-    bounds: str
+    ring: Code
+    head: Code
+    lag: Code
+    filled: Code
+    bounds: Code
 
-    def step(self, target: str) -> list[str]:
+    def step(self, target: Code) -> list[Code]:
         """Lines that put the value of each element ``i`` of ``target`` in and the delayed one in its place."""
         ring, head, depth = self.ring, self.head, self.depth
         return [
-            f"{head}[env] = ({head}[env] + 1) % {depth}",
-            f"past = ({head}[env] - {self.lag}[env] + {depth}) % {depth}",
-            f"fresh = wp.bool({self.filled}[env] == 0)",
-            f"for i in range({self.size}):",
-            "    if fresh:",
-            f"        for k in range({depth}):",
-            f"            {ring}[env, k, i] = {target}",
-            f"    {ring}[env, {head}[env], i] = {target}",
-            f"    {target} = {ring}[env, past, i]",
-            f"{self.filled}[env] = 1",
+            code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth),
+            code("past = ({}[env] - {}[env] + {}) % {}", head, self.lag, depth, depth),
+            code("fresh = wp.bool({}[env] == 0)", self.filled),
+            *block(
+                code("for i in range({}):", self.size),
+                [
+                    *block(
+                        code("if fresh:"),
+                        block(code("for k in range({}):", depth), [code("{}[env, k, i] = {}", ring, target)]),
+                    ),
+                    code("{}[env, {}[env], i] = {}", ring, head, target),
+                    code("{} = {}[env, past, i]", target, ring),
+                ],
+            ),
+            code("{}[env] = 1", self.filled),
         ]
 
-    def reset(self, zero: bool = False) -> list[str]:
+    def reset(self, zero: bool = False) -> list[Code]:
         """Lines that draw a lag; the ring is refilled with the first value, or is zero."""
-        draw = self.context.scope.function(random.uniform_range)
-        span = f"{draw}(env, rng, {self.bounds})"
-        lag = f"wp.clamp(int(wp.floor({span})), 0, {self.depth - 1})"
-        lines = [f"{self.lag}[env] = {lag}", f"{self.filled}[env] = {int(zero)}"]
+        draw = self.context.scope.call(random.uniform_range, "env", self.context.code("{rng}"), self.bounds)
+        lines = [
+            code("{}[env] = wp.clamp(int(wp.floor({})), 0, {})", self.lag, draw, self.depth - 1),
+            code("{}[env] = {}", self.filled, int(zero)),
+        ]
         if zero:
-            lines += [
-                f"for k in range({self.depth}):",
-                f"    for i in range({self.size}):",
-                f"        {self.ring}[env, k, i] = 0.0",
-            ]
+            clear = block(code("for i in range({}):", self.size), [code("{}[env, k, i] = 0.0", self.ring)])
+            lines += block(code("for k in range({}):", self.depth), clear)
         return lines
 
 
-def delayed(context: ManagerContext, where: str, size: int, cfg: Any) -> _Delay:
-    """The delay of a term whose config has ``delay_min_lag`` and ``delay_max_lag`` [steps]."""
-    import warp as wp
-
-    depth = cfg.delay_max_lag + 1
+def delay_of(context: ManagerContext, path: str, size: int, cfg: DelayCfg) -> Delay:
+    """The delay of a term of ``size`` numbers at a path of the config."""
     name, array = context.scope.name, context.array
-    bounds = context.parameters.add(f"{where}.delay", (cfg.delay_min_lag, cfg.delay_max_lag + 0.9999), wp.vec2)
-    return _Delay(
+    depth = cfg.delay_max_lag + 1
+    # Just below the next whole number, so that rounding a uniform draw down gives each lag the same chance.
+    bounds = context.parameters.add(f"{path}.delay", (cfg.delay_min_lag, cfg.delay_max_lag + 0.9999), wp.vec2)
+    return Delay(
         context,
         size,
         depth,
-        name(f"{where}_ring", array(f"{where}.ring", float, depth, size)),
-        name(f"{where}_head", array(f"{where}.head", int)),
-        name(f"{where}_lag", array(f"{where}.lag", int)),
-        name(f"{where}_filled", array(f"{where}.filled", int)),
-        bounds,
+        ring=name(f"{path}_ring", array(f"{path}.ring", float, depth, size)),
+        head=name(f"{path}_head", array(f"{path}.head", int)),
+        lag=name(f"{path}_lag", array(f"{path}.lag", int)),
+        filled=name(f"{path}_filled", array(f"{path}.filled", int)),
+        bounds=bounds,
     )

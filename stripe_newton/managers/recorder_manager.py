@@ -130,8 +130,7 @@ class RecorderManager(ManagerBase):
         return [Eager(name, function, "recorder terms are called on the host", terms)] if terms else []
 
     def _conclude(self) -> None:
-        ended = self.context.torch(self.context.reset).cpu().nonzero().flatten()
-        self._resetting = ended.to(self.context.device)
+        ended, self._resetting = self.context.reset_mask.indices_on_host(), self.context.reset_mask.indices()
         if len(ended):
             self.record_pre_reset(ended)
             self.clear(ended)

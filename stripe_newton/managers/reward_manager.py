@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is worth how much."""
+"""Reward manager: the weighted sum of reward terms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Eager, Item, Section, bind_term
+from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, block, code
 
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
@@ -23,7 +23,7 @@ __all__ = ["RewardManager", "RewardTermCfg"]
 class RewardTermCfg:
     """One reward or cost."""
 
-    func: Callable[..., Any] = MISSING
+    func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float``, or torch function ``(env, **params)`` that returns ``(num_envs,)``."""
     params: dict[str, Any] = {}
     """Its further arguments."""
@@ -44,14 +44,14 @@ class RewardManager(ManagerBase):
 
     name = "rewards"
 
-    def __init__(self, cfg: Any, context: ManagerContext, scale_by_dt: bool = True):
+    def __init__(self, cfg: object, context: ManagerContext, scale_by_dt: bool = True):
         super().__init__(cfg, context)
-        self._terms: dict[str, RewardTermCfg] = self.terms(cfg, RewardTermCfg)
+        self._terms = self.terms(cfg, RewardTermCfg)
         self._dt = context.step_dt if scale_by_dt else 1.0
         self._sums = context.array("rewards.sums", float, len(self._terms))
-        self._steps = context.array("rewards.values", float, len(self._terms))
+        self._values = context.array("rewards.values", float, len(self._terms))
         self._sums_name = context.scope.name("reward_sums", self._sums)
-        self._steps_name = context.scope.name("reward_terms", self._steps)
+        self._values_name = context.scope.name("reward_terms", self._values)
 
     @property
     def active_terms(self) -> list[str]:
@@ -67,49 +67,57 @@ class RewardManager(ManagerBase):
     @property
     def step_reward(self) -> torch.Tensor:
         """Weighted terms of the last step, per second where they are scaled by dt, shape ``(num_envs, num_terms)``."""
-        return self.context.torch(self._steps)
+        return self.context.torch(self._values)
+
+    # -- items
 
     def compute(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
-        parameters, body, eager = self.context.parameters, list[str](), list[Item]()
-        values, ends = list[str](), list[str]()
-        scale = parameters.add("rewards.dt", self._dt, float)
+        scale = self.context.parameters.add("rewards.dt", self._dt, float)
+        body, eager = list[Code](), list[Item]()
+        values, ends = list[Code](), list[Code]()
         for index, (name, term) in enumerate(self._terms.items()):
-            weight = parameters.add(f"rewards.{name}.weight", term.weight, float)
-            step = f"{self._steps_name}[env, {index}]"
-            if not is_warp_term(term.func):
-                eager.append(Eager("rewards", self._torch(index, term), f"torch term '{name}'", [name]))
-                value = step
-            else:
-                call = bind_term(self.context, term.func, term.params, f"rewards.{name}", "reward")
-                if call is None:
-                    continue
-                value = call.expression()
-            if term.clip is not None:
-                clip = parameters.add(f"rewards.{name}.clip", term.clip, wp.vec2)
-                value = f"wp.clamp({value}, ({clip})[0], ({clip})[1])"
-            body += [
-                f"value_{index} = wp.float32(0.0)",
-                f"weight_{index} = {weight}",
-                f"if weight_{index} != 0.0:",
-                f"    value_{index} = weight_{index} * {value}  # {name}",
+            weight = self.context.parameters.add(f"rewards.{name}.weight", term.weight, float)
+            value = self._value(index, name, term, eager)
+            if value is None:
+                continue
+            weighted = code("value_{}", index)
+            body += _weighted(index, name, weight, value)
+            values.append(weighted)
+            ends += [
+                code("{}[env, {}] = {}", self._values_name, index, weighted),
+                code("{}[env, {}] += {} * scale", self._sums_name, index, weighted),
             ]
-            values.append(f"value_{index}")
-            ends += [f"{step} = value_{index}", f"{self._sums_name}[env, {index}] += value_{index} * scale"]
-        body += [f"scale = {scale}", *ends]  # written last: a write in between would hold the reads after it up
-        total = f"({' + '.join(values) or '0.0'}) * scale"
-        body.append(f"reward[env] = wp.where(nonfinite[env], 0.0, {total})")
+        # Everything is written last: a write in between would stall the loads of the terms after it.
+        body += [code("scale = {}", scale), *ends]
+        total = code(" + ".join(["{}"] * len(values)) or "0.0", *values)
+        body.append(self.context.code("{reward}[env] = wp.where({nonfinite}[env], 0.0, ({}) * scale)", total))
         return [*eager, Section("rewards", body, self.active_terms)]
+
+    def _value(self, index: int, name: str, term: RewardTermCfg, eager: list[Item]) -> Code | None:
+        """Source of a term's value before its weight; None after problems. A torch term is put among ``eager``."""
+        if is_warp_term(term.func):
+            call = bind_term(self.context, term.func, term.params, f"rewards.{name}", "reward")
+            if call is None:
+                return None
+            value = call.expression()
+        else:
+            eager.append(Eager("rewards", self._torch(index, term), f"torch term '{name}'", [name]))
+            value = code("{}[env, {}]", self._values_name, index)
+        if term.clip is None:
+            return value
+        clip = self.context.parameters.add(f"rewards.{name}.clip", term.clip, wp.vec2)
+        return code("wp.clamp({value}, ({clip})[0], ({clip})[1])", value=value, clip=clip)
 
     def reset(self) -> list[Item]:
         """Items that log the sums, per second of the longest episode, and clear them."""
         per_second = self.context.parameters.add("rewards.per_second", 1.0 / self.context.max_episode_length_s, float)
         lines = []
         for index, name in enumerate(self._terms):
-            sum_ = f"{self._sums_name}[env, {index}]"
-            lines.append(self.context.log.line(f"Episode_Reward/{name}", f"{sum_} * {per_second}"))
-            lines.append(f"{sum_} = 0.0")
-        return [Section("rewards_log", lines, where_reset=True)] if lines else []
+            sum_ = code("{}[env, {}]", self._sums_name, index)
+            lines.append(self.context.log.line(f"Episode_Reward/{name}", code("{} * {}", sum_, per_second)))
+            lines.append(code("{} = 0.0", sum_))
+        return [Section("rewards_log", lines).only(self.context.is_reset)] if lines else []
 
     def _torch(self, index: int, term: RewardTermCfg) -> Callable[[], None]:
         call = self.torch_term(term.func, term.params)
@@ -122,3 +130,13 @@ class RewardManager(ManagerBase):
     def __str__(self) -> str:
         rows = [(i, n, t.weight) for i, (n, t) in enumerate(self._terms.items())]
         return self.table("Reward terms", ("Index", "Name", "Weight"), rows)
+
+
+def _weighted(index: int, name: str, weight: Code, value: Code) -> list[Code]:
+    """Lines that evaluate a term and weigh it, unless its weight is zero."""
+    evaluate = code("value_{} = weight_{} * {}  # {}", index, index, value, name)
+    return [
+        code("value_{} = wp.float32(0.0)", index),
+        code("weight_{} = {}", index, weight),
+        *block(code("if weight_{} != 0.0:", index), [evaluate]),
+    ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When an episode ends."""
+"""Termination manager: the terms that end an episode, as failure or success or by a time limit."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Eager, Item, Section, bind_term
+from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, code
 
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
@@ -22,7 +21,7 @@ __all__ = ["TerminationManager", "TerminationTermCfg"]
 class TerminationTermCfg:
     """One reason for an episode to end."""
 
-    func: Callable[..., Any] = MISSING
+    func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> bool``, or torch function ``(env, **params)`` that returns bool ``(num_envs,)``."""
     params: dict[str, Any] = {}
     """Its further arguments."""
@@ -35,12 +34,10 @@ class TerminationManager(ManagerBase):
 
     name = "terminations"
 
-    def __init__(self, cfg: Any, context: ManagerContext):
+    def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
-        self._terms: dict[str, TerminationTermCfg] = self.terms(cfg, TerminationTermCfg)
+        self._terms = self.terms(cfg, TerminationTermCfg)
         context.termination_names = list(self._terms)
-        self.nonfinite = context.array("nonfinite", wp.bool)
-        context.scope.name("nonfinite", self.nonfinite)
 
     @property
     def active_terms(self) -> list[str]:
@@ -60,47 +57,55 @@ class TerminationManager(ManagerBase):
     @property
     def dones(self) -> torch.Tensor:
         """Environments that ended either way, bool, shape ``(num_envs,)``."""
-        return self.context.torch(self.context.reset)
+        return self.context.reset_mask.tensor
 
     def get_term(self, name: str) -> torch.Tensor:
-        """What a term said in the last step, bool, shape ``(num_envs,)``."""
+        """Values of a term in the last step, bool, shape ``(num_envs,)``."""
         return self.context.torch(self.context.episode.term_terminated)[:, self.active_terms.index(name)]
+
+    # -- items
 
     def compute(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
-        eager: list[Item] = []
-        body = ["terminated = wp.bool(nonfinite[env])", "truncated = wp.bool(False)"]
+        line, eager = self.context.code, list[Item]()
+        body = [line("terminated = wp.bool({nonfinite}[env])"), line("truncated = wp.bool(False)")]
         for index, (name, term) in enumerate(self._terms.items()):
-            if not is_warp_term(term.func):
-                eager.append(Eager("terminations", self._torch(index, term), f"torch term '{name}'", [name]))
-                value = f"episode.term_terminated[env, {index}]"
-            else:
-                call = bind_term(self.context, term.func, term.params, f"{self.name}.{name}", "termination")
-                if call is None:
-                    continue
-                body.append(f"term_{index} = {call.expression()}  # {name}")
-                body.append(f"episode.term_terminated[env, {index}] = term_{index}")
-                value = f"term_{index}"
-            which = "truncated" if term.time_out else "terminated"
-            body.append(f"{which} = {which} or {value}")
+            value = self._value(index, name, term, body, eager)
+            if value is not None:
+                which = "truncated" if term.time_out else "terminated"
+                body.append(code("{} = {} or {}", which, which, value))
         body += [
-            "episode.terminated[env] = terminated",
-            "episode.truncated[env] = truncated",
-            "reset[env] = terminated or truncated",
-            "moved[env] = terminated or truncated",
+            line("{episode.terminated}[env] = terminated"),
+            line("{episode.truncated}[env] = truncated"),
+            line("{reset}[env] = terminated or truncated"),
+            line("{moved}[env] = terminated or truncated"),
         ]
         return [*eager, Section("terminations", body, self.active_terms)]
 
+    def _value(
+        self, index: int, name: str, term: TerminationTermCfg, body: list[Code], eager: list[Item]
+    ) -> Code | None:
+        """Source of a term's value, after what computes it was put into ``body`` or ``eager``; None after problems."""
+        kept = self.context.code("{episode.term_terminated}[env, {}]", index)
+        if not is_warp_term(term.func):
+            eager.append(Eager("terminations", self._torch(index, term), f"torch term '{name}'", [name]))
+            return kept
+        call = bind_term(self.context, term.func, term.params, f"{self.name}.{name}", "termination")
+        if call is None:
+            return None
+        value = code("term_{}", index)
+        body += [code("{} = {}  # {}", value, call.expression(), name), code("{} = {}", kept, value)]
+        return value
+
     def reset(self) -> list[Item]:
-        """Items that log what ended the episodes."""
+        """Items that log the causes of the ends of episodes."""
+        log, line = self.context.log, self.context.code
         lines = []
         for index, name in enumerate(self._terms):
-            value = f"wp.where(episode.term_terminated[env, {index}], 1.0, 0.0)"
-            lines.append(self.context.log.line(f"Episode_Termination/{name}", value, "count"))
-        lines.append(
-            self.context.log.line("Episode_Termination/non_finite", "wp.where(nonfinite[env], 1.0, 0.0)", "count")
-        )
-        return [Section("terminations_log", lines, where_reset=True)]
+            value = line("wp.where({episode.term_terminated}[env, {}], 1.0, 0.0)", index)
+            lines.append(log.line(f"Episode_Termination/{name}", value, "count"))
+        lines.append(log.line("Episode_Termination/non_finite", line("wp.where({nonfinite}[env], 1.0, 0.0)"), "count"))
+        return [Section("terminations_log", lines).only(self.context.is_reset)]
 
     def _torch(self, index: int, term: TerminationTermCfg) -> Callable[[], None]:
         call = self.torch_term(term.func, term.params)

@@ -11,7 +11,7 @@ import torch
 from rsl_rl.modules.distribution import GaussianDistribution, HeteroscedasticGaussianDistribution
 from tensordict import TensorDict
 
-from stripe_newton.envs.graph_step import GraphStep, obstacle_to_graph
+from stripe_newton.envs.graph_step import GraphStep, why_not_capturable
 
 from .graph_ppo import GraphPPO
 from .graph_program import Program
@@ -34,7 +34,7 @@ def obstacle_to_rollout(env: RslRlVecEnvWrapper, algorithm: Any) -> str:
         return f"the environment is on {env.device}, the networks are on {algorithm.device}"
     if env.env is not env.unwrapped:
         return f"the environment is wrapped by {type(env.env).__name__}"
-    return obstacle_to_graph(env.unwrapped)
+    return why_not_capturable(env.unwrapped)
 
 
 @dataclass

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -59,6 +59,8 @@ class SensorBase:
 
     cfg: Any
     struct: Any = None
+    unavailable: Mapping[str, str] = {}
+    """Fields of :attr:`struct` that terms may not read, and why."""
 
     def __init__(self, cfg: Any):
         cfg.validate()
@@ -88,6 +90,11 @@ class SensorBase:
     def body_names(self) -> list[str]:
         """Names of the bodies it measures, in the order of its data."""
         return []
+
+    @property
+    def arrays(self) -> dict[str, wp.array]:
+        """Arrays that last from step to step, by name; they are saved with the environment's state."""
+        return {}
 
     @property
     def counts(self) -> dict[str, int]:

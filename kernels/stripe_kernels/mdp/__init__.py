@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms: what a policy sees, is rewarded for and can do, as Warp functions of one environment.
+"""Terms: observations, rewards, terminations, events, commands, actions and curricula as Warp functions.
 
 ``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands``, ``actions``
 and ``curriculums`` hold one kind each, ``objects`` the terms about the objects of a pool, ``contact`` and ``feet``
@@ -83,7 +83,6 @@ from .inverse_kinematics import (
     process_differential_ik,
 )
 from .observations import (
-    OBSERVATION_SIZES,
     base_ang_vel,
     base_lin_vel,
     base_pos_z,
@@ -193,7 +192,6 @@ __all__ = [
     "ACTIONS",
     "COMMANDS",
     "DIFFERENTIAL_IK_METHODS",
-    "OBSERVATION_SIZES",
     "ActionTerm",
     "CommandTerm",
     "action_l2",

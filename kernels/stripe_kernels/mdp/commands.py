@@ -5,7 +5,7 @@
 where that says so, then ``update_*``; a reset is ``restart_command`` and ``resample_*``.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import warp as wp
 
@@ -272,9 +272,9 @@ def pose_2d_error_heading(env: int, command: Pose2dCommandData, robot: Articulat
 class CommandTerm(NamedTuple):
     """The functions of a command term."""
 
-    resample: Any
-    """Draws a new command."""
-    update: Any | None
+    resample: wp.Function | None
+    """Draws a new command; None for a command that comes with functions of its own."""
+    update: wp.Function | None
     """Brings it up to date in every step; None where there is nothing to do."""
     size: int
     """Numbers of the command."""

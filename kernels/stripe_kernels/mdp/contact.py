@@ -3,19 +3,14 @@
 
 Sums run over the bodies ``i`` that ``sensor_cfg`` names among those of a contact sensor. ``F_i`` is the largest size of
 a body's force in the sensor's history, ``f_i`` its force now. Rewards for feet are in ``feet``.
-
-``CONTACT_OBSERVATION_SIZES`` completes ``OBSERVATION_SIZES``.
 """
-
-from collections.abc import Callable, Mapping
 
 import warp as wp
 
 from ..sensors.contact import ContactSensorData, largest_force
-from .observations import Each
+from ..term_info import Each, writes
 
 __all__ = [
-    "CONTACT_OBSERVATION_SIZES",
     "contact_forces",
     "desired_contacts",
     "feet_contact",
@@ -24,13 +19,6 @@ __all__ = [
     "illegal_contact",
     "undesired_contacts",
 ]
-
-CONTACT_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "feet_contact": Each("body_ids"),
-    "feet_contact_forces": Each("body_ids", 3),
-    "feet_current_air_time": Each("body_ids"),
-}
-"""Numbers that each observation writes: name -> function of the counts."""
 
 
 # -- rewards
@@ -99,6 +87,7 @@ def illegal_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int]
 # -- observations
 
 
+@writes(Each("body_ids"))
 @wp.func
 def feet_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
     """Which bodies are in contact.
@@ -112,6 +101,7 @@ def feet_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], o
         out[i] = wp.where(force > sensor.force_threshold, 1.0, 0.0)
 
 
+@writes(Each("body_ids"))
 @wp.func
 def feet_current_air_time(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
     """How long bodies have been in the air; 0 in contact.
@@ -124,6 +114,7 @@ def feet_current_air_time(env: int, sensor: ContactSensorData, body_ids: wp.arra
         out[i] = sensor.current_air_time[env, body_ids[i]]
 
 
+@writes(Each("body_ids", 3))
 @wp.func
 def feet_contact_forces(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
     """Contact forces on a scale that large ones fit on, in the world frame, three numbers a body.

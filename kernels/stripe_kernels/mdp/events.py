@@ -11,6 +11,7 @@ rates about x, y, z [rad/s].
 import warp as wp
 
 from ..data import ArticulationData
+from ..term_info import for_each_asset
 from . import frames, random
 
 __all__ = [
@@ -216,6 +217,7 @@ def reset_joint_targets_to_default(env: int, robot: ArticulationData):
         robot.joint_vel_target[env, j] = robot.default_joint_vel[env, j]
 
 
+@for_each_asset
 @wp.func
 def reset_scene_to_default(env: int, robot: ArticulationData, reset_joint_targets: bool = True):
     """Put root and joints where they are at the start of an episode; with ``reset_joint_targets`` the targets, too.

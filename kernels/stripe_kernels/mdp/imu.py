@@ -1,27 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observations of an IMU, named by ``sensor_cfg`` or, as in Isaac Lab, by ``asset_cfg``; the only one there
 is needs no name.
-
-``IMU_OBSERVATION_SIZES`` completes ``OBSERVATION_SIZES``.
 """
-
-from collections.abc import Callable, Mapping
 
 import warp as wp
 
 from ..sensors.imu import ImuData
+from ..term_info import writes
 
-__all__ = ["IMU_OBSERVATION_SIZES", "imu_ang_vel", "imu_lin_acc", "imu_orientation", "imu_projected_gravity"]
-
-IMU_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "imu_ang_vel": lambda counts: 3,
-    "imu_lin_acc": lambda counts: 3,
-    "imu_orientation": lambda counts: 4,
-    "imu_projected_gravity": lambda counts: 3,
-}
-"""Numbers that each observation writes: name -> function of the counts."""
+__all__ = ["imu_ang_vel", "imu_lin_acc", "imu_orientation", "imu_projected_gravity"]
 
 
+@writes(3)
 @wp.func
 def imu_ang_vel(env: int, asset: ImuData, out: wp.array[float]):
     """Angular velocity in the IMU's frame.
@@ -34,6 +24,7 @@ def imu_ang_vel(env: int, asset: ImuData, out: wp.array[float]):
         out[k] = asset.ang_vel_b[env][k]
 
 
+@writes(3)
 @wp.func
 def imu_lin_acc(env: int, asset: ImuData, out: wp.array[float]):
     """Acceleration in the IMU's frame, the sensor's gravity bias included.
@@ -46,6 +37,7 @@ def imu_lin_acc(env: int, asset: ImuData, out: wp.array[float]):
         out[k] = asset.lin_acc_b[env][k]
 
 
+@writes(4)
 @wp.func
 def imu_orientation(env: int, asset: ImuData, out: wp.array[float]):
     """Orientation of the IMU's frame in the world, (x, y, z, w).
@@ -58,6 +50,7 @@ def imu_orientation(env: int, asset: ImuData, out: wp.array[float]):
         out[k] = asset.quat_w[env][k]
 
 
+@writes(3)
 @wp.func
 def imu_projected_gravity(env: int, asset: ImuData, out: wp.array[float]):
     """Direction of gravity in the IMU's frame; (0, 0, -1) when upright.

@@ -1,22 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observations: ``term(env, ..., out)`` writes the numbers of one environment into its slice ``out``.
 
-``OBSERVATION_SIZES`` says how many those are: name -> function of the counts, a mapping with the lengths of the index
-arrays under their names, and ``num_actions`` and ``num_command``::
-
-    OBSERVATION_SIZES["body_pose_w"]({"body_ids": 4})  # 28
+``@writes`` says how many numbers those are.
 """
-
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..data import ActionData, ArticulationData, CommandData, EpisodeData
+from ..term_info import Each, writes
 from . import frames
 
 __all__ = [
-    "OBSERVATION_SIZES",
     "base_ang_vel",
     "base_lin_vel",
     "base_pos_z",
@@ -41,53 +35,13 @@ __all__ = [
 ]
 
 
-def _fixed(size: int) -> Callable[[Mapping[str, int]], int]:
-    return lambda counts: size
-
-
-@dataclass(frozen=True)
-class Each:
-    """``size`` numbers for each of the indices or numbers called ``name``, which do not depend on each other."""
-
-    name: str
-    size: int = 1
-
-    def __call__(self, counts: Mapping[str, int]) -> int:
-        return self.size * counts[self.name]
-
-
-OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "base_ang_vel": _fixed(3),
-    "base_lin_vel": _fixed(3),
-    "base_pos_z": _fixed(1),
-    "body_incoming_wrench": Each("body_ids", 6),
-    "body_pose_w": Each("body_ids", 7),
-    "body_projected_gravity_b": Each("body_ids", 3),
-    "current_time_s": _fixed(1),
-    "generated_commands": Each("num_command"),
-    "joint_effort": Each("joint_ids"),
-    "joint_pos": Each("joint_ids"),
-    "joint_pos_limit_normalized": Each("joint_ids"),
-    "joint_pos_rel": Each("joint_ids"),
-    "joint_vel": Each("joint_ids"),
-    "joint_vel_rel": Each("joint_ids"),
-    "last_action": Each("num_actions"),
-    "projected_gravity": _fixed(3),
-    "remaining_time_s": _fixed(1),
-    "root_ang_vel_w": _fixed(3),
-    "root_lin_vel_w": _fixed(3),
-    "root_pos_w": _fixed(3),
-    "root_quat_w": _fixed(4),
-}
-"""Numbers that each observation writes: name -> function of the counts."""
-
-
 @wp.func
 def _write_vec3(v: wp.vec3, first: int, out: wp.array[float]):
     for k in range(3):
         out[first + k] = v[k]
 
 
+@writes(1)
 @wp.func
 def base_pos_z(env: int, robot: ArticulationData, out: wp.array[float]):
     """Height of the root link in the world.
@@ -99,6 +53,7 @@ def base_pos_z(env: int, robot: ArticulationData, out: wp.array[float]):
     out[0] = wp.transform_get_translation(robot.root_pose[env])[2]
 
 
+@writes(3)
 @wp.func
 def base_lin_vel(env: int, robot: ArticulationData, out: wp.array[float]):
     """Linear velocity of the root's centre of mass in the root's frame.
@@ -110,6 +65,7 @@ def base_lin_vel(env: int, robot: ArticulationData, out: wp.array[float]):
     _write_vec3(frames.root_lin_vel_b(env, robot), 0, out)
 
 
+@writes(3)
 @wp.func
 def base_ang_vel(env: int, robot: ArticulationData, out: wp.array[float]):
     """Angular velocity of the root in the root's frame.
@@ -121,6 +77,7 @@ def base_ang_vel(env: int, robot: ArticulationData, out: wp.array[float]):
     _write_vec3(frames.root_ang_vel_b(env, robot), 0, out)
 
 
+@writes(3)
 @wp.func
 def projected_gravity(env: int, robot: ArticulationData, out: wp.array[float]):
     """Direction of gravity in the root's frame; (0, 0, -1) when upright.
@@ -132,6 +89,7 @@ def projected_gravity(env: int, robot: ArticulationData, out: wp.array[float]):
     _write_vec3(frames.projected_gravity_b(env, robot), 0, out)
 
 
+@writes(3)
 @wp.func
 def root_pos_w(env: int, robot: ArticulationData, out: wp.array[float]):
     """Position of the root link relative to the environment's origin, in the axes of the world.
@@ -143,6 +101,7 @@ def root_pos_w(env: int, robot: ArticulationData, out: wp.array[float]):
     _write_vec3(wp.transform_get_translation(robot.root_pose[env]) - robot.env_origin[env], 0, out)
 
 
+@writes(4)
 @wp.func
 def root_quat_w(env: int, robot: ArticulationData, make_quat_unique: bool, out: wp.array[float]):
     """Orientation of the root link in the world, (x, y, z, w).
@@ -158,6 +117,7 @@ def root_quat_w(env: int, robot: ArticulationData, make_quat_unique: bool, out: 
         out[k] = q[k]
 
 
+@writes(3)
 @wp.func
 def root_lin_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
     """Linear velocity of the root's centre of mass in the world.
@@ -169,6 +129,7 @@ def root_lin_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
     _write_vec3(wp.spatial_top(robot.root_vel[env]), 0, out)
 
 
+@writes(3)
 @wp.func
 def root_ang_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
     """Angular velocity of the root in the world.
@@ -180,6 +141,7 @@ def root_ang_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
     _write_vec3(wp.spatial_bottom(robot.root_vel[env]), 0, out)
 
 
+@writes(Each("body_ids", 7))
 @wp.func
 def body_pose_w(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
     """Poses of link frames relative to the environment's origin, in the axes of the world.
@@ -196,6 +158,7 @@ def body_pose_w(env: int, robot: ArticulationData, body_ids: wp.array[int], out:
             out[7 * i + 3 + k] = q[k]
 
 
+@writes(Each("body_ids", 3))
 @wp.func
 def body_projected_gravity_b(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
     """Direction of gravity in the frames of links.
@@ -209,6 +172,7 @@ def body_projected_gravity_b(env: int, robot: ArticulationData, body_ids: wp.arr
         _write_vec3(wp.quat_rotate_inv(q, robot.gravity_dir), 3 * i, out)
 
 
+@writes(Each("body_ids", 6))
 @wp.func
 def body_incoming_wrench(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
     """Force and torque that bodies get from their parent joints, about their centres of mass, in the world.
@@ -223,6 +187,7 @@ def body_incoming_wrench(env: int, robot: ArticulationData, body_ids: wp.array[i
             out[6 * i + k] = wrench[k]
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_pos(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
     """Joint positions.
@@ -235,6 +200,7 @@ def joint_pos(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: 
         out[i] = robot.joint_pos[env, joint_ids[i]]
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_pos_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
     """Joint positions relative to those at the start of an episode.
@@ -248,6 +214,7 @@ def joint_pos_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], o
         out[i] = robot.joint_pos[env, joint] - robot.default_joint_pos[env, joint]
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_pos_limit_normalized(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
     """Joint positions on a scale that is -1 and 1 at the soft limits.
@@ -265,6 +232,7 @@ def joint_pos_limit_normalized(env: int, robot: ArticulationData, joint_ids: wp.
         out[i] = value
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_vel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
     """Joint velocities.
@@ -277,6 +245,7 @@ def joint_vel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: 
         out[i] = robot.joint_vel[env, joint_ids[i]]
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_vel_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
     """Joint velocities relative to those at the start of an episode.
@@ -290,6 +259,7 @@ def joint_vel_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], o
         out[i] = robot.joint_vel[env, joint] - robot.default_joint_vel[env, joint]
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_effort(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
     """Efforts of drives and actuators in the last physics step.
@@ -303,6 +273,7 @@ def joint_effort(env: int, robot: ArticulationData, joint_ids: wp.array[int], ou
         out[i] = robot.joint_drive_effort[env, joint] + robot.joint_other_effort[env, joint]
 
 
+@writes(Each("num_actions"))
 @wp.func
 def last_action(env: int, actions: ActionData, out: wp.array[float]):
     """What the policy asked for in this step, before scale and offset.
@@ -315,6 +286,7 @@ def last_action(env: int, actions: ActionData, out: wp.array[float]):
         out[i] = actions.action[env, i]
 
 
+@writes(Each("num_command"))
 @wp.func
 def generated_commands(env: int, command: CommandData, out: wp.array[float]):
     """The numbers of a command.
@@ -327,6 +299,7 @@ def generated_commands(env: int, command: CommandData, out: wp.array[float]):
         out[i] = command.command[env, i]
 
 
+@writes(1)
 @wp.func
 def current_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
     """Time since the start of the episode.
@@ -338,6 +311,7 @@ def current_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
     out[0] = float(episode.length[env]) * episode.step_dt
 
 
+@writes(1)
 @wp.func
 def remaining_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
     """Time until the episode is cut off.

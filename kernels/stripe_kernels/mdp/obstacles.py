@@ -1,31 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observations and terminations of a robot among many obstacles; see :mod:`stripe_kernels.obstacles`."""
 
-from collections.abc import Callable, Mapping
-
 import warp as wp
 
 from ..obstacles import ObstacleData, nearest_on_axis
 from ..sensors.ray import RayCasterData
+from ..term_info import Each, writes
 from .frames import rotate_inverse_yaw, yaw_of
-from .observations import Each
 
 __all__ = [
-    "OBSTACLE_OBSERVATION_SIZES",
     "height_scan_over",
     "obstacle_distance",
     "obstacle_proximity",
     "obstacle_too_close",
 ]
 
-OBSTACLE_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "height_scan_over": Each("ray_ids"),
-    "obstacle_proximity": Each("direction_ids"),
-    "obstacle_distance": lambda counts: 4 * counts["num_slots"],
-}
-"""How many numbers the observations write, as ``OBSERVATION_SIZES`` says it."""
 
-
+@writes(Each("num_slots", 4))
 @wp.func
 def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
     """Where the surfaces of the nearest obstacles are, nearest first: four numbers for each slot.
@@ -96,6 +87,7 @@ def _way_to(origin: wp.vec2, direction: wp.vec2, a: wp.vec2, b: wp.vec2, radius:
     return found
 
 
+@writes(Each("direction_ids"))
 @wp.func
 def obstacle_proximity(
     env: int, obstacles: ObstacleData, direction_ids: wp.array[int], below: float, out: wp.array[float]
@@ -155,6 +147,7 @@ def _top(point: wp.vec2, low: wp.vec4, high: wp.vec4) -> float:
     return low[2] + t * rise + wp.sqrt(wp.max(inside - flat * (t - middle) * (t - middle), 0.0))
 
 
+@writes(Each("ray_ids"))
 @wp.func
 def height_scan_over(
     env: int,

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What randomising events are made of: distributions, operations, and what a config may leave out.
+"""Distributions and operations of randomising events.
 
 A term changes a quantity of the model where it runs, always from the value that the model was built with. The
-``randomization_*`` modules hold the terms by what they change; beside each stands a :class:`Randomization`.
+``randomization_*`` modules hold the terms by what they change; ``@randomizes`` says what their configs may say.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -17,7 +15,6 @@ __all__ = [
     "DISTRIBUTIONS",
     "KEEP",
     "OPERATIONS",
-    "Randomization",
     "is_kept",
     "operate",
     "randomize",
@@ -37,21 +34,6 @@ ADD = wp.constant(OPERATIONS["add"])
 SCALE = wp.constant(OPERATIONS["scale"])
 LOG_UNIFORM = wp.constant(DISTRIBUTIONS["log_uniform"])
 GAUSSIAN = wp.constant(DISTRIBUTIONS["gaussian"])
-
-
-class Randomization(NamedTuple):
-    """What a config may say about a randomising term."""
-
-    defaults: Mapping[str, Any] = {}
-    """Parameters that may be left out."""
-    ranges: Mapping[str, tuple[str, str]] = {}
-    """Ranges of the distribution: the field of the model that they change, and what its values must be, ``"positive"``,
-    ``"not negative"`` or ``"any"``."""
-    ignored: Mapping[str, str] = {}
-    """Parameters that are accepted without effect, and why."""
-    shapes: str = ""
-    """What kind of shapes ``shape_ids`` are, where the term takes them: ``"colliders"``, ``"primitives"`` (colliders
-    whose size may change) or ``"sites"``."""
 
 
 @wp.func

@@ -8,11 +8,11 @@ them. A body without mass stays without.
 import warp as wp
 
 from ..model_data import BodyModelData
+from ..term_info import randomizes
 from . import random
-from .randomization import Randomization, operate, sample
+from .randomization import operate, sample
 
 __all__ = [
-    "BODY_RANDOMIZATIONS",
     "randomize_pseudo_inertia",
     "randomize_rigid_body_com",
     "randomize_rigid_body_inertia",
@@ -21,23 +21,6 @@ __all__ = [
 
 _STAY = (0.0, 0.0)
 _PSEUDO = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
-
-BODY_RANDOMIZATIONS: dict[str, Randomization] = {
-    "randomize_rigid_body_mass": Randomization(
-        {"distribution": "uniform", "recompute_inertia": True, "min_mass": 1.0e-6},
-        {"mass_distribution_params": ("mass", "positive")},
-    ),
-    "randomize_rigid_body_inertia": Randomization(
-        {"operation": "add", "distribution": "uniform", "diagonal_only": True},
-        {"inertia_distribution_params": ("inertia", "positive")},
-    ),
-    "randomize_rigid_body_com": Randomization(),
-    "randomize_pseudo_inertia": Randomization(
-        {f"{name}_range": _STAY for name in _PSEUDO} | {"distribution": "uniform"},
-        {f"{name}_range": ("", "any") for name in _PSEUDO},
-    ),
-}
-"""What a config may say about each term."""
 
 
 @wp.func
@@ -66,6 +49,10 @@ def _write_inertia(env: int, model: BodyModelData, body: int, inertia: wp.mat33)
     model.inv_inertia[env, body] = _inverse(inertia)
 
 
+@randomizes(
+    ranges={"mass_distribution_params": ("mass", "positive")},
+    defaults={"distribution": "uniform", "recompute_inertia": True, "min_mass": 1e-06},
+)
 @wp.func
 def randomize_rigid_body_mass(
     env: int,
@@ -95,6 +82,10 @@ def randomize_rigid_body_mass(
                 _write_inertia(env, model, body, model.default_inertia[env, body] * (mass / default))
 
 
+@randomizes(
+    ranges={"inertia_distribution_params": ("inertia", "positive")},
+    defaults={"operation": "add", "distribution": "uniform", "diagonal_only": True},
+)
 @wp.func
 def randomize_rigid_body_inertia(
     env: int,
@@ -128,6 +119,7 @@ def randomize_rigid_body_inertia(
             _write_inertia(env, model, body, inertia)
 
 
+@randomizes()
 @wp.func
 def randomize_rigid_body_com(
     env: int, model: BodyModelData, rng: wp.array[wp.uint32], body_ids: wp.array[int], com_range: wp.array[wp.vec2]
@@ -144,6 +136,10 @@ def randomize_rigid_body_com(
         model.com[env, body] = model.default_com[env, body] + offset
 
 
+@randomizes(
+    ranges={f"{name}_range": ("", "any") for name in _PSEUDO},
+    defaults={f"{name}_range": _STAY for name in _PSEUDO} | {"distribution": "uniform"},
+)
 @wp.func
 def randomize_pseudo_inertia(
     env: int,

@@ -5,37 +5,22 @@ A controller sees ``q + b``. Its policy observes that, and where its drives hold
 ``q* - b``.
 """
 
-from collections.abc import Callable, Mapping
-
 import warp as wp
 
 from ..data import ArticulationData
 from ..model_data import EncoderData
+from ..term_info import Each, randomizes, writes
 from . import random
-from .observations import Each
-from .randomization import Randomization
 
 __all__ = [
-    "ENCODER_OBSERVATION_SIZES",
-    "ENCODER_RANDOMIZATIONS",
     "apply_joint_position_biased",
     "joint_pos_biased",
     "joint_pos_rel_biased",
     "randomize_encoder_bias",
 ]
 
-ENCODER_RANDOMIZATIONS: dict[str, Randomization] = {
-    "randomize_encoder_bias": Randomization({}, {"bias_range": ("", "any")}),
-}
-"""What a config may say about each term."""
 
-ENCODER_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "joint_pos_biased": Each("joint_ids"),
-    "joint_pos_rel_biased": Each("joint_ids"),
-}
-"""How many numbers the observations write, as ``OBSERVATION_SIZES`` says it."""
-
-
+@randomizes(ranges={"bias_range": ("", "any")})
 @wp.func
 def randomize_encoder_bias(
     env: int, encoder: EncoderData, rng: wp.array[wp.uint32], joint_ids: wp.array[int], bias_range: wp.vec2
@@ -50,6 +35,7 @@ def randomize_encoder_bias(
         encoder.bias[env, joint_ids[i]] = random.uniform_range(env, rng, bias_range)
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_pos_biased(
     env: int, robot: ArticulationData, encoder: EncoderData, joint_ids: wp.array[int], out: wp.array[float]
@@ -65,6 +51,7 @@ def joint_pos_biased(
         out[i] = robot.joint_pos[env, joint] + encoder.bias[env, joint]
 
 
+@writes(Each("joint_ids"))
 @wp.func
 def joint_pos_rel_biased(
     env: int, robot: ArticulationData, encoder: EncoderData, joint_ids: wp.array[int], out: wp.array[float]

@@ -9,10 +9,10 @@ import warp as wp
 
 from ..data import ArticulationData
 from ..model_data import JointModelData
-from .randomization import KEEP, Randomization, is_kept, randomize
+from ..term_info import randomizes
+from .randomization import KEEP, is_kept, randomize
 
 __all__ = [
-    "JOINT_RANDOMIZATIONS",
     "randomize_actuator_gains",
     "randomize_effort_limits",
     "randomize_joint_default_pos",
@@ -20,41 +20,8 @@ __all__ = [
     "randomize_pd_gains",
 ]
 
-_BY_VALUE = {"operation": "abs", "distribution": "uniform"}
-_BY_FACTOR = {"operation": "scale", "distribution": "uniform"}
-
-JOINT_RANDOMIZATIONS: dict[str, Randomization] = {
-    "randomize_actuator_gains": Randomization(
-        {"stiffness_distribution_params": KEEP, "damping_distribution_params": KEEP, **_BY_VALUE},
-        {
-            "stiffness_distribution_params": ("stiffness", "not negative"),
-            "damping_distribution_params": ("damping", "not negative"),
-        },
-    ),
-    "randomize_pd_gains": Randomization(
-        _BY_FACTOR, {"kp_range": ("stiffness", "not negative"), "kd_range": ("damping", "not negative")}
-    ),
-    "randomize_effort_limits": Randomization(_BY_FACTOR, {"effort_limit_range": ("effort_limit", "not negative")}),
-    "randomize_joint_parameters": Randomization(
-        {
-            f"{name}_distribution_params": KEEP
-            for name in ("friction", "armature", "lower_limit", "upper_limit", "stiffness", "damping")
-        }
-        | _BY_VALUE,
-        {
-            "friction_distribution_params": ("friction", "not negative"),
-            "armature_distribution_params": ("armature", "not negative"),
-            "lower_limit_distribution_params": ("lower", "any"),
-            "upper_limit_distribution_params": ("upper", "any"),
-            "stiffness_distribution_params": ("passive_stiffness", "not negative"),
-            "damping_distribution_params": ("passive_damping", "not negative"),
-        },
-    ),
-    "randomize_joint_default_pos": Randomization(
-        {"operation": "add", "distribution": "uniform"}, {"ranges": ("initial_joint_pos", "any")}
-    ),
-}
-"""What a config may say about each term."""
+_BY_VALUE: dict[str, object] = {"operation": "abs", "distribution": "uniform"}
+_BY_FACTOR: dict[str, object] = {"operation": "scale", "distribution": "uniform"}
 
 
 @wp.func
@@ -64,6 +31,13 @@ def _not_negative(
     return wp.max(randomize(env, rng, default, params, operation, distribution), 0.0)
 
 
+@randomizes(
+    ranges={
+        "stiffness_distribution_params": ("stiffness", "not negative"),
+        "damping_distribution_params": ("damping", "not negative"),
+    },
+    defaults={"stiffness_distribution_params": KEEP, "damping_distribution_params": KEEP, **_BY_VALUE},
+)
 @wp.func
 def randomize_actuator_gains(
     env: int,
@@ -94,6 +68,9 @@ def randomize_actuator_gains(
             model.damping[env, joint] = _not_negative(env, rng, kd, kd_range, operation, distribution)
 
 
+@randomizes(
+    ranges={"kp_range": ("stiffness", "not negative"), "kd_range": ("damping", "not negative")}, defaults=_BY_FACTOR
+)
 @wp.func
 def randomize_pd_gains(
     env: int,
@@ -115,6 +92,7 @@ def randomize_pd_gains(
     randomize_actuator_gains(env, model, rng, joint_ids, kp_range, kd_range, operation, distribution)
 
 
+@randomizes(ranges={"effort_limit_range": ("effort_limit", "not negative")}, defaults=_BY_FACTOR)
 @wp.func
 def randomize_effort_limits(
     env: int,
@@ -137,6 +115,21 @@ def randomize_effort_limits(
         model.effort_limit[env, joint] = _not_negative(env, rng, limit, effort_limit_range, operation, distribution)
 
 
+@randomizes(
+    ranges={
+        "friction_distribution_params": ("friction", "not negative"),
+        "armature_distribution_params": ("armature", "not negative"),
+        "lower_limit_distribution_params": ("lower", "any"),
+        "upper_limit_distribution_params": ("upper", "any"),
+        "stiffness_distribution_params": ("passive_stiffness", "not negative"),
+        "damping_distribution_params": ("passive_damping", "not negative"),
+    },
+    defaults={
+        f"{name}_distribution_params": KEEP
+        for name in ("friction", "armature", "lower_limit", "upper_limit", "stiffness", "damping")
+    }
+    | _BY_VALUE,
+)
 @wp.func
 def randomize_joint_parameters(
     env: int,
@@ -204,6 +197,7 @@ def randomize_joint_parameters(
             )
 
 
+@randomizes(ranges={"ranges": ("initial_joint_pos", "any")}, defaults={"operation": "add", "distribution": "uniform"})
 @wp.func
 def randomize_joint_default_pos(
     env: int,

@@ -4,16 +4,13 @@
 import warp as wp
 
 from ..model_data import SceneModelData
-from .randomization import Randomization, randomize
+from ..term_info import randomizes
+from .randomization import randomize
 
-__all__ = ["SCENE_RANDOMIZATIONS", "randomize_physics_scene_gravity"]
-
-SCENE_RANDOMIZATIONS: dict[str, Randomization] = {
-    "randomize_physics_scene_gravity": Randomization({"distribution": "uniform"}),
-}
-"""What a config may say about each term."""
+__all__ = ["randomize_physics_scene_gravity"]
 
 
+@randomizes(defaults={"distribution": "uniform"})
 @wp.func
 def randomize_physics_scene_gravity(
     env: int,

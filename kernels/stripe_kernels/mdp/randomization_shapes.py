@@ -10,11 +10,11 @@ import newton
 import warp as wp
 
 from ..model_data import ShapeModelData
+from ..term_info import randomizes
 from . import random
-from .randomization import KEEP, Randomization, is_kept, operate, randomize, sample
+from .randomization import KEEP, is_kept, operate, randomize, sample
 
 __all__ = [
-    "SHAPE_RANDOMIZATIONS",
     "randomize_geom_friction",
     "randomize_geom_pose",
     "randomize_geom_size",
@@ -27,54 +27,6 @@ __all__ = [
 _ONE_COEFFICIENT = "Newton has one coefficient of sliding friction, drawn from static_friction_range"
 _BY_VALUE = {"operation": "abs", "distribution": "uniform"}
 
-SHAPE_RANDOMIZATIONS: dict[str, Randomization] = {
-    "randomize_rigid_body_material": Randomization(
-        {"restitution_range": KEEP},
-        {
-            "static_friction_range": ("friction", "not negative"),
-            "restitution_range": ("restitution", "not negative"),
-        },
-        {
-            "dynamic_friction_range": _ONE_COEFFICIENT,
-            "make_consistent": _ONE_COEFFICIENT,
-            "num_buckets": "the number of materials has no bound, each shape gets a draw of its own",
-        },
-        "colliders",
-    ),
-    "randomize_geom_friction": Randomization(
-        {"torsional_range": KEEP, "rolling_range": KEEP, **_BY_VALUE},
-        {
-            "ranges": ("friction", "not negative"),
-            "torsional_range": ("torsional_friction", "not negative"),
-            "rolling_range": ("rolling_friction", "not negative"),
-        },
-        {},
-        "colliders",
-    ),
-    "randomize_rigid_body_collider_offsets": Randomization(
-        {
-            "rest_offset_distribution_params": KEEP,
-            "contact_offset_distribution_params": KEEP,
-            "distribution": "uniform",
-        },
-        {
-            "rest_offset_distribution_params": ("margin", "any"),
-            "contact_offset_distribution_params": ("gap", "any"),
-        },
-        {},
-        "colliders",
-    ),
-    "randomize_geom_pose": Randomization(shapes="colliders"),
-    "randomize_geom_size": Randomization(
-        {"operation": "scale", "distribution": "uniform", "shared_random": False},
-        {"ranges": ("size", "positive")},
-        {},
-        "primitives",
-    ),
-    "randomize_site_pose": Randomization(shapes="sites"),
-    "randomize_visual_color": Randomization(shapes="visible shapes"),
-}
-"""What a config may say about each term."""
 
 _SPHERE = wp.constant(int(newton.GeoType.SPHERE))
 _CAPSULE = wp.constant(int(newton.GeoType.CAPSULE))
@@ -83,6 +35,19 @@ _ELLIPSOID = wp.constant(int(newton.GeoType.ELLIPSOID))
 _SMALLEST = wp.constant(1.0e-4)
 
 
+@randomizes(
+    ranges={
+        "static_friction_range": ("friction", "not negative"),
+        "restitution_range": ("restitution", "not negative"),
+    },
+    defaults={"restitution_range": KEEP},
+    ignored={
+        "dynamic_friction_range": _ONE_COEFFICIENT,
+        "make_consistent": _ONE_COEFFICIENT,
+        "num_buckets": "the number of materials has no bound, each shape gets a draw of its own",
+    },
+    shapes="colliders",
+)
 @wp.func
 def randomize_rigid_body_material(
     env: int,
@@ -105,6 +70,15 @@ def randomize_rigid_body_material(
             model.restitution[env, shape] = wp.max(random.uniform_range(env, rng, restitution_range), 0.0)
 
 
+@randomizes(
+    ranges={
+        "ranges": ("friction", "not negative"),
+        "torsional_range": ("torsional_friction", "not negative"),
+        "rolling_range": ("rolling_friction", "not negative"),
+    },
+    defaults={"torsional_range": KEEP, "rolling_range": KEEP, **_BY_VALUE},
+    shapes="colliders",
+)
 @wp.func
 def randomize_geom_friction(
     env: int,
@@ -137,6 +111,15 @@ def randomize_geom_friction(
             model.rolling_friction[env, shape] = wp.max(rolling, 0.0)
 
 
+@randomizes(
+    ranges={"rest_offset_distribution_params": ("margin", "any"), "contact_offset_distribution_params": ("gap", "any")},
+    defaults={
+        "rest_offset_distribution_params": KEEP,
+        "contact_offset_distribution_params": KEEP,
+        "distribution": "uniform",
+    },
+    shapes="colliders",
+)
 @wp.func
 def randomize_rigid_body_collider_offsets(
     env: int,
@@ -162,6 +145,7 @@ def randomize_rigid_body_collider_offsets(
             model.gap[env, shape] = wp.max(reach - model.margin[env, shape], 0.0)
 
 
+@randomizes(shapes="colliders")
 @wp.func
 def randomize_geom_pose(
     env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], pose_range: wp.array[wp.vec2]
@@ -183,6 +167,7 @@ def randomize_geom_pose(
         )
 
 
+@randomizes(shapes="sites")
 @wp.func
 def randomize_site_pose(
     env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], pose_range: wp.array[wp.vec2]
@@ -222,6 +207,11 @@ def _bounding_radius(kind: int, size: wp.vec3) -> float:
     return wp.length(size)
 
 
+@randomizes(
+    ranges={"ranges": ("size", "positive")},
+    defaults={"operation": "scale", "distribution": "uniform", "shared_random": False},
+    shapes="primitives",
+)
 @wp.func
 def randomize_geom_size(
     env: int,
@@ -253,6 +243,7 @@ def randomize_geom_size(
         model.radius[env, shape] = _bounding_radius(kind, size)
 
 
+@randomizes(shapes="visible shapes")
 @wp.func
 def randomize_visual_color(
     env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], colors: wp.array[wp.vec2]

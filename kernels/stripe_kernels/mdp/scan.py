@@ -4,19 +4,15 @@
 ``ray_ids`` are rays of the sensor, all of them unless ``params`` names some. A thread computes one ray.
 """
 
-from collections.abc import Callable, Mapping
-
 import warp as wp
 
 from ..sensors.ray import RayCasterData
-from .observations import Each
+from ..term_info import Each, writes
 
-__all__ = ["SCAN_OBSERVATION_SIZES", "height_scan"]
-
-SCAN_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {"height_scan": Each("ray_ids")}
-"""How many numbers the observations write, as ``OBSERVATION_SIZES`` says it."""
+__all__ = ["height_scan"]
 
 
+@writes(Each("ray_ids"))
 @wp.func
 def height_scan(env: int, sensor: RayCasterData, ray_ids: wp.array[int], out: wp.array[float], offset: float = 0.5):
     """Height of the sensor over the points that its rays hit, less an offset.

@@ -8,6 +8,7 @@ their origins, and a term that draws a patch takes the origin instead.
 import warp as wp
 
 from ..data import ArticulationData, EpisodeData, Pose2dCommandData, VelocityCommandData
+from ..term_info import needs_terrain
 from ..terrain import TerrainData, terrain_height, terrain_max_height
 from . import frames, random
 
@@ -24,6 +25,7 @@ __all__ = [
 _TRIES = wp.constant(24)
 
 
+@needs_terrain(curriculum=True)
 @wp.func
 def terrain_levels_vel(
     env: int,
@@ -128,6 +130,7 @@ def _draw_patch(env: int, terrain: TerrainData, patches: wp.array3d[wp.vec3], rn
     return patches[terrain.level[env], terrain.kind[env], index]
 
 
+@needs_terrain(patches="init_pos")
 @wp.func
 def reset_root_state_from_terrain(
     env: int,
@@ -188,6 +191,7 @@ def reset_root_state_uniform_on_terrain(
     robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
 
 
+@needs_terrain(patches="target")
 @wp.func
 def resample_terrain_based_pose_2d(
     env: int,

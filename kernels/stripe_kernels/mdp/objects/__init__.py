@@ -20,7 +20,6 @@ from .events import (
     spawn_objects_in_region,
 )
 from .observations import (
-    OBJECT_OBSERVATION_SIZES,
     nearest_object_pos_b,
     object_active,
     object_positions_b,
@@ -52,7 +51,6 @@ from .rewards import (
 from .terminations import object_out_of_bounds, object_reached_goal
 
 __all__ = [
-    "OBJECT_OBSERVATION_SIZES",
     "ObjectPoolData",
     "events",
     "nearest_active_object",

@@ -1,37 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observations of the objects of a pool; ``OBJECT_OBSERVATION_SIZES`` completes ``OBSERVATION_SIZES`` with the key
-``num_objects``.
-"""
-
-from collections.abc import Callable, Mapping
+"""Observations of the objects of a pool."""
 
 import warp as wp
 
 from ...data import ArticulationData
+from ...term_info import Each, writes
 from .pool import ObjectPoolData, nearest_active_object, object_position, object_target
 
 __all__ = [
-    "OBJECT_OBSERVATION_SIZES",
     "nearest_object_pos_b",
     "object_active",
     "object_positions_b",
     "object_target_positions_b",
     "object_velocities_b",
 ]
-
-
-def _each(size: int) -> Callable[[Mapping[str, int]], int]:
-    return lambda counts: size * counts["num_objects"]
-
-
-OBJECT_OBSERVATION_SIZES: dict[str, Callable[[Mapping[str, int]], int]] = {
-    "nearest_object_pos_b": lambda counts: 3,
-    "object_active": _each(1),
-    "object_positions_b": _each(3),
-    "object_target_positions_b": _each(3),
-    "object_velocities_b": _each(3),
-}
-"""Numbers that each observation writes: name -> function of the counts."""
 
 
 @wp.func
@@ -44,6 +26,7 @@ def _write_b(point: wp.vec3, active: bool, root: wp.transform, first: int, out: 
         out[first + i] = p[i]
 
 
+@writes(Each("num_objects", 3))
 @wp.func
 def object_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
     """Positions of the objects relative to the root link, in its frame; zeros for those that are not active.
@@ -56,6 +39,7 @@ def object_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, 
         _write_b(object_position(env, pool, k), pool.active[env, k], robot.root_pose[env], 3 * k, out)
 
 
+@writes(Each("num_objects", 3))
 @wp.func
 def object_target_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
     """Places where the objects should get to, relative to the root link, in its frame; zeros for those not active.
@@ -68,6 +52,7 @@ def object_target_positions_b(env: int, pool: ObjectPoolData, robot: Articulatio
         _write_b(object_target(env, pool, k), pool.active[env, k], robot.root_pose[env], 3 * k, out)
 
 
+@writes(Each("num_objects", 3))
 @wp.func
 def object_velocities_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
     """Linear velocities of the objects in the world, in the axes of the root's frame; zeros for those not active.
@@ -81,6 +66,7 @@ def object_velocities_b(env: int, pool: ObjectPoolData, robot: ArticulationData,
         _write_b(wp.spatial_top(pool.vel[env, k]), pool.active[env, k], axes, 3 * k, out)
 
 
+@writes(Each("num_objects"))
 @wp.func
 def object_active(env: int, pool: ObjectPoolData, out: wp.array[float]):
     """Which objects take part.
@@ -93,6 +79,7 @@ def object_active(env: int, pool: ObjectPoolData, out: wp.array[float]):
         out[k] = wp.where(pool.active[env, k], 1.0, 0.0)
 
 
+@writes(3)
 @wp.func
 def nearest_object_pos_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
     """Position of the active object nearest to the root link, in its frame; zeros where none is active.

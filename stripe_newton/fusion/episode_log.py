@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The log of a step, gathered on the device."""
+"""Episode log: values that kernels add up on the device, handed out once a step."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import warp as wp
 from stripe_kernels.episode import LOG_COUNT, LOG_LAST, LOG_MEAN, finish_log, log_add
 
 from .scope import Scope
+from .source import Code
 
 __all__ = ["EpisodeLog"]
 
@@ -31,7 +32,7 @@ class EpisodeLog:
         self.counts = wp.zeros(_CAPACITY, dtype=int, device=device)
         self._names = scope.name("log_sums", self.sums), scope.name("log_counts", self.counts)
         self.values = wp.zeros(_CAPACITY, dtype=float, device=device)
-        """What is handed out, one number a key; replaced by :meth:`bind`."""
+        """Values of the step, one number a key; replaced by :meth:`bind`."""
 
     def add(self, key: str, kind: str = "mean") -> int:
         """Register a key; its index.
@@ -48,10 +49,9 @@ class EpisodeLog:
             self.keys.append(key)
         return self.keys.index(key)
 
-    def line(self, key: str, expression: str, kind: str = "mean") -> str:
+    def line(self, key: str, value: Code | str, kind: str = "mean") -> Code:
         """The line of a section that adds the value of this environment to an entry."""
-        index = self.add(key, kind)
-        return f"{self._scope.function(log_add)}({', '.join(self._names)}, {index}, {expression})"
+        return self._scope.call(log_add, *self._names, self.add(key, kind), value)
 
     def bind(self, values: wp.array) -> None:
         """Hand out from ``values``, float, shape ``(len(keys),)`` or more."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a step hands out, in one piece of memory, so that one copy makes it the caller's."""
+"""Output block: all that a step hands out in one piece of memory, so that one copy makes it the caller's."""
 
 from __future__ import annotations
 

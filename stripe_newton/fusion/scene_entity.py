@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which asset a term is about, and which of its joints and bodies."""
+"""Scene entities in the configs of terms: an asset or a sensor by name, and some of its joints or bodies."""
 
 from __future__ import annotations
 

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Environment state: all that the next step depends on, saved and restored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import newton
+import torch
+import warp as wp
+
+if TYPE_CHECKING:
+    from .rl_env import RLEnv
+
+__all__ = ["EnvState", "restore_state", "save_state", "state_arrays"]
+
+EnvState = dict[str, object]
+"""A saved state: plain values, tensors, and dicts and lists of them, as ``torch.save`` takes them."""
+
+
+def save_state(env: RLEnv) -> EnvState:
+    """Joints, targets, the solver's warm start, counters, and every tensor that a subclass keeps as an attribute."""
+    moved = env.scene.scenery_seed != env.scene.first_scenery_seed
+    state: EnvState = {"scenery_seed": env.scene.scenery_seed} if moved else {}
+    return state | {
+        "step": env.common_step_counter,
+        "arrays": {k: wp.to_torch(v).clone() for k, v in state_arrays(env).items()},
+        "buffers": {k: v.clone() for k, v in _buffers(env).items()},
+        "parts": [{k: v.clone() for k, v in _tensors(part).items()} for part in env.state_parts()],
+    }
+
+
+def restore_state(env: RLEnv, state: EnvState) -> None:
+    """Bring back what :func:`save_state` returned; the scenery is of its seed already.
+
+    Raises:
+        ValueError: if it is the state of another environment.
+    """
+    saved: dict[str, torch.Tensor] = state["arrays"]  # type: ignore[assignment]
+    if "external_wrench" in saved:
+        env.sim.enable_external_wrench()
+    dynamics = [name.removeprefix("model.") for name in saved if name.startswith("model.")]
+    for name in dynamics:  # so that this environment, too, knows their defaults
+        env.scene.controller.track(name)
+    arrays = state_arrays(env)
+    for name, value in saved.items():
+        mine = wp.to_torch(arrays[name]) if name in arrays else None
+        if mine is None or mine.shape != value.shape:
+            here = tuple(mine.shape) if mine is not None else "none"
+            raise ValueError(
+                f"the state has '{name}' of shape {tuple(value.shape)}, the environment {here}: "
+                "it is of another task or size"
+            )
+    env.common_step_counter = state["step"]  # type: ignore[assignment]
+    for name, value in saved.items():
+        wp.to_torch(arrays[name]).copy_(value)
+    _restore_buffers(env, state["buffers"])  # type: ignore[arg-type]
+    parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
+    for mine, part in zip(env.state_parts(), parts, strict=False):
+        mine.update({k: v.to(env.device).clone() for k, v in part.items()})
+    env.sim.roots_moved = True
+    if dynamics:
+        env.sim.refresh_drives()
+        env.sim.notify(newton.ModelFlags.ALL)
+    env.sim.forward()
+
+
+def state_arrays(env: RLEnv) -> dict[str, wp.array]:
+    """Arrays of the simulation and of the managers that last from step to step, by name."""
+    sim = env.sim
+    found = {
+        "joint_q": sim.state.joint_q,
+        "joint_qd": sim.state.joint_qd,
+        "previous_joint_qd": sim.previous_joint_qd,
+    }
+    found |= {k: getattr(sim.control, k) for k in ("joint_target_q", "joint_target_qd", "joint_act")}
+    found["joint_X_p"] = sim.model.joint_X_p
+    found |= {f"model.{k}": getattr(sim.model, k) for k in env.scene.controller.randomized}
+    if sim.external_wrench is not None:
+        found |= {"external_wrench": sim.external_wrench, "wrench_in_world": sim.wrench_in_world}
+    data = getattr(sim.solver, "mjw_data", None)  # MuJoCo Warp's, which other solvers do not have
+    if data is not None:
+        found["qacc_warmstart"] = data.qacc_warmstart
+    found |= {f"context.{k}": v for k, v in env.context.arrays.items()}
+    return {k: v for k, v in found.items() if v is not None and v.size}
+
+
+def _buffers(env: RLEnv) -> dict[str, torch.Tensor]:
+    """Tensors that a subclass keeps as attributes, but those that share memory with the simulation."""
+    shared = [*state_arrays(env).values(), env.sim.state.body_q, env.sim.state.body_qd]
+    places = {wp.to_torch(array).untyped_storage().data_ptr() for array in shared}
+    return {k: v for k, v in _tensors(vars(env)).items() if v.untyped_storage().data_ptr() not in places}
+
+
+def _restore_buffers(env: RLEnv, saved: dict[str, torch.Tensor]) -> None:
+    buffers = _buffers(env)
+    for name, value in saved.items():
+        mine = buffers.get(name)
+        if mine is not None and mine.shape == value.shape and mine.is_contiguous() and not mine.is_inference():
+            mine.copy_(value)
+        else:  # made by a hook that has not run here yet, or not to be written in place
+            setattr(env, name, value.to(env.device).clone())
+
+
+def _tensors(values: Mapping[str, object]) -> dict[str, torch.Tensor]:
+    return {k: v for k, v in values.items() if isinstance(v, torch.Tensor)}

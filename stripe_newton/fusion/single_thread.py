@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single thread: a generated kernel that one thread runs for all environments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .fused_kernel import FusedKernel, fuse
+from .scope import Scope
+from .source import Code
+from .stage import Captured, Section, fields_used
+
+__all__ = ["single_thread"]
+
+
+def single_thread(scope: Scope, device: str, name: str, body: Sequence[Code], terms: Sequence[str] = ()) -> Captured:
+    """A generated kernel of one thread, as an item of a step.
+
+    Args:
+        scope: The names that the body uses.
+        device: Where it runs.
+        name: Name of the kernel.
+        body: Lines as of a :class:`Section`; ``env`` is 0.
+        terms: Terms that are in it.
+    """
+    section = Section(f"{name}_body", body)
+    made: list[FusedKernel] = []
+
+    def launch() -> None:
+        if not made:  # at the first launch, as the kernel of a config with problems is never compiled
+            made.append(fuse(name, [section], scope, 1, device))
+        made[0].launch()
+
+    return Captured(name, launch, terms, fields=fields_used(section, scope.functions))

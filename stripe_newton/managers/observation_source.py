@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Source of an observation term: its call, and what its numbers pass on their way to the policy.
+
+In this order: modifiers, noise, clip, scale, delay, history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from stripe_kernels.term_info import Each, observation_size
+from stripe_newton.fusion import Code, block, code
+from stripe_newton.noise import NoiseModelCfg, NoiseModelWithAdditiveBiasCfg
+
+from .context import ManagerContext
+from .modifiers import modifier_lines
+from .observation_term import ObservationTerm
+from .processing import NoiseSource, delay_of
+
+__all__ = ["MIN_PARTS_FOR_PARALLEL_NOISE", "ObservationSource"]
+
+MIN_PARTS_FOR_PARALLEL_NOISE = 32
+"""From so many independent parts on, each part of a noisy term has a thread and a random stream of its own, too.
+Neighbouring threads are then its parts."""
+
+
+class ObservationSource:
+    """Source of one term; ``corrupt`` says whether its noise is applied."""
+
+    def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool):
+        self._context, self._term, self._corrupt = context, term, corrupt
+
+    @property
+    def parts(self) -> int:
+        """Parts that have a thread each; 0 for one thread."""
+        parts, noise = self._term.parts, self._term.cfg.noise
+        # A noisy term draws from one stream, number by number, unless it has enough parts for streams of their own.
+        return 0 if self._corrupt and noise is not None and parts < MIN_PARTS_FOR_PARALLEL_NOISE else parts
+
+    # -- in every step
+
+    def lines(self, first_part: int) -> tuple[list[Code], int]:
+        """Lines of the term in the section of its group, where its parts begin at ``first_part``; and their number."""
+        term, parts = self._term, self.parts
+        if parts:
+            call, process = self.part()
+            body = [code("k = part - {}", first_part), call, *process]
+            return block(code("if part >= {} and part < {}:", first_part, first_part + parts), body), parts
+        place = code("{}[env]", term.scratch) if term.scratch else term.span("0", str(term.width))
+        body = [term.call.expression(place)] if term.call is not None else []
+        body += self._process("0", str(term.size))
+        return (block(code("if part == {}:", first_part), body), 1) if body else ([], 0)
+
+    def part(self) -> tuple[Code, list[Code]]:
+        """The call of part ``k`` of the term, and the lines after it."""
+        kind, call = observation_size(self._term.cfg.func), self._term.call
+        assert call is not None
+        assert isinstance(kind, Each)
+        first, last = f"k * {kind.size}", f"(k + 1) * {kind.size}"
+        line = call.expression(self._term.span(first, last), sliced=(kind.name,), span="k:k + 1")
+        return line, self._process(first, last, streams=self.parts)
+
+    def _process(self, first: str, last: str, streams: int = 1) -> list[Code]:
+        """Lines after the call of the term, for its numbers from ``first`` to ``last``.
+
+        Noise draws from a stream of the term's, or where it has several from the one of part ``k``.
+        """
+        term, cfg, element = self._term, self._term.cfg, self._term.element
+        each = [*self._modify(), *self._add_noise(streams), *self._clip(), *self._scale()]
+        lines = block(code("for i in range({}, {}):", first, last), each) if each else []
+        if cfg.delay_max_lag:
+            lines += delay_of(self._context, term.path, term.size, cfg).step(element)
+        if term.history:
+            lines += self._push(element)
+        elif term.scratch:
+            copy = code("{}[env, {} + i] = {}", term.target, term.first, element)
+            lines += block(code("for i in range({}):", term.size), [copy])
+        if cfg.modifiers and not term.history:
+            lines.append(code("{}[env] = 0", self._fresh()))
+        return lines
+
+    def _modify(self) -> list[Code]:
+        term, lines = self._term, list[Code]()
+        for index, cfg in enumerate(term.cfg.modifiers):
+            path = f"{term.path}.modifiers.{index}"
+            lines += modifier_lines(self._context, path, cfg, term.size, term.element, self._fresh())
+        return lines
+
+    def _add_noise(self, streams: int) -> list[Code]:
+        term, context, noise = self._term, self._context, self._term.cfg.noise
+        if noise is None or not self._corrupt:
+            return []
+        cfg = noise.noise_cfg if isinstance(noise, NoiseModelCfg) else noise
+        rng = context.scope.name(f"{term.path}_rng", context.stream(f"{term.path}.rng", streams))
+        stream = f"env * {streams} + k" if streams > 1 else "env"
+        lines = NoiseSource(context, f"{term.path}.noise", cfg, term.size, rng, stream).apply(term.element)
+        if isinstance(noise, NoiseModelWithAdditiveBiasCfg):
+            lines.append(code("{} = {} + {}", term.element, term.element, self._bias(noise)))
+        return lines
+
+    def _clip(self) -> list[Code]:
+        term, clip = self._term, self._term.cfg.clip
+        if clip is None:
+            return []
+        bounds = zip(("low", "high"), clip, strict=True)
+        low, high = (self._context.parameters.add(f"{term.path}.clip.{n}", v, float) for n, v in bounds)
+        return [code("{} = wp.clamp({}, {}, {})", term.element, term.element, low, high)]
+
+    def _scale(self) -> list[Code]:
+        term, context, scale = self._term, self._context, self._term.cfg.scale
+        if scale is None:
+            return []
+        if isinstance(scale, Sequence):
+            array = context.shared(f"{term.path}.scale", float, term.size)
+            context.torch(array)[:] = torch.tensor([float(s) for s in scale])
+            factor = code("{}[i]", context.scope.name(f"{term.path}_scale", array))
+        else:
+            factor = context.parameters.add(f"{term.path}.scale", scale, float)
+        return [code("{} = {} * {}", term.element, term.element, factor)]
+
+    def _push(self, element: Code) -> list[Code]:
+        """The history, oldest first; a new episode fills it with its first observation."""
+        term, fresh = self._term, self._fresh()
+        older = code("{}[env, {} + (k + 1) * {} + i]", term.target, term.first, term.size)
+        move = code(
+            "{}[env, {} + k * {} + i] = wp.where({}[env] != 0, {}, {})",
+            term.target, term.first, term.size, fresh, element, older,
+        )  # fmt: skip
+        newest = code("{}[env, {} + i] = {}", term.target, term.first + (term.history - 1) * term.size, element)
+        return [
+            *block(
+                code("for i in range({}):", term.size),
+                [*block(code("for k in range({}):", term.history - 1), [move]), newest],
+            ),
+            code("{}[env] = 0", fresh),
+        ]
+
+    # -- at the start of an episode
+
+    def reset(self) -> list[Code]:
+        """Lines that start an episode: bias and lag are drawn, history and filters wait for the first observation."""
+        term, lines = self._term, list[Code]()
+        if term.cfg.delay_max_lag:
+            lines += delay_of(self._context, term.path, term.size, term.cfg).reset()
+        if term.history or term.cfg.modifiers:
+            lines.append(code("{}[env] = 1", self._fresh()))
+        if isinstance(term.cfg.noise, NoiseModelWithAdditiveBiasCfg) and self._corrupt:
+            lines += self._draw_bias(term.cfg.noise)
+        return lines
+
+    def _draw_bias(self, cfg: NoiseModelWithAdditiveBiasCfg) -> list[Code]:
+        count = self._bias_count(cfg)
+        rng = self._context.code("{rng}")
+        draw = NoiseSource(self._context, f"{self._term.path}.bias_noise", cfg.bias_noise_cfg, count, rng).draw()
+        if draw is None:
+            return []
+        if cfg.bias_noise_cfg.operation == "scale":
+            draw = code("0.0")  # a bias is its noise applied to zero
+        return block(code("for i in range({}):", count), [code("{} = {}", self._bias(cfg), draw)])
+
+    def _bias(self, cfg: NoiseModelWithAdditiveBiasCfg) -> Code:
+        count = self._bias_count(cfg)
+        array = self._context.array(f"{self._term.path}.bias", float, count)
+        name = self._context.scope.name(f"{self._term.path}_bias", array)
+        return code("{}[env, {}]", name, "i" if count > 1 else 0)
+
+    def _bias_count(self, cfg: NoiseModelWithAdditiveBiasCfg) -> int:
+        return self._term.size if cfg.sample_bias_per_component else 1
+
+    def _fresh(self) -> Code:
+        """Name of the array that says whether an episode just began."""
+        array = self._context.array(f"{self._term.path}.fresh", int, fill=1)
+        return self._context.scope.name(f"{self._term.path}_fresh", array)

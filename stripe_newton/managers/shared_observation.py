@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shared observation: a wide term that several groups have, computed once.
+
+Policy and critic often see the same scan of heights, and computing it takes longer than all other terms together.
+"""
+
+from __future__ import annotations
+
+from stripe_newton.fusion import Code, Section, block, code
+
+from .observation_source import ObservationSource
+from .observation_term import ObservationTerm
+
+__all__ = ["SharedObservation"]
+
+
+class SharedObservation:
+    """A term whose parts have their own threads, and the terms of other groups that compute the same.
+
+    Those copy its numbers before noise, clip and scale, which are each term's own; while a parameter of theirs has
+    another value they compute themselves.
+    """
+
+    def __init__(self, group: str, name: str, term: ObservationTerm, source: ObservationSource):
+        self._title, self._terms = f"observations_{group}_{name}", [name]
+        self._term, self._parts = term, source.parts
+        self._call, self._process = source.part()
+        self._copies: list[Code] = []
+
+    def add(self, name: str, term: ObservationTerm, source: ObservationSource) -> bool:
+        """Add a term of another group if it computes the same; whether it does."""
+        assert term.call is not None
+        assert self._term.call is not None
+        tuned = self._term.call.tuned_apart(term.call)
+        if tuned is None or source.parts != self._parts or term.size != self._term.size:
+            return False
+        call, process = source.part()
+        size = term.size // self._parts
+        self._copies += block(
+            code("for i in range(k * {}, (k + 1) * {}):", size, size),
+            [code("{} = {}", term.element, self._term.element)],
+        )
+        if tuned:  # numbers that are equal now may differ later
+            differs = code(" or ".join(["{} != {}"] * len(tuned)), *(number for pair in tuned for number in pair))
+            self._copies += block(code("if {}:", differs), [call])
+        self._process += process
+        self._terms.append(name)
+        return True
+
+    def section(self) -> Section:
+        """The section of the term and of those that share it; neighbouring threads are its parts."""
+        body = [code("k = part"), self._call, *self._copies, *self._process]
+        return Section(self._title, body, self._terms, parts=self._parts, neighbours=True)
