@@ -14,8 +14,7 @@ from stripe_kernels.mdp import objects as mdp
 from stripe_newton.assets import AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.fusion import Section, bind_term, block, code
-from stripe_newton.managers import ManagerContext
-from stripe_newton.managers.object_cfg import ObjectPoolCfg, spawn_object_pools
+from stripe_newton.managers import ManagerContext, ObjectPoolCfg, spawn_object_pools
 from stripe_newton.managers.object_manager import ObjectManager
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import (

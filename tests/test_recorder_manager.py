@@ -16,8 +16,8 @@ import torch
 
 from stripe_newton.configclass import ConfigError, configclass, to_dict
 from stripe_newton.fusion import Eager
+from stripe_newton.managers import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
 from stripe_newton.managers.episode_file import EpisodeFile
-from stripe_newton.managers.recorder_cfg import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
 from stripe_newton.managers.recorder_manager import RecorderManager
 from stripe_newton.managers.recorders import ActionStateRecorderManagerCfg, RecorderTerm
 from tests.manager_world import manager_context, plan, set_reset

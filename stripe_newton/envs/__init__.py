@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments."""
+"""Environments: the direct workflow, for one agent or several, and the manager-based workflow."""
 
 from stripe_newton.managers import EventTermCfg
 
-from .direct_marl_env import DirectMARLEnv
-from .direct_marl_env_cfg import DirectMARLEnvCfg
-from .direct_rl_env import DirectRLEnv
-from .direct_rl_env_cfg import DirectRLEnvCfg
-from .manager_based_rl_env import ManagerBasedRLEnv
-from .manager_based_rl_env_cfg import DefaultEventsCfg, ManagerBasedRLEnvCfg
+from .direct_marl_env import DirectMARLEnv, DirectMARLEnvCfg
+from .direct_rl_env import DirectRLEnv, DirectRLEnvCfg
+from .manager_based_rl_env import DefaultEventsCfg, ManagerBasedRLEnv, ManagerBasedRLEnvCfg
 from .multi_agent import ParallelEnvView, SingleAgentView, multi_agent_to_single_agent
 from .rl_env import RLEnv
 from .rl_env_cfg import RLEnvCfg

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dicts of tensors by agent: what comes in and what hooks return, checked."""
+"""By agent: dicts of tensors that come in or that hooks return, checked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import torch
 import warp as wp
 from gymnasium import spaces
 
 from stripe_newton.configclass import ConfigError
+from stripe_newton.noise import NoiseModelCfg
 
 __all__ = [
     "AgentNoise",
@@ -26,7 +26,7 @@ __all__ = [
 ByAgent = dict[str, torch.Tensor]
 
 
-def of_all(agents: Sequence[str], what: str, values: Any) -> ByAgent:
+def of_all(agents: Sequence[str], what: str, values: object) -> ByAgent:
     """``values`` in the order of the agents.
 
     Raises:
@@ -39,7 +39,7 @@ def of_all(agents: Sequence[str], what: str, values: Any) -> ByAgent:
 
 
 def checked_actions(
-    actions: Any, action_spaces: Mapping[str, spaces.Space], num_envs: int, device: str, refuse_nonfinite: bool
+    actions: object, action_spaces: Mapping[str, spaces.Space], num_envs: int, device: str, refuse_nonfinite: bool
 ) -> ByAgent:
     """Actions as tensors on the device, in the order of the agents.
 
@@ -99,7 +99,7 @@ def ends_of_envs(terminated: ByAgent, time_outs: ByAgent) -> tuple[torch.Tensor,
 
 
 def tensors_by_agent(
-    attributes: Mapping[str, Any], agents: Sequence[str], elsewhere: Sequence[wp.array]
+    attributes: Mapping[str, object], agents: Sequence[str], elsewhere: Sequence[wp.array]
 ) -> Iterator[tuple[tuple[str, str], torch.Tensor]]:
     """Tensors in attributes that are dicts by agent, as ``(attribute, agent), tensor``.
 
@@ -119,7 +119,7 @@ def tensors_by_agent(
 class AgentNoise:
     """Noise models of agents; those without one are left as they are."""
 
-    def __init__(self, cfgs: Mapping[str, Any] | None, num_envs: int, device: str):
+    def __init__(self, cfgs: Mapping[str, NoiseModelCfg | None] | None, num_envs: int, device: str):
         given = {a: c for a, c in (cfgs or {}).items() if c is not None}
         self._models = {a: c.class_type(c, num_envs, device) for a, c in given.items()}
 
@@ -133,6 +133,6 @@ class AgentNoise:
         for model in self._models.values():
             model.reset(env_ids)
 
-    def parts(self) -> list[dict[str, Any]]:
+    def parts(self) -> list[dict[str, torch.Tensor]]:
         """What the models remember, as the dicts that they keep it in."""
         return [model.__dict__ for model in self._models.values()]

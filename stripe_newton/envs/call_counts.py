@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often a step calls CUDA: graph launches, kernel launches, copies, and waits of the host."""
+"""Call counts: how often a step launches graphs and kernels, copies, and lets the host wait."""
 
 from __future__ import annotations
 
@@ -38,6 +38,8 @@ _KINDS: dict[str, set[str]] = {
         *("cudaMemcpy", "cudaMemcpy2D", "cuMemcpy", "cuMemcpyDtoH", "cuMemcpyHtoD"),
     },
 }
+Event = dict[str, Any]
+"""An event of a trace in Chrome's format."""
 _VERSION = re.compile(r"(_v\d+|_ptsz|_ptds)+$")
 _WARP = {
     "wp_cuda_graph_launch": "graph_launches",
@@ -48,7 +50,7 @@ _WARP = {
 }
 
 
-def count_calls(step: Callable[[int], None], steps: int) -> dict[str, float]:
+def count_calls(step: Callable[[int], object], steps: int) -> dict[str, float]:
     """CUDA calls a step, counted by torch's profiler and, for what it does not see of Warp, in Warp itself.
 
     Args:
@@ -75,7 +77,9 @@ def count_calls(step: Callable[[int], None], steps: int) -> dict[str, float]:
     return {kind: count / steps for kind, count in traced.items()}
 
 
-def calls_in_trace(trace: dict[str, Any], in_warp: dict[str, int] | None = None, region: str = REGION) -> Counter[str]:
+def calls_in_trace(
+    trace: dict[str, list[Event]], in_warp: dict[str, int] | None = None, region: str = REGION
+) -> Counter[str]:
     """CUDA calls of a Chrome trace within the host's annotations called ``region``, by kind.
 
     A call of the driver within one of the runtime is the same call. Copies to pageable memory count as waits where they
@@ -91,7 +95,7 @@ def calls_in_trace(trace: dict[str, Any], in_warp: dict[str, int] | None = None,
     spans = sorted((e["ts"], e["ts"] + e["dur"]) for e in events if _is(e, "user_annotation") and e["name"] == region)
     starts = [start for start, _ in spans]
 
-    def inside(event: dict[str, Any]) -> bool:
+    def inside(event: Event) -> bool:
         index = bisect.bisect_right(starts, event["ts"]) - 1
         return index >= 0 and event["ts"] < spans[index][1]
 
@@ -123,8 +127,8 @@ def warp_calls() -> Iterator[Counter[str]]:
     core = wp._src.context.runtime.core
     counts: Counter[str] = Counter()
 
-    def counted(function: Callable[..., Any], kind: str) -> Callable[..., Any]:
-        def call(*args: Any) -> Any:
+    def counted(function: Callable[..., object], kind: str) -> Callable[..., object]:
+        def call(*args: object) -> object:
             counts[kind] += 1
             return function(*args)
 
@@ -140,17 +144,17 @@ def warp_calls() -> Iterator[Counter[str]]:
             setattr(core, name, function)
 
 
-def _is(event: dict[str, Any], category: str) -> bool:
+def _is(event: Event, category: str) -> bool:
     return event.get("cat") == category
 
 
-def _correlation(event: dict[str, Any]) -> Any:
+def _correlation(event: Event) -> object:
     return event.get("args", {}).get("correlation")
 
 
-def _outermost(inner: list[dict[str, Any]], outer: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _outermost(inner: list[Event], outer: list[Event]) -> list[Event]:
     """Those of ``inner`` that do not lie within one of ``outer`` on the same thread."""
-    spans: dict[Any, list[tuple[float, float]]] = defaultdict(list)
+    spans: dict[object, list[tuple[float, float]]] = defaultdict(list)
     for event in outer:
         spans[event.get("tid")].append((event["ts"], event["ts"] + event["dur"]))
     for times in spans.values():

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
 
@@ -30,7 +30,7 @@ class DirectCfg(Protocol):
 class DirectEnvBase(RLEnv):
     """An environment whose class fills hooks; those with torch run between graphs."""
 
-    def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: Any):
+    def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: object):
         super().__init__(cfg, render_mode, **kwargs)
         self._checked = False
         """Whether the first observations were compared with the spaces."""
@@ -87,6 +87,9 @@ class DirectEnvBase(RLEnv):
             ended = self.reset_buf.clone()  # a hook may clear the buffer
             self._reset_idx(ids)
             self.sim.forward(ended)
+
+    def _apply_action(self) -> None:
+        raise NotImplementedError
 
     def _reset_idx(self, env_ids: Sequence[int] | torch.Tensor | None) -> None:
         raise NotImplementedError

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import torch
 from gymnasium import spaces
 
+from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Eager, Item, Stage
+from stripe_newton.noise import NoiseModelCfg
 
 from .by_agent import (
     AgentNoise,
@@ -22,11 +23,68 @@ from .by_agent import (
     tensors_by_agent,
 )
 from .direct_env_base import DirectEnvBase
-from .direct_marl_env_cfg import DirectMARLEnvCfg
 from .env_state import EnvState, state_arrays
-from .spaces import to_space
+from .rl_env import Extras, ResetOptions
+from .rl_env_cfg import RLEnvCfg
+from .spaces import SpaceSpec, to_space
 
-__all__ = ["DirectMARLEnv"]
+__all__ = ["DirectMARLEnv", "DirectMARLEnvCfg"]
+
+
+@configclass
+class DirectMARLEnvCfg(RLEnvCfg):
+    """What every direct environment of several agents has; subclass it and add fields of your own."""
+
+    possible_agents: list[str] = MISSING
+    """Names of the agents, in the order in which they are joined."""
+    observation_spaces: Mapping[str, SpaceSpec] = MISSING
+    """Space of the observations by agent, as :func:`to_space` reads it."""
+    action_spaces: Mapping[str, SpaceSpec] = MISSING
+    """Space of the actions by agent."""
+    state_space: SpaceSpec = 0
+    """Space of what ``state()`` returns, which ``_get_states`` fills; -1 for the observations of all agents joined, 0
+    for none."""
+    observation_noise_model: dict[str, NoiseModelCfg | None] | None = None
+    """Noise on the observations by agent; agents that are not named have none."""
+    action_noise_model: dict[str, NoiseModelCfg | None] | None = None
+    """Noise on the actions by agent; agents that are not named have none."""
+    apply_action: str = "auto"
+    """When ``_apply_action`` runs, as in :class:`DirectRLEnvCfg`."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from RLEnvCfg.problems(self)
+        if self.apply_action not in ("auto", "step", "substep"):
+            yield "apply_action", f"is '{self.apply_action}', must be 'auto', 'step' or 'substep'"
+        if self.state_space not in (0, None, -1):
+            yield from _space_problems("state_space", self.state_space)
+        agents = self.possible_agents
+        if agents is MISSING:
+            return
+        if not agents or len(set(agents)) < len(agents) or "log" in agents:
+            yield "possible_agents", f"is {agents!r}, must be names that differ, one or more, and not 'log'"
+        for name in ("observation_spaces", "action_spaces"):
+            spaces = getattr(self, name)
+            if spaces is MISSING:
+                continue
+            if set(spaces) != set(agents):
+                yield name, f"is for {_names(spaces)}, must be for possible_agents: {_names(agents)}"
+            for agent, space in spaces.items():
+                yield from _space_problems(f"{name}[{agent!r}]", space)
+        for name in ("observation_noise_model", "action_noise_model"):
+            unknown = [a for a in getattr(self, name) or () if a not in agents]
+            if unknown:
+                yield name, f"names {_names(unknown)}, must be among possible_agents: {_names(agents)}"
+
+
+def _names(agents: Iterable[str]) -> str:
+    return ", ".join(map(repr, agents)) or "no agent"
+
+
+def _space_problems(path: str, space: SpaceSpec) -> Iterator[tuple[str, str]]:
+    try:
+        to_space(space)
+    except ValueError as error:
+        yield path, str(error)
 
 
 class DirectMARLEnv(DirectEnvBase):
@@ -55,7 +113,7 @@ class DirectMARLEnv(DirectEnvBase):
 
     cfg: DirectMARLEnvCfg
 
-    def __init__(self, cfg: DirectMARLEnvCfg, render_mode: str | None = None, **kwargs: Any):
+    def __init__(self, cfg: DirectMARLEnvCfg, render_mode: str | None = None, **kwargs: object):
         """Build scene and simulation; arguments and errors are those of :class:`RLEnv`."""
         super().__init__(cfg, render_mode, **kwargs)
         cfg, agents = self.cfg, list(self.cfg.possible_agents)
@@ -97,16 +155,14 @@ class DirectMARLEnv(DirectEnvBase):
         where the config says no ``state_space``."""
         return self._state
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[ByAgent, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[ByAgent, Extras]:
         """See :meth:`RLEnv.reset`: observations by agent, and infos as of :meth:`step`."""
         _, infos = super().reset(seed=seed, options=options)
         return self.obs_dict, infos
 
     def step(  # type: ignore[override]  # by agent
         self, actions: Mapping[str, torch.Tensor]
-    ) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, dict[str, Any]]:
+    ) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, Extras]:
         """Advance all environments by ``step_dt``; those all of whose agents are done are reset within the step.
 
         Args:
@@ -150,11 +206,11 @@ class DirectMARLEnv(DirectEnvBase):
     def _hook(self, name: str, function: Callable[[], None]) -> Eager:
         return Eager(name, function, "torch hook")
 
-    def _checked_action(self, action: Any) -> Any:
+    def _checked_action(self, action: object) -> ByAgent:  # type: ignore[override]  # by agent
         refuse = self.cfg.nonfinite_actions == "raise" and self.device == "cpu"
         return checked_actions(action, self.action_spaces, self.num_envs, self.device, refuse)
 
-    def _take_action(self, action: Any) -> None:
+    def _take_action(self, action: ByAgent) -> None:  # type: ignore[override]  # by agent
         self._action: ByAgent = {}
         for agent, value in action.items():
             value = self._action_noise(agent, value)

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,17 +12,51 @@ import warp as wp
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from stripe_newton.configclass import ConfigError
+from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
 from stripe_newton.noise import NoiseModel, NoiseModelCfg
 
 from .direct_env_base import DirectEnvBase
-from .direct_rl_env_cfg import DirectRLEnvCfg
 from .hooks import DirectHooks
 from .rl_env import Observations
-from .spaces import to_space
+from .rl_env_cfg import RLEnvCfg
+from .spaces import SpaceSpec, to_space
 
-__all__ = ["DirectRLEnv"]
+__all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
+
+
+@configclass
+class DirectRLEnvCfg(RLEnvCfg):
+    """What every direct environment has; subclass it and add fields of your own."""
+
+    observation_space: SpaceSpec = MISSING
+    """Space of the group ``"policy"``, as :func:`to_space` reads it; a dict with the key ``"policy"`` names the spaces
+    of all groups."""
+    state_space: SpaceSpec = 0
+    """Space of the group ``"critic"``, which ``_get_states`` fills; 0 for none."""
+    action_space: SpaceSpec = MISSING
+    """Space of the actions."""
+    observation_noise_model: NoiseModelCfg | None = None
+    """Noise on the group ``"policy"``."""
+    action_noise_model: NoiseModelCfg | None = None
+    """Noise on the actions."""
+    apply_action: str = "auto"
+    """When ``_apply_action`` runs: ``"substep"`` before each physics step, ``"step"`` once before all of them, which
+    are one CUDA graph then. ``"auto"`` watches the first steps, and later ones now and then: while what the hook sets
+    does not change from one physics step to the next, it runs once."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from RLEnvCfg.problems(self)
+        if self.apply_action not in ("auto", "step", "substep"):
+            yield "apply_action", f"is '{self.apply_action}', must be 'auto', 'step' or 'substep'"
+        for name in ("observation_space", "action_space", "state_space"):
+            value = getattr(self, name)
+            if value is MISSING or (name == "state_space" and not value):
+                continue
+            try:
+                to_space(value)
+            except ValueError as error:
+                yield name, str(error)
 
 
 class DirectRLEnv(DirectEnvBase):
@@ -48,7 +81,7 @@ class DirectRLEnv(DirectEnvBase):
 
     cfg: DirectRLEnvCfg
 
-    def __init__(self, cfg: DirectRLEnvCfg, render_mode: str | None = None, **kwargs: Any):
+    def __init__(self, cfg: DirectRLEnvCfg, render_mode: str | None = None, **kwargs: object):
         """Build scene and simulation.
 
         Args:
@@ -215,7 +248,7 @@ class DirectRLEnv(DirectEnvBase):
         self._observed = {k: v.clone() for k, v in self._torch_groups().items()}  # learners keep what they are given
 
     def _torch_groups(self) -> dict[str, torch.Tensor]:
-        groups: dict[str, Any] = dict(self._get_observations())
+        groups: Observations = dict(self._get_observations())
         if self.cfg.state_space:
             groups["critic"] = self._get_states()
         if not self._checked:
@@ -362,7 +395,7 @@ class DirectRLEnv(DirectEnvBase):
         """Show or hide markers."""
         raise NotImplementedError
 
-    def _check_observations(self, groups: dict[str, Any]) -> None:
+    def _check_observations(self, groups: Observations) -> None:
         """Compare the first observations with the spaces; groups that no space names get one."""
         problems = []
         if "policy" not in groups:

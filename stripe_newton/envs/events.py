@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events of direct environments: torch functions that run at startup, at resets, at intervals or in every step."""
+"""Event runner: torch events of direct environments, at startup, at resets, at intervals or in every step."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import torch
 import warp as wp
@@ -11,6 +9,9 @@ import warp as wp
 from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import resolve_entities
 from stripe_newton.managers import EventTermCfg
+from stripe_newton.managers.manager_base import terms_of
+
+from .rl_env import RLEnv
 
 __all__ = ["EventRunner", "EventTermCfg"]
 
@@ -23,16 +24,21 @@ class EventRunner:
     ``func(env, env_ids, **params)`` is called with an int64 tensor of environments.
     """
 
-    def __init__(self, cfg: Any, env: Any):
+    def __init__(self, cfg: object, env: RLEnv):
         """Start the clocks.
 
         Raises:
             ConfigError: for a term that is a Warp function or runs before the model is built.
         """
         self._env = env
-        terms = cfg if isinstance(cfg, dict) else {k: getattr(cfg, k) for k in type(cfg).__dataclass_fields__}
-        self._terms: dict[str, EventTermCfg] = {k: v for k, v in terms.items() if v is not None}
-        problems = [line for name, term in self._terms.items() for line in _refused(f"events.{name}", term)]
+        self._terms: dict[str, EventTermCfg] = {}
+        problems: list[str] = []
+        for name, term in terms_of(cfg).items():
+            if isinstance(term, EventTermCfg):
+                self._terms[name] = term
+                problems += _refused(f"events.{name}", term)
+            elif term is not None:
+                problems.append(f"events.{name}: is {type(term).__name__}, must be EventTermCfg or None")
         if problems:
             raise ConfigError(problems)
         self._params = {k: resolve_entities(v.params, env.scene.__getitem__) for k, v in self._terms.items()}
@@ -74,7 +80,7 @@ class EventRunner:
         return any(term.mode in ("interval", "step") for term in self._terms.values())
 
     def clocks(self) -> list[dict[str, torch.Tensor]]:
-        """What the runner remembers: the steps left of the interval terms, and when the reset terms last ran."""
+        """State of the runner: the steps left of the interval terms, and when the reset terms last ran."""
         return [self._steps_left, self._last_step]
 
     def interval(self, dt: float) -> bool:
@@ -98,7 +104,7 @@ class EventRunner:
 
 
 def _refused(path: str, term: EventTermCfg) -> list[str]:
-    """What of a term cannot run in a direct environment."""
+    """Reasons why a term cannot run in a direct environment."""
     problems = []
     if isinstance(term.func, wp.Function):
         problems.append(

@@ -1,28 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What it gains to compute the terms of a manager in one kernel."""
+"""Fusion gain: the terms of a manager in one kernel against a kernel each."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from statistics import median
-from typing import Any
 
 import warp as wp
 
 from stripe_newton.configclass import is_config
 from stripe_newton.fusion import FusedKernel, Plan, Stage
+from stripe_newton.managers import ManagerBase
+from stripe_newton.managers.manager_base import terms_of
 from stripe_newton.sim.capture import capture_graph
 
+from .manager_based_rl_env import ManagerBasedRLEnv
 from .step_times import Clock
 
 __all__ = ["fused_kernels", "fusion_gain", "launch_us", "term_configs"]
 
-MANAGERS = ("termination_manager", "reward_manager", "observation_manager")
-"""Attributes of an environment: the managers whose terms are compared."""
 
-
-def fusion_gain(env: Any, rounds: int = 20) -> dict[str, dict[str, float]]:
+def fusion_gain(env: ManagerBasedRLEnv, rounds: int = 20) -> dict[str, dict[str, float]]:
     """Time the terms of each manager as they are fused, and as one kernel a term.
 
     Both read the state of the same environment and are, on a GPU, graphs of nothing but these kernels. Terms in torch
@@ -36,7 +35,7 @@ def fusion_gain(env: Any, rounds: int = 20) -> dict[str, dict[str, float]]:
         For each manager, and for ``all`` of them in one kernel: ``terms``, and microseconds ``fused_us`` and
         ``apart_us``.
     """
-    managers = [manager for name in MANAGERS if (manager := getattr(env, name, None)) is not None]
+    managers: list[ManagerBase] = [env.termination_manager, env.reward_manager, env.observation_manager]
     gain, every_fused, every_apart = {}, [], []
     for manager in managers:
         terms = list(term_configs(manager.cfg))
@@ -50,22 +49,25 @@ def fusion_gain(env: Any, rounds: int = 20) -> dict[str, dict[str, float]]:
     return gain
 
 
-def term_configs(cfg: Any) -> Iterable[Any]:
+def term_configs(cfg: object) -> Iterable[dict[str, object]]:
     """The config of a manager as configs of one term each, of each group one by one."""
-    fields = cfg if isinstance(cfg, dict) else {k: getattr(cfg, k) for k in cfg.__dataclass_fields__}
-    for name, value in fields.items():
+    for name, value in terms_of(cfg).items():
         if not is_config(value):
             continue
         if hasattr(value, "func"):
             yield {name: value}
             continue
-        terms = [k for k in value.__dataclass_fields__ if hasattr(getattr(value, k), "func")]
+        terms = [k for k, term in terms_of(value).items() if hasattr(term, "func")]
         for term in terms:  # a group
-            yield {name: value.replace(**{other: None for other in terms if other != term})}
+            group = copy.copy(value)
+            for other in terms:
+                if other != term:
+                    setattr(group, other, None)
+            yield {name: group}
 
 
-def fused_kernels(managers: list[Any], cfgs: list[Any]) -> list[FusedKernel]:
-    """What managers like the given ones, of other configs, compute, as neighbours in a step.
+def fused_kernels(managers: Sequence[ManagerBase], cfgs: Sequence[object]) -> list[FusedKernel]:
+    """The kernels of managers like the given ones, of other configs, as neighbours in a step.
 
     They read and write the arrays that the given ones share with the environment; what is a manager's own, such as the
     sums of its terms, is made anew.
@@ -76,7 +78,7 @@ def fused_kernels(managers: list[Any], cfgs: list[Any]) -> list[FusedKernel]:
         context.problems = []
         context.arrays = {k: v for k, v in context.arrays.items() if not k.startswith(f"{manager.name}.")}
         with wp.ScopedDevice(context.device):
-            items = type(manager)(cfg, context).compute()
+            items = type(manager)(cfg, context).compute()  # type: ignore[attr-defined]
         if context.problems:
             raise ValueError("\n".join(context.problems))
         stages.append(Stage(manager.name, items))

@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import torch
 import warp as wp
 from gymnasium import spaces
 
-from stripe_newton.configclass import ConfigError, is_config
+from stripe_kernels import mdp
+from stripe_newton.configclass import MISSING, ConfigError, configclass, is_config
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
 from stripe_newton.managers import (
     ActionManager,
     CommandManager,
     CurriculumManager,
     EventManager,
+    EventTermCfg,
     ManagerBase,
     MetricsManager,
     ObjectManager,
@@ -31,10 +32,10 @@ from stripe_newton.managers import (
 from stripe_newton.managers.manager_base import terms_of
 
 from .env_state import EnvState
-from .manager_based_rl_env_cfg import ManagerBasedRLEnvCfg
-from .rl_env import Observations, RLEnv
+from .rl_env import Extras, Observations, RLEnv
+from .rl_env_cfg import RLEnvCfg
 
-__all__ = ["ManagerBasedRLEnv"]
+__all__ = ["DefaultEventsCfg", "ManagerBasedRLEnv", "ManagerBasedRLEnvCfg"]
 
 _OBSERVABLES = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
 """What the solver must report for terms that read these fields."""
@@ -43,6 +44,45 @@ _BODY_FIELDS = frozenset({"body_pose", "body_vel"})
 """Fields that forward kinematics computes."""
 _ROOT_FIELDS = frozenset({"root_pose", "root_vel"})
 """Fields that it computes for a fixed base; those of a floating base are joint coordinates."""
+
+
+@configclass
+class DefaultEventsCfg:
+    """What happens where a config names no events."""
+
+    reset_scene_to_default = EventTermCfg(func=mdp.reset_scene_to_default, mode="reset")
+    """Every asset begins an episode in its default state."""
+
+
+@configclass
+class ManagerBasedRLEnvCfg(RLEnvCfg):
+    """Config of an environment made of terms. Each manager's field is a config whose fields are terms, or a dict."""
+
+    observations: object = MISSING
+    """Observation groups: :class:`ObservationGroupCfg`; ``policy`` is needed."""
+    actions: object = MISSING
+    """Action terms."""
+    rewards: object = MISSING
+    """Reward terms: :class:`RewardTermCfg`."""
+    terminations: object = MISSING
+    """Termination terms: :class:`TerminationTermCfg`."""
+    events: object = DefaultEventsCfg()
+    """Events: :class:`EventTermCfg`; by default a reset brings everything to its default state."""
+    commands: object = None
+    """Command terms."""
+    curriculum: object = None
+    """Curriculum terms: :class:`CurriculumTermCfg`."""
+    objects: object = None
+    """Pools of rigid objects: :class:`ObjectPoolCfg`."""
+    metrics: object = None
+    """Metric terms: :class:`MetricTermCfg`."""
+    recorders: object = None
+    """What is recorded to a file: :class:`RecorderManagerBaseCfg`."""
+    scale_rewards_by_dt: bool = True
+    """Whether rewards are multiplied by the environment's time step, so that weights are per second."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from RLEnvCfg.problems(self)
 
 
 class ManagerBasedRLEnv(RLEnv):
@@ -60,7 +100,7 @@ class ManagerBasedRLEnv(RLEnv):
 
     cfg: ManagerBasedRLEnvCfg
 
-    def __init__(self, cfg: ManagerBasedRLEnvCfg, render_mode: str | None = None, **kwargs: Any):
+    def __init__(self, cfg: ManagerBasedRLEnvCfg, render_mode: str | None = None, **kwargs: object):
         super().__init__(cfg, render_mode, **kwargs)
         self._make_managers()
         stages = self._stages()
@@ -258,7 +298,7 @@ class ManagerBasedRLEnv(RLEnv):
     def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
         return self._groups(values, "obs")
 
-    def _final_extras(self, values: dict[str, torch.Tensor]) -> dict[str, Any]:
+    def _final_extras(self, values: dict[str, torch.Tensor]) -> Extras:
         if not self.cfg.compute_final_obs:
             return {}
         ended = values["terminated"] | values["truncated"]
@@ -305,7 +345,7 @@ class ManagerBasedRLEnv(RLEnv):
         super().set_state(state)
         self.recorder_manager.clear()
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Release the recorder's file, renderer and simulation."""
         if "recorder_manager" in vars(self):  # the constructor may have failed before
             self.recorder_manager.close()

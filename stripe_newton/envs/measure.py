@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a task costs: start-up, step, CUDA calls."""
+"""Benchmark of a task: start-up, step, CUDA calls."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Any
 
 import torch
 import warp as wp
+from gymnasium.vector import VectorEnv
 
 from .call_counts import count_calls
+from .rl_env import RLEnv
 from .step_times import LEAD, Clock, measure_step
 
 __all__ = ["benchmark", "binary_count", "random_actions", "timed_start"]
@@ -20,20 +22,20 @@ COUNTED = 64
 """Steps whose CUDA calls are counted."""
 
 
-def random_actions(env: Any, steps: int, seed: int = 0) -> torch.Tensor:
+def random_actions(env: RLEnv, steps: int, seed: int = 0) -> torch.Tensor:
     """Uniform actions in [-1, 1], shape ``(steps, num_envs, *action_shape)``, made on the device.
 
     Raises:
         ValueError: if the actions are not real numbers.
     """
-    shape, kind = env.action_space.shape, getattr(env.action_space, "dtype", None)
+    shape, kind = env.action_space.shape, env.action_space.dtype
     if shape is None or kind is None or not str(kind).startswith("float"):
         raise ValueError(f"action space {env.action_space}: only real actions can be measured")
     generator = torch.Generator(device=env.device).manual_seed(seed)
     return 2.0 * torch.rand((steps, *shape), device=env.device, generator=generator) - 1.0
 
 
-def timed_start(make: Callable[[], Any], seed: int = 0) -> tuple[Any, dict[str, Any]]:
+def timed_start(make: Callable[[], VectorEnv], seed: int = 0) -> tuple[RLEnv, dict[str, float]]:
     """Build an environment, reset it, take one step.
 
     Returns:
@@ -44,7 +46,7 @@ def timed_start(make: Callable[[], Any], seed: int = 0) -> tuple[Any, dict[str, 
     binaries, start = binary_count(), time.perf_counter()
     env = make().unwrapped
     clock = Clock(env.sim.device)
-    begun: dict[str, Any] = {"build_s": _since(start, clock)}
+    begun: dict[str, float] = {"build_s": _since(start, clock)}
     try:
         action = random_actions(env, 1, seed)[0]
         clock.wait()
@@ -60,7 +62,7 @@ def timed_start(make: Callable[[], Any], seed: int = 0) -> tuple[Any, dict[str, 
     return env, {**begun, "binaries_compiled": binary_count() - binaries}
 
 
-def benchmark(make: Callable[[], Any], steps: int = 320, seed: int = 0, warmup: int = 128) -> dict[str, Any]:
+def benchmark(make: Callable[[], VectorEnv], steps: int = 320, seed: int = 0, warmup: int = 128) -> dict[str, Any]:
     """Build an environment, measure it, close it.
 
     Episodes are spread over their lengths first, so that resets happen as in a long run.
@@ -99,7 +101,7 @@ def benchmark(make: Callable[[], Any], steps: int = 320, seed: int = 0, warmup: 
             "decimation": env.cfg.decimation,
             "step_dt": env.step_dt,
             **times,
-            "env_steps_per_s": 1e3 * env.num_envs / times["env_wall_ms"],
+            "env_steps_per_s": 1e3 * env.num_envs / float(str(times["env_wall_ms"])),
             **{f"{kind}_per_step": count for kind, count in calls.items()},
             **begun,
             "device_memory_mb": _memory_mb(env.sim.device),

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments of several agents as others want to see them: as one agent, or one environment at a time."""
+"""Views of environments of several agents: as one agent, or as one environment of PettingZoo."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from .by_agent import ByAgent
 from .direct_marl_env import DirectMARLEnv
+from .rl_env import Extras, ResetOptions
 
 __all__ = ["ParallelEnvView", "SingleAgentView", "multi_agent_to_single_agent"]
 
@@ -69,16 +72,12 @@ class SingleAgentView(VectorEnv):
     def episode_length_buf(self, value: torch.Tensor) -> None:
         self.env.episode_length_buf = value
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[ByAgent, Extras]:
         """See :meth:`DirectMARLEnv.reset`; observations by group."""
         _, infos = self.env.reset(seed=seed, options=options)
         return self._observations(self.env.obs_dict), self._extras(infos)
 
-    def step(
-        self, action: torch.Tensor
-    ) -> tuple[dict[str, torch.Tensor], torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+    def step(self, action: torch.Tensor) -> tuple[ByAgent, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """See :meth:`RLEnv.step`."""
         action = torch.as_tensor(action, device=self.env.device)
         if tuple(action.shape) != tuple(self.action_space.shape):
@@ -89,13 +88,13 @@ class SingleAgentView(VectorEnv):
         ends = self.env.reset_terminated.clone(), self.env.reset_time_outs.clone()
         return self._observations(obs), total, *ends, self._extras(infos)
 
-    def _observations(self, obs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    def _observations(self, obs: ByAgent) -> ByAgent:
         groups, state = {"policy": torch.cat([*obs.values()], dim=-1)}, self.env.state()
         if state is not None:
             groups |= {"critic": state} | ({"policy": state} if self._state_as_observation else {})
         return groups
 
-    def _extras(self, infos: dict[str, Any]) -> dict[str, Any]:
+    def _extras(self, infos: Extras) -> Extras:
         """Infos without those by agent; the final observations joined."""
         by_agent = [infos[agent] for agent in self.env.possible_agents]
         extras = {k: v for k, v in infos.items() if k not in self.env.possible_agents}
@@ -104,16 +103,16 @@ class SingleAgentView(VectorEnv):
             extras["_final_obs"] = by_agent[0]["_final_obs"]
         return extras
 
-    def render(self) -> Any:
+    def render(self) -> np.ndarray | None:
         """See :meth:`RLEnv.render`."""
         return self.env.render()
 
-    def close(self, **kwargs: Any) -> None:
+    def close(self, **kwargs: object) -> None:
         """Close the environment."""
         self.env.close(**kwargs)
 
 
-def _joined(by_agent: dict[str, Any]) -> spaces.Box:
+def _joined(by_agent: Mapping[str, spaces.Space]) -> spaces.Box:
     low, high = (np.concatenate([getattr(s, side) for s in by_agent.values()]) for side in ("low", "high"))
     return spaces.Box(low, high, dtype=np.float32)
 
@@ -168,14 +167,14 @@ class ParallelEnvView:
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        self, seed: int | None = None, options: ResetOptions | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Extras]]:
         """Begin an episode; observations and infos by agent."""
         obs, infos = self.env.reset(seed=seed)
         self.agents = list(self.possible_agents)
         return {a: _numpy(obs[a]) for a in self.agents}, {a: infos[a] for a in self.agents}
 
-    def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+    def step(self, actions: Mapping[str, object]) -> tuple[dict[str, object], ...]:
         """Advance the environment.
 
         Args:
@@ -191,13 +190,14 @@ class ParallelEnvView:
             value = actions[agent] if agent in acted else np.zeros(space.shape or (), space.dtype)
             given[agent] = torch.as_tensor(np.asarray(value), device=device).unsqueeze(0)
         obs, rewards, terminated, truncated, infos = self.env.step(given)
-        ends = [{a: bool(values[a]) for a in acted} for values in (terminated, truncated)]
+        failed, late = ({a: bool(values[a]) for a in acted} for values in (terminated, truncated))
         last = {a: infos[a].get("final_obs", obs[a]) for a in acted}
-        self.agents = [a for a in acted if not (ends[0][a] or ends[1][a])]
+        self.agents = [a for a in acted if not (failed[a] or late[a])]
         return (
             {a: _numpy(last[a]) for a in acted},
             {a: float(rewards[a]) for a in acted},
-            *ends,
+            dict(failed),
+            dict(late),
             {a: infos[a] for a in acted},
         )
 

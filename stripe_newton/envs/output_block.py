@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 import warp as wp
 
@@ -26,7 +24,7 @@ class OutputBlock:
         self._used: list[int] = []
         self._places: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
 
-    def reserve(self, name: str, dtype: Any, shape: tuple[int, ...]) -> wp.array:
+    def reserve(self, name: str, dtype: type, shape: tuple[int, ...]) -> wp.array:
         """An array of zeros that is handed out under ``name``.
 
         Args:

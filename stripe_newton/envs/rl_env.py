@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -30,10 +31,15 @@ from .safety import Safety
 if TYPE_CHECKING:
     from stripe_newton.viewers import SceneRenderer
 
-__all__ = ["Observations", "RLEnv"]
+__all__ = ["Extras", "Observations", "RLEnv", "ResetOptions"]
 
 Observations = dict[str, Any]
 """Observations by group; a dict by term in the place of a tensor where a group's terms are not concatenated."""
+Extras = dict[str, Any]
+"""What is handed out beside the observations; ``"log"`` is a dict of numbers."""
+ResetOptions = Mapping[str, object]
+"""Options of a reset; see :meth:`RLEnv.reset`."""
+_RENDER_MODES = (None, "rgb_array")
 _STEP_METHODS = (
     "step", "begin_step", "launch_step", "finish_step", "_take_action", "_collect_observations", "_rewards",
     "_begin_extras",
@@ -59,15 +65,15 @@ class RLEnv(VectorEnv):
         extras: What is handed out beside the observations; ``extras["log"]`` is a new dict in every step.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": [None, "rgb_array"],
+    metadata: ClassVar[dict[str, object]] = {
+        "render_modes": list(_RENDER_MODES),
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
 
     cfg: RLEnvCfg
     _renderer: SceneRenderer | None = None
 
-    def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: Any):
+    def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: object):
         """Build scene and simulation.
 
         Args:
@@ -80,7 +86,7 @@ class RLEnv(VectorEnv):
         """
         if kwargs:
             raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
-        if render_mode not in self.metadata["render_modes"]:
+        if render_mode not in _RENDER_MODES:
             raise ValueError(f"render_mode '{render_mode}': must be None or 'rgb_array'")
         cfg.validate()
         self.cfg = cfg.copy()
@@ -127,13 +133,13 @@ class RLEnv(VectorEnv):
         self.reward_buf = wp.to_torch(context.reward)
         self._stepping = wp.to_torch(context.stepping)
         self.obs_buf: Observations = {}
-        self.extras: dict[str, Any] = {"log": {}}
+        self.extras: Extras = {"log": {}}
         self.common_step_counter = 0
         self._steps_before = 0
         self._plan: Plan | None = None
         self._recaptures = 0
 
-    def _set_spaces(self, observations: dict[str, Any], action: Any) -> None:
+    def _set_spaces(self, observations: dict[str, spaces.Space], action: spaces.Space) -> None:
         self.single_observation_space = spaces.Dict(observations)
         self.single_action_space = action
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -199,9 +205,7 @@ class RLEnv(VectorEnv):
 
     @torch.inference_mode(False)  # tensors made in an inference mode could not be written outside of it
     @torch.no_grad()
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[Observations, Extras]:
         """Begin new episodes.
 
         Args:
@@ -233,9 +237,7 @@ class RLEnv(VectorEnv):
 
     @torch.inference_mode(False)
     @torch.no_grad()
-    def step(
-        self, action: torch.Tensor
-    ) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+    def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """Advance all environments by ``step_dt``; those that end are reset within the step.
 
         Args:
@@ -301,7 +303,7 @@ class RLEnv(VectorEnv):
 
     @torch.inference_mode(False)
     @torch.no_grad()
-    def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+    def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """What the host does after a step: hand out what the step wrote, as :meth:`step` returns it.
 
         Raises:
@@ -369,7 +371,7 @@ class RLEnv(VectorEnv):
         """Observations by group, from what the step wrote."""
         raise NotImplementedError
 
-    def _final_extras(self, values: dict[str, torch.Tensor]) -> dict[str, Any]:
+    def _final_extras(self, values: dict[str, torch.Tensor]) -> Extras:
         """Final observations of the episodes that ended, where the config asks for them."""
         return {}
 
@@ -394,7 +396,7 @@ class RLEnv(VectorEnv):
         self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
         self.extras["log"] = {}
 
-    def _checked_action(self, action: Any) -> torch.Tensor:
+    def _checked_action(self, action: object) -> torch.Tensor:
         action = torch.as_tensor(action, device=self.device)
         expected = self.action_space.shape
         if expected is not None and tuple(action.shape) != tuple(expected):
@@ -435,7 +437,7 @@ class RLEnv(VectorEnv):
             self._renderer = SceneRenderer(self.sim, self.cfg.viewer)
         return self._renderer.render()
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Release renderer and simulation."""
         if self._renderer is not None:
             self._renderer.close()
@@ -491,7 +493,7 @@ class RLEnv(VectorEnv):
         return []
 
 
-def _own(values: dict[str, Any]) -> dict[str, Any]:
+def _own(values: Extras) -> Extras:
     """A copy of a dict with its tensors."""
     return {k: v.clone() if isinstance(v, torch.Tensor) else v for k, v in values.items()}
 

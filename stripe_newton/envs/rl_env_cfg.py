@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the configs of all environments have in common."""
+"""RL environment config: the base of the configs of all environments."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.scene import InteractiveSceneCfg
@@ -17,7 +17,7 @@ __all__ = ["RLEnvCfg"]
 
 @configclass
 class RLEnvCfg:
-    """What every environment has."""
+    """Base of the configs of environments."""
 
     viewer: ViewerCfg = ViewerCfg()
     """Camera of ``render()`` and of videos."""
@@ -33,15 +33,18 @@ class RLEnvCfg:
     """Duration of an episode [s]."""
     scene: InteractiveSceneCfg = MISSING
     """The scene."""
-    events: Any = None
+    events: object = None
     """Config whose fields are :class:`EventTermCfg`, or a dict of them."""
     nonfinite_actions: str = "raise"
     """What to do about actions that are not finite: ``"raise"`` an error, or ``"clamp"``: 0 for what is no number and
-    +-1e6 for what is infinite. On a GPU they are clamped at once and the error follows when the device has told."""
+    +-1e6 for what is infinite. On a GPU they are clamped at once and the error follows with the device's report."""
     compute_final_obs: bool = False
     """Put the observation that an episode ended with into ``extras["final_obs"]``."""
     rerender_on_reset: bool = False
-    """Accepted for compatibility: a picture is rendered when asked for, from the state there is."""
+    """Ignored: a picture is rendered when it is asked for, from the state there is."""
+    IGNORED: ClassVar[dict[str, str]] = {
+        "rerender_on_reset": "a picture is rendered when it is asked for, from the state there is"
+    }
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.decimation is not MISSING and (not isinstance(self.decimation, int) or self.decimation < 1):

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spaces as configs write them."""
+"""Spaces: gymnasium spaces from the short forms that configs write."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium import spaces
 
-__all__ = ["to_space"]
+__all__ = ["SpaceSpec", "to_space"]
+
+SpaceSpec: TypeAlias = Any
+"""A space as a config writes it; see :func:`to_space`."""
 
 
-def to_space(spec: Any) -> spaces.Space:
+def to_space(spec: SpaceSpec) -> spaces.Space:
     """The gymnasium space that a config means.
 
     Args:

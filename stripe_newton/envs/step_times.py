@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times of the whole step and of the physics alone.
+"""Step times: the whole step and the physics alone.
 
 Both are measured on the same states under the same actions, in turns, so that neither a warming GPU nor a busy machine
 favours one of them.
@@ -10,15 +10,19 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
+from typing import TypeAlias
 
 import torch
 import warp as wp
 
 from stripe_newton.sim import Simulation
 
+from .rl_env import EnvState, RLEnv
+
 __all__ = ["LEAD", "Clock", "StepTimes", "measure_step"]
 
+Mark: TypeAlias = "wp.Event | float"
+"""A mark on the time line: an event of a GPU, or a time of the host [s]."""
 LEAD = 4
 """Steps before each measured block, which are not measured."""
 
@@ -33,7 +37,7 @@ class Clock:
     def __init__(self, device: str):
         self.device, self.is_cuda = device, device != "cpu"
 
-    def mark(self) -> Any:
+    def mark(self) -> Mark:
         """A mark behind all that was asked for until now."""
         if not self.is_cuda:
             return time.perf_counter()
@@ -41,7 +45,7 @@ class Clock:
         wp.get_stream(self.device).record_event(event)
         return event
 
-    def ms(self, start: Any, end: Any) -> float:
+    def ms(self, start: Mark, end: Mark) -> float:
         """Milliseconds between two marks; it waits for the second."""
         return wp.get_event_elapsed_time(start, end) if self.is_cuda else 1e3 * (end - start)
 
@@ -80,7 +84,7 @@ class StepTimes:
     """Largest difference of a joint coordinate after a step between the whole step and the physics alone, over
     environments whose episodes went on; 0 on the CPU unless events push the robots [m or rad]."""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, float | list[float]]:
         """Medians and ranges for a report."""
         env, wall = median(self.env), median(self.env_wall)
         return {
@@ -97,7 +101,7 @@ class StepTimes:
         }
 
 
-def measure_step(env: Any, actions: torch.Tensor, blocks: int) -> StepTimes:
+def measure_step(env: RLEnv, actions: torch.Tensor, blocks: int) -> StepTimes:
     """Time blocks of whole steps and of the physics of the same steps, in turns.
 
     The state is brought back before each block. The physics starts every step from the state that the whole step
@@ -175,8 +179,9 @@ def measure_step(env: Any, actions: torch.Tensor, blocks: int) -> StepTimes:
 class _Snapshot:
     """State of an environment and of torch's random numbers."""
 
-    def __init__(self, env: Any):
-        self._env, self._state = env, env.get_state()
+    def __init__(self, env: RLEnv):
+        self._env: RLEnv = env
+        self._state: EnvState = env.get_state()
         self._cpu = torch.get_rng_state()
         self._cuda = torch.cuda.get_rng_state(env.device) if env.device != "cpu" else None
 
@@ -188,9 +193,9 @@ class _Snapshot:
 
 
 class _Tape:
-    """What the physics of each step of a block read: the state at its start, and the targets that it wrote."""
+    """Records of a block of steps: the state at the start of each, and the targets that it wrote."""
 
-    def __init__(self, env: Any, actions: torch.Tensor):
+    def __init__(self, env: RLEnv, actions: torch.Tensor):
         self._sim, self._decimation = env.sim, env.cfg.decimation
         self._state, self._targets = _state(env.sim), _targets(env.sim)
         self._starts: list[list[wp.array]] = []

@@ -1,17 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the physics steps of an environment step are run, and how often the action hook among them."""
+"""Substeps: the physics steps of an environment step, and how often the action hook runs among them."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Protocol
 
 import torch
 import warp as wp
 
+from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation
 
 __all__ = ["Substeps"]
+
+
+class HasActionHook(Protocol):
+    """An environment, as far as its physics is concerned."""
+
+    scene: InteractiveScene
+    sim: Simulation
+
+    def _apply_action(self) -> None: ...
 
 
 class Substeps:
@@ -37,7 +47,7 @@ class Substeps:
         """Whether the hook runs before every physics step, but for those that only watch."""
         return self.mode == "substep"
 
-    def run(self, env: Any) -> None:
+    def run(self, env: HasActionHook) -> None:
         """Run the physics of one environment step."""
         watch = self.mode == "auto" and (self._count < self.FIRST or self._count % self.EVERY == 0)
         self._count += 1
@@ -50,7 +60,7 @@ class Substeps:
             env.scene.write_data_to_sim()
             env.sim.step(per_call)
 
-    def _watch(self, env: Any) -> None:
+    def _watch(self, env: HasActionHook) -> None:
         before: list[torch.Tensor] | None = None
         for _ in range(self._decimation):
             state = _state(env.sim)
@@ -62,7 +72,7 @@ class Substeps:
             before = targets
             env.sim.step(1)
 
-    def _found(self, env: Any) -> None:
+    def _found(self, env: HasActionHook) -> None:
         if self.mode == "auto" and self._count > self.FIRST:
             warnings.warn(
                 f"{type(env).__name__}._apply_action depends on the state, which the first steps did not show: it runs "

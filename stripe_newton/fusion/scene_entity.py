@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from stripe_newton.configclass import configclass
 from stripe_newton.matching import match_names
@@ -20,11 +19,11 @@ class SceneEntityCfg:
     """Name in the scene."""
     joint_names: str | Sequence[str] | None = None
     """Expressions for joints."""
-    joint_ids: Sequence[int] | None = None
+    joint_ids: Sequence[int] | slice | None = None
     """Joints by index, instead of ``joint_names``."""
     body_names: str | Sequence[str] | None = None
     """Expressions for bodies."""
-    body_ids: Sequence[int] | None = None
+    body_ids: Sequence[int] | slice | None = None
     """Bodies by index, instead of ``body_names``."""
     preserve_order: bool = False
     """Order of the expressions rather than of the asset."""
@@ -39,8 +38,8 @@ class SceneEntityCfg:
         Raises:
             ValueError: if an expression matches nothing, or an index is out of range.
         """
-        expressions: Any = getattr(self, f"{kind}_names")
-        given: Any = getattr(self, f"{kind}_ids")
+        expressions = {"joint": self.joint_names, "body": self.body_names}[kind]
+        given = {"joint": self.joint_ids, "body": self.body_ids}[kind]
         if expressions is not None:
             return match_names(expressions, names, self.preserve_order, f"{kind} of '{self.name}'")[0]
         if given is None or isinstance(given, slice):
@@ -51,7 +50,7 @@ class SceneEntityCfg:
         return [int(i) for i in given]
 
 
-def names_of(thing: Any, kind: str) -> list[str] | None:
+def names_of(thing: object, kind: str) -> list[str] | None:
     """Names of the joints (``kind="joint"``) or bodies (``"body"``) of an asset or sensor; None if it has no such."""
     for owner in (getattr(thing, "data", None), thing):
         if hasattr(owner, f"{kind}_names"):
@@ -59,7 +58,7 @@ def names_of(thing: Any, kind: str) -> list[str] | None:
     return None
 
 
-def resolve_entities(params: Mapping[str, Any], find: Callable[[str], Any]) -> dict[str, Any]:
+def resolve_entities(params: Mapping[str, object], find: Callable[[str], object]) -> dict[str, object]:
     """The parameters of a torch term, in which a :class:`SceneEntityCfg` has its joints and bodies as indices.
 
     Args:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Managers: terms of one kind each, made into kernels."""
+"""Managers: each holds the terms of one kind and turns them into the items of a step."""
 
 from stripe_newton.fusion import SceneEntityCfg, TermState
 
@@ -14,20 +14,15 @@ from .event_cfg import EventTermCfg
 from .event_manager import EventManager, prestartup_events
 from .manager_base import ManagerBase
 from .metrics_manager import MetricsManager, MetricTermCfg
-from .object_cfg import ObjectPoolCfg, spawn_object_pools
-from .object_manager import ObjectManager, ObjectPool
-from .observation_cfg import (
-    DigitalFilterCfg,
-    IntegratorCfg,
-    ModifierCfg,
-    ObservationGroupCfg,
-    ObservationTermCfg,
-    RunningNormCfg,
-)
+from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierCfg
+from .normalization import RunningNormCfg
+from .object_manager import ObjectManager
+from .object_pool import ObjectPool, ObjectPoolCfg, spawn_object_pools
 from .observation_manager import ObservationManager
-from .recorder_cfg import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
-from .recorder_manager import RecorderManager
-from .recorders import ActionStateRecorderManagerCfg, RecorderTerm
+from .observation_term import ObservationGroupCfg, ObservationTermCfg
+from .recorder_manager import DatasetExportMode, RecorderManager, RecorderManagerBaseCfg
+from .recorder_term import RecorderTerm, RecorderTermCfg
+from .recorders import ActionStateRecorderManagerCfg
 from .reward_manager import RewardManager, RewardTermCfg
 from .termination_manager import TerminationManager, TerminationTermCfg
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configs of command terms."""
+"""Configs of command terms: velocities, poses, places on the ground."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
 
@@ -39,7 +39,7 @@ class _RangesCfg:
 
 @configclass
 class CommandTermCfg:
-    """A command: what the policy is asked to do.
+    """A command for the policy, drawn anew from time to time.
 
     A term of one's own gives ``resample(env, command, rng, ...)``, and ``update(env, command, ...)`` if it changes
     between draws: Warp functions whose argument ``command`` is a ``stripe_kernels.data.CommandData`` that holds
@@ -50,18 +50,19 @@ class CommandTermCfg:
     """Asset that is commanded."""
     resampling_time_range: Range = MISSING
     """Bounds of the time between two draws [s]."""
-    resample: Callable[..., Any] | None = None
+    resample: Callable[..., object] | None = None
     """Warp function that draws a command."""
-    update: Callable[..., Any] | None = None
+    update: Callable[..., object] | None = None
     """Warp function that brings it up to date in every step."""
     size: int = 0
     """Numbers of the command."""
     params: dict[str, Any] = {}
     """Further arguments of the functions."""
-    metrics: dict[str, Callable[..., Any]] = {}
+    metrics: dict[str, Callable[..., object]] = {}
     """Warp functions ``-> float`` whose mean over the episode is logged."""
     debug_vis: bool = False
-    """Accepted for compatibility."""
+    """Ignored: commands are not drawn."""
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "commands are not drawn"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         bounds = self.resampling_time_range
@@ -208,5 +209,5 @@ class TerrainBasedPose2dCommandCfg(UniformPose2dCommandCfg):
         distance: Range = (0.0, 1.0e6)
         """Horizontal distance from the root [m]."""
 
-    ranges: Any = Ranges()
+    ranges: Ranges = Ranges()  # type: ignore[assignment]  # without the bounds of a place
     """Bounds."""

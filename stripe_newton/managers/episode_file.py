@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded episodes in an HDF5 file, laid out as Isaac Lab and robomimic read it.
+"""Episode file: recorded episodes in HDF5, laid out as Isaac Lab and robomimic read them.
 
 ::
 
@@ -21,17 +21,24 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
-__all__ = ["EpisodeFile", "import_h5py"]
+if TYPE_CHECKING:
+    import h5py
+
+__all__ = ["Episode", "EpisodeFile", "import_h5py"]
+
+Episode = dict[str, Any]
+"""Nested dicts of tensors whose first dimension is time."""
 
 _FORMAT_VERSION = 1
 
 
-def import_h5py() -> Any:
+def import_h5py() -> ModuleType:
     """The ``h5py`` package.
 
     Raises:
@@ -52,19 +59,19 @@ class EpisodeFile:
         env_args: The environment: ``env_name``, ``type`` and more.
     """
 
-    def __init__(self, path: Path, file: Any, compression: bool = True):
+    def __init__(self, path: Path, file: h5py.File, compression: bool = True):
         self.path, self._file, self._compression = path, file, compression
         self._data = file["data"]
         version = file.attrs.get("format_version", 0)
         self.quaternion_order = str(self._data.attrs.get("quat_convention", "xyzw" if version >= 1 else "wxyz"))
-        self.env_args: dict[str, Any] = json.loads(self._data.attrs.get("env_args", "{}"))
+        self.env_args: dict[str, object] = json.loads(self._data.attrs.get("env_args", "{}"))
         self._next = 1 + max((_number(name) for name in self.names), default=-1)
 
     @classmethod
     def create(
         cls,
         path: str | os.PathLike,
-        env_args: Mapping[str, Any],
+        env_args: Mapping[str, object],
         mode: str = "new",
         quaternion_order: str = "xyzw",
         compression: bool = True,
@@ -82,15 +89,15 @@ class EpisodeFile:
             FileExistsError: if the file exists and ``mode`` is ``"new"``.
             ValueError: if it exists, and what it holds is something else than what would be appended.
         """
-        h5py, path = import_h5py(), Path(path)
+        package, path = import_h5py(), Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         if mode == "new" and path.exists():
             raise FileExistsError(f"{path}: exists; set dataset_file_mode to 'append' or 'overwrite', or another name")
         if mode == "append" and path.exists():
-            found = cls(path, _opened(h5py, path, "r+"), compression)
+            found = cls(path, _opened(package, path, "r+"), compression)
             found._check_fit(env_args, quaternion_order)
             return found
-        file = h5py.File(path, "w" if mode == "overwrite" else "x")
+        file = package.File(path, "w" if mode == "overwrite" else "x")
         if quaternion_order == "xyzw":
             file.attrs["format_version"] = _FORMAT_VERSION
         attributes = file.create_group("data").attrs
@@ -110,7 +117,7 @@ class EpisodeFile:
         """
         return cls(Path(path), _opened(import_h5py(), Path(path), "r"))
 
-    def _check_fit(self, env_args: Mapping[str, Any], quaternion_order: str) -> None:
+    def _check_fit(self, env_args: Mapping[str, object], quaternion_order: str) -> None:
         here, other = self.env_args.get("env_name"), env_args.get("env_name")
         problem = ""
         if self.quaternion_order != quaternion_order:
@@ -137,7 +144,7 @@ class EpisodeFile:
     def __len__(self) -> int:
         return len(self._data)
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
+    def __iter__(self) -> Iterator[Episode]:
         return (self.read(name) for name in self.names)
 
     def attributes(self, name: str) -> dict[str, Any]:
@@ -148,7 +155,7 @@ class EpisodeFile:
         """
         return {k: v.item() if hasattr(v, "item") else v for k, v in self._episode(name).attrs.items()}
 
-    def read(self, name: str, device: str = "cpu") -> dict[str, Any]:
+    def read(self, name: str, device: str = "cpu") -> Episode:
         """An episode as nested dicts of tensors; quaternions in every ``root_pose`` are xyzw, whatever the file's are.
 
         Raises:
@@ -156,13 +163,13 @@ class EpisodeFile:
         """
         return self._read(self._episode(name), device)
 
-    def _episode(self, name: str) -> Any:
+    def _episode(self, name: str) -> h5py.Group:
         if name not in self._data:
             raise KeyError(f"{self.path}: no episode '{name}'; it has {len(self)}: {', '.join(self.names[:5])}, ...")
         return self._data[name]
 
-    def _read(self, group: Any, device: str) -> dict[str, Any]:
-        out: dict[str, Any] = {}
+    def _read(self, group: h5py.Group, device: str) -> Episode:
+        out: Episode = {}
         for key, item in group.items():
             if hasattr(item, "keys"):
                 out[key] = self._read(item, device)
@@ -175,7 +182,7 @@ class EpisodeFile:
 
     # -- writing
 
-    def write(self, data: Mapping[str, Any], num_samples: int, **attributes: Any) -> str:
+    def write(self, data: Mapping[str, object], num_samples: int, **attributes: object) -> str:
         """Add an episode and flush it; it becomes part of the file once it is complete.
 
         Args:
@@ -186,8 +193,8 @@ class EpisodeFile:
         Returns:
             Its name.
         """
-        h5py = import_h5py()
-        episode = h5py.Group(h5py.h5g.create(self._file.id, None))  # belongs to no group until it is linked below
+        package = import_h5py()
+        episode = package.Group(package.h5g.create(self._file.id, None))  # belongs to no group until it is linked below
         episode.attrs["num_samples"] = num_samples
         for key, value in attributes.items():
             if value is not None:
@@ -201,7 +208,7 @@ class EpisodeFile:
         self._next += 1
         return name
 
-    def _write(self, group: Any, data: Mapping[str, Any]) -> None:
+    def _write(self, group: h5py.Group, data: Mapping[str, object]) -> None:
         for key, value in data.items():
             if isinstance(value, Mapping):
                 self._write(group.create_group(key), value)
@@ -218,7 +225,7 @@ class EpisodeFile:
     def __enter__(self) -> EpisodeFile:
         return self
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -227,11 +234,11 @@ def _number(name: str) -> int:
     return int(end) if end.isdecimal() else -1
 
 
-def _opened(h5py: Any, path: Path, mode: str) -> Any:
+def _opened(package: ModuleType, path: Path, mode: str) -> h5py.File:
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
-        file = h5py.File(path, mode)
+        file = package.File(path, mode)
     except OSError as error:
         raise ValueError(f"{path}: cannot be opened as an HDF5 file: {error}") from error
     if "data" not in file:

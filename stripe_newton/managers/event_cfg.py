@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Config of an event."""
+"""Event config: a function that changes environments, and when it runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MODES = ("prestartup", "startup", "reset", "interval", "step")
 class EventTermCfg:
     """Something that happens to environments, at a certain time."""
 
-    func: Callable[..., Any] = MISSING
+    func: Callable[..., object] = MISSING
     """Warp function ``(env, ...)``, or torch function ``(env, env_ids, **params)`` with an int64 tensor of
     environments."""
     params: dict[str, Any] = {}
@@ -45,7 +45,7 @@ class EventTermCfg:
             yield "min_step_count_between_reset", f"is {count!r}, must be a whole number of steps, 0 or more"
 
 
-def _is_range(bounds: Any) -> bool:
+def _is_range(bounds: object) -> bool:
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
         return False
     return all(isinstance(b, (int, float)) and math.isfinite(b) for b in bounds) and 0 < bounds[0] <= bounds[1]

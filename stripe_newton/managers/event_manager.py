@@ -156,9 +156,12 @@ def prestartup_events(cfg: object, owner: object) -> list[Eager]:
     items = []
     for name, term in terms_of(cfg).items():
         if isinstance(term, EventTermCfg) and term.mode == "prestartup" and not any(_problems(term)):
-            call = partial(term.func, owner, None, **term.params)
-            items.append(Eager("events_prestartup", call, f"torch term '{name}'", [name]))
+            items.append(Eager("events_prestartup", partial(_call, term, owner), f"torch term '{name}'", [name]))
     return items
+
+
+def _call(term: EventTermCfg, owner: object) -> None:
+    term.func(owner, None, **term.params)
 
 
 def _problems(term: EventTermCfg) -> Iterator[tuple[str, str]]:

@@ -1,14 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source of observation modifiers: digital filters, integrators, functions of a user's own."""
+"""Observation modifiers: digital filters, integrators, functions of a user's own; their configs and their source."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, bind_term, block, code
 
 from .context import ManagerContext
-from .observation_cfg import DigitalFilterCfg, IntegratorCfg, ModifierCfg
 
-__all__ = ["modifier_lines"]
+__all__ = ["DigitalFilterCfg", "IntegratorCfg", "ModifierCfg", "modifier_lines"]
+
+
+@configclass
+class ModifierCfg:
+    """A change of each number of a term: ``func(env, value, ...) -> float``, a Warp function."""
+
+    func: Callable[..., object] | None = None
+    """The function."""
+    params: dict[str, Any] = {}
+    """Its further arguments."""
+
+
+@configclass
+class DigitalFilterCfg(ModifierCfg):
+    """``y_n = sum_k B_k x_{n-k} - sum_k A_{k+1} y_{n-1-k}``; all past values are those of the first step at a reset."""
+
+    A: Sequence[float] = ()
+    """Feedback coefficients; without any the filter has a finite response."""
+    B: Sequence[float] = (1.0,)
+    """Feed-forward coefficients, one or more."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if not self.B:
+            yield "B", "is empty, must have the coefficient of the present value at least"
+
+
+@configclass
+class IntegratorCfg(ModifierCfg):
+    """``y_n = y_{n-1} + (x_n + x_{n-1}) / 2 dt``, zero at the start of an episode."""
+
+    dt: float = MISSING
+    """Time step [s]."""
 
 
 def modifier_lines(

@@ -6,15 +6,27 @@ from __future__ import annotations
 import warp as wp
 
 from stripe_kernels.processing import merge_statistics, normalize, sum_moments
+from stripe_newton.configclass import configclass
 from stripe_newton.fusion import Captured
 
 from .context import ManagerContext
-from .observation_cfg import RunningNormCfg
 
-__all__ = ["running_normalization"]
+__all__ = ["RunningNormCfg", "running_normalization"]
 
 _PARTS = 64
 """Slices of the environments in a sum."""
+
+
+@configclass
+class RunningNormCfg:
+    """Normalisation by the mean and variance of all that was seen: ``clamp((x - mean) / (std + eps), -clip, clip)``."""
+
+    eps: float = 1.0e-2
+    """Added to the standard deviation."""
+    clip: float = 10.0
+    """Bound of what is handed out."""
+    update: bool = True
+    """Whether statistics go on being gathered; parameter ``observations.GROUP.normalization.update``."""
 
 
 def running_normalization(

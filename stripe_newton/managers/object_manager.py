@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar
 
 import torch
@@ -13,25 +13,16 @@ import warp as wp
 
 from stripe_kernels.mdp import objects as mdp
 from stripe_newton.assets import RigidObject
-from stripe_newton.assets.asset_base import EnvIds
-from stripe_newton.fusion import Code, Item, NamedStructs, SceneEntityCfg, Section, bind_term, code
-from stripe_newton.fusion.warp_types import Struct, struct_of
+from stripe_newton.fusion import Code, Item, SceneEntityCfg, Section, bind_term, code
 
 from .context import ManagerContext
 from .manager_base import ManagerBase
-from .object_cfg import ObjectPoolCfg
+from .object_pool import ObjectPool, ObjectPoolCfg
 
-__all__ = ["ObjectManager", "ObjectPool"]
+__all__ = ["ObjectManager"]
 
 _CLEARANCE = 0.5
 """Gap between objects in the parking place [m]."""
-
-
-class PoolStructs(NamedStructs):
-    """Finds the objects of a pool by ``pool_name``."""
-
-    def __init__(self, kind: Struct):
-        super().__init__(kind, ["pool_name"])
 
 
 class ObjectManager(ManagerBase):
@@ -142,116 +133,6 @@ class ObjectManager(ManagerBase):
         return self.table("Object pools", ("pool", "objects", "names", "spawned at reset", "where"), rows)
 
 
-class ObjectPool:
-    """The objects of one pool, in all environments. Tensors are views: they show the state as it is now.
-
-    Attributes:
-        name: Name of the pool.
-        cfg: The config.
-        names: Names of the objects in the scene, one a slot.
-        objects: The objects themselves.
-        data: What terms read, an ``ObjectPoolData``.
-        struct_name: Name of ``data`` in generated source.
-        pose: Poses in the world [m], shape ``(num_envs, num_objects, 7)``.
-        vel: Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_objects, 6)``.
-        active: Whether an object takes part, bool, shape ``(num_envs, num_objects)``.
-        age: Steps since an active object was spawned, shape ``(num_envs, num_objects)``.
-        home: Poses of the configs in the environment's frame [m], shape ``(num_envs, num_objects, 7)``.
-        target: Where the objects should get to, in the environment's frame [m], same shape.
-        parking: Where retired objects wait, in the environment's frame [m], shape ``(num_objects, 7)``.
-    """
-
-    def __init__(self, name: str, cfg: ObjectPoolCfg, objects: dict[str, RigidObject], context: ManagerContext):
-        self.name, self.cfg, self._scene = name, cfg, context.scene
-        self.names, self.objects = list(objects), list(objects.values())
-        count, sim = len(objects), context.scene.sim
-        layouts = [o.layout for o in self.objects]
-        self.pose = _rows(sim.per_env(sim.state.joint_q), [x.root_coord for x in layouts], 7)
-        self.vel = _rows(sim.per_env(sim.state.joint_qd), [x.root_dof for x in layouts], 6)
-
-        def array(field: str, dtype: type) -> wp.array:
-            return context.array(f"objects.{name}.{field}", dtype, count)
-
-        self.data = data = mdp.ObjectPoolData()
-        data.pose = wp.from_torch(self.pose, dtype=wp.transform)
-        data.vel = wp.from_torch(self.vel, dtype=wp.spatial_vector)
-        data.active, data.age, data.written = array("active", wp.bool), array("age", int), array("written", wp.bool)
-        data.home_pose, data.home_vel = array("home_pose", wp.transform), array("home_vel", wp.spatial_vector)
-        data.target_pose = array("target_pose", wp.transform)
-        data.parking_pose = context.shared(f"objects.{name}.parking_pose", wp.transform, count)
-        data.env_origin = wp.from_torch(context.scene.env_origins, dtype=wp.vec3)
-        self.active, self.age = wp.to_torch(data.active), wp.to_torch(data.age)
-        self.home, self.target = wp.to_torch(data.home_pose), wp.to_torch(data.target_pose)
-        self.parking = wp.to_torch(data.parking_pose)
-        defaults = torch.stack([o.data.default_root_state for o in self.objects], dim=1)
-        self.home[:], self.target[:] = defaults[..., :7], defaults[..., :7]
-        wp.to_torch(data.home_vel)[:] = defaults[..., 7:]
-        context.structs.named(struct_of(data), PoolStructs).add(name, data, {"num_objects": count})
-        self.struct_name = context.scope.name(name, data)
-
-    @property
-    def positions(self) -> torch.Tensor:
-        """Positions in the world [m] (view), shape ``(num_envs, num_objects, 3)``."""
-        return self.pose[..., :3]
-
-    def spawn(
-        self,
-        env_ids: EnvIds = None,
-        slots: int | Sequence[int] | None = None,
-        pose: torch.Tensor | None = None,
-        vel: torch.Tensor | None = None,
-    ) -> None:
-        """Make objects active, outside a step or in a torch term.
-
-        Args:
-            env_ids: Environments, default all.
-            slots: Objects by index, default all.
-            pose: Poses in the world [m], shape ``(n, m, 7)`` for ``n`` environments and ``m`` slots or one that can be
-                broadcast to it; default: the homes.
-            vel: Velocities of the centres of mass [m/s, rad/s], shape ``(n, m, 6)``; default: at rest.
-
-        Raises:
-            ValueError: for a slot that does not exist.
-        """
-        rows, columns = self._indices(env_ids, slots)
-        if pose is None:
-            pose = self.home[rows, columns]
-            pose[..., :3] += self._scene.env_origins[rows]
-        self._write(rows, columns, pose, 0.0 if vel is None else vel, active=True)
-
-    def retire(self, env_ids: EnvIds = None, slots: int | Sequence[int] | None = None) -> None:
-        """Take objects out, outside a step or in a torch term.
-
-        Args:
-            env_ids: Environments, default all.
-            slots: Objects by index, default all.
-
-        Raises:
-            ValueError: for a slot that does not exist.
-        """
-        rows, columns = self._indices(env_ids, slots)
-        pose = self.parking[columns].repeat(len(rows), 1, 1)
-        pose[..., :3] += self._scene.env_origins[rows]
-        self._write(rows, columns, pose, 0.0, active=False)
-
-    def _write(
-        self, rows: torch.Tensor, columns: torch.Tensor, pose: torch.Tensor, vel: torch.Tensor | float, active: bool
-    ) -> None:
-        self.pose[rows, columns], self.vel[rows, columns] = pose, vel
-        self.active[rows, columns], self.age[rows, columns] = active, 0
-        self._scene.sim.forward(self._scene.controller.mask(rows.squeeze(-1)))
-
-    def _indices(self, env_ids: EnvIds, slots: int | Sequence[int] | None) -> tuple[torch.Tensor, torch.Tensor]:
-        """Environments as a column, slots as a row."""
-        count = len(self.names)
-        given = [slots] if isinstance(slots, int) else list(range(count) if slots is None else map(int, slots))
-        wrong = [s for s in given if not 0 <= s < count]
-        if wrong:
-            raise ValueError(f"object pool '{self.name}': no slot {wrong[0]}, there are 0 to {count - 1}")
-        rows = self.objects[0].env_indices(env_ids)
-        return rows.unsqueeze(1), torch.tensor(given, device=rows.device).unsqueeze(0)
-
-
 def _find(name: str, cfg: ObjectPoolCfg, context: ManagerContext) -> dict[str, RigidObject]:
     """The objects of a pool in the scene; none after a problem."""
     where = f"{ObjectManager.name}.{name}"
@@ -281,13 +162,6 @@ def _find(name: str, cfg: ObjectPoolCfg, context: ManagerContext) -> dict[str, R
         )
         return {}
     return found
-
-
-def _rows(state: torch.Tensor, starts: list[int], size: int) -> torch.Tensor:
-    """``size`` columns from each of evenly spaced ``starts``, as a view: shape ``(num_envs, len(starts), size)``."""
-    step = starts[1] - starts[0] if len(starts) > 1 else size
-    shape, strides = (len(state), len(starts), size), (state.stride(0), step, 1)
-    return state.as_strided(shape, strides, state.storage_offset() + starts[0])
 
 
 def _reach(body: RigidObject, context: ManagerContext) -> float:

@@ -14,9 +14,8 @@ from .context import ManagerContext
 from .image import image_writer
 from .manager_base import ManagerBase
 from .normalization import running_normalization
-from .observation_cfg import ObservationGroupCfg, ObservationTermCfg
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
-from .observation_term import ObservationTerm, make_observation_term
+from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
 from .shared_observation import SharedObservation
 
 __all__ = ["ObservationManager"]

@@ -1,20 +1,93 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observation term: its call, how many numbers it writes, and where they lie in the memory of its group."""
+"""Observation term: its config, its call, how many numbers it writes, and where they lie in the memory of its group."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from stripe_kernels.term_info import Each, observation_size
+from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Name, TermCall, bind_term, code
+from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 
 from .context import ManagerContext
 from .image import Picture, find_picture, image
 from .manager_base import is_warp_term
-from .observation_cfg import ObservationGroupCfg, ObservationTermCfg
+from .modifiers import ModifierCfg
+from .normalization import RunningNormCfg
 
-__all__ = ["ObservationTerm", "make_observation_term"]
+__all__ = ["ObservationGroupCfg", "ObservationTerm", "ObservationTermCfg", "make_observation_term"]
+
+_FLAT = "is False, but histories are handed out flat; reshape them in the network"
+
+
+@configclass
+class ObservationTermCfg:
+    """One observation. Its numbers pass modifiers, noise, clip, scale, delay, history, in this order."""
+
+    func: Callable[..., object] = MISSING
+    """Warp function ``(env, ..., out)``, or torch function ``(env, **params)`` that returns ``(num_envs, size)``."""
+    params: dict[str, Any] = {}
+    """Its further arguments."""
+    size: int | Callable[[Mapping[str, int]], int] | None = None
+    """Numbers it writes, or a function of the lengths of its index arrays; known for the terms of ``mdp``."""
+    modifiers: Sequence[ModifierCfg] = ()
+    """What is done to each number first."""
+    noise: NoiseCfg | NoiseModelCfg | None = None
+    """Noise; a model with bias draws the bias at the start of an episode."""
+    clip: tuple[float, float] | None = None
+    """Bounds."""
+    scale: float | Sequence[float] | None = None
+    """Factor, or one a number."""
+    delay_min_lag: int = 0
+    """Least delay [steps]."""
+    delay_max_lag: int = 0
+    """Largest delay [steps]; each episode draws one within the bounds."""
+    history_length: int = 0
+    """Steps that are handed out together, oldest first; 0 for the present alone."""
+    flatten_history_dim: bool = True
+    """Whether the steps lie side by side in one dimension; only that is supported."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.clip is not None and not (len(self.clip) == 2 and self.clip[0] <= self.clip[1]):
+            yield "clip", f"is {self.clip}, must be (low, high) with low <= high"
+        if not 0 <= self.delay_min_lag <= self.delay_max_lag:
+            bounds = f"({self.delay_min_lag}, {self.delay_max_lag})"
+            yield "delay_min_lag", f"lags are {bounds}, must be 0 <= delay_min_lag <= delay_max_lag"
+        if self.history_length < 0:
+            yield "history_length", f"is {self.history_length}, must be 0 or more"
+        if not self.flatten_history_dim:
+            yield "flatten_history_dim", _FLAT
+
+
+@configclass
+class ObservationGroupCfg:
+    """A group of observations, such as what the policy or the critic sees; its further fields are the terms."""
+
+    concatenate_terms: bool = True
+    """One tensor for the group, rather than a dict of its terms."""
+    concatenate_dim: int = -1
+    """Terms are joined along their last dimension; only that is supported."""
+    enable_corruption: bool = False
+    """Whether the noise of the terms is applied."""
+    history_length: int | None = None
+    """Overrides that of the terms."""
+    flatten_history_dim: bool = True
+    """See :class:`ObservationTermCfg`."""
+    normalization: RunningNormCfg | None = None
+    """Running normalisation of the whole group."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.concatenate_dim != -1:
+            yield "concatenate_dim", f"is {self.concatenate_dim}, only the last dimension (-1) is supported"
+        if self.normalization is not None and not self.concatenate_terms:
+            yield "normalization", "is set, but concatenate_terms is False; a normalised group is one tensor"
+        if self.history_length is not None and self.history_length < 0:
+            yield "history_length", f"is {self.history_length}, must be 0 or more"
+        if not self.flatten_history_dim:
+            yield "flatten_history_dim", _FLAT
 
 
 @dataclass

@@ -1,31 +1,95 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording of episodes."""
+"""Recorder manager: episodes recorded on the device and written to files when they end."""
 
 from __future__ import annotations
 
+import enum
 import importlib.util
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from stripe_newton.configclass import configclass
 from stripe_newton.fusion import Eager, Item
 
 from .context import ManagerContext
-from .episode_file import EpisodeFile
-from .manager_base import ManagerBase
-from .recorder_cfg import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
-from .recorders import RecorderTerm
+from .episode_file import Episode, EpisodeFile
+from .manager_base import ManagerBase, terms_of
+from .recorder_term import RecorderTerm, RecorderTermCfg
 
-__all__ = ["RecorderManager"]
+__all__ = ["DatasetExportMode", "RecorderManager", "RecorderManagerBaseCfg"]
 
-_SETTINGS = set(RecorderManagerBaseCfg.__dataclass_fields__)
+_CHOICES = {"dataset_file_mode": ("new", "append", "overwrite"), "quaternion_order": ("xyzw", "wxyz")}
 _ENVS_AT_ONCE = 64
 _GYM = 2  # robomimic's number for an environment of gymnasium
 _UNKNOWN = -1
 EnvIds = Sequence[int] | np.ndarray | torch.Tensor | None
+
+
+class DatasetExportMode(enum.IntEnum):
+    """Which episodes are written."""
+
+    EXPORT_NONE = 0
+    """None; they can still be read by ``get_episode``."""
+    EXPORT_ALL = 1
+    """All, into one file."""
+    EXPORT_SUCCEEDED_FAILED_IN_SEPARATE_FILES = 2
+    """All; those that did not succeed into ``FILENAME_failed.hdf5``."""
+    EXPORT_SUCCEEDED_ONLY = 3
+    """Those that succeeded."""
+    EXPORT_FAILED_ONLY = 4
+    """Those that did not succeed."""
+
+
+@configclass
+class RecorderManagerBaseCfg:
+    """Where episodes are written; the fields that a subclass adds are the terms."""
+
+    dataset_export_dir_path: str = "logs/recordings"
+    """Folder of the file; it is made."""
+    dataset_filename: str = "dataset"
+    """Name of the file, with or without ``.hdf5``."""
+    dataset_export_mode: DatasetExportMode = DatasetExportMode.EXPORT_ALL
+    """Which episodes are written."""
+    dataset_file_mode: str = "new"
+    """What to do if the file exists: ``"new"`` refuses, ``"append"`` goes on after its last episode, ``"overwrite"``
+    begins it anew."""
+    dataset_compression: bool = True
+    """Whether datasets are compressed with gzip."""
+    quaternion_order: str = "xyzw"
+    """Order of the quaternions in every ``root_pose``: ``"xyzw"`` as in Isaac Lab 3, ``"wxyz"`` as in Isaac Lab 2. The
+    file says which, by ``data.attrs["quat_convention"]`` and as Isaac Lab does by the file's ``format_version``. Other
+    quaternions, such as those in observations, are written as they are."""
+    export_in_record_pre_reset: bool = True
+    """Whether an episode is written when it ends; if not, it is dropped unless ``export_episodes`` is called before."""
+
+    def paths(self) -> list[Path]:
+        """The files that are written, that of the failed episodes last."""
+        mode, kinds = self.dataset_export_mode, DatasetExportMode
+        if mode == kinds.EXPORT_NONE:
+            return []
+        stem = Path(self.dataset_export_dir_path) / self.dataset_filename.removesuffix(".hdf5")
+        both = mode == kinds.EXPORT_SUCCEEDED_FAILED_IN_SEPARATE_FILES
+        return [stem.with_name(f"{stem.name}{end}.hdf5") for end in (["", "_failed"] if both else [""])]
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        for name, known in _CHOICES.items():
+            value = getattr(self, name)
+            if value not in known:
+                yield name, f"is {value!r}, must be one of {', '.join(known)}"
+        mode: object = self.dataset_export_mode
+        if not isinstance(mode, DatasetExportMode):
+            names = ", ".join(m.name for m in DatasetExportMode)
+            yield "dataset_export_mode", f"is {mode!r}, must be one of DatasetExportMode: {names}"
+        if not self.dataset_filename.removesuffix(".hdf5") or Path(self.dataset_filename).name != self.dataset_filename:
+            yield "dataset_filename", f"is '{self.dataset_filename}', must be a name; set dataset_export_dir_path too"
+
+
+_SETTINGS = set(RecorderManagerBaseCfg.__dataclass_fields__)
 
 
 class RecorderManager(ManagerBase):
@@ -41,7 +105,7 @@ class RecorderManager(ManagerBase):
 
     name = "recorders"
 
-    def __init__(self, cfg: Any, context: ManagerContext):
+    def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
         self.settings = cfg if isinstance(cfg, RecorderManagerBaseCfg) else RecorderManagerBaseCfg()
         self._terms = self._make_terms(cfg)
@@ -55,14 +119,14 @@ class RecorderManager(ManagerBase):
         self._resetting = torch.empty(0, dtype=torch.int64)
         self._check()
 
-    def _make_terms(self, cfg: Any) -> dict[str, RecorderTerm]:
+    def _make_terms(self, cfg: object) -> dict[str, RecorderTerm]:
         if cfg is not None and not isinstance(cfg, (dict, RecorderManagerBaseCfg)):
             self.context.problems.append(
                 f"recorders: is {type(cfg).__name__}, must be a RecorderManagerBaseCfg, a dict of terms or None"
             )
             return {}
         if isinstance(cfg, RecorderManagerBaseCfg):
-            cfg = {k: getattr(cfg, k) for k in type(cfg).__dataclass_fields__ if k not in _SETTINGS}
+            cfg = {name: term for name, term in terms_of(cfg).items() if name not in _SETTINGS}
         made = {}
         for name, term in self.terms(cfg, RecorderTermCfg).items():
             kind = term.class_type
@@ -195,7 +259,7 @@ class RecorderManager(ManagerBase):
             buffer = self._buffers[path] = _Buffer(value, self.context.num_envs, capacity)
         buffer.append(value, ids)
 
-    def add_to_episodes(self, key: str, value: Any, env_ids: EnvIds = None) -> None:
+    def add_to_episodes(self, key: str, value: object, env_ids: EnvIds = None) -> None:
         """Record a tensor, or nested dicts of tensors, with one row for each of ``env_ids``."""
         ids = None if env_ids is None else self._ids(env_ids)
         for path, tensor in _flat(key, value):
@@ -214,7 +278,7 @@ class RecorderManager(ManagerBase):
         for values, value in ((self._said, _UNKNOWN), (self._found, _UNKNOWN), (self._started, False)):
             values[ids] = value
 
-    def get_episode(self, env_id: int) -> dict[str, Any]:
+    def get_episode(self, env_id: int) -> Episode:
         """The running episode of an environment, as nested dicts of tensors whose first dimension is time."""
         return _nested({path: b.values[env_id, : b.lengths[env_id]].clone() for path, b in self._buffers.items()})
 
@@ -239,8 +303,9 @@ class RecorderManager(ManagerBase):
             those = done[(success[done] == 1) == succeeded]
             self._counts[succeeded] += len(those)
             file = self._target(succeeded)
-            for start in range(0, len(those) if file is not None else 0, _ENVS_AT_ONCE):
-                self._write(file, those[start : start + _ENVS_AT_ONCE], lengths, success)
+            if file is not None:
+                for start in range(0, len(those), _ENVS_AT_ONCE):
+                    self._write(file, those[start : start + _ENVS_AT_ONCE], lengths, success)
         self.clear(ids)
 
     def _lengths(self) -> np.ndarray:
@@ -248,7 +313,7 @@ class RecorderManager(ManagerBase):
         found = [b.lengths for b in self._buffers.values() if b.every_step]
         return np.max(found, axis=0) if found else np.zeros(self.context.num_envs, dtype=np.int64)
 
-    def _write(self, file: Any, ids: np.ndarray, lengths: np.ndarray, success: np.ndarray) -> None:
+    def _write(self, file: EpisodeFile, ids: np.ndarray, lengths: np.ndarray, success: np.ndarray) -> None:
         parts = {path: buffer.fetch(ids) for path, buffer in self._buffers.items()}
         actions = self._buffers.get("actions")
         for k, env in enumerate(ids):
@@ -284,7 +349,7 @@ class RecorderManager(ManagerBase):
             self._files = made
         return self._files
 
-    def _env_args(self) -> dict[str, Any]:
+    def _env_args(self) -> dict[str, object]:
         owner, context = self.context.owner, self.context
         cfg: Any = getattr(owner, "cfg", None)
         name = getattr(cfg, "env_name", None) or getattr(getattr(owner, "spec", None), "id", None) or ""
@@ -325,7 +390,7 @@ class _Buffer:
         self._all = torch.arange(num_envs, device=value.device)
 
     def append(self, value: torch.Tensor, ids: np.ndarray | None) -> None:
-        where: Any = slice(None) if ids is None else ids
+        where: slice | np.ndarray = slice(None) if ids is None else ids
         self.every_step |= ids is None
         if len(self.lengths[where]) and self.lengths[where].max() >= self.values.shape[1]:
             self.values = torch.cat((self.values, torch.empty_like(self.values)), dim=1)
@@ -344,14 +409,14 @@ class _Buffer:
         return self.values[:, : self.lengths[ids].max()][rows].cpu().numpy()
 
 
-def _flat(key: str, value: Any) -> list[tuple[str, torch.Tensor]]:
+def _flat(key: str, value: object) -> list[tuple[str, torch.Tensor]]:
     if isinstance(value, dict):
         return [pair for k, v in value.items() for pair in _flat(f"{key}/{k}", v)]
     return [(key, torch.as_tensor(value))]
 
 
-def _nested(flat: dict[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
+def _nested(flat: Mapping[str, torch.Tensor | np.ndarray]) -> Episode:
+    out: Episode = {}
     for path, value in flat.items():
         *above, last = path.split("/")
         group = out

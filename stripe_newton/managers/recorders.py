@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be recorded."""
+"""Recorders: the recorder terms that come with the package."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import torch
 
 from stripe_newton.configclass import configclass
 
-from .recorder_cfg import RecorderManagerBaseCfg, RecorderTermCfg
+from .episode_file import Episode
+from .recorder_manager import RecorderManagerBaseCfg
+from .recorder_term import Recorded, RecorderTerm, RecorderTermCfg
 
 __all__ = [
     "ActionStateRecorderManagerCfg",
@@ -23,40 +25,7 @@ __all__ = [
     "PreStepActionsRecorderCfg",
     "PreStepFlatPolicyObservationsRecorder",
     "PreStepFlatPolicyObservationsRecorderCfg",
-    "Recorded",
-    "RecorderTerm",
 ]
-
-Recorded = tuple[str | None, Any]
-"""Key and value: a tensor, or nested dicts of tensors. The key may be a path, ``"obs/joint_pos"``; None for nothing."""
-
-
-class RecorderTerm:
-    """Says what to record at four points of a step; a subclass overrides those it needs.
-
-    What is returned is copied at once, so a view of the simulation's memory may be returned as it is. The calls before
-    and after a step return one row an environment, those around a reset one row for each of ``env_ids``.
-    """
-
-    def __init__(self, cfg: RecorderTermCfg, env: Any):
-        """Keep config and environment."""
-        self.cfg, self._env = cfg, env
-
-    def record_pre_step(self) -> Recorded:
-        """After the actions were processed, before physics."""
-        return None, None
-
-    def record_post_step(self) -> Recorded:
-        """After physics and rewards, before environments are reset."""
-        return None, None
-
-    def record_pre_reset(self, env_ids: torch.Tensor) -> Recorded:
-        """Before environments are reset, at the end of their episodes; ``env_ids`` is int64."""
-        return None, None
-
-    def record_post_reset(self, env_ids: torch.Tensor) -> Recorded:
-        """After environments were reset, at the start of their episodes; ``env_ids`` is int64."""
-        return None, None
 
 
 class InitialStateRecorder(RecorderTerm):
@@ -97,7 +66,7 @@ class PreStepFlatPolicyObservationsRecorder(RecorderTerm):
         return "obs", seen if isinstance(seen, dict) else {"policy": seen}
 
 
-def _rows(value: Any, env_ids: torch.Tensor) -> Any:
+def _rows(value: Episode | torch.Tensor, env_ids: torch.Tensor) -> Any:
     return {k: _rows(v, env_ids) for k, v in value.items()} if isinstance(value, dict) else value[env_ids]
 
 
