@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``@configclass``: dataclasses for configuration, with the few things dataclasses lack.
+"""``@configclass``: dataclasses for configuration, with copied defaults, checks of names and conversion to YAML.
 
 * a default that is mutable is copied for each instance;
 * a public class attribute without an annotation is a field too;
@@ -23,14 +23,18 @@ import os
 import re
 import typing
 import warnings
-from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from typing_extensions import dataclass_transform
+from typing_extensions import TypeIs, dataclass_transform
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 __all__ = ["MISSING", "ConfigError", "configclass", "from_dict", "is_config", "resolve_name", "to_dict", "validate"]
 
 T = TypeVar("T")
+Config = TypeVar("Config", bound="DataclassInstance")
 _SAME_IN_YAML = ({"bool"}, {"int", "float"}, {"str"}, {"list", "tuple"}, {"dict"})
 _PLAIN_TYPES = set().union(*_SAME_IN_YAML)
 _SCALARS = (bool, int, float, complex, str, bytes, frozenset, type(None))
@@ -55,7 +59,7 @@ class ConfigError(ValueError):
         return type(self), (self.problems,)
 
 
-def is_config(value: Any) -> bool:
+def is_config(value: object) -> TypeIs[DataclassInstance]:
     """Whether ``value`` is an instance of a config class."""
     return getattr(type(value), "__is_configclass__", False)
 
@@ -94,9 +98,9 @@ def configclass(cls: type[T]) -> type[T]:
     return new
 
 
-def _own_fields(cls: type) -> dict[str, Any]:
+def _own_fields(cls: type) -> dict[str, object]:
     """Annotations of the fields that the body of ``cls`` declares, those without one included."""
-    known: dict[str, Any] = {}
+    known: dict[str, object] = {}
     for base in reversed(cls.__mro__):
         known.update(inspect.get_annotations(base))
     own = dict(inspect.get_annotations(cls))
@@ -106,7 +110,7 @@ def _own_fields(cls: type) -> dict[str, Any]:
     return own
 
 
-def _is_plain_attribute(cls: type, name: str, value: Any) -> bool:
+def _is_plain_attribute(cls: type, name: str, value: object) -> bool:
     if name.startswith("_") or isinstance(value, (property, classmethod, staticmethod, functools.cached_property)):
         return False
     if inspect.isfunction(value) and value.__name__ == "<lambda>":
@@ -119,10 +123,10 @@ def _is_plain_attribute(cls: type, name: str, value: Any) -> bool:
 class _Default:
     """A default value that every instance gets its own copy of; functions and classes are shared."""
 
-    def __init__(self, value: Any):
+    def __init__(self, value: object):
         self.value = value
 
-    def __call__(self) -> Any:
+    def __call__(self) -> object:
         return _clone(self.value)
 
 
@@ -141,13 +145,13 @@ def _clone(value: Any) -> Any:
     return _copy.deepcopy(value)
 
 
-def _nothing(self: Any) -> None:
+def _nothing(self: object) -> None:
     pass
 
 
-def _refuse_unknown(init: Any) -> Any:
+def _refuse_unknown(init: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(init)
-    def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
+    def __init__(self: DataclassInstance, *args: object, **kwargs: object) -> None:
         unknown = [_unknown(self, name) for name in kwargs if name not in type(self).__dataclass_fields__]
         if unknown:
             raise TypeError("; ".join(unknown))
@@ -156,24 +160,24 @@ def _refuse_unknown(init: Any) -> Any:
     return __init__
 
 
-def _field_names(obj: Any) -> list[str]:
+def _field_names(obj: DataclassInstance) -> list[str]:
     return [f.name for f in dataclasses.fields(obj)]
 
 
-def _unknown(obj: Any, name: str) -> str:
+def _unknown(obj: DataclassInstance, name: str) -> str:
     near = difflib.get_close_matches(name, _field_names(obj), n=1)
     hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(_field_names(obj)) or 'none'}"
     return f"{type(obj).__name__} has no field '{name}'; {hint}"
 
 
-def _setattr(self: Any, name: str, value: Any) -> None:
+def _setattr(self: DataclassInstance, name: str, value: object) -> None:
     known = name.startswith("_") or name in type(self).__dataclass_fields__
     if not known and not isinstance(getattr(type(self), name, None), property):
         raise AttributeError(_unknown(self, name))
     object.__setattr__(self, name, value)
 
 
-def _replace(self: T, **changes: Any) -> T:
+def _replace(self: Config, **changes: object) -> Config:
     """A copy with the named fields changed."""
     unknown = [_unknown(self, name) for name in changes if name not in _field_names(self)]
     if unknown:
@@ -189,12 +193,12 @@ def _copy_config(self: T) -> T:
     return _clone(self)
 
 
-def to_dict(self: Any) -> dict[str, Any]:
+def to_dict(self: DataclassInstance) -> dict[str, object]:
     """Nested dicts of plain values, fit for YAML: functions and classes become ``module:name``."""
     return {name: _plain(getattr(self, name)) for name in _field_names(self)}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if value is MISSING:
         return "MISSING"
     if is_config(value):
@@ -218,7 +222,7 @@ def _plain(value: Any) -> Any:
     return repr(value)
 
 
-def from_dict(self: Any, data: Mapping[str, Any]) -> None:
+def from_dict(self: DataclassInstance, data: Mapping[str, object]) -> None:
     """Set fields from nested dicts, in place; fields that ``data`` does not name stay as they are.
 
     Configs are merged, also those inside lists and dicts; other lists and dicts are replaced. ``from_dict(to_dict())``
@@ -233,7 +237,7 @@ def from_dict(self: Any, data: Mapping[str, Any]) -> None:
         raise ConfigError(problems)
 
 
-def _load(obj: Any, data: Mapping[str, Any], path: str, problems: list[str]) -> None:
+def _load(obj: DataclassInstance, data: Mapping[str, object], path: str, problems: list[str]) -> None:
     for name, value in data.items():
         where = f"{path}{name}"
         if name not in type(obj).__dataclass_fields__:
@@ -248,7 +252,7 @@ def _load(obj: Any, data: Mapping[str, Any], path: str, problems: list[str]) -> 
         setattr(obj, name, _fit(old, value, words, where, problems))
 
 
-def _annotation_words(annotation: Any) -> set[str]:
+def _annotation_words(annotation: object) -> set[str]:
     """Names of the types that an annotation allows, without what stands in brackets: ``{"tuple", "None"}``."""
     text = re.sub(r"\b(typing\.)?(Optional|Union)\[(.*)\]", r"\3, None", str(annotation))
     while "[" in text and (shorter := re.sub(r"\[[^\[\]]*\]", "", text)) != text:
@@ -256,7 +260,7 @@ def _annotation_words(annotation: Any) -> set[str]:
     return set(re.findall(r"\w+", text))
 
 
-def _fit(old: Any, value: Any, words: set[str], where: str, problems: list[str]) -> Any:
+def _fit(old: object, value: object, words: set[str], where: str, problems: list[str]) -> object:
     """:func:`_convert`, with what does not fit reported and left as it was."""
     try:
         return _convert(old, value, words, where, problems)
@@ -265,7 +269,7 @@ def _fit(old: Any, value: Any, words: set[str], where: str, problems: list[str])
         return old
 
 
-def _convert(old: Any, value: Any, words: set[str], where: str, problems: list[str]) -> Any:
+def _convert(old: object, value: object, words: set[str], where: str, problems: list[str]) -> object:
     """``value``, plain, as the kind of thing that ``old`` is or that the words of its annotation name."""
     plain = _plain(old)
     if type(value) is type(plain) and value == plain and not is_config(old):
@@ -280,7 +284,7 @@ def _convert(old: Any, value: Any, words: set[str], where: str, problems: list[s
     _check_type(value, words)
     if isinstance(value, Mapping) and isinstance(old, Mapping):
         new_keys = [k for k in value if k not in old] if any(map(is_config, old.values())) else []
-        if new_keys:  # of which class they should be, nobody said
+        if new_keys:  # their config class is unknown
             raise ValueError(f"has no '{new_keys[0]}', only {', '.join(map(str, old))}; add it in Python")
         return {k: _fit(old.get(k, MISSING), v, {"Any"}, f"{where}.{k}", problems) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -301,7 +305,7 @@ def _convert(old: Any, value: Any, words: set[str], where: str, problems: list[s
     return value
 
 
-def _as_container(old: Any, items: list[Any], words: set[str]) -> Any:
+def _as_container(old: object, items: list[object], words: set[str]) -> object:
     if isinstance(old, (tuple, set, frozenset)):
         return type(old)(items)
     if hasattr(old, "new_tensor"):
@@ -313,7 +317,7 @@ def _as_container(old: Any, items: list[Any], words: set[str]) -> Any:
     return tuple(items) if "tuple" in words and not isinstance(old, list) else items
 
 
-def _check_type(value: Any, words: set[str]) -> None:
+def _check_type(value: object, words: set[str]) -> None:
     """Refuse a plain value where the annotation names plain types alone, and not this one."""
     same = next((kinds for kinds in _SAME_IN_YAML if type(value).__name__ in kinds), set())
     expected = words & _PLAIN_TYPES
@@ -321,11 +325,11 @@ def _check_type(value: Any, words: set[str]) -> None:
         _refuse(value, " or ".join(sorted(expected)))
 
 
-def _refuse(value: Any, expected: str) -> Any:
+def _refuse(value: object, expected: str) -> NoReturn:
     raise ValueError(f"got {value!r} ({type(value).__name__}), expected {expected}")
 
 
-def _new_config(obj: Any, name: str) -> Any:
+def _new_config(obj: DataclassInstance, name: str) -> DataclassInstance | None:
     """A default config of the one config class that the annotation of a field names; None if there is not one."""
     try:
         hint = typing.get_type_hints(type(obj))[name]
@@ -346,7 +350,7 @@ def resolve_name(name: str) -> Any:
     return value
 
 
-def validate(self: Any) -> None:
+def validate(self: DataclassInstance) -> None:
     """Check the whole tree of configs.
 
     A field that has no effect warns, once by name, where its value is not the default.
@@ -359,7 +363,7 @@ def validate(self: Any) -> None:
         raise ConfigError(problems)
 
 
-def _warn_of_ignored(config: Any) -> None:
+def _warn_of_ignored(config: DataclassInstance) -> None:
     """Warn of each field that was set and has no effect. Python shows an equal warning of one place once."""
     for cls in type(config).__mro__:
         for name, reason in vars(cls).get("IGNORED", {}).items():
@@ -369,7 +373,7 @@ def _warn_of_ignored(config: Any) -> None:
                 warnings.warn(f"{cls.__name__}.{name} has no effect: {reason}", stacklevel=2)
 
 
-def _walk(value: Any, path: str) -> Iterator[str]:
+def _walk(value: object, path: str) -> Iterator[str]:
     if is_config(value):
         _warn_of_ignored(value)
         missing = [name for name in _field_names(value) if getattr(value, name) is MISSING]

@@ -4,69 +4,75 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import gymnasium
 
 from stripe_newton.configclass import resolve_name
 
+if TYPE_CHECKING:
+    # What a task names is imported when it is made, not when it is registered: that would load torch and Warp.
+    from stripe_newton.envs import RLEnv, RLEnvCfg
+    from stripe_newton.spec.scene import SceneSpec
+
 __all__ = ["register_scene", "register_task", "scene_class", "scene_names"]
 
-_SCENES: dict[str, str | type] = {}
+EntryPoint: TypeAlias = "str | Callable[..., object]"
+"""A class or function, or its name as ``"module:name"``."""
+
+_SCENES: dict[str, str | type[SceneSpec]] = {}
 
 
-class _Creator:
-    """Makes the environment of a task; what gymnasium calls as its vector entry point."""
+class _EnvCreator:
+    """The vector entry point of a task: makes its environment, from the registered config or from one that is given."""
 
-    def __init__(self, env: str | Callable[..., Any], env_cfg: str | Callable[[], Any]):
+    def __init__(self, env: str | Callable[..., RLEnv], env_cfg: str | Callable[[], RLEnvCfg]):
         self.env, self.env_cfg = env, env_cfg
 
     def __call__(
         self,
-        cfg: Any = None,
+        cfg: RLEnvCfg | None = None,
         render_mode: str | None = None,
         num_envs: int | None = None,
-        env_cfg_entry_point: Any = None,
-        rsl_rl_cfg_entry_point: Any = None,
-        **kwargs: Any,
-    ) -> Any:
-        given = cfg is not None
-        cfg = cfg if given else _named(self.env_cfg)()
-        if num_envs is not None and not (given and num_envs == 1):  # make_vec passes 1 when it was told nothing
-            cfg = cfg.copy()
-            cfg.scene.num_envs = num_envs
-        return _named(self.env)(cfg=cfg, render_mode=render_mode, **kwargs)
-
-
-def _named(thing: str | Callable[..., Any]) -> Any:
-    return resolve_name(thing) if isinstance(thing, str) else thing
+        env_cfg_entry_point: EntryPoint | None = None,
+        rsl_rl_cfg_entry_point: EntryPoint | None = None,
+        **kwargs: object,
+    ) -> RLEnv:
+        make_env = resolve_name(self.env) if isinstance(self.env, str) else self.env
+        make_cfg = resolve_name(self.env_cfg) if isinstance(self.env_cfg, str) else self.env_cfg
+        chosen = make_cfg() if cfg is None else cfg
+        # make_vec passes num_envs=1 where its caller named no number; that must not override a config that is given.
+        if num_envs is not None and not (cfg is not None and num_envs == 1):
+            chosen = chosen.copy()
+            chosen.scene.num_envs = num_envs
+        return make_env(cfg=chosen, render_mode=render_mode, **kwargs)
 
 
 def register_task(
     task_id: str,
     *,
-    env: str | Callable[..., Any],
-    env_cfg: str | Callable[[], Any],
-    rsl_rl_cfg: str | Callable[[], Any] | None = None,
+    env: str | Callable[..., RLEnv],
+    env_cfg: str | Callable[[], RLEnvCfg],
+    rsl_rl_cfg: EntryPoint | None = None,
 ) -> None:
     """Register a task, so that ``gymnasium.make_vec(task_id)`` and the command line find it.
 
     Args:
         task_id: Such as ``"My-Task-v0"``.
         env: ``"module:Class"`` of the environment, which takes ``(cfg, render_mode)``, or the class.
-        env_cfg: ``"module:Class"`` of its config, or what makes one.
-        rsl_rl_cfg: ``"module:Class"`` of the config that rsl_rl trains it with, or what makes one.
+        env_cfg: ``"module:Class"`` of its config, or a function that returns one.
+        rsl_rl_cfg: ``"module:Class"`` of the config that rsl_rl trains it with, or a function that returns one.
 
     ``gymnasium.make_vec(task_id, num_envs=64)`` or ``make_vec(task_id, cfg=cfg)`` makes it; with a config, the
     config's number of environments holds unless ``num_envs`` is given too.
     """
-    kwargs: dict[str, Any] = {"env_cfg_entry_point": env_cfg}
+    kwargs: dict[str, EntryPoint] = {"env_cfg_entry_point": env_cfg}
     if rsl_rl_cfg is not None:
         kwargs["rsl_rl_cfg_entry_point"] = rsl_rl_cfg
-    gymnasium.register(id=task_id, vector_entry_point=_Creator(env, env_cfg), kwargs=kwargs)
+    gymnasium.register(id=task_id, vector_entry_point=_EnvCreator(env, env_cfg), kwargs=kwargs)
 
 
-def register_scene(name: str, spec: str | type) -> None:
+def register_scene(name: str, spec: str | type[SceneSpec]) -> None:
     """Register a scene, so that ``stripe-newton scene`` finds it.
 
     Args:
@@ -85,10 +91,11 @@ def scene_names() -> list[str]:
     return sorted(_SCENES)
 
 
-def scene_class(name: str) -> Any:
+def scene_class(name: str) -> type[SceneSpec]:
     """The ``SceneSpec`` class of a registered scene, imported now.
 
     Raises:
         KeyError: if there is none of that name.
     """
-    return _named(_SCENES[name])
+    spec = _SCENES[name]
+    return resolve_name(spec) if isinstance(spec, str) else spec
