@@ -236,7 +236,7 @@ def test_all_problems_are_gathered():
     for part in (
         "curriculum.typo.params.parameter: no parameter 'rewards.alife.weight'; near it: rewards.alive.weight",
         "curriculum.nowhere.params.parameter: no parameter 'observations.height.scale'",
-        "curriculum.unnamed.params.parameter: name what changes by 'term_name' (a reward) or 'address'",
+        "curriculum.unnamed.params.parameter: is missing, name a reward by 'term_name' or any parameter by 'address'",
         "curriculum.lacking.params.num_steps: is missing",
         "curriculum.extra.params.start: 'modify_term_cfg' has no such argument; did you mean 'start_step'?",
         "curriculum.result.func: 'wrong_result' returns int, a curriculum must be annotated '-> float'",

@@ -298,7 +298,7 @@ def test_spaces(spec, shape):
 
 @pytest.mark.parametrize("spec", [0, -1, True, "four", [], {}, [1, -2], {1, 2}])
 def test_what_is_no_space(spec):
-    with pytest.raises(ValueError, match="is no space"):
+    with pytest.raises(ValueError, match="is not a space"):
         to_space(spec)
 
 

@@ -153,9 +153,9 @@ def test_source_knows_the_fields_of_structs(cart):
 def test_source_in_an_f_string_is_an_error():
     """It would lose the names that it uses."""
     name = Scope().name("values", wp.zeros(1, dtype=float))
-    with pytest.raises(TypeError, match=r"'values' is source in an f-string, write it with code"):
+    with pytest.raises(TypeError, match=r"'values' is source code in an f-string, write it with code"):
         f"{name}[env]"
-    with pytest.raises(TypeError, match=r"'\{\} = 1': a part is array, must be source or text"):
+    with pytest.raises(TypeError, match=r"'\{\} = 1': a part is array, must be source code or text"):
         code("{} = 1", wp.zeros(1, dtype=float))
 
 

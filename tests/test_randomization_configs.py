@@ -68,7 +68,7 @@ WRONG: list[tuple[Any, dict[str, Any], list[str]]] = [
     (mdp.randomize_joint_parameters, {"asset_cfg": POLE, "upper_limit_distribution_params": (1.0, 2.0)},
      ["none of these joints has limits"]),
     (mdp.randomize_rigid_body_material, {"static_friction_range": (0.5, 1.0), "restitution_range": (0.0, 0.5)},
-     ["restitution_range", "SolverMuJoCo knows no restitution", "(0.0, 0.0)"]),
+     ["restitution_range", "SolverMuJoCo ignores restitution", "(0.0, 0.0)"]),
     (mdp.randomize_rigid_body_material, {"static_friction_range": (-0.5, 1.0)}, ["not negative"]),
     (mdp.randomize_rigid_body_collider_offsets, {"asset_cfg": SceneEntityCfg("box"),
                                                  "rest_offset_distribution_params": (0.0, 0.01)}, ["ignores margins"]),

@@ -246,7 +246,7 @@ def test_a_place_to_go_to_needs_level_patches():
         sub.flat_patch_sampling = None
     cfg = EnvCfg()
     cfg.scene.terrain.terrain_generator = tiles
-    with pytest.raises(ConfigError, match="has no level patches named 'target'"):
+    with pytest.raises(ConfigError, match="has no flat patches named 'target'"):
         ManagerBasedRLEnv(cfg)
 
 
@@ -327,5 +327,5 @@ def test_a_reset_to_patches_needs_them():
     cfg = EnvCfg()
     params = {"pose_range": {}, "velocity_range": {}}
     cfg.events = {"base": EventTermCfg(func=mdp.reset_root_state_from_terrain, mode="reset", params=params)}
-    with pytest.raises(ConfigError, match=r"events\.base: .*no level patches named 'init_pos'"):
+    with pytest.raises(ConfigError, match=r"events\.base: .*no flat patches named 'init_pos'"):
         ManagerBasedRLEnv(cfg)

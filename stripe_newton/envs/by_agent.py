@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""By agent: dicts of tensors that come in or that hooks return, checked."""
+"""By agent: checks of dicts of tensors, as callers pass them in and hooks return them, and noise by agent."""
 
 from __future__ import annotations
 
@@ -24,13 +24,19 @@ __all__ = [
 ]
 
 ByAgent = dict[str, torch.Tensor]
+"""A tensor for each agent, by the agent's name."""
 
 
 def of_all(agents: Sequence[str], what: str, values: object) -> ByAgent:
     """``values`` in the order of the agents.
 
+    Args:
+        agents: Names of the agents.
+        what: Name of the values, for the error.
+        values: A dict by agent.
+
     Raises:
-        ValueError: if one is missing, or there is one too many.
+        ValueError: if it is not a dict, or its keys are not exactly the agents.
     """
     if not isinstance(values, Mapping) or set(values) != set(agents):
         got = ", ".join(map(str, values)) if isinstance(values, Mapping) else type(values).__name__
@@ -91,8 +97,12 @@ def checked_state(state: torch.Tensor | None, space: spaces.Space, num_envs: int
 
 
 def ends_of_envs(terminated: ByAgent, time_outs: ByAgent) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Environments all of whose agents are done, those all of whose agents terminated, and those that ended otherwise
-    or all of whose agents ran out of time; bool, shape ``(num_envs,)`` each."""
+    """Ends of episodes from ends of agents.
+
+    Returns:
+        Environments all of whose agents are done; environments all of whose agents terminated; environments that ended
+        otherwise, or all of whose agents ran out of time. Bool, shape ``(num_envs,)`` each.
+    """
     failed, late = torch.stack([*terminated.values()]), torch.stack([*time_outs.values()])
     ended, all_failed = (failed | late).all(dim=0), failed.all(dim=0)
     return ended, all_failed, late.all(dim=0) | (ended & ~all_failed)
@@ -117,13 +127,14 @@ def tensors_by_agent(
 
 
 class AgentNoise:
-    """Noise models of agents; those without one are left as they are."""
+    """Noise models by agent; the values of agents without one pass unchanged."""
 
     def __init__(self, cfgs: Mapping[str, NoiseModelCfg | None] | None, num_envs: int, device: str):
         given = {a: c for a, c in (cfgs or {}).items() if c is not None}
         self._models = {a: c.class_type(c, num_envs, device) for a, c in given.items()}
 
     def __call__(self, agent: str, value: torch.Tensor) -> torch.Tensor:
+        """``value`` of an agent with its noise; float32 where it is a floating-point tensor."""
         if value.is_floating_point():
             value = value.float()
         return self._models[agent](value.float()) if agent in self._models else value
@@ -134,5 +145,5 @@ class AgentNoise:
             model.reset(env_ids)
 
     def parts(self) -> list[dict[str, torch.Tensor]]:
-        """What the models remember, as the dicts that they keep it in."""
+        """State of the models, as the dicts in which they keep it."""
         return [model.__dict__ for model in self._models.values()]

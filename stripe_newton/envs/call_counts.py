@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Call counts: how often a step launches graphs and kernels, copies, and lets the host wait."""
+"""Call counts: graph launches, kernel launches, copies and host synchronisations of a step."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ def calls_in_trace(
 ) -> Counter[str]:
     """CUDA calls of a Chrome trace within the host's annotations called ``region``, by kind.
 
-    A call of the driver within one of the runtime is the same call. Copies to pageable memory count as waits where they
-    are more than the waits that were seen.
+    The runtime makes its calls through the driver, so a driver call within a runtime call is counted once. A copy to
+    pageable memory waits for the device; such copies count as synchronisations where they outnumber those in the trace.
 
     Args:
         trace: As ``torch.profiler`` exports it.
-        in_warp: Calls that Warp made, by kind. It makes them through the driver, which a profiler may not show, so
-            the larger one of both numbers counts.
+        in_warp: Calls that Warp made, by kind. Warp calls the driver, which a profiler may not show, so the larger of
+            the two numbers counts.
         region: Name of the annotations.
     """
     events = [e for e in trace["traceEvents"] if e.get("ph") == "X"]
@@ -123,7 +123,9 @@ def calls_in_trace(
 
 @contextlib.contextmanager
 def warp_calls() -> Iterator[Counter[str]]:
-    """Counts what Warp's Python side asks its library to launch and to wait for, by kind, as long as it is open."""
+    """Count the launches and synchronisations that Warp's Python side asks its library for, by kind, until closed."""
+    # Warp has no hook for this. Its Python side looks each function up in this object at every call, so replacing the
+    # attribute catches all of them.
     core = wp._src.context.runtime.core
     counts: Counter[str] = Counter()
 
@@ -153,7 +155,7 @@ def _correlation(event: Event) -> object:
 
 
 def _outermost(inner: list[Event], outer: list[Event]) -> list[Event]:
-    """Those of ``inner`` that do not lie within one of ``outer`` on the same thread."""
+    """The events of ``inner`` that do not lie within an event of ``outer`` on the same thread."""
     spans: dict[object, list[tuple[float, float]]] = defaultdict(list)
     for event in outer:
         spans[event.get("tid")].append((event["ts"], event["ts"] + event["dur"]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Direct environment base: what the direct workflows of one agent and of several have in common."""
+"""Direct environment base: stages, events and resets that direct environments of one and of several agents share."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class DirectCfg(Protocol):
 
 
 class DirectEnvBase(RLEnv):
-    """An environment whose class fills hooks; those with torch run between graphs."""
+    """Base of environments whose class fills hooks. Hooks in torch run between CUDA graphs."""
 
     def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: object):
         super().__init__(cfg, render_mode, **kwargs)
         self._checked = False
-        """Whether the first observations were compared with the spaces."""
+        """Whether the first observations have been compared with the spaces."""
 
     def _make_hook_helpers(self, cfg: DirectCfg) -> None:
-        """Make what runs events and action hooks, once the spaces are there."""
+        """Make the runners of events and action hooks. Events may ask for spaces, so this comes after them."""
         self._events = EventRunner(cfg.events, self) if cfg.events is not None else None
         self._substeps = Substeps(cfg.apply_action, cfg.decimation)
 
@@ -47,7 +47,7 @@ class DirectEnvBase(RLEnv):
     # -- stages that both have
 
     def _torch_physics(self) -> Eager:
-        """The physics with the torch hook ``_apply_action`` before each step of it, or before all."""
+        """The physics with the torch hook ``_apply_action``, before each physics step or once before all of them."""
         graph = self.device != "cpu" and self.cfg.sim.use_cuda_graph
         how = f"torch hook; the physics is {'one CUDA graph' if graph else 'kernel by kernel'}"
         name = f"_apply_action ({self._substeps.mode}), {self._physics_name}"
@@ -71,21 +71,22 @@ class DirectEnvBase(RLEnv):
     def _log_items(self) -> list[Item]:
         return [Captured("log", self.context.log.finish)] if self.context.log.keys else []
 
-    # -- what torch hooks write, into the memory that kernels read
+    # -- results of torch hooks, written into the memory that kernels read
 
     def _end_episodes(self, terminated: torch.Tensor, time_outs: torch.Tensor) -> None:
-        """Write the reset mask from what a torch hook returned; a world that is not finite has failed."""
+        """Write the reset mask from the two tensors of ``_get_dones``. A world that is not finite has failed."""
         torch.logical_or(terminated, self._safety.nonfinite, out=self.reset_terminated)
         self.reset_time_outs[:] = time_outs
         torch.logical_or(self.reset_terminated, self.reset_time_outs, out=self.reset_buf)
         self.context.torch(self.context.moved)[:] = self.reset_buf
 
     def _torch_reset(self) -> None:
-        """Call ``_reset_idx`` where episodes ended, and let the bodies follow."""
+        """Call ``_reset_idx`` for the environments whose episodes ended, then forward kinematics for them."""
         ids = self.context.reset_mask.indices()
         if len(ids):
             ended = self.reset_buf.clone()  # a hook may clear the buffer
             self._reset_idx(ids)
+            # At once, as the observations that follow may be a torch hook, whose reads nobody can look up beforehand.
             self.sim.forward(ended)
 
     def _apply_action(self) -> None:
@@ -100,5 +101,5 @@ class DirectEnvBase(RLEnv):
         return torch.as_tensor(every, device=self.device)
 
     def _is_final(self) -> bool:
-        """Whether episodes end in a step, so that their last observations are wanted."""
+        """Whether an episode ends in this step, so that its last observations are kept. False within ``reset()``."""
         return bool(self._stepping[0]) and len(self.context.reset_mask.indices()) > 0

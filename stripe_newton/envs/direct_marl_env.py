@@ -33,7 +33,7 @@ __all__ = ["DirectMARLEnv", "DirectMARLEnvCfg"]
 
 @configclass
 class DirectMARLEnvCfg(RLEnvCfg):
-    """What every direct environment of several agents has; subclass it and add fields of your own."""
+    """Base config of direct environments of several agents; subclass it and add fields of your own."""
 
     possible_agents: list[str] = MISSING
     """Names of the agents, in the order in which they are joined."""
@@ -49,7 +49,7 @@ class DirectMARLEnvCfg(RLEnvCfg):
     action_noise_model: dict[str, NoiseModelCfg | None] | None = None
     """Noise on the actions by agent; agents that are not named have none."""
     apply_action: str = "auto"
-    """When ``_apply_action`` runs, as in :class:`DirectRLEnvCfg`."""
+    """Rate of ``_apply_action``: ``"auto"``, ``"step"`` or ``"substep"``, as in :class:`DirectRLEnvCfg`."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)
@@ -94,8 +94,8 @@ class DirectMARLEnv(DirectEnvBase):
     gets are tensors whose first dimension is ``num_envs``. A step runs in the order of :class:`DirectRLEnv`, with hooks
     in torch that take and return dicts by agent.
 
-    An environment is reset, within the step, when all of its agents are done, terminated or timed out, in the same
-    step. An agent that is done before the others says so in every step until then; all agents are always there.
+    An environment is reset, within the step, when all of its agents are done in that step, terminated or timed out. An
+    agent that is done before the others must return so in every step until then; agents never leave.
 
     Attributes:
         agents: Names of the agents, as :attr:`possible_agents`.
@@ -104,8 +104,8 @@ class DirectMARLEnv(DirectEnvBase):
         state_space: Space of one environment's state; ``None`` where there is none.
         obs_dict: Observations of the last step by agent.
         reward_dict: Rewards of the last step by agent, float, shape ``(num_envs,)``.
-        terminated_dict: Agents that failed or succeeded in it, bool, shape ``(num_envs,)``.
-        time_out_dict: Agents whose time was up in it, bool, shape ``(num_envs,)``.
+        terminated_dict: Agents that failed or succeeded in the last step, bool, shape ``(num_envs,)``.
+        time_out_dict: Agents that ran out of time in the last step, bool, shape ``(num_envs,)``.
         reward_buf: Sum of the agents' rewards, shape ``(num_envs,)``.
         reset_terminated: Environments all of whose agents terminated, bool, shape ``(num_envs,)``.
         reset_time_outs: Environments that ended otherwise, bool, shape ``(num_envs,)``.
@@ -151,8 +151,8 @@ class DirectMARLEnv(DirectEnvBase):
         return self.action_spaces[agent]
 
     def state(self) -> torch.Tensor | None:
-        """What there is to know about the environments, as of the last observations, shape ``(num_envs, n)``; ``None``
-        where the config says no ``state_space``."""
+        """Global state of the environments at the last observations, shape ``(num_envs, n)``; ``None`` where the config
+        has no ``state_space``."""
         return self._state
 
     def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[ByAgent, Extras]:
@@ -219,7 +219,7 @@ class DirectMARLEnv(DirectEnvBase):
                 self._safety.make_finite(value)
 
     def _take_dones(self) -> None:
-        self.count_step()
+        self.count_step()  # from here on hooks see this step counted, as in Isaac Lab
         broken = self._safety.nonfinite
         terminated, time_outs = (of_all(self.agents, "_get_dones", v) for v in self._get_dones())
         self.terminated_dict = {a: v.bool() | broken for a, v in terminated.items()}
@@ -270,7 +270,7 @@ class DirectMARLEnv(DirectEnvBase):
 
     def set_state(self, state: EnvState) -> None:
         """See :meth:`RLEnv.set_state`."""
-        self._state = None  # handed out: not to be written into
+        self._state = None  # the caller of state() owns the tensor; restoring must not write into it
         super().set_state(state)
         by_agent: dict[tuple[str, str], torch.Tensor] = state["by_agent"]  # type: ignore[assignment]
         for (name, agent), value in by_agent.items():  # new dicts: others may hold the old ones
@@ -303,7 +303,7 @@ class DirectMARLEnv(DirectEnvBase):
         raise NotImplementedError(f"{type(self).__name__} needs '_get_observations(self)' that returns a dict")
 
     def _get_states(self) -> torch.Tensor | None:
-        """What :meth:`state` returns, shape ``(num_envs, n)``; called where ``state_space`` is a space."""
+        """Global state that :meth:`state` returns, shape ``(num_envs, n)``; called where ``state_space`` is a space."""
         return None
 
     def _get_rewards(self) -> ByAgent:

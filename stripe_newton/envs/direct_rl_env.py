@@ -27,7 +27,7 @@ __all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
 
 @configclass
 class DirectRLEnvCfg(RLEnvCfg):
-    """What every direct environment has; subclass it and add fields of your own."""
+    """Base config of direct environments; subclass it and add fields of your own."""
 
     observation_space: SpaceSpec = MISSING
     """Space of the group ``"policy"``, as :func:`to_space` reads it; a dict with the key ``"policy"`` names the spaces
@@ -41,9 +41,9 @@ class DirectRLEnvCfg(RLEnvCfg):
     action_noise_model: NoiseModelCfg | None = None
     """Noise on the actions."""
     apply_action: str = "auto"
-    """When ``_apply_action`` runs: ``"substep"`` before each physics step, ``"step"`` once before all of them, which
-    are one CUDA graph then. ``"auto"`` watches the first steps, and later ones now and then: while what the hook sets
-    does not change from one physics step to the next, it runs once."""
+    """Rate of ``_apply_action``: ``"substep"`` calls it before each physics step, ``"step"`` once before all of them,
+    which are then one CUDA graph. ``"auto"`` begins with ``"step"`` and compares, in the first steps and every 64th,
+    the targets of all physics steps; if they differ it changes to ``"substep"``."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)
@@ -73,7 +73,7 @@ class DirectRLEnv(DirectEnvBase):
     graph; torch hooks run between graphs. :meth:`describe` shows which is which.
 
     Attributes:
-        warp: What Warp hooks work on: ``actions`` float ``(num_envs, num_actions)``, always finite; ``terminated``,
+        warp: Arrays of the Warp hooks: ``actions`` float ``(num_envs, num_actions)``, always finite; ``terminated``,
             ``truncated`` and ``reset`` bool ``(num_envs,)``; ``reward`` float ``(num_envs,)``; ``observations``, by
             group, float ``(num_envs, n)``; ``episode``, a ``stripe_kernels.data.EpisodeData``; ``rng`` uint32
             ``(num_envs,)``; ``step`` int64 ``(1,)``; ``log``, the step's :class:`EpisodeLog`.
@@ -87,7 +87,7 @@ class DirectRLEnv(DirectEnvBase):
         Args:
             cfg: The config; it is copied.
             render_mode: ``"rgb_array"`` for :meth:`render` to return pictures.
-            kwargs: None are known; a subclass may pass on its own.
+            kwargs: Not used; a subclass may have arguments of its own, and unknown ones are an error.
 
         Raises:
             ConfigError: all problems of the config at once.
@@ -145,13 +145,13 @@ class DirectRLEnv(DirectEnvBase):
         return [
             Stage("actions", self._action_items()),
             Stage("physics", self._physics_items()),
-            # Sensors measure on the new state before anybody judges it.
+            # Sensors measure the new state before dones and rewards read them.
             *self._measurements_stage(),
             Stage("outcome", self._outcome_items()),
-            # Resets lie within the step: what follows sees the new episodes, and the learner never a stale one.
+            # Resets lie within the step, so the observations below are those of the new episodes.
             Stage("reset", self._reset_items()),
             Stage("events", self._event_items()),
-            # A torch hook has let the bodies follow already, by the exact environments that it was called with.
+            # After a torch hook the bodies have been computed already, for the environments that it was called with.
             Stage("forward kinematics", self._safety.forward() if self._hooks.reset.is_warp else []),
             Stage("sensors", self._sensor_items()),
             Stage("observations", self._observation_items()),
@@ -245,7 +245,8 @@ class DirectRLEnv(DirectEnvBase):
         return [observe, *self._log_items()]
 
     def _torch_observations(self) -> None:
-        self._observed = {k: v.clone() for k, v in self._torch_groups().items()}  # learners keep what they are given
+        # Copies: learners keep observations, and a hook may return the same tensor in every step.
+        self._observed = {k: v.clone() for k, v in self._torch_groups().items()}
 
     def _torch_groups(self) -> dict[str, torch.Tensor]:
         groups: Observations = dict(self._get_observations())
@@ -263,7 +264,7 @@ class DirectRLEnv(DirectEnvBase):
         if self._hooks.pre_physics.is_warp:
             wp.to_torch(self.warp.actions).copy_(action.reshape(self.num_envs, -1))
             return
-        # A copy: the hook may keep or change it, and the caller's tensor is the caller's.
+        # A copy, as the hook may keep it or change it in place, and the tensor belongs to the caller.
         self._action = action.float().clone() if action.is_floating_point() else action.clone()
         if action.is_floating_point():
             self._safety.make_finite(self._action)
@@ -283,7 +284,7 @@ class DirectRLEnv(DirectEnvBase):
         return [m for m in (self._action_noise_model, self._observation_noise_model) if m is not None]
 
     def state_parts(self) -> list[dict[str, torch.Tensor]]:
-        """What events and noise models remember, as the dicts they keep it in."""
+        """State of the noise models and of the clocks of events, as the dicts in which they keep it."""
         models = [m.__dict__ for m in self._noise_models()]
         return [*models, *(self._events.clocks() if self._events is not None else [])]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environment state: all that the next step depends on, saved and restored."""
+"""Environment state: everything that the next step depends on, saved and restored."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ EnvState = dict[str, object]
 
 
 def save_state(env: RLEnv) -> EnvState:
-    """Joints, targets, the solver's warm start, counters, and every tensor that a subclass keeps as an attribute."""
+    """State of an environment: joints, targets, the solver's warm start, counters, and every tensor that the subclass
+    keeps as an attribute."""
     moved = env.scene.scenery_seed != env.scene.first_scenery_seed
     state: EnvState = {"scenery_seed": env.scene.scenery_seed} if moved else {}
     return state | {
@@ -32,7 +33,7 @@ def save_state(env: RLEnv) -> EnvState:
 
 
 def restore_state(env: RLEnv, state: EnvState) -> None:
-    """Bring back what :func:`save_state` returned; the scenery is of its seed already.
+    """Restore a state of :func:`save_state` in an environment whose scenery has the seed of the state already.
 
     Raises:
         ValueError: if it is the state of another environment.
@@ -41,7 +42,8 @@ def restore_state(env: RLEnv, state: EnvState) -> None:
     if "external_wrench" in saved:
         env.sim.enable_external_wrench()
     dynamics = [name.removeprefix("model.") for name in saved if name.startswith("model.")]
-    for name in dynamics:  # so that this environment, too, knows their defaults
+    # Randomised quantities are written below. Their defaults must be remembered before, or they would be lost.
+    for name in dynamics:
         env.scene.controller.track(name)
     arrays = state_arrays(env)
     for name, value in saved.items():
@@ -59,6 +61,7 @@ def restore_state(env: RLEnv, state: EnvState) -> None:
     parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
     for mine, part in zip(env.state_parts(), parts, strict=False):
         mine.update({k: v.to(env.device).clone() for k, v in part.items()})
+    # The solver has not seen these writes: floating roots were moved, and randomised parts of the model may have been.
     env.sim.roots_moved = True
     if dynamics:
         env.sim.refresh_drives()
@@ -87,7 +90,7 @@ def state_arrays(env: RLEnv) -> dict[str, wp.array]:
 
 
 def _buffers(env: RLEnv) -> dict[str, torch.Tensor]:
-    """Tensors that a subclass keeps as attributes, but those that share memory with the simulation."""
+    """Tensors that a subclass keeps as attributes, without those that share memory with the simulation."""
     shared = [*state_arrays(env).values(), env.sim.state.body_q, env.sim.state.body_qd]
     places = {wp.to_torch(array).untyped_storage().data_ptr() for array in shared}
     return {k: v for k, v in _tensors(vars(env)).items() if v.untyped_storage().data_ptr() not in places}
@@ -99,7 +102,7 @@ def _restore_buffers(env: RLEnv, saved: dict[str, torch.Tensor]) -> None:
         mine = buffers.get(name)
         if mine is not None and mine.shape == value.shape and mine.is_contiguous() and not mine.is_inference():
             mine.copy_(value)
-        else:  # made by a hook that has not run here yet, or not to be written in place
+        else:  # a hook that makes it has not run here yet, or it cannot be written in place
             setattr(env, name, value.to(env.device).clone())
 
 

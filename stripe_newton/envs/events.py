@@ -19,7 +19,7 @@ _MODES = ("startup", "reset", "interval", "step")
 
 
 class EventRunner:
-    """Runs the torch terms of a config: an object whose fields are :class:`EventTermCfg`, or a dict of them.
+    """Runs the torch event terms of a config, which is an object with fields :class:`EventTermCfg` or a dict of them.
 
     ``func(env, env_ids, **params)`` is called with an int64 tensor of environments.
     """
@@ -80,11 +80,15 @@ class EventRunner:
         return any(term.mode in ("interval", "step") for term in self._terms.values())
 
     def clocks(self) -> list[dict[str, torch.Tensor]]:
-        """State of the runner: the steps left of the interval terms, and when the reset terms last ran."""
+        """State of the runner: the steps left until interval terms run, and the last step of each reset term."""
         return [self._steps_left, self._last_step]
 
     def interval(self, dt: float) -> bool:
-        """Let ``dt`` seconds pass, and run the terms that are due and those of every step; whether there was one."""
+        """Advance the clocks by ``dt`` [s], run the interval terms that are due and the terms of every step.
+
+        Returns:
+            Whether a term ran.
+        """
         ran = False
         everyone = torch.arange(self._env.num_envs, device=self._env.device)
         for name, term in self._terms.items():
@@ -95,6 +99,7 @@ class EventRunner:
                 continue
             left = self._steps_left[name]
             left -= dt / self._env.step_dt
+            # A thousandth of a step: repeated float subtraction must not delay a term by a whole step.
             due = (left < 1.0e-3).nonzero().squeeze(-1)
             if len(due):
                 ran = True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fusion gain: the terms of a manager in one kernel against a kernel each."""
+"""Fusion gain: time of a manager's terms in one kernel, compared with one kernel for each term."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ __all__ = ["fused_kernels", "fusion_gain", "launch_us", "term_configs"]
 
 
 def fusion_gain(env: ManagerBasedRLEnv, rounds: int = 20) -> dict[str, dict[str, float]]:
-    """Time the terms of each manager as they are fused, and as one kernel a term.
+    """Time the terms of each manager fused into one kernel, and in one kernel for each term.
 
-    Both read the state of the same environment and are, on a GPU, graphs of nothing but these kernels. Terms in torch
-    have no part in it. What the kernels write, such as the rewards, is what the next step computes anyway.
+    Both read the state of the same environment. On a GPU each is a CUDA graph of these kernels alone. Torch terms are
+    left out. The kernels write outputs such as rewards, which the next step overwrites.
 
     Args:
         env: A manager-based environment.
-        rounds: Measurements, of which the median counts.
+        rounds: Number of measurements; the median is returned.
 
     Returns:
         For each manager, and for ``all`` of them in one kernel: ``terms``, and microseconds ``fused_us`` and
@@ -50,7 +50,7 @@ def fusion_gain(env: ManagerBasedRLEnv, rounds: int = 20) -> dict[str, dict[str,
 
 
 def term_configs(cfg: object) -> Iterable[dict[str, object]]:
-    """The config of a manager as configs of one term each, of each group one by one."""
+    """Split the config of a manager into configs of one term each; terms of groups stay within their group."""
     for name, value in terms_of(cfg).items():
         if not is_config(value):
             continue
@@ -58,7 +58,7 @@ def term_configs(cfg: object) -> Iterable[dict[str, object]]:
             yield {name: value}
             continue
         terms = [k for k, term in terms_of(value).items() if hasattr(term, "func")]
-        for term in terms:  # a group
+        for term in terms:  # the value is a group of terms
             group = copy.copy(value)
             for other in terms:
                 if other != term:
@@ -67,10 +67,10 @@ def term_configs(cfg: object) -> Iterable[dict[str, object]]:
 
 
 def fused_kernels(managers: Sequence[ManagerBase], cfgs: Sequence[object]) -> list[FusedKernel]:
-    """The kernels of managers like the given ones, of other configs, as neighbours in a step.
+    """Fused kernels of managers of the same classes with other configs, as neighbours in a step.
 
-    They read and write the arrays that the given ones share with the environment; what is a manager's own, such as the
-    sums of its terms, is made anew.
+    The kernels read and write the arrays that the given managers share with the environment. Arrays of a manager alone,
+    such as the sums of its terms, are made anew.
     """
     stages = []
     for manager, cfg in zip(managers, cfgs, strict=True):
@@ -87,7 +87,7 @@ def fused_kernels(managers: Sequence[ManagerBase], cfgs: Sequence[object]) -> li
 
 
 def launch_us(device: str, launches: list[Callable[[], None]], rounds: int = 20, repeats: int = 20) -> float:
-    """Microseconds that launches one behind the other take: the median over rounds, each of so many repeats."""
+    """Time of consecutive launches [us]: the median over ``rounds``, each the mean of ``repeats``."""
     clock = Clock(device)
 
     def launch_all(times: int = repeats) -> None:
@@ -105,6 +105,7 @@ def launch_us(device: str, launches: list[Callable[[], None]], rounds: int = 20,
 
     found = []
     for _ in range(rounds):
+        # The device is kept busy until all is queued, so that it never waits for the host; one run warms its caches.
         clock.hold(0.001)
         run()
         start = clock.mark()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Graph step: an environment's step as a part of somebody else's CUDA graph."""
+"""Graph step: the step of an environment as part of a CUDA graph that its user records, such as a whole rollout."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ __all__ = ["GraphStep", "why_not_capturable"]
 
 
 def why_not_capturable(env: object) -> str:
-    """Why the step of ``env`` cannot be a part of a graph of the caller's; empty if it can."""
+    """Reason why the step of ``env`` cannot be recorded in a user's CUDA graph; empty if it can."""
     if not isinstance(env, RLEnv):
         return f"{type(env).__name__} is not an environment of this package"
     return env.why_not_capturable()
 
 
 class GraphStep:
-    """The step of an environment, launched kernel by kernel on fixed memory: recorded once, replayed by its owner.
+    """The step of an environment in parts, so that a user can record its kernels in a CUDA graph and replay them.
 
-    Before each replay call :meth:`before`; after some of them :meth:`after`.
+    Record :meth:`launch` once. Call :meth:`before` before each replay; it does the host's part of a step. Call
+    :meth:`after` behind a replay whose observations the host wants, such as the last one of a rollout.
 
     Attributes:
-        observations: By group, shape ``(num_envs, n)``. They and the following are overwritten by each step.
-        reward: ``(num_envs,)``.
-        terminated, truncated: bool ``(num_envs,)``.
+        observations: Observations by group, float, shape ``(num_envs, n)``. Each step overwrites these arrays.
+        reward: Rewards, float, shape ``(num_envs,)``.
+        terminated, truncated: Ends of episodes, bool, shape ``(num_envs,)``.
         log: Values of the episode log of the last step, in the order of ``log_keys``.
     """
 
@@ -33,7 +34,7 @@ class GraphStep:
         """Bind to ``env``, which has been reset.
 
         Raises:
-            ValueError: if its step cannot be a part of a graph.
+            ValueError: with the reason, if its step cannot be recorded.
         """
         problem = why_not_capturable(env)
         if problem:
@@ -55,7 +56,10 @@ class GraphStep:
         self._env.launch_step(action)
 
     def before(self) -> bool:
-        """What the host does before a step. Returns whether a graph that holds the step must be recorded anew.
+        """Do the host's part before a replay of the step.
+
+        Returns:
+            Whether a graph that holds the step must be recorded anew, as an array that it reads has been replaced.
 
         Raises:
             RuntimeError: if contacts or constraints were dropped, naming the size to set.
@@ -64,10 +68,15 @@ class GraphStep:
         env = self._env
         env.begin_step()
         env.raise_for_actions()
-        env.count_step()  # nothing on the host looks at the number within a replay
+        # RLEnv.step counts between physics and dones, for torch hooks. A replay has none, so the moment is free.
+        env.count_step()
         stale, self._recaptures = env.sim.recaptures != self._recaptures, env.sim.recaptures
         return stale
 
     def after(self) -> Observations:
-        """Make what the last step handed out the environment's own. Returns the observations, in new memory."""
+        """Update the environment's attributes, such as ``obs_buf`` and ``extras``, from the last step.
+
+        Returns:
+            Observations by group, in new memory.
+        """
         return self._env.finish_step()[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of the direct workflow: each is filled with torch, with Warp kernels, or left empty."""
+"""Hooks of the direct workflow: each is overridden with torch code, with Warp kernels, or not at all."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["DirectHooks", "Filling", "Hook"]
 
 
 class Filling(Enum):
-    """What a class fills a hook with."""
+    """Kind of code that a class fills a hook with."""
 
     NOTHING = "nothing"
     TORCH = "torch"
@@ -25,9 +25,9 @@ class Hook:
     """A hook of one class.
 
     Attributes:
-        torch_name: Name of the method with torch in it.
+        torch_name: Name of the method with torch code.
         warp_name: Name of the method that launches kernels.
-        filling: Which of the two the class has.
+        filling: The one that the class overrides.
     """
 
     torch_name: str
@@ -36,7 +36,7 @@ class Hook:
 
     @property
     def is_warp(self) -> bool:
-        """Whether it is filled with Warp kernels, and may be captured."""
+        """Whether it is filled with Warp kernels, so that it can be captured in a CUDA graph."""
         return self.filling is Filling.WARP
 
     @property
@@ -45,12 +45,12 @@ class Hook:
         return self.filling is Filling.NOTHING
 
     def item(self, launch: Callable[[], None], torch_hook: Callable[[], None], note: str = "") -> Item:
-        """The hook in a step: Warp kernels become part of the graph, torch runs between graphs.
+        """The hook as an item of a step: Warp kernels become part of the graph, torch code runs between graphs.
 
         Args:
-            launch: Launches the kernels.
+            launch: Launches the kernels of the Warp hook.
             torch_hook: Runs the torch hook.
-            note: What else runs with the torch hook, for the description.
+            note: Other things that run with the torch hook, for the description of the step.
         """
         if self.is_warp:
             return Captured(self.warp_name, launch)
@@ -70,7 +70,7 @@ class DirectHooks:
 
     @staticmethod
     def of(cls: type, base: type) -> DirectHooks:
-        """How ``cls`` fills the hooks that ``base`` declares.
+        """The hooks that ``base`` declares, as ``cls`` fills them.
 
         Raises:
             TypeError: if it fills a hook twice.
@@ -94,7 +94,7 @@ _NAMES = {
 
 
 def _hook(cls: type, base: type, torch_name: str, warp_name: str) -> Hook | None:
-    """How a class fills a hook; None if it fills it twice."""
+    """A hook as a class fills it; None if the class overrides both methods."""
     with_torch, with_warp = (getattr(cls, name) is not getattr(base, name) for name in (torch_name, warp_name))
     if with_torch and with_warp:
         return None

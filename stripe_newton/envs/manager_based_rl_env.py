@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Manager-based RL environment: a config of terms, made into managers and one graph a step."""
+"""Manager-based RL environment: managers made from a config of terms, and a step that is one CUDA graph."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ from .rl_env_cfg import RLEnvCfg
 __all__ = ["DefaultEventsCfg", "ManagerBasedRLEnv", "ManagerBasedRLEnvCfg"]
 
 _OBSERVABLES = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
-"""What the solver must report for terms that read these fields."""
+"""Fields of articulations that the solver reports on request only, with Newton's name of the request."""
 _FIELDS = "observations", "rewards", "terminations", "events", "curriculum", "metrics", "commands", "actions"
 _BODY_FIELDS = frozenset({"body_pose", "body_vel"})
 """Fields that forward kinematics computes."""
 _ROOT_FIELDS = frozenset({"root_pose", "root_vel"})
-"""Fields that it computes for a fixed base; those of a floating base are joint coordinates."""
+"""Fields that forward kinematics computes for a fixed base; those of a floating base are joint coordinates."""
 
 
 @configclass
 class DefaultEventsCfg:
-    """What happens where a config names no events."""
+    """Default events of a config that names none."""
 
     reset_scene_to_default = EventTermCfg(func=mdp.reset_scene_to_default, mode="reset")
     """Every asset begins an episode in its default state."""
@@ -77,21 +77,21 @@ class ManagerBasedRLEnvCfg(RLEnvCfg):
     metrics: object = None
     """Metric terms: :class:`MetricTermCfg`."""
     recorders: object = None
-    """What is recorded to a file: :class:`RecorderManagerBaseCfg`."""
+    """Recorder terms and the file they write to: :class:`RecorderManagerBaseCfg`."""
     scale_rewards_by_dt: bool = True
-    """Whether rewards are multiplied by the environment's time step, so that weights are per second."""
+    """Multiply rewards by the environment's time step, so that weights are per second."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)
 
 
 class ManagerBasedRLEnv(RLEnv):
-    """An environment whose config says what it consists of: managers made of terms.
+    """Environment whose config lists the terms of its managers.
 
-    Terms are Warp functions; each manager is generated source, neighbouring ones become one kernel, and a step is one
-    CUDA graph. A torch term runs eagerly between graphs; :meth:`describe` says which. A step runs in this order:
-    actions, physics, terminations, rewards, metrics, then for environments that ended curriculum, log and reset,
-    then interval events, forward kinematics, commands, observations.
+    Terms are Warp functions. Each manager generates source code, neighbouring managers become one kernel, and a step is
+    one CUDA graph. A torch term runs eagerly between graphs; :meth:`describe` lists which. A step runs in this order:
+    actions, physics, terminations, rewards, metrics; for environments that ended curriculum, log and reset; then
+    interval events, forward kinematics, commands, observations.
 
     Attributes:
         action_manager, observation_manager, reward_manager, termination_manager, event_manager, command_manager,
@@ -133,7 +133,10 @@ class ManagerBasedRLEnv(RLEnv):
         self.recorder_manager = RecorderManager(cfg.recorders, context)
 
     def _provide_structs(self) -> None:
-        """Offer structs of your own to terms, by ``self.context.provide(struct, name)``; the default offers none."""
+        """Offer structs of a subclass to its terms, by ``self.context.provide(struct, name)``. The default offers none.
+
+        A term then has an argument of the struct's type, and is given the struct of the name in its params.
+        """
 
     def _terms(self) -> Iterator[wp.Function]:
         """Warp functions of all terms in the config."""
@@ -147,7 +150,7 @@ class ManagerBasedRLEnv(RLEnv):
                     todo.append(value)
 
     def _reads(self, field: str) -> bool:
-        """Whether a Warp term reads or writes a field, or may."""
+        """Whether a Warp term reads or writes a field, or cannot be known not to."""
         return any(usage_of(function).may_use([field]) for function in self._terms())
 
     def _prepare_simulation(self) -> None:
@@ -200,14 +203,16 @@ class ManagerBasedRLEnv(RLEnv):
         context, safety, record = self.context, self._safety, self.recorder_manager
         in_step = context.within_step
         apply, process = self.action_manager.apply(), self.action_manager.process()
-        # A number of the policy may have a thread each: the section beside them must share their kernel.
+        # Actions may be processed by one thread for each number. The count then takes part in that kernel's layout
+        # (one of its threads does it), so that the two are not cut into two kernels.
         parts = int(any(isinstance(item, Section) and item.parts for item in process))
         actions = [self._count_section(parts), *process, *record.pre_step()]
         measured = self._measure("launch_measured")
-        # Terminations and rewards see the state after the physics; rewards know which episodes end.
+        # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
+        # read which episodes end.
         outcome = [safety.after_physics(), *self.termination_manager.compute()]
         rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
-        # The curriculum judges the episode that ended, so it runs before anything of it is cleared.
+        # The curriculum reads sums and states of the episode that ended, so it runs before the reset clears them.
         curriculum = only(self.curriculum_manager.compute(), in_step, context.is_finite)
         reset: list[Item] = [
             *record.pre_reset(),
@@ -215,7 +220,7 @@ class ManagerBasedRLEnv(RLEnv):
             *self.metrics_manager.reset(),
             safety.begin_reset(),
             *self.event_manager.reset(),
-            # After the events: objects keep their distance from where the robots are put.
+            # After the events, as spawned objects keep a distance from the positions that robots are reset to.
             *self.object_manager.reset(),
             *self.action_manager.reset(),
             *self.command_manager.reset(),
@@ -225,12 +230,13 @@ class ManagerBasedRLEnv(RLEnv):
         ]
         events = [*self.event_manager.interval(), *self.event_manager.step()]
         objects = self.object_manager.update()
-        # After forward kinematics, so that all of it sees the bodies of the episodes that began.
+        # Commands, observed sensors and observations follow forward kinematics: they read the bodies of new episodes.
         commands = only(self.command_manager.compute(), in_step)
         observe = only(self.observation_manager.compute(), context.within_step_or_reset)
         observed = self._measure("launch_observed")
         final = self._final_observations()
-        # At the end, when every parameter exists that a curriculum may change. Nothing waits for the log.
+        # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
+        # of this step reads it.
         end = self.curriculum_manager.update()
         log = Captured("log", context.log.finish, beside=True, fields=frozenset())
         readers = [*record.post_reset(), *commands, *end, *observed, *observe, *actions, *apply]
@@ -261,15 +267,15 @@ class ManagerBasedRLEnv(RLEnv):
         """
         sim, solver = self.sim, self.sim.cfg.solver
         if not (solver.finds_contacts and solver.reduced_coordinates and solver.in_place):
-            return False  # the solver, or Newton's collision pipeline, starts from the bodies
+            return False  # the solver, or Newton's collision pipeline, starts from body poses
         if sim.external_wrench is not None:
-            return False  # given in the bodies' frames
+            return False  # wrenches in body frames are rotated by the body poses before the physics
         all_float = all(a.layout.floating for a in self.scene.articulations.values())
         fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
         return not any(may_use(item, fields, self.context.scope.functions) for item in readers)
 
     def _physics(self, apply: list[Section]) -> Captured:
-        """The physics steps, and before each of them what sets targets by the state."""
+        """The physics steps, each after the action terms that compute targets from the state."""
         steps, sim = self.cfg.decimation, self.sim
         what = f"{type(sim.solver).__name__}, {steps} physics steps"
         if not apply:
@@ -279,7 +285,7 @@ class ManagerBasedRLEnv(RLEnv):
         return Captured(f"{what}, before each: {names}", lambda: sim.launch(steps, kernel.launch))
 
     def _final_observations(self) -> list[Item]:
-        """Items that keep the last observations of the episodes that end, where the config asks for them."""
+        """Items that copy the last observations of episodes that end, where ``compute_final_obs`` is set."""
         if not self.cfg.compute_final_obs:
             return []
         copies, scope = [], self.context.scope
@@ -314,7 +320,7 @@ class ManagerBasedRLEnv(RLEnv):
                 groups[name] = values[f"{prefix}.{name}"].view(-1, *manager.shape(name))
         return groups
 
-    # -- what users ask for
+    # -- public properties
 
     @property
     def managers(self) -> list[ManagerBase]:
@@ -329,7 +335,7 @@ class ManagerBasedRLEnv(RLEnv):
 
     @property
     def processed_actions(self) -> torch.Tensor:
-        """What the action terms made of them, shape ``(num_envs, n)``."""
+        """Actions of the last step after the action terms' scale, offset and clip, shape ``(num_envs, n)``."""
         return self.action_manager.processed_actions
 
     def describe(self, kernels: bool = False) -> str:
@@ -341,7 +347,7 @@ class ManagerBasedRLEnv(RLEnv):
         return "\n\n".join([*map(str, self.managers), super().describe(kernels)])
 
     def set_state(self, state: EnvState) -> None:
-        """See :meth:`RLEnv.set_state`; what was recorded of the episodes under way is dropped."""
+        """See :meth:`RLEnv.set_state`. Recordings of the episodes under way are dropped."""
         super().set_state(state)
         self.recorder_manager.clear()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Benchmark of a task: start-up, step, CUDA calls."""
+"""Benchmark of a task: times of start-up and step, CUDA calls, memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COUNTED = 64
 
 
 def random_actions(env: RLEnv, steps: int, seed: int = 0) -> torch.Tensor:
-    """Uniform actions in [-1, 1], shape ``(steps, num_envs, *action_shape)``, made on the device.
+    """Uniform random actions in [-1, 1], shape ``(steps, num_envs, *action_shape)``, drawn on the device.
 
     Raises:
         ValueError: if the actions are not real numbers.
@@ -36,12 +36,12 @@ def random_actions(env: RLEnv, steps: int, seed: int = 0) -> torch.Tensor:
 
 
 def timed_start(make: Callable[[], VectorEnv], seed: int = 0) -> tuple[RLEnv, dict[str, float]]:
-    """Build an environment, reset it, take one step.
+    """Build an environment, reset it and take one step, each timed.
 
     Returns:
-        The environment without wrappers, and the numbers. Seconds: ``build_s``; ``reset_s`` of the reset;
-        ``first_step_s`` of the step, in which kernels are loaded and graphs recorded. ``binaries_compiled``: files that
-        were added to Warp's kernel cache.
+        The environment without wrappers, and its figures: ``build_s``, ``reset_s`` and ``first_step_s`` [s], of which
+        the last includes loading kernels and recording graphs; ``binaries_compiled``, the number of files that were
+        added to Warp's kernel cache.
     """
     binaries, start = binary_count(), time.perf_counter()
     env = make().unwrapped
@@ -65,17 +65,17 @@ def timed_start(make: Callable[[], VectorEnv], seed: int = 0) -> tuple[RLEnv, di
 def benchmark(make: Callable[[], VectorEnv], steps: int = 320, seed: int = 0, warmup: int = 128) -> dict[str, Any]:
     """Build an environment, measure it, close it.
 
-    Episodes are spread over their lengths first, so that resets happen as in a long run.
+    Environments first get random episode lengths, so that resets are spread over the steps as in a long run.
 
     Args:
-        make: Makes the environment.
+        make: Returns the environment.
         steps: Steps to time, in blocks of up to 32.
         seed: Seed of the actions.
-        warmup: Steps before anything but the start is timed.
+        warmup: Steps between the timed start and the timed steps.
 
     Returns:
-        Numbers ready for JSON: those of :func:`timed_start` and :class:`StepTimes`, and what was measured. CUDA calls a
-        step are None on the CPU.
+        Figures ready for JSON: those of :func:`timed_start` and :class:`StepTimes`, the size of the environment, the
+        device, and CUDA calls for each step, which are None on the CPU.
     """
     env, begun = timed_start(make, seed)
     try:
@@ -111,7 +111,7 @@ def benchmark(make: Callable[[], VectorEnv], steps: int = 320, seed: int = 0, wa
 
 
 def binary_count() -> int:
-    """Compiled binaries in Warp's kernel cache."""
+    """Number of compiled binaries in Warp's kernel cache."""
     wp.init()
     endings = (".o", ".cubin", ".ptx", ".fatbin")
     return sum(name.endswith(endings) for _, _, names in os.walk(wp.config.kernel_cache_dir) for name in names)
@@ -123,7 +123,7 @@ def _since(start: float, clock: Clock) -> float:
 
 
 def _memory_mb(device: str) -> float | None:
-    """Memory in use on a GPU, by whomever."""
+    """Memory in use on a GPU by all processes [MiB]; None for the CPU."""
     if device == "cpu":
         return None
     free, total = torch.cuda.mem_get_info(device)

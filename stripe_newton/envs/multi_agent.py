@@ -20,11 +20,11 @@ __all__ = ["ParallelEnvView", "SingleAgentView", "multi_agent_to_single_agent"]
 
 
 def multi_agent_to_single_agent(env: DirectMARLEnv, state_as_observation: bool = False) -> SingleAgentView:
-    """One agent that sees what all see, does what all do and gets the sum of their rewards.
+    """View an environment of several agents as one of a single agent, whose reward is the sum of their rewards.
 
     Args:
         env: The environment; it is not copied.
-        state_as_observation: The group ``"policy"`` is ``env.state()``, rather than the observations of all joined.
+        state_as_observation: The group ``"policy"`` is ``env.state()`` rather than the joined observations.
 
     Raises:
         ValueError: if a space is not a flat box, or there is no state to observe.
@@ -35,9 +35,9 @@ def multi_agent_to_single_agent(env: DirectMARLEnv, state_as_observation: bool =
 class SingleAgentView(VectorEnv):
     """A :class:`DirectMARLEnv` with the interface of :class:`DirectRLEnv`, made by :func:`multi_agent_to_single_agent`.
 
-    Observations and actions of the agents are joined in the order of ``possible_agents``. Where there is a state it is
-    the group ``"critic"``. An episode terminates where all agents terminate. Whatever else is asked for is the
-    environment's own.
+    Observations and actions of the agents are joined in the order of ``possible_agents``. The state, if the environment
+    has one, is the group ``"critic"``. An episode terminates when all agents terminate. All other attributes are those
+    of the environment.
     """
 
     def __init__(self, env: DirectMARLEnv, state_as_observation: bool = False):
@@ -59,7 +59,7 @@ class SingleAgentView(VectorEnv):
         self._sizes = [space.shape[0] for space in env.action_spaces.values()]
 
     def __getattr__(self, name: str) -> Any:
-        if name == "env":  # while it is being made
+        if name == "env":  # the constructor has not set it yet, or copy and pickle ask: no endless recursion
             raise AttributeError(name)
         return getattr(self.env, name)
 
@@ -95,7 +95,7 @@ class SingleAgentView(VectorEnv):
         return groups
 
     def _extras(self, infos: Extras) -> Extras:
-        """Infos without those by agent; the final observations joined."""
+        """Infos without the entries by agent, and with the final observations joined."""
         by_agent = [infos[agent] for agent in self.env.possible_agents]
         extras = {k: v for k, v in infos.items() if k not in self.env.possible_agents}
         if "final_obs" in by_agent[0] and not self._state_as_observation:
@@ -118,10 +118,10 @@ def _joined(by_agent: Mapping[str, spaces.Space]) -> spaces.Box:
 
 
 class ParallelEnvView:
-    """The only environment of a :class:`DirectMARLEnv` as a ``ParallelEnv`` of PettingZoo, in NumPy.
+    """A :class:`DirectMARLEnv` of one environment with the interface of PettingZoo's ``ParallelEnv``, in NumPy.
 
-    An agent leaves :attr:`agents` when it is done; an episode is over when none is left, and :meth:`reset` begins the
-    next one. PettingZoo itself is not needed.
+    An agent leaves :attr:`agents` when it is done. An episode is over when none is left; :meth:`reset` begins the next
+    one. PettingZoo need not be installed.
 
     Attributes:
         env: The environment.
@@ -130,7 +130,7 @@ class ParallelEnvView:
     """
 
     def __init__(self, env: DirectMARLEnv):
-        """Show ``env``.
+        """View ``env``.
 
         Raises:
             ValueError: if it has more than one environment.
@@ -181,8 +181,8 @@ class ParallelEnvView:
             actions: Of the agents that still act; the others do nothing, which is zero.
 
         Returns:
-            By agent that acted: observations, rewards, terminated, truncated, infos. The last observation of an episode
-            is that of the next one's start, unless the config says ``compute_final_obs``.
+            Observations, rewards, terminated, truncated and infos of the agents that acted, by agent. The last
+            observation of an episode is the first one of the next, unless the config has ``compute_final_obs``.
         """
         device, acted = self.env.device, self.agents
         given = {}
@@ -202,7 +202,7 @@ class ParallelEnvView:
         )
 
     def state(self) -> np.ndarray:
-        """What there is to know about the environment.
+        """Global state of the environment.
 
         Raises:
             NotImplementedError: if the config says no ``state_space``.

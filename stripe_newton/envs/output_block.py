@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output block: all that a step hands out in one piece of memory, so that one copy makes it the caller's."""
+"""Output block: the results of a step in one block of memory, so that one copy gives the caller tensors to keep."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ __all__ = ["OutputBlock"]
 
 _TORCH = {wp.float32: torch.float32, wp.bool: torch.bool}
 _ALIGN = 256
+"""Alignment of an array [bytes], that of ``cudaMalloc``: kernels load vectors from its start."""
 _FLOATS_AN_ENV = 256
+"""Room in a chunk, in floats for each environment. Most tasks fit; others take another chunk, and one copy more."""
 
 
 class OutputBlock:
-    """Arrays that kernels write and :meth:`take` copies out all at once."""
+    """Arrays that kernels write, and that :meth:`take` copies all at once."""
 
     def __init__(self, num_envs: int, device: str):
         self._capacity = num_envs * 4 * _FLOATS_AN_ENV + 2**16
@@ -25,17 +27,17 @@ class OutputBlock:
         self._places: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
 
     def reserve(self, name: str, dtype: type, shape: tuple[int, ...]) -> wp.array:
-        """An array of zeros that is handed out under ``name``.
+        """An array of zeros in the block.
 
         Args:
-            name: Key in what :meth:`take` returns.
+            name: Its key in the results of :meth:`take` and :meth:`views`.
             dtype: ``wp.float32`` or ``wp.bool``.
             shape: Shape.
         """
         kind = _TORCH[dtype]
         size = kind.itemsize * int(torch.Size(shape).numel())
         if not self._chunks or self._used[-1] + size > self._chunks[-1].numel():
-            with torch.inference_mode(False):
+            with torch.inference_mode(False):  # an inference tensor could not be written outside of inference mode
                 self._chunks.append(torch.zeros(max(self._capacity, size), dtype=torch.uint8, device=self._device))
             self._used.append(0)
         start = self._used[-1]
@@ -45,7 +47,7 @@ class OutputBlock:
         return self._arrays[name]
 
     def array(self, name: str) -> wp.array:
-        """What :meth:`reserve` returned."""
+        """The array that was reserved under a name."""
         return self._arrays[name]
 
     def _view(self, chunk: torch.Tensor, name: str) -> torch.Tensor:
@@ -54,10 +56,10 @@ class OutputBlock:
         return chunk[start : start + kind.itemsize * count].view(kind).view(shape)
 
     def views(self) -> dict[str, torch.Tensor]:
-        """The arrays themselves as tensors, by name; every step writes into them."""
+        """The arrays themselves as tensors, by name. Every step overwrites them."""
         return {name: self._view(self._chunks[place[0]], name) for name, place in self._places.items()}
 
     def take(self) -> dict[str, torch.Tensor]:
-        """Fresh tensors by name; those of one step share memory among themselves and with nothing else."""
+        """Copies of the arrays by name. The tensors of one call share one block of memory, and with nothing else."""
         fresh = [chunk[: min(n, chunk.numel())].clone() for chunk, n in zip(self._chunks, self._used, strict=True)]
         return {name: self._view(fresh[place[0]], name) for name, place in self._places.items()}

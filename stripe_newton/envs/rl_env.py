@@ -36,7 +36,7 @@ __all__ = ["Extras", "Observations", "RLEnv", "ResetOptions"]
 Observations = dict[str, Any]
 """Observations by group; a dict by term in the place of a tensor where a group's terms are not concatenated."""
 Extras = dict[str, Any]
-"""What is handed out beside the observations; ``"log"`` is a dict of numbers."""
+"""Extras of a reset or step, gymnasium's ``infos``; ``"log"`` is a dict of numbers."""
 ResetOptions = Mapping[str, object]
 """Options of a reset; see :meth:`RLEnv.reset`."""
 _RENDER_MODES = (None, "rgb_array")
@@ -44,14 +44,14 @@ _STEP_METHODS = (
     "step", "begin_step", "launch_step", "finish_step", "_take_action", "_collect_observations", "_rewards",
     "_begin_extras",
 )  # fmt: skip
-"""Methods of a step that a graph replaces: one of a user's own would not run then."""
+"""Methods that do not run when a recorded step is replayed. A subclass that overrides one cannot be recorded."""
 
 
 class RLEnv(VectorEnv):
-    """A simulation, a scene, and a step that is a list of stages; :class:`DirectRLEnv` and
-    :class:`ManagerBasedRLEnv` say what the stages are.
+    """Base class of environments: a simulation, a scene, and a step that is a list of stages.
 
-    It is a :class:`gymnasium.vector.VectorEnv` of torch tensors that resets within the step (``SAME_STEP``).
+    :class:`DirectRLEnv` and :class:`ManagerBasedRLEnv` define the stages. It is a :class:`gymnasium.vector.VectorEnv`
+    of torch tensors that resets environments within the step (``SAME_STEP``).
 
     Attributes:
         cfg: The config.
@@ -60,9 +60,9 @@ class RLEnv(VectorEnv):
         context: Arrays and names that kernels share.
         common_step_counter: Environment steps taken.
         reset_buf: Environments that ended in the last step, bool, shape ``(num_envs,)``.
-        reset_terminated: Those that ended in failure or success, bool, shape ``(num_envs,)``.
-        reset_time_outs: Those that ran out of time, bool, shape ``(num_envs,)``.
-        extras: What is handed out beside the observations; ``extras["log"]`` is a new dict in every step.
+        reset_terminated: Environments that ended in failure or success, bool, shape ``(num_envs,)``.
+        reset_time_outs: Environments that ran out of time, bool, shape ``(num_envs,)``.
+        extras: Extras of the last reset or step; ``extras["log"]`` is a new dict in every step.
     """
 
     metadata: ClassVar[dict[str, object]] = {
@@ -79,10 +79,11 @@ class RLEnv(VectorEnv):
         Args:
             cfg: The config; it is copied.
             render_mode: ``"rgb_array"`` for :meth:`render` to return pictures.
-            kwargs: None are known; a subclass may pass on its own.
+            kwargs: Not used; a subclass may have arguments of its own, and unknown ones are an error.
 
         Raises:
             ConfigError: all problems of the config at once.
+            TypeError: for an unknown argument.
         """
         if kwargs:
             raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
@@ -92,7 +93,7 @@ class RLEnv(VectorEnv):
         self.cfg = cfg.copy()
         self.render_mode = render_mode
         if self.cfg.seed is not None:
-            self._seed_host(self.cfg.seed)
+            self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
         self.sim = Simulation(self.cfg.sim)
         self.sim.decimation = self.cfg.decimation
         self._prepare_simulation()
@@ -103,10 +104,10 @@ class RLEnv(VectorEnv):
         self._make_buffers()
 
     def _prepare_simulation(self) -> None:
-        """What the simulation must know before it is built."""
+        """Set options of the simulation that must be known before the model is built. The default sets none."""
 
     def _setup_scene(self) -> None:
-        """Create what the scene config does not; called while the scene is under construction."""
+        """Create assets that the scene config does not name; called while the scene is under construction."""
 
     def _num_terminations(self) -> int:
         return 0
@@ -219,16 +220,17 @@ class RLEnv(VectorEnv):
             self.seed(seed)
         mask = (options or {}).get("reset_mask")
         self._begin_extras()
+        # The mask stands where a step's terminations would have written it, so that the reset below is a step's.
         self.context.reset_mask.begin_step()
         self.reset_buf[:] = True if mask is None else torch.as_tensor(mask, dtype=torch.bool, device=self.device)
         self._safety.begin_reset_from_outside()
-        # The stages that begin an episode, and no others. A kernel may reach into the stages beside them: its sections
-        # that are for a step alone look at the flag.
+        # Only the stages that begin an episode run. A fused kernel may also hold sections of the stages beside them;
+        # sections that belong to a step alone are guarded by this flag.
         self._stepping.zero_()
         self.plan.run_without_graph(self._reset_stages)
         self._stepping.fill_(1)
         self._leave_bodies_for_later()
-        self.context.log.clear()  # episodes that were cut off from outside are not logged
+        self.context.log.clear()  # episodes that a caller cuts off are not logged: they say nothing of the policy
         self.obs_buf = self._collect_observations(self.outputs.take())
         self.extras["log"] = _own(self.extras.get("log") or {})
         return self.obs_buf, self.extras
@@ -252,15 +254,20 @@ class RLEnv(VectorEnv):
             RuntimeError: if contacts or constraints were dropped, naming the size to set.
         """
         action = self._checked_action(action)
+        # On the host, before anything is launched: overflows that the device has reported, arrays that were replaced.
         self.begin_step()
+        # The actions are copied into memory that the graphs read, as a graph cannot read the caller's tensor.
         self._take_action(action)
+        # All stages, in the order of _stages(): physics, terminations and rewards of the episodes under way, resets,
+        # then commands, sensors and observations, which see the new episodes.
         self.plan.run()
+        # The results are copied out, as the next step overwrites the memory that they stand in.
         return self.finish_step()
 
-    # -- a step in parts: :meth:`step` runs them, and whoever records the step in a graph of their own
+    # -- the parts of a step: step() runs them, and so does a user who records the step in a CUDA graph (GraphStep)
 
     def begin_step(self) -> None:
-        """What the host does before a step.
+        """Do the host's part before a step.
 
         Raises:
             RuntimeError: if contacts or constraints were dropped, naming the size to set.
@@ -268,16 +275,16 @@ class RLEnv(VectorEnv):
         self._begin_extras()
         self._steps_before = self.common_step_counter
         self.context.reset_mask.begin_step()
-        # Before the physics: the solver learns of roots that were moved by hand. An overflow that the device has
-        # reported ends the run here, as what was computed since is wrong.
+        # The solver learns here, before the physics, of floating roots that were moved by hand. If the device has
+        # reported dropped contacts or constraints the run ends here, as all that was computed since is wrong.
         self.sim.begin_step()
         if self.sim.recaptures != self._recaptures:
-            # An array that the graphs read was replaced, say by a hook that applied the first external force.
+            # An array that the graphs read has been replaced, for example by the first external force of a hook.
             self._recaptures = self.sim.recaptures
             self.plan.recapture()
 
     def launch_step(self, action: torch.Tensor) -> None:
-        """Launch all kernels of a step on the current stream, to be recorded in a graph of the caller's.
+        """Launch all kernels of a step on the current stream, so that a caller can record them in a CUDA graph.
 
         Args:
             action: Shape ``(num_envs, num_actions)``.
@@ -289,7 +296,11 @@ class RLEnv(VectorEnv):
         self.plan.launch()
 
     def count_step(self) -> None:
-        """Count the step under way. Torch hooks before the physics see the steps before it, those after it this one."""
+        """Count the step under way.
+
+        Torch hooks that run before the physics see the number of steps before this one, later hooks include it, as in
+        Isaac Lab. Several places call this, whichever comes first, so it may run more than once in a step.
+        """
         self.common_step_counter = self._steps_before + 1
 
     def raise_for_actions(self) -> None:
@@ -304,7 +315,10 @@ class RLEnv(VectorEnv):
     @torch.inference_mode(False)
     @torch.no_grad()
     def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
-        """What the host does after a step: hand out what the step wrote, as :meth:`step` returns it.
+        """Do the host's part after a step: update :attr:`obs_buf` and :attr:`extras`, and return copies of the results.
+
+        Returns:
+            The same as :meth:`step`.
 
         Raises:
             ValueError: if actions were not finite and the config says to raise.
@@ -312,7 +326,7 @@ class RLEnv(VectorEnv):
         self.count_step()
         self._leave_bodies_for_later()
         self.raise_for_actions()
-        # One copy for all: learners keep what they are given, and the next step overwrites the outputs.
+        # All results lie in one block of memory, so this is one copy.
         values = self.outputs.take()
         self.obs_buf = self._collect_observations(values)
         self.extras |= self._final_extras(values)
@@ -320,7 +334,7 @@ class RLEnv(VectorEnv):
         return self.obs_buf, self._rewards(values), values["terminated"], values["truncated"], self.extras
 
     def why_not_capturable(self) -> str:
-        """Why the step cannot be a part of a graph of the caller's; empty if it can."""
+        """Reason why the step cannot be recorded in a caller's CUDA graph; empty if it can."""
         package = __name__.partition(".")[0]
         changed = [n for n in _STEP_METHODS if getattr(type(self), n).__module__.partition(".")[0] != package]
         if changed:
@@ -335,11 +349,11 @@ class RLEnv(VectorEnv):
         return self._collect_observations(self.outputs.views())
 
     def _leave_bodies_for_later(self) -> None:
-        """Let whoever reads the bodies next compute them, if the step has left them as they were before the reset."""
+        """Mark body poses as out of date if the plan leaves forward kinematics after a reset to the next reader."""
         self.sim.pending = self._bodies_later
 
     _bodies_later = False
-    """Whether forward kinematics after a reset waits until somebody reads the bodies."""
+    """Whether forward kinematics after a reset waits until the next read of a body, as no term in between reads one."""
 
     def _log(self, values: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         """The episode log of the step by key."""
@@ -357,18 +371,18 @@ class RLEnv(VectorEnv):
             self._plan = Plan("step", stages, self.context.scope, self.num_envs, self.device, graph)
         return self._plan
 
-    # -- what the kinds of environments fill
+    # -- the parts that DirectRLEnv, DirectMARLEnv and ManagerBasedRLEnv define
 
     def _stages(self) -> list[Stage]:
         """The step, stage by stage, in the order in which it runs."""
         raise NotImplementedError
 
     def _take_action(self, action: torch.Tensor) -> None:
-        """Put the actions where the first stage finds them."""
+        """Copy the actions into the memory that the first stage reads."""
         raise NotImplementedError
 
     def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
-        """Observations by group, from what the step wrote."""
+        """Observations by group, from the results of a step by name."""
         raise NotImplementedError
 
     def _final_extras(self, values: dict[str, torch.Tensor]) -> Extras:
@@ -379,12 +393,21 @@ class RLEnv(VectorEnv):
         return values["reward"]
 
     def _count_section(self, parts: int = 0) -> Section:
-        """Count the environment steps, on the device: one thread for all environments."""
+        """Section that counts the environment steps on the device. One thread does it for all environments.
+
+        Args:
+            parts: 1 to join a kernel in which a section has one thread for each number of an environment; 0 otherwise.
+        """
         count = self.context.code("    {step}[0] = {step}[0] + wp.int64(1)")
         return Section("count", [code("if env == 0:"), count], parts=parts)
 
     def _measure(self, when: str) -> list[Item]:
-        """The launches of the sensors that measure at a time, such as ``"launch_measured"``."""
+        """Launches of the sensors that measure at a point of the step.
+
+        Args:
+            when: ``"launch_measured"`` after the physics, ``"launch_reset"`` where episodes begin, or
+                ``"launch_observed"`` before the observations.
+        """
         items: list[Item] = []
         for name, sensor in self.scene.sensors.items():
             if when in sensor.measures:
@@ -413,7 +436,7 @@ class RLEnv(VectorEnv):
 
     @property
     def nonfinite_worlds(self) -> int:
-        """How often a world became non-finite and was reset, as of the last report from the device."""
+        """Number of worlds that became non-finite and were reset, as of the last report from the device."""
         return self._safety.worlds
 
     def describe(self, kernels: bool = False) -> str:
@@ -427,7 +450,7 @@ class RLEnv(VectorEnv):
     def render(self) -> np.ndarray | None:
         """A picture of the scene, uint8, shape ``(height, width, 3)``; ``None`` without ``render_mode="rgb_array"``.
 
-        It is ray traced by Newton's camera sensor: neither a display nor a graphics library is needed.
+        Newton's camera sensor ray traces it, so neither a display nor a graphics library is needed.
         """
         if self.render_mode != "rgb_array":
             return None
@@ -446,16 +469,16 @@ class RLEnv(VectorEnv):
             self.scene.close()
 
     def regenerate(self, seed: int) -> None:
-        """Go on in another scene of the same specification; episodes are cut and begin anew.
+        """Change to another scene of the same specification. All episodes are cut off and begin anew.
 
-        Model, solver and captured graphs stay. What a fresh environment of that scene's seed computes, this one does.
-        ``obs_buf`` has the first observations. Levels of a terrain curriculum stay.
+        Model, solver and captured graphs are kept, and so are the levels of a terrain curriculum. Results are those of
+        a new environment with that scene's seed. ``obs_buf`` has the first observations.
 
         Args:
             seed: Seed of the scene.
 
         Raises:
-            ValueError: if the scene is of no specification, or something in it cannot follow; nothing has changed then.
+            ValueError: if the scene has no specification, or a part of it cannot change; the environment is unchanged.
         """
         self._move_to_scene(seed)
         self.reset()
@@ -468,17 +491,20 @@ class RLEnv(VectorEnv):
             self._renderer.close()
             self._renderer = None
 
-    # -- continuing where it stopped
+    # -- saving and restoring
 
     def get_state(self) -> EnvState:
-        """All that the next step depends on: joints, targets, the solver's warm start, counters, and every tensor that
-        the subclass keeps as an attribute. :meth:`set_state` brings it back."""
+        """State that the next step depends on; :meth:`set_state` restores it.
+
+        It has joints, targets, the solver's warm start, counters, and every tensor that the subclass keeps as an
+        attribute.
+        """
         return save_state(self)
 
     @torch.inference_mode(False)
     @torch.no_grad()
     def set_state(self, state: EnvState) -> None:
-        """Go on from what :meth:`get_state` returned.
+        """Restore a state of :meth:`get_state`; steps from there on repeat those that followed it.
 
         Raises:
             ValueError: if it is the state of another environment.
@@ -489,7 +515,7 @@ class RLEnv(VectorEnv):
         restore_state(self, state)
 
     def state_parts(self) -> list[dict[str, torch.Tensor]]:
-        """What is remembered elsewhere than in attributes, as the dicts it is kept in; they are part of the state."""
+        """Parts of the state that are not attributes of the environment, as the dicts of tensors that hold them."""
         return []
 
 

@@ -28,7 +28,7 @@ class RLEnvCfg:
     decimation: int = MISSING
     """Physics steps in an environment step."""
     is_finite_horizon: bool = False
-    """Whether the time limit is part of the task. Then time-outs are not handed to the learner as truncation."""
+    """The time limit is part of the task: learners then treat a time-out as the end, not as truncation."""
     episode_length_s: float = MISSING
     """Duration of an episode [s]."""
     scene: InteractiveSceneCfg = MISSING
@@ -36,15 +36,13 @@ class RLEnvCfg:
     events: object = None
     """Config whose fields are :class:`EventTermCfg`, or a dict of them."""
     nonfinite_actions: str = "raise"
-    """What to do about actions that are not finite: ``"raise"`` an error, or ``"clamp"``: 0 for what is no number and
-    +-1e6 for what is infinite. On a GPU they are clamped at once and the error follows with the device's report."""
+    """Treatment of actions that are not finite: ``"raise"`` an error, or ``"clamp"`` NaN to 0 and infinity to +-1e6. On
+    a GPU they are clamped at once and the error is raised a few steps later, without host synchronisation."""
     compute_final_obs: bool = False
-    """Put the observation that an episode ended with into ``extras["final_obs"]``."""
+    """Compute the last observations of episodes that end, for ``extras["final_obs"]``."""
     rerender_on_reset: bool = False
-    """Ignored: a picture is rendered when it is asked for, from the state there is."""
-    IGNORED: ClassVar[dict[str, str]] = {
-        "rerender_on_reset": "a picture is rendered when it is asked for, from the state there is"
-    }
+    """Ignored: ``render()`` always draws the current state."""
+    IGNORED: ClassVar[dict[str, str]] = {"rerender_on_reset": "render() always draws the current state"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.decimation is not MISSING and (not isinstance(self.decimation, int) or self.decimation < 1):

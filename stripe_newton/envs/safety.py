@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Safety: worlds and actions that are not finite are found, made finite and counted."""
+"""Safety: finds worlds and actions that are not finite, makes them finite and counts them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ __all__ = ["Safety"]
 
 
 class Safety:
-    """Finds worlds whose state is not finite, gives them a finite one, and clears what they left behind."""
+    """Finds worlds whose state is not finite, restores their initial state and ends their episodes.
+
+    Its items are part of a step. Without them a single diverged world would send NaN through sensors, rewards and
+    running statistics to the policy, and from there to all worlds.
+    """
 
     def __init__(self, sim: Simulation, context: ManagerContext):
         self._sim, self._context = sim, context
@@ -38,14 +42,14 @@ class Safety:
         masks = sim.articulation_mask.reshape((context.num_envs, self._per_env))
         self._articulation_mask = scope.name("articulation_mask", masks)
         self._checked: list[tuple[Name, Name]] = []
-        """State of the worlds that must be finite, and what it was at first."""
+        """Arrays of the state that must be finite, each with a copy of its initial values."""
         for name, array in {"joint_q": sim.state.joint_q, "joint_qd": sim.state.joint_qd}.items():
             if array is not None and array.size:
                 rows = scope.name(f"world_{name}", _rows(sim, array))
                 first = scope.name(f"initial_{name}", wp.clone(_rows(sim, array)))
                 self._checked.append((rows, first))
         observed = sim.observables
-        # What a world that is no longer finite may have left behind, where rewards and sensors of this step read it.
+        # Derived quantities of such a world are not finite either, and rewards and sensors of this step read them.
         left = {"previous_joint_qd": sim.previous_joint_qd, "joint_f": sim.control.joint_f}
         left["computed_effort"] = sim.actuation.computed_effort
         left |= {n: getattr(observed, n, None) for n in ("qfrc_actuator", "body_qdd", "body_parent_f")}
@@ -58,7 +62,7 @@ class Safety:
 
     @property
     def worlds(self) -> int:
-        """Worlds that were found, as of the last report from the device."""
+        """Number of worlds found so far, as of the last report from the device."""
         return self._worlds[0]
 
     def raise_for_actions(self) -> None:
@@ -75,7 +79,7 @@ class Safety:
             )
 
     def begin_reset_from_outside(self) -> None:
-        """Mark the environments of the reset mask as ended in another way than by a step."""
+        """Prepare the masks for a reset that a caller asks for, rather than a step."""
         self._context.torch(self._context.moved)[:] = self._context.reset_mask.tensor
         self.nonfinite.zero_()
 
@@ -93,22 +97,22 @@ class Safety:
         return Section("finite_actions", block(code("for i in range({}.shape[1]):", actions), [line]))
 
     def after_physics(self) -> Section:
-        """Count the step of the episode and look at the world."""
+        """Count the step in the episode's length, check the state of the world, restore it where it is not finite."""
         context, call = self._context, self._context.scope.call
         checks = [call(row_is_finite, code("{}[env]", rows)) for rows, _ in self._checked]
-        mend = [call(restore_row, code("{}[env]", rows), code("{}[env]", first)) for rows, first in self._checked]
-        mend += [call(clear_row, code("{}[env]", rows)) for rows in self._cleared]
-        mend.append(code("wp.atomic_add({}, 0, 1)", self._worlds_name))
+        restore = [call(restore_row, code("{}[env]", rows), code("{}[env]", first)) for rows, first in self._checked]
+        restore += [call(clear_row, code("{}[env]", rows)) for rows in self._cleared]
+        restore.append(code("wp.atomic_add({}, 0, 1)", self._worlds_name))
         body = [
             context.code("{episode.length}[env] = {episode.length}[env] + wp.int64(1)"),
             code(f"finite = {' and '.join(['{}'] * len(checks))}", *checks),
             context.code("{nonfinite}[env] = not finite"),
-            *block(code("if not finite:"), mend),
+            *block(code("if not finite:"), restore),
         ]
         return Section("after_physics", body).only(context.within_step)
 
     def begin_reset(self) -> Section:
-        """Targets of all assets back to their defaults, wrenches removed."""
+        """Set the targets of all assets to their defaults and remove external wrenches, where an episode begins."""
         context, body = self._context, list[Code]()
         for name in context.entity_names():
             struct = context.scope.name(name, context.asset(name).data.struct)
@@ -118,22 +122,22 @@ class Safety:
         return Section("targets", body).only(context.is_reset)
 
     def end_reset(self) -> Section:
-        """The episode starts."""
+        """Set the length of the new episode to 0. It ends a reset, as reset terms may read the old length."""
         line = self._context.code("{episode.length}[env] = wp.int64(0)")
         return Section("episode_start", [line]).only(self._context.is_reset)
 
     def forward(self, later: bool = False) -> list[Item]:
-        """Bodies follow the joints where those were written, and the solver forgets the episodes that ended.
+        """Forward kinematics where joints were written, and cleared solver memory where an episode began.
 
         Args:
-            later: Leave the bodies to :meth:`Simulation.flush`, as nothing in the rest of the step reads them.
+            later: Leave forward kinematics to :meth:`Simulation.flush`, as the rest of the step reads no body.
         """
         follows = self._context.code("{moved}[env] or {reset}[env]")
         lines = [code("{}[env, {}] = {}", self._articulation_mask, a, follows) for a in range(self._per_env)]
         items: list[Item] = [Section("masks", lines)]
         if not later:
             items.append(Captured("forward kinematics", self._sim.forward_masked))
-        # Beside what follows: only the physics of the next step reads the solver's memory.
+        # It may run beside the items that follow: only the physics of the next step reads the solver's memory.
         clear = Captured("solver memory cleared", self._clear_solver, beside=True, fields=frozenset())
         return [*items, clear]
 

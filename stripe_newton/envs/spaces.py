@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spaces: gymnasium spaces from the short forms that configs write."""
+"""Spaces: gymnasium spaces from the short forms that configs use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SpaceSpec: TypeAlias = Any
 
 
 def to_space(spec: SpaceSpec) -> spaces.Space:
-    """The gymnasium space that a config means.
+    """The gymnasium space of a short form.
 
     Args:
         spec: A space; an int n for an unbounded ``Box`` of n numbers; a list of ints for the shape of one;
@@ -38,4 +38,4 @@ def to_space(spec: SpaceSpec) -> spaces.Space:
         return spaces.Dict({key: to_space(value) for key, value in spec.items()})
     if isinstance(spec, tuple) and spec:
         return spaces.Tuple([to_space(value) for value in spec])
-    raise ValueError(f"{spec!r} is no space; give a number of elements, a list of sizes, or a gymnasium space")
+    raise ValueError(f"{spec!r} is not a space; give a number of elements, a list of sizes, or a gymnasium space")

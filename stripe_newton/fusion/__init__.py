@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fusion: terms become calls in generated source, source becomes kernels, kernels become one graph a step.
+"""Fusion: terms become calls in generated source code, source code becomes kernels, kernels become a CUDA graph.
 
-The way goes in one direction. ``bind_term`` finds the arguments of a term and makes a :class:`TermCall`; a manager
-writes calls and lines into a :class:`Section`; a :class:`Plan` fuses neighbouring sections into kernels and records
-them. Source is written and never read: a piece of :class:`Code` knows the names that it uses.
+Data flows in one direction. ``bind_term`` finds the arguments of a term and returns a :class:`TermCall`. A manager
+writes calls and other lines into a :class:`Section`. A :class:`Plan` fuses neighbouring sections into kernels and
+records them in CUDA graphs. Source code is written and never parsed: a piece of :class:`Code` knows the names in it.
 """
 
 from .binding import BindingContext, bind_term

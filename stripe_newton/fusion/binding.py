@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Binding: from a Warp function and the parameters of a config to a call in generated source."""
+"""Binding: finds the arguments of a term in its config and makes its call in generated source code."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _RETURNS: dict[str, type] = {
     "curriculum": float,
     "modifier": float,
 }
-"""Return type of the kinds of terms that return something."""
+"""Return types, by the kind of term; other kinds return nothing."""
 _SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
 _VECTORS = (wp.vec2, wp.vec3, wp.vec4, wp.quat)
 
 
 class BindingContext(TermContext, Protocol):
-    """What terms are bound to."""
+    """Context of terms with the registry of structs, such as a :class:`ManagerContext`."""
 
     structs: StructRegistry
 
@@ -45,19 +45,19 @@ def bind_term(
     kind: str,
     fixed: Mapping[str, Code] | None = None,
 ) -> TermCall | None:
-    """Find what each argument of a term is, by its type and its name.
+    """Find each argument of a term by its type and name.
 
     Args:
         context: The manager context.
         func: A Warp function.
         params: Parameters of the config.
-        where: Path of the term, such as ``rewards.alive``; tuned numbers are kept below it.
+        where: Path of the term, such as ``rewards.alive``, below which its parameters are stored.
         kind: ``"observation"``, ``"reward"``, ``"termination"``, ``"event"``, ``"command"``, ``"action"``,
             ``"curriculum"``, ``"metric"`` or ``"modifier"``.
-        fixed: Source of arguments that the manager knows.
+        fixed: Source code of arguments that the manager gives.
 
     Returns:
-        The call, or None after problems were added to ``context.problems``.
+        The call, or None if problems have been added to ``context.problems``.
     """
     if not isinstance(func, wp.Function):
         context.problems.append(f"{where}.func: is {func!r}, must be a Warp function (@wp.func)")
@@ -77,7 +77,7 @@ def bind_term(
 def _argument(
     context: BindingContext, binding: TermBinding, name: str, kind: Any, term_kind: str, fixed: Mapping[str, Code]
 ) -> Code:
-    """Source of one argument: by its name if that says enough, else by its type."""
+    """Source code of one argument, by its name where that is enough, else by its type."""
     if name in fixed:
         return fixed[name]
     if name == "out" and term_kind == "observation":
@@ -95,7 +95,7 @@ def _argument(
 
 
 def _known_by_name(context: BindingContext, name: str) -> Code | None:
-    """The arguments that every environment has."""
+    """Source code of an argument that every environment has; None for other names."""
     if name == "env":
         return Code("env")
     if name in ("rng", "step"):
@@ -105,7 +105,7 @@ def _known_by_name(context: BindingContext, name: str) -> Code | None:
 
 def _struct(context: BindingContext, binding: TermBinding, name: str, kind: Struct) -> Code:
     given, resolver = binding.params.get(name), context.structs.resolver(kind)
-    if is_instance(given, kind):  # the struct itself
+    if is_instance(given, kind):  # the config has the struct itself rather than its name
         return context.scope.name(name, binding.take(name))
     if resolver is not None:
         return resolver.resolve(binding, name)
@@ -115,7 +115,7 @@ def _struct(context: BindingContext, binding: TermBinding, name: str, kind: Stru
 
 
 def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
-    """A number or a vector, kept as a parameter, so that it may change while graphs are replayed."""
+    """A number or vector as a parameter: a literal would be frozen into the kernel, a curriculum may change this."""
     value: Any = binding.take(name)
     if value is None:
         if name not in binding.function.defaults:
@@ -128,7 +128,7 @@ def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
 
 
 def _function_problems(binding: TermBinding, kind: str) -> Iterator[str]:
-    """What is wrong with the signature of the function."""
+    """Problems of the function's signature."""
     function = binding.function.func
     wanted, returned = _RETURNS.get(kind), function.__annotations__.get("return")
     if isinstance(returned, str):  # of a module with postponed annotations
@@ -140,12 +140,12 @@ def _function_problems(binding: TermBinding, kind: str) -> Iterator[str]:
     if kind == "observation" and "out" not in binding.types:
         yield (
             f"{binding.where}.func: '{binding.name}' has no argument 'out: wp.array[float]', to which an observation "
-            "writes its numbers"
+            "writes its values"
         )
 
 
 def _body_problems(binding: TermBinding) -> Iterator[str]:
-    """Bodies of the asset and of a sensor go together, one by one."""
+    """Problems of a term that pairs bodies of the asset with bodies of a sensor: both choices must be equal."""
     ids, sensor_ids = (binding.counts.get(n) for n in ("body_ids", "sensor_body_ids"))
     if None not in (ids, sensor_ids) and ids != sensor_ids:
         text = f"sensor_cfg names {sensor_ids} bodies, asset_cfg {ids}; they must be the same, in the same order"
@@ -157,7 +157,7 @@ def _body_problems(binding: TermBinding) -> Iterator[str]:
 
 
 def _param_problems(binding: TermBinding) -> Iterator[str]:
-    """Parameters that no argument took."""
+    """Problems of parameters that no argument uses."""
     arguments = [n for n in binding.types if n not in ("env", "out", "rng")]
     for extra in binding.params.keys() - binding.taken - {"asset_cfg"}:
         near = difflib.get_close_matches(extra, arguments, n=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Episode log: values that kernels add up on the device, handed out once a step."""
+"""Episode log: values that kernels sum on the device and that a step returns."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _KINDS = {"mean": int(LOG_MEAN), "count": int(LOG_COUNT), "last": int(LOG_LAST)}
 
 
 class EpisodeLog:
-    """Entries by key, such as ``Episode_Reward/alive``, to which kernels add; :meth:`finish` makes values of them.
+    """Log entries by key, such as ``Episode_Reward/alive``. Kernels add to them; :meth:`finish` computes their values.
 
-    Kinds: ``"mean"`` over the environments whose episodes ended in the step, held until the next time some end;
-    ``"count"``: sum over the environments in the step; ``"last"``: what was added last.
+    Kinds of entries: ``"mean"`` is the mean over the environments whose episodes ended in the step, kept until the next
+    ones end; ``"count"`` is the sum over the environments in the step; ``"last"`` is the value added last.
     """
 
     def __init__(self, scope: Scope, device: str):
@@ -32,10 +32,10 @@ class EpisodeLog:
         self.counts = wp.zeros(_CAPACITY, dtype=int, device=device)
         self._names = scope.name("log_sums", self.sums), scope.name("log_counts", self.counts)
         self.values = wp.zeros(_CAPACITY, dtype=float, device=device)
-        """Values of the step, one number a key; replaced by :meth:`bind`."""
+        """Values of the step, one for each key; :meth:`bind` replaces the array."""
 
     def add(self, key: str, kind: str = "mean") -> int:
-        """Register a key; its index.
+        """Register a key. Returns its index in :attr:`values`.
 
         Raises:
             ValueError: for an unknown kind, or too many keys.
@@ -54,19 +54,19 @@ class EpisodeLog:
         return self._scope.call(log_add, *self._names, self.add(key, kind), value)
 
     def bind(self, values: wp.array) -> None:
-        """Hand out from ``values``, float, shape ``(len(keys),)`` or more."""
+        """Write values to another array, float, shape ``(capacity,)``. Call it before graphs are recorded."""
         self.values = values
 
     capacity = _CAPACITY
-    """Most keys there can be."""
+    """Largest number of keys. Arrays do not grow, as graphs hold their addresses."""
 
     def clear(self) -> None:
-        """Forget what was added since the last :meth:`finish`."""
+        """Discard everything added since the last :meth:`finish`."""
         self.sums.zero_()
         self.counts.zero_()
 
     def finish(self) -> None:
-        """Make the values of the step and clear the sums: one kernel."""
+        """Compute the values of the step and clear the sums, by one kernel."""
         if self.keys:
             inputs, outputs = [self._kinds, self.sums, self.counts], [self.values]
             wp.launch(finish_log, dim=len(self.keys), inputs=inputs, outputs=outputs, device=self.sums.device)

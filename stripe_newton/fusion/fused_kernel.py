@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fused kernel: sections of source as one Warp kernel, kept as a readable file and compiled once."""
+"""Fused kernel: sections of source code compiled as one Warp kernel, with the source kept in a readable file."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["FusedKernel", "fuse"]
 
 
 class FusedKernel:
-    """A kernel with its arguments, ready to be launched.
+    """A generated kernel with its arguments, ready to be launched.
 
     Attributes:
         name: Name of the kernel.
-        source: Its source.
-        path: File that holds the source.
-        terms: Terms that are in it.
+        source: Source code.
+        path: File with the source code.
+        terms: Names of the terms in it.
     """
 
     def __init__(
@@ -37,21 +37,22 @@ class FusedKernel:
         self._command: wp.Launch | None = None
 
     def launch(self) -> None:
-        """Launch it."""
-        if self._command is None:  # its arguments are packed once: they never change
+        """Launch the kernel on the current stream."""
+        # The arguments never change, so they are packed once. Packing takes longer than the launch itself.
+        if self._command is None:
             self._command = wp.launch(self._kernel, **self._launch, record_cmd=True)
         self._command.launch()
 
 
 def fuse(name: str, sections: Sequence[Section], scope: Scope, num_envs: int, device: str) -> FusedKernel:
-    """Make one kernel of sections; see :func:`write_kernel` for how they share it.
+    """Compile sections as one kernel; :func:`write_kernel` describes its threads.
 
     Args:
         name: Name of the kernel.
-        sections: All with parts, or all without.
-        scope: The names that they use.
+        sections: Sections, all with parts or all without.
+        scope: Arrays, structs and functions by the names that the sections use.
         num_envs: Number of environments.
-        device: Where it runs.
+        device: Device of the kernel.
     """
     source = write_kernel(name, sections, scope, num_envs)
     compiled = _compiled(name, source)
@@ -71,38 +72,39 @@ class _Compiled:
     path: Path
     kernel: wp.Kernel
     aliases: dict[str, object]
-    """Held, as the kernels that are known are told apart by the identity of these."""
+    """Functions and structs of the kernel. Held here, as ``_KNOWN`` tells kernels apart by their identities."""
 
 
 _KNOWN: dict[tuple[Hashable, ...], _Compiled] = {}
 
 
 def _compiled(name: str, source: KernelSource) -> _Compiled:
-    """The kernel of a source, the same one for the same source and functions.
+    """The kernel of some source code; the same one for equal source code and functions.
 
-    File and module are named by everything that is baked into the kernel: its source and that of all functions that it
-    calls. So an equal kernel is compiled once, in this process and in later ones.
+    File and module are named by a hash of the source code of the kernel and of all functions that it calls. So an equal
+    kernel is compiled once, in this process and in later ones.
     """
     called = {f.adj.source for own in source.functions for f in (own, *usage_of(own).calls)}
     baked = "".join([source.text, *sorted(called)])
     digest = hashlib.sha256(baked.encode()).hexdigest()[:12]
     key = (digest, *sorted((alias, id(thing)) for alias, thing in source.aliases.items()))
     if key not in _KNOWN:
-        wp.init()  # it sets the folder of the cache
+        wp.init()  # sets wp.config.kernel_cache_dir
         path = Path(wp.config.kernel_cache_dir) / "stripe_newton" / f"{name}_{digest}.py"
         _write(path, source.text)
         module = f"stripe_newton.generated.{name}_{digest}"
-        # Equal source may stand for other functions: those of a file that was loaded twice, say.
+        # Equal source code may call different functions, for example of a module that was loaded twice. Warp would mix
+        # them up if both modules had the same name.
         again = sum(known[0] == digest for known in _KNOWN)
         space = {"wp": wp, "__name__": f"{module}_{again}" if again else module, **source.aliases}
-        # Warp looks a kernel's source up by the name of its file.
+        # Warp reads the source code of a kernel back from the file that its code object names.
         exec(compile(source.text, str(path), "exec"), space)
         _KNOWN[key] = _Compiled(path, space[name], source.aliases)
     return _KNOWN[key]
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all: other processes may want the same one at the same time."""
+    """Write a file atomically, as other processes may write the same one at the same time."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_suffix(f".{os.getpid()}")

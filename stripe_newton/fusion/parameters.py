@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters: the numbers of terms that people tune, by path, in arrays that kernels read."""
+"""Parameters: numbers of terms, such as weights and bounds, in arrays that kernels read."""
 
 from __future__ import annotations
 
@@ -25,36 +25,37 @@ _VECTORS = {wp.vec2: 2, wp.vec3: 3, wp.vec4: 4, wp.quat: 4}
 ParameterKind = type[float] | type[int] | type[bool]  # or wp.vec2, wp.vec3, wp.vec4, wp.quat
 """Type of a parameter as a Warp function declares it."""
 ParameterValue = float | Sequence[float] | np.ndarray | torch.Tensor
-"""A number, a truth value, or the numbers of a vector."""
+"""A number, a boolean, or the numbers of a vector."""
 
 
 class Parameters:
-    """Weights and other numbers by path, such as ``rewards.alive.weight``, in one array that kernels read.
+    """Weights, bounds and other numbers by path, such as ``rewards.alive.weight``.
 
-    What is written here holds from the next replay of a graph on::
+    They are in two arrays on the device, which kernels read. A change takes effect in the next step, without recording
+    graphs again::
 
         parameters["rewards.alive.weight"] = 2.0
     """
 
     def __init__(self, scope: Scope, device: str):
         self.floats = wp.zeros(_CAPACITY, dtype=float, device=device)
-        """The numbers, float32, vectors element by element."""
+        """Real numbers and the elements of vectors, float32."""
         self.ints = wp.zeros(_CAPACITY, dtype=int, device=device)
-        """Whole numbers and truth values, int32."""
+        """Integers and booleans, int32."""
         self._names = scope.name("parameters", self.floats), scope.name("int_parameters", self.ints)
         self._used = [0, 0]
         self._places: dict[str, tuple[ParameterKind, int]] = {}
 
     def add(self, path: str, value: ParameterValue, kind: ParameterKind) -> Code:
-        """Keep a number and return the expression that reads it in generated source.
+        """Store a parameter and return the expression that reads it in generated source code.
 
         Args:
-            path: Its name; a path that is there already keeps its place and takes the value.
-            value: A number, a truth value, or the numbers of a vector.
+            path: Its name. A path that exists keeps its place and takes the new value.
+            value: A number, a boolean, or the numbers of a vector.
             kind: ``float``, ``int``, ``bool``, ``wp.vec2``, ``wp.vec3``, ``wp.vec4`` or ``wp.quat``.
 
         Raises:
-            ValueError: if ``value`` is no ``kind``.
+            ValueError: if ``value`` does not fit ``kind``, or there are too many parameters.
         """
         if path not in self._places:
             whole, size = kind in (int, bool), _VECTORS.get(kind, 1)
@@ -84,7 +85,7 @@ class Parameters:
         return code(f"wp.{name}({', '.join(['{}'] * len(parts))})", *parts)
 
     def index(self, path: str) -> int:
-        """Where the first number of a parameter lies in :attr:`floats`, or in :attr:`ints` for whole numbers.
+        """Index of the first number of a parameter in :attr:`floats`, or in :attr:`ints` for integers and booleans.
 
         Raises:
             KeyError: if there is no such parameter.
@@ -99,7 +100,7 @@ class Parameters:
         return path in self._places
 
     def __getitem__(self, path: str) -> float | tuple[float, ...]:
-        """The value now. It waits for the device.
+        """The current value. It waits for the device.
 
         Raises:
             KeyError: if there is no such parameter.
@@ -110,11 +111,11 @@ class Parameters:
         return tuple(values) if kind in _VECTORS else kind(values[0])
 
     def __setitem__(self, path: str, value: ParameterValue) -> None:
-        """Change a value.
+        """Change the value of a parameter.
 
         Raises:
             KeyError: if there is no such parameter.
-            ValueError: if the value does not fit it.
+            ValueError: if the value does not fit its kind.
         """
         kind, index = self._place(path)
         size = _VECTORS.get(kind, 1)
@@ -131,10 +132,10 @@ class Parameters:
         tensor[index : index + size] = torch.tensor([float(v) for v in values], device=tensor.device).to(tensor.dtype)
 
     def reference(self, path: str) -> Parameter:
-        """Where a float parameter is kept, for a term that changes it; ``path.0`` is the first element of a vector.
+        """Reference to a float parameter, for a term that changes it; ``path.0`` is the first element of a vector.
 
         Raises:
-            KeyError: if there is no such parameter, or it is no float.
+            KeyError: if there is no such parameter, or it is not a float.
         """
         base, _, element = path.rpartition(".")
         inside = path not in self._places and element.isdigit() and base in self._places

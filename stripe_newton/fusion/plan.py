@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plan: the stages of a step, its sections fused into kernels and the kernels recorded as CUDA graphs."""
+"""Plan: the stages of a step, with sections fused into kernels and kernels recorded in CUDA graphs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ __all__ = ["GraphCaptureError", "Plan"]
 
 
 class GraphCaptureError(RuntimeError):
-    """Work that was promised to be one CUDA graph cannot be recorded as one."""
+    """A part of a step that must be captured in a CUDA graph cannot be."""
 
 
 @dataclass(frozen=True)
 class _Operation:
-    """A launch: a fused kernel, or a function that launches kernels of its own."""
+    """A fused kernel, or a function that launches kernels."""
 
     stages: tuple[str, ...]
     name: str
@@ -34,7 +34,7 @@ class _Operation:
 
 @dataclass
 class _Segment:
-    """What lies between two host functions, or a host function."""
+    """Consecutive operations without a host function among them, or one host function."""
 
     operations: list[_Operation] = field(default_factory=list)
     eager: Eager | None = None
@@ -43,16 +43,16 @@ class _Segment:
 
 
 class Plan:
-    """Runs the stages of a step in order; what lies between two host functions is one CUDA graph.
+    """Runs the stages of a step in order. All kernels between two host functions are one CUDA graph.
 
-    The first run is eager and loads the kernels, then the graphs are recorded. On the CPU, and without
-    ``use_graph``, the same kernels run one by one.
+    The first run launches kernel by kernel, which loads the kernels; then the graphs are recorded. On the CPU, and
+    without ``use_graph``, every run launches kernel by kernel.
     """
 
     def __init__(self, name: str, stages: Sequence[Stage], scope: Scope, num_envs: int, device: str, use_graph: bool):
         self.name, self.stages = name, list(stages)
         self.captures = use_graph and device != "cpu"
-        """Whether it is replayed as graphs."""
+        """Whether runs replay CUDA graphs."""
         self._device = device
         self._side_streams: list[wp.Stream] = []
         self._segments = _Cutter(name, scope, num_envs, device).cut(stages)
@@ -60,17 +60,17 @@ class Plan:
 
     @property
     def kernels(self) -> list[FusedKernel]:
-        """The kernels that were made of sections, in order."""
+        """The kernels made from sections, in order."""
         return [o.fused for s in self._segments for o in s.operations if o.fused is not None]
 
     @property
     def graph_count(self) -> int:
-        """Graph launches in a run."""
+        """Number of graph launches in a run."""
         return sum(s.eager is None for s in self._segments) if self.captures else 0
 
     @property
     def eager(self) -> list[tuple[str, str, str]]:
-        """Stage, name and reason of what runs on the host."""
+        """Stage, name and reason of each host function."""
         return [(s.stage, s.eager.name, s.eager.reason) for s in self._segments if s.eager is not None]
 
     # -- running
@@ -79,7 +79,7 @@ class Plan:
         """Run all stages.
 
         Raises:
-            GraphCaptureError: if a stage that was promised to be captured cannot be.
+            GraphCaptureError: if a captured item does something that cannot be recorded in a graph.
         """
         with wp.ScopedDevice(self._device):
             for segment in self._segments:
@@ -88,18 +88,22 @@ class Plan:
                 elif segment.graph is not None:
                     wp.capture_launch(segment.graph)
                 else:
-                    # Without the side streams: the first run loads modules, and loading synchronises anyway.
+                    # On one stream: the first run loads modules, and loading synchronises all streams anyway.
                     for operation in segment.operations:
                         operation.launch()
             if self.captures and not self._recorded:
-                # Recorded after the whole run, as a kernel that is not loaded yet cannot be.
+                # After the whole run, as a kernel that is not loaded yet cannot be recorded: loading is not allowed
+                # during capture.
                 for segment in self._segments:
                     if segment.eager is None:
                         segment.graph = self._record(segment)
         self._recorded = True
 
     def run_without_graph(self, stages: Sequence[str]) -> None:
-        """Run only some stages, kernel by kernel; for what happens outside of a step."""
+        """Run some stages kernel by kernel, for a reset that a caller asks for.
+
+        A fused kernel runs if one of its sections belongs to one of the stages.
+        """
         wanted = set(stages)
         with wp.ScopedDevice(self._device):
             for segment in self._segments:
@@ -110,10 +114,10 @@ class Plan:
                         operation.launch()
 
     def launch(self) -> None:
-        """Launch the kernels of all stages on the current stream, to be recorded in a graph of the caller's.
+        """Launch the kernels of all stages on the current stream, so that a caller can record them in a CUDA graph.
 
         Raises:
-            GraphCaptureError: if something in it runs on the host; see :attr:`eager`.
+            GraphCaptureError: if an item runs on the host; see :attr:`eager`.
         """
         if self.eager:
             raise GraphCaptureError("stage '{}': {} runs on the host ({})".format(*self.eager[0]))
@@ -122,13 +126,13 @@ class Plan:
                 self._launch(segment.operations)
 
     def recapture(self) -> None:
-        """Record the graphs anew at the next run. Call this after replacing an array that a captured function reads."""
+        """Record the graphs again in the next run. Call this after replacing an array that a captured item reads."""
         self._recorded = False
         for segment in self._segments:
             segment.graph = None
 
     def _launch(self, operations: Sequence[_Operation]) -> None:
-        """Launch operations in order, those that nothing waits for on streams of their own."""
+        """Launch operations in order; those that may run ``beside`` others get streams of their own."""
         beside = list[wp.Stream]()
         for operation in operations:
             if operation.beside and self._device != "cpu":
@@ -137,7 +141,7 @@ class Plan:
                     operation.launch()
             else:
                 operation.launch()
-        for stream in beside:  # a graph that is recorded must end on the stream that it began on
+        for stream in beside:  # all streams of a capture must join the one on which it began before it ends
             wp.get_stream(self._device).wait_stream(stream)
 
     def _side_stream(self, index: int) -> wp.Stream:
@@ -152,7 +156,7 @@ class Plan:
             raise GraphCaptureError(self._why_not_recorded(segment, error)) from error
 
     def _why_not_recorded(self, segment: _Segment, error: Exception) -> str:
-        """Which operation it is that cannot be recorded, found by recording each alone."""
+        """The operation that cannot be recorded, with its error, found by recording each alone."""
         for operation in segment.operations:
             try:
                 capture_graph(self._device, operation.launch)
@@ -167,7 +171,7 @@ class Plan:
     # -- description
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Stage, what runs in it, and how, one row an item."""
+        """Rows of the description, one for each item: stage, item with its terms, and way of running."""
         how = "graph" if self.captures else "kernel by kernel"
         rows = []
         for stage in self.stages:
@@ -184,7 +188,11 @@ class Plan:
         return rows
 
     def describe(self, kernels: bool = False) -> str:
-        """The stages as a table in plain text, and with ``kernels`` the source of what was fused."""
+        """The stages as a table in plain text.
+
+        Args:
+            kernels: Also the source code of the fused kernels.
+        """
         rows = self.rows()
         first, second = (max(len(row[i]) for row in rows) for i in (0, 2))
         out = [f"{stage:<{first}}  {how:<{second}}  {what}" for stage, what, how in rows]
@@ -197,15 +205,15 @@ class Plan:
 
 
 class _Cutter:
-    """Cuts stages into segments at the host functions, and fuses the sections that may be in one kernel."""
+    """Cuts stages into segments at the host functions, and fuses neighbouring sections that can be one kernel."""
 
     def __init__(self, name: str, scope: Scope, num_envs: int, device: str):
         self._name, self._scope, self._num_envs, self._device = name, scope, num_envs, device
         self._segments = [_Segment()]
         self._waiting: list[tuple[str, Section]] = []
-        """Sections for the next kernel, with their stages."""
+        """Sections of the kernel under construction, with their stages."""
         self._held: list[_Operation] = []
-        """Launches that nothing waits for, to follow that kernel."""
+        """Launches that may run beside others, to be placed behind that kernel."""
 
     def cut(self, stages: Sequence[Stage]) -> list[_Segment]:
         for stage in stages:
@@ -230,7 +238,7 @@ class _Cutter:
     def _add_captured(self, stage: str, item: Captured) -> None:
         operation = _Operation((stage,), item.name, item.function, beside=item.beside)
         if item.beside and self._waiting:
-            # Nothing waits for it, so it need not end the kernel before it, which may yet grow: one launch less.
+            # The sections after it need not wait for it, so they may join the kernel before it: one launch less.
             self._held.append(operation)
             return
         self._flush()
@@ -251,7 +259,7 @@ class _Cutter:
 def _share_kernel(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
     """Whether two neighbouring sections may be in one kernel."""
     if before[1].parts and after[1].parts:
-        # Parts of one stage do not depend on each other; those of the next stage may depend on any part of this one,
+        # Parts of one stage do not depend on each other. Parts of the next stage may depend on any part of this one,
         # and the threads of a launch do not wait for each other.
         return before[0] == after[0]
     return not before[1].parts and not after[1].parts

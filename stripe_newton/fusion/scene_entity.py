@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene entities in the configs of terms: an asset or a sensor by name, and some of its joints or bodies."""
+"""Scene entity: an asset or a sensor in the config of a term, with some of its joints or bodies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["SceneEntityCfg", "names_of", "resolve_entities"]
 
 @configclass
 class SceneEntityCfg:
-    """An asset of the scene by name; joints and bodies by expression or index, all of them by default."""
+    """An asset or sensor of the scene by name, and some of its joints and bodies; by default all of them."""
 
     name: str = "robot"
     """Name in the scene."""
@@ -26,14 +26,14 @@ class SceneEntityCfg:
     body_ids: Sequence[int] | slice | None = None
     """Bodies by index, instead of ``body_names``."""
     preserve_order: bool = False
-    """Order of the expressions rather than of the asset."""
+    """Use the order of the expressions rather than that of the asset."""
 
     def chooses(self, kind: str) -> bool:
-        """Whether it says which joints (``kind="joint"``) or bodies (``"body"``) are meant."""
+        """Whether it names joints (``kind="joint"``) or bodies (``"body"``), by expression or index."""
         return any(getattr(self, f"{kind}_{what}") is not None for what in ("names", "ids"))
 
     def indices(self, kind: str, names: Sequence[str]) -> list[int]:
-        """Indices of the joints (``kind="joint"``) or bodies (``"body"``) meant.
+        """Indices of the chosen joints (``kind="joint"``) or bodies (``"body"``) among ``names``.
 
         Raises:
             ValueError: if an expression matches nothing, or an index is out of range.
@@ -59,11 +59,11 @@ def names_of(thing: object, kind: str) -> list[str] | None:
 
 
 def resolve_entities(params: Mapping[str, object], find: Callable[[str], object]) -> dict[str, object]:
-    """The parameters of a torch term, in which a :class:`SceneEntityCfg` has its joints and bodies as indices.
+    """Parameters of a torch term, with the joints and bodies of each :class:`SceneEntityCfg` as indices.
 
     Args:
-        params: What the config says; it stays as it is.
-        find: Asset or sensor by name.
+        params: Parameters of the config; they are not changed.
+        find: Function that returns an asset or sensor by name.
 
     Raises:
         ValueError: if an expression matches nothing.

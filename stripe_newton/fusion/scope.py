@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scope: the names of arrays, structs and functions in the generated kernels of one environment."""
+"""Scope: names of arrays, structs and functions in the generated kernels of one environment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CPP = (
 )
 _LOCAL = "env part thread num_envs wp out value total done left due i j k"
 _RESERVED = {*_CPP.split(), *keyword.kwlist, *_LOCAL.split()}
-"""Names that generated source uses itself, or that are no names in Python or in the C++ that Warp makes of it."""
+"""Names that generated source code uses itself, and keywords of Python and of C++, to which Warp translates it."""
 
 
 class Scope:
@@ -34,10 +34,14 @@ class Scope:
         self._names: dict[Hashable, Name] = {}
 
     def name(self, wish: str, value: Value) -> Name:
-        """The name of an array or a struct: ``wish``, or something like it where that is taken.
+        """The name of an array or a struct.
+
+        Args:
+            wish: The name to use if it is free; otherwise a number is appended.
+            value: A Warp array or an instance of a Warp struct. It keeps its first name.
 
         Raises:
-            TypeError: if ``value`` is neither; a number would be frozen into a graph, it belongs in ``Parameters``.
+            TypeError: if ``value`` is neither. A number would be frozen into a graph; it belongs in ``Parameters``.
         """
         if not isinstance(value, wp.array) and not wp.types.is_struct(value):
             raise TypeError(
@@ -61,11 +65,11 @@ class Scope:
         return self._names[key]
 
     def call(self, function: wp.Function, *arguments: Code | str | int) -> Code:
-        """The call of a Warp function."""
+        """Source code of the call of a Warp function."""
         return code(f"{{}}({', '.join(['{}'] * len(arguments))})", self.function(function), *arguments)
 
     def used(self, uses: Set[str]) -> tuple[list[str], list[str]]:
-        """The values and the functions among some names, each in the order in which they were named."""
+        """The names of values, and those of functions, among ``uses``, both in the order in which they were named."""
         return [n for n in self.values if n in uses], [n for n in self.functions if n in uses]
 
     def _free(self, wish: str) -> str:
@@ -78,7 +82,7 @@ class Scope:
 
 
 def _identity(value: Value) -> Hashable:
-    """Equal for two arrays over the same memory: an array and a view of all of it share a name."""
+    """Key of a value. An array and a view of all of it have the same key, so that a kernel takes the memory once."""
     if isinstance(value, wp.array) and value.ptr:
         return value.ptr, value.dtype, tuple(value.shape), tuple(value.strides), str(value.device)
     return "object", id(value)

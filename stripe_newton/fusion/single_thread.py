@@ -17,17 +17,17 @@ def single_thread(scope: Scope, device: str, name: str, body: Sequence[Code], te
     """A generated kernel of one thread, as an item of a step.
 
     Args:
-        scope: The names that the body uses.
-        device: Where it runs.
+        scope: Arrays, structs and functions by the names that the body uses.
+        device: Device of the kernel.
         name: Name of the kernel.
-        body: Lines as of a :class:`Section`; ``env`` is 0.
-        terms: Terms that are in it.
+        body: Lines as in a :class:`Section`; ``env`` is 0.
+        terms: Names of the terms in it.
     """
     section = Section(f"{name}_body", body)
     made: list[FusedKernel] = []
 
     def launch() -> None:
-        if not made:  # at the first launch, as the kernel of a config with problems is never compiled
+        if not made:  # compiled at the first launch, which a config with problems never reaches
             made.append(fuse(name, [section], scope, 1, device))
         made[0].launch()
 

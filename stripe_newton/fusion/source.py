@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source code of generated kernels: pieces of text that know which arrays, structs and functions they use.
+"""Source code of generated kernels: pieces of text, each with the names of the arrays, structs and functions in it.
 
-Source is written, never read back. A manager writes a line with :func:`code`, whose placeholders take other pieces, and
-the names that those use go along with the text. So a kernel knows its arguments without a search through its source.
+A manager writes a line with :func:`code`, whose placeholders take other pieces. The names in those pieces are passed on
+with the text. So the arguments of a kernel are known without parsing its source code.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ __all__ = ["Code", "Name", "TunedNumber", "block", "code", "indented"]
 
 @dataclass(frozen=True)
 class Code:
-    """An expression or a line of source, with the names in it that stand for values and functions of a scope."""
+    """An expression or a line of source code, with the names of values and functions of a scope in it."""
 
     text: str
-    """The source."""
+    """The source code."""
     uses: frozenset[str] = frozenset()
-    """Names of arrays, structs and functions in it; ``struct.field`` for each field of a struct."""
+    """Names of arrays, structs and functions in the text; also ``struct.field`` for each field of a struct."""
 
     def __format__(self, spec: str) -> str:
-        # An f-string would keep the text and lose the names: the kernel would miss an argument.
-        raise TypeError(f"'{self.text}' is source in an f-string, write it with code('... {{}} ...', part)")
+        # An f-string would keep the text and lose the names, and the kernel would lack an argument.
+        raise TypeError(f"'{self.text}' is source code in an f-string, write it with code('... {{}} ...', part)")
 
 
 @dataclass(frozen=True)
 class Name(Code):
-    """The name of an array, a struct or a function in the source."""
+    """The name of an array, a struct or a function of a scope."""
 
     fields: frozenset[str] = frozenset()
-    """Fields of a struct."""
+    """Names of the fields, for a struct."""
 
     def field(self, field: str) -> Code:
-        """A field of a struct.
+        """Source code of a field of the struct.
 
         Raises:
-            AttributeError: if the struct has none of that name.
+            AttributeError: if the struct has no such field.
         """
         if field not in self.fields:
             there = ", ".join(sorted(self.fields)) or "none"
@@ -50,23 +50,23 @@ class Name(Code):
 
 @dataclass(frozen=True)
 class TunedNumber(Code):
-    """A number that is read from the parameters, so that it may have another value at every step."""
+    """A number that the kernel reads from the parameters, so that its value may change from step to step."""
 
 
 _PARSER = string.Formatter()
 
 
 def code(template: str, *parts: Code | str | int, **named: Code | str | int) -> Code:
-    """A piece of source from a template and its parts.
+    """A piece of source code from a template and its parts.
 
-    Placeholders are those of :meth:`str.format`: ``{}`` takes the next part, ``{name}`` a named one, and
-    ``{name.field}`` a field of a struct, whose :class:`Name` is passed. Strings and whole numbers are put in as they
-    are; an array or a struct must be named by a scope first::
+    Placeholders are those of :meth:`str.format`: ``{}`` takes the next part, ``{name}`` a named part, and
+    ``{name.field}`` a field of a struct whose :class:`Name` is a named part. Parts may be source code, text and whole
+    numbers; an array or a struct must be named by a :class:`Scope` first::
 
         code("{}[env, {}] += {episode.step_dt}", sums, 3, episode=episode)
 
     Raises:
-        TypeError: if a part is anything else.
+        TypeError: for any other part.
     """
     text: list[str] = []
     uses: set[str] = set()
@@ -86,15 +86,17 @@ def code(template: str, *parts: Code | str | int, **named: Code | str | int) -> 
         elif isinstance(part, (str, int)):
             text.append(str(part))
         else:
-            raise TypeError(f"'{template}': {placeholder or 'a part'} is {type(part).__name__}, must be source or text")
+            raise TypeError(
+                f"'{template}': {placeholder or 'a part'} is {type(part).__name__}, must be source code or text"
+            )
     return Code("".join(text), frozenset(uses))
 
 
 def indented(lines: Iterable[Code]) -> list[Code]:
-    """The lines, one level further in."""
+    """The lines, indented by one more level."""
     return [Code(f"    {line.text}", line.uses) for line in lines]
 
 
 def block(header: Code, body: Iterable[Code]) -> list[Code]:
-    """A line such as ``if x:`` and what belongs to it; ``pass`` where that is nothing."""
+    """A line such as ``if x:`` and its indented body; ``pass`` for an empty body."""
     return [header, *(indented(body) or [Code("    pass")])]

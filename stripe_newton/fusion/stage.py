@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stages of a step, and the three kinds of items they consist of: sections of source, launches and host functions."""
+"""Stage: a named part of a step, made of three kinds of items: sections of source code, launches and host functions."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ class Flag:
     """A condition of one environment, such as that its episode just ended."""
 
     rank: int
-    """Where it stands among several; those of a lower rank are tested first."""
+    """Order among several flags; lower ranks are tested first."""
     code: Code = dataclasses.field(compare=False)
     """The expression."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """Source of a Warp function of one environment. Neighbouring sections become one kernel.
+    """Source code of a Warp function that computes one environment. Neighbouring sections become one kernel.
 
-    The body sees ``env`` and the names in its pieces of source; its local names are its own.
+    The body can use ``env`` and the names in its pieces of code. Its local variables are not visible to other sections.
     """
 
     name: str
-    """Name of the function in the generated source."""
+    """Name of the function in the generated source code."""
     body: Sequence[Code]
-    """Lines of Warp's Python, without indent and without ``return``."""
+    """Lines in Warp's subset of Python, not indented and without ``return``."""
     terms: Sequence[str] = ()
-    """Terms that are in it, for the description."""
+    """Names of the terms in it, for the description."""
     when: frozenset[Flag] = frozenset()
     """Flags that must all be set for it to run."""
     parts: int = 0
-    """Threads that share an environment, which the body knows as ``part``; 0 for one thread. Parts may not depend on
-    each other, nor on other sections of their stage that have parts."""
+    """Number of threads for each environment; the body uses their index, ``part``. 0 for one thread. Parts must not
+    depend on each other, nor on other sections with parts in the same stage."""
     neighbours: bool = False
-    """Whether neighbouring threads are parts of one environment rather than environments of one part: for many parts
-    that do the same with neighbouring numbers, which a GPU then reads and writes at once."""
+    """Let neighbouring threads be parts of one environment rather than environments: for many parts that do the same
+    with neighbouring numbers, so that a GPU combines their memory accesses."""
 
     @property
     def uses_in_body(self) -> frozenset[str]:
@@ -58,35 +58,35 @@ class Section:
         return self.uses_in_body.union(*(flag.code.uses for flag in self.when))
 
     def only(self, *flags: Flag) -> Section:
-        """The same section, which runs only where some more flags are set."""
+        """This section under more flags: it runs only where these are set too."""
         return dataclasses.replace(self, when=self.when | set(flags))
 
     def joined(self, other: Section) -> Section:
-        """This section and then another one, as one section under the same flags."""
+        """This section followed by another, as one section with the flags of this one."""
         return dataclasses.replace(self, body=[*self.body, *other.body], terms=[*self.terms, *other.terms])
 
 
 @dataclass(frozen=True)
 class Captured:
-    """A function that launches kernels and does nothing else; it becomes part of the graph as it is."""
+    """A function that launches kernels and does nothing else, so that it can be recorded in a graph."""
 
     name: str
     function: Callable[[], None]
     terms: Sequence[str] = ()
     beside: bool = False
-    """Whether what follows in the same graph does not wait for it."""
+    """Later items of the same graph may run at the same time, as none of them uses its results."""
     fields: frozenset[str] | None = None
-    """Fields of structs that its kernels read or write; None if that is not known, so that it may be any."""
+    """Fields of structs that its kernels read or write; None if unknown, so that it may be any field."""
 
 
 @dataclass(frozen=True)
 class Eager:
-    """A function that runs on the host in every step, between two graphs. It may read whatever there is."""
+    """A function that runs on the host in every step, between two graphs. It may read and write anything."""
 
     name: str
     function: Callable[[], None]
     reason: str
-    """Why it cannot be captured."""
+    """Reason why it cannot be captured, for the description."""
     terms: Sequence[str] = ()
 
 
@@ -102,12 +102,12 @@ class Stage:
 
 
 def only(items: Iterable[Item], *flags: Flag) -> list[Item]:
-    """The items, of which sections run only where some more flags are set. Launches and host functions always run."""
+    """The items with more flags on their sections. Launches and host functions always run."""
     return [item.only(*flags) if isinstance(item, Section) else item for item in items]
 
 
 def fields_used(section: Section, functions: Mapping[str, wp.Function]) -> frozenset[str] | None:
-    """Fields of structs that a section may read or write, itself or in functions; None if that may be any.
+    """Fields of structs that a section reads or writes, itself or in functions that it calls; None if unknown.
 
     Args:
         section: The section.
@@ -121,7 +121,7 @@ def fields_used(section: Section, functions: Mapping[str, wp.Function]) -> froze
 
 
 def may_use(item: Item, fields: Set[str], functions: Mapping[str, wp.Function]) -> bool:
-    """Whether an item may read or write one of some fields of structs.
+    """Whether an item may read or write one of some fields of structs. True if that is unknown.
 
     Args:
         item: The item.

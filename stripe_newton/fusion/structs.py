@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Structs that terms ask for: resolvers by type of struct, registered beside what the structs belong to.
+"""Struct resolvers: find the structs that are arguments of terms, by type.
 
-A term says by the type of an argument which kind of struct it reads: an articulation, a command, a sensor. The resolver
-of that type knows which parameters of the term's config say which one, and finds it. A struct of a user's own is
-offered by :meth:`StructRegistry.provide` and found in the same way.
+The type of a term's argument is a kind of struct, such as the data of an articulation, a command or a sensor. Each kind
+has a resolver, registered by the module that owns the struct. The resolver knows the parameters of a term's config that
+name one struct of the kind. Users' structs are offered by :meth:`StructRegistry.provide` and found in the same way.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["NamedStructs", "ParameterReferences", "SharedStruct", "StructRegistr
 
 
 class StructResolver(Protocol):
-    """Finds the struct that an argument of a term stands for."""
+    """Finds the struct of an argument of a term."""
 
     def parameters(self, argument: str) -> Sequence[str]:
-        """Parameters of a term's config that say which struct the argument stands for."""
+        """Names of the parameters of a term's config that choose the struct of an argument."""
         ...
 
     def resolve(self, binding: TermBinding, argument: str) -> Code:
-        """Source of the argument. Takes its parameters from the binding and tells it the counts that follow.
+        """Source code of the argument. It takes parameters from the binding, and adds the sizes of the struct to it.
 
         Raises:
             ArgumentError: if there is no such struct.
@@ -38,70 +38,75 @@ class StructResolver(Protocol):
 
 
 class SharedStruct:
-    """A struct of which the environment has one, such as that of the episodes."""
+    """Resolver of a struct of which an environment has only one, such as ``EpisodeData``."""
 
     def __init__(self, name: str, struct: StructInstance):
         self._name, self._struct = name, struct
 
     def parameters(self, argument: str) -> Sequence[str]:
-        """None: there is nothing to choose."""
+        """No parameters, as there is nothing to choose."""
         return ()
 
     def resolve(self, binding: TermBinding, argument: str) -> Code:
-        """Source of the struct."""
+        """Source code of the struct."""
         return binding.context.scope.name(self._name, self._struct)
 
 
 class ParameterReferences:
-    """A tuned number for a term that changes it: ``address`` names any, ``term_name`` the weight of a reward."""
+    """Resolver of ``Parameter``, for terms that change a parameter.
+
+    ``address`` is the path of any parameter; ``term_name`` names a reward, whose weight is meant.
+    """
 
     def parameters(self, argument: str) -> Sequence[str]:
-        """``term_name`` and ``address``, whatever the argument is called."""
+        """``term_name`` and ``address``, for an argument of any name."""
         return "term_name", "address"
 
     def resolve(self, binding: TermBinding, argument: str) -> Code:
-        """Source of the reference.
+        """Source code of the reference.
 
         Raises:
-            ArgumentError: if the config says neither.
-            KeyError: if there is no such number.
+            ArgumentError: if the config has neither.
+            KeyError: if there is no such parameter.
         """
         term, address = binding.take("term_name"), binding.take("address")
         if term is None and address is None:
-            raise ArgumentError("name what changes by 'term_name' (a reward) or 'address' (any parameter)")
+            raise ArgumentError("is missing, name a reward by 'term_name' or any parameter by 'address'")
         reference = binding.context.parameters.reference(str(address or f"rewards.{term}.weight"))
         return binding.context.scope.name(f"{binding.where}_{argument}", reference)
 
 
 class NamedStructs:
-    """Structs of one type by name. A config names one by ``<argument>``, ``<argument>_name`` or ``<argument>_cfg``,
-    or by a parameter that its kind is known by, such as ``command_name``; where there is one only, it may be left out.
+    """Resolver of structs of one type by name.
+
+    A config names a struct by ``<argument>``, ``<argument>_name`` or ``<argument>_cfg``, or by a parameter for all
+    arguments of the type, such as ``command_name``. It may be left out if there is only one struct of the type.
     """
 
     def __init__(self, kind: Struct, parameters: Sequence[str] = ()):
-        """``parameters`` also name the struct, whatever the argument is called."""
+        """``parameters`` name the struct for an argument of any name."""
         self._kind, self._common = kind, tuple(parameters)
         self.there: dict[str, StructInstance] = {}
         """The structs by name."""
         self._counts: dict[str, Mapping[str, int]] = {}
 
     def add(self, name: str, struct: StructInstance, counts: Mapping[str, int] | None = None) -> None:
-        """Offer a struct.
+        """Offer a struct to terms.
 
         Args:
             name: Its name.
             struct: The struct.
-            counts: Numbers that sizes of observations depend on, such as ``{"num_command": 3}``.
+            counts: Numbers on which sizes of observations depend, such as ``{"num_command": 3}``.
         """
         self.there[name] = struct
         self._counts[name] = counts or {}
 
     def parameters(self, argument: str) -> Sequence[str]:
-        """The parameters that name a struct for an argument, the most special first."""
+        """Names of the parameters that choose a struct for an argument; the first one in a config is used."""
         return (argument, f"{argument}_name", f"{argument}_cfg", *self._common)
 
     def resolve(self, binding: TermBinding, argument: str) -> Code:
-        """Source of the struct that the config names, or of the default one.
+        """Source code of the struct that the config names, or of the default one.
 
         Raises:
             ArgumentError: if there is none of that name.
@@ -116,11 +121,11 @@ class NamedStructs:
         return binding.context.scope.name(name, self.there[name])
 
     def default(self, binding: TermBinding) -> str | None:
-        """Name of the struct where the config names none; None if it must."""
+        """Name of the struct for a config that names none; None if the config must name one."""
         return next(iter(self.there)) if len(self.there) == 1 else None
 
     def chosen(self, binding: TermBinding, cfg: SceneEntityCfg) -> None:
-        """Called with what was chosen; for kinds of structs that other arguments depend on."""
+        """Hook for subclasses: called with the choice, on which other arguments, such as joint indices, may depend."""
 
 
 class StructRegistry:
@@ -130,15 +135,15 @@ class StructRegistry:
         self._resolvers: dict[Struct, StructResolver] = {}
 
     def register(self, kind: Struct, resolver: StructResolver) -> None:
-        """Let a resolver find the structs of a type; it replaces the one before."""
+        """Register the resolver of a type of struct. It replaces an earlier one."""
         self._resolvers[kind] = resolver
 
     def resolver(self, kind: object) -> StructResolver | None:
-        """The resolver of the type of an argument; None for a type that none is registered for."""
+        """The resolver of a type; None if none is registered."""
         return self._resolvers.get(kind)  # type: ignore[call-overload]
 
     def named(self, kind: Struct, make: Callable[[Struct], NamedStructs] = NamedStructs) -> NamedStructs:
-        """The resolver by name of a type, made and registered where it is asked for the first time."""
+        """The resolver by name of a type. The first call makes it with ``make`` and registers it."""
         there = self.resolver(kind)
         if there is None:
             there = make(kind)
@@ -148,7 +153,7 @@ class StructRegistry:
 
     @property
     def provided(self) -> dict[Struct, dict[str, StructInstance]]:
-        """Structs that are found by name, by type and name."""
+        """Structs of the resolvers by name, by type and name."""
         return {kind: r.there for kind, r in self._resolvers.items() if isinstance(r, NamedStructs)}
 
     def provide(self, struct: StructInstance, name: str) -> None:
@@ -156,7 +161,7 @@ class StructRegistry:
         self.named(struct_of(struct)).add(name, struct)
 
     def parameters(self, function: wp.Function) -> Iterator[str]:
-        """Parameters of a config that say which structs the arguments of a function stand for."""
+        """Names of the parameters of a config that choose the structs of a function's arguments."""
         for argument, kind in function.input_types.items():
             resolver = self.resolver(kind)
             if resolver is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Array arguments of terms: indices of joints, bodies and parts of sensors, states of a term, and constants."""
+"""Array arguments of terms: indices of joints, bodies and sensor parts, term states, and constants."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = ["TermState", "array_argument"]
 _NUMPY = {wp.int32: np.int32, wp.bool: np.bool_}
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 _SAME = {float: wp.float32, int: wp.int32, bool: wp.bool}
-"""Types that Python and Warp name differently."""
+"""Warp's types of Python's."""
 
 
 @configclass
 class TermState:
-    """An array that terms keep from step to step; terms that name it alike share it."""
+    """An array of a term that lasts from step to step. Terms that give it the same name share it."""
 
     name: str = "state"
     """Its name."""
@@ -45,11 +45,11 @@ class ArrayType(Protocol):
 
 
 def array_argument(binding: TermBinding, name: str, kind: ArrayType) -> Code:
-    """Source of an array argument.
+    """Source code of an array argument.
 
-    By its name it is a choice of joints (``joint_ids``, or with a prefix), bodies (``body_ids``), termination terms
-    (``term_ids``) or parts of a sensor (``ray_ids`` where the sensor has ``num_rays``); else it is what the config
-    gives: a state of the term, a tensor, or constants.
+    Some names stand for indices: of joints (``joint_ids`` and ``<prefix>_joint_ids``), bodies (``body_ids``,
+    ``<prefix>_body_ids``), termination terms (``term_ids``) or sensor parts (``ray_ids`` if the sensor has
+    ``num_rays``). Any other array is in the config: a :class:`TermState`, a tensor, or numbers.
 
     Raises:
         ArgumentError: if it cannot be found.
@@ -73,10 +73,10 @@ def array_argument(binding: TermBinding, name: str, kind: ArrayType) -> Code:
 
 
 def _choose(binding: TermBinding, name: str, what: str) -> list[int]:
-    """Indices of joints (``what="joint"``) or bodies (``"body"``).
+    """Indices of joints (``what="joint"``) or bodies (``"body"``) that the config chooses.
 
-    They are those of ``<prefix>_cfg`` for an argument ``<prefix>_joint_ids``, else of the asset or sensor that the term
-    is about.
+    An argument ``<prefix>_joint_ids`` has the joints of ``<prefix>_cfg``; ``joint_ids`` those of the asset or sensor
+    that another argument of the term names.
     """
     prefix = name.removesuffix(f"{what}_ids").rstrip("_")
     given = binding.take(name)
@@ -100,7 +100,7 @@ def _choose(binding: TermBinding, name: str, what: str) -> list[int]:
 
 
 def _choose_parts(binding: TermBinding, name: str, part: str, count: int) -> list[int]:
-    """Parts of a sensor, such as rays; all of them where none are chosen."""
+    """Indices of sensor parts, such as rays, that the config chooses; by default all."""
     there, chosen = range(count), binding.take(name)
     for wrong in (i for i in chosen or () if i not in there):
         raise ArgumentError(f"has {wrong}, the sensor has {part}s 0 to {there[-1]}")
@@ -108,9 +108,10 @@ def _choose_parts(binding: TermBinding, name: str, part: str, count: int) -> lis
 
 
 def _given(binding: TermBinding, name: str, kind: ArrayType) -> Code:
-    """An array that the config gives."""
+    """Source code of an array that the config gives."""
     scope, value = binding.context.scope, binding.take(name)
-    if value is None and kind.ndim == 2 and "body_ids" in binding.counts:  # the term's own memory, a column a body
+    # A two-dimensional array that the config does not give is the term's own state, with a column for each body.
+    if value is None and kind.ndim == 2 and "body_ids" in binding.counts:
         value = TermState(f"{binding.where}.{name}", kind.dtype, (binding.counts["body_ids"],))
     if value is None:
         raise ArgumentError(f"is missing, '{binding.name}' needs {kind}")
@@ -137,7 +138,7 @@ def _state(binding: TermBinding, state: TermState, kind: ArrayType) -> Code:
 
 
 def _by_axis(ranges: Mapping[str, tuple[float, float]]) -> list[tuple[float, float]]:
-    """Ranges by axis as a list of six; an axis that is not named stays where it is."""
+    """Ranges by axis as a list of six; (0, 0) for an axis that is not named."""
     wrong = ranges.keys() - set(_AXES)
     if wrong:
         raise ArgumentError(f"has {', '.join(map(repr, sorted(wrong)))}, keys must be among {', '.join(_AXES)}")
@@ -145,7 +146,7 @@ def _by_axis(ranges: Mapping[str, tuple[float, float]]) -> list[tuple[float, flo
 
 
 def _by_joint(binding: TermBinding, values: float | Mapping[str, float]) -> list[float]:
-    """One number for each of the joints that the term is about."""
+    """Values by joint-name expression as a list with one for each chosen joint."""
     asset = binding.asset or SceneEntityCfg()
     there = names_of(binding.context.entity(asset.name), "joint") or []
     names = [there[i] for i in _choose(binding, "joint_ids", "joint")]
@@ -157,7 +158,7 @@ def _by_joint(binding: TermBinding, values: float | Mapping[str, float]) -> list
 
 
 def _constant(binding: TermBinding, name: str, value: object, kind: ArrayType) -> Code:
-    """An array of numbers that stay as they are."""
+    """Source code of an array with numbers of the config."""
     data: np.ndarray = np.array(value, dtype=_NUMPY.get(kind.dtype, np.float32))
     size = len(data) if data.ndim else 1
     array = binding.context.shared(f"{binding.where}.{name}", kind.dtype, size)

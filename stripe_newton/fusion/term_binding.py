@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Term binding: the state of a search for the arguments of one term, and what those who find them need."""
+"""Term binding: parameters and results while the arguments of one term are found, and the interfaces used for that."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ __all__ = ["ArgumentError", "TermBinding", "TermContext"]
 
 
 class ArgumentError(Exception):
-    """An argument that cannot be found; the text says what would be right."""
+    """An argument that cannot be found. The text says what would be right."""
 
 
 class TermData(Protocol):
-    """State of an asset, as far as terms read it."""
+    """Data of an asset that terms read."""
 
     @property
     def struct(self) -> StructInstance:
-        """The state as the struct that terms take."""
+        """The data as the struct that terms take."""
         ...
 
     @property
     def unavailable(self) -> Mapping[str, str]:
-        """Fields of the struct that may not be read, and why."""
+        """Reasons, by field of the struct, why fields must not be read."""
         ...
 
 
 class TermAsset(Protocol):
-    """An asset that terms may be about."""
+    """An articulation or rigid object, as terms use it."""
 
     @property
     def data(self) -> TermData:
@@ -45,7 +45,7 @@ class TermAsset(Protocol):
 
 
 class TermContext(Protocol):
-    """What terms are bound to: names, numbers and arrays of one environment."""
+    """Names, parameters and arrays of one environment, to which terms are bound."""
 
     scope: Scope
     parameters: Parameters
@@ -62,7 +62,7 @@ class TermContext(Protocol):
         ...
 
     def entity_names(self) -> list[str]:
-        """Names of the assets that terms may be about."""
+        """Names of the articulations and rigid objects."""
         ...
 
     def array(self, name: str, dtype: type, *shape: int, fill: float = 0) -> wp.array:
@@ -79,18 +79,18 @@ class TermContext(Protocol):
 
 
 class TermBinding:
-    """The binding of one term, which its arguments are found for one by one. Resolvers read and complete it.
+    """Binding of one term. Its arguments are found one by one; resolvers read it and add their results to it.
 
     Attributes:
-        context: What the term is bound to.
-        function: The term.
+        context: Names, parameters and arrays of the environment.
+        function: The Warp function.
         params: Parameters of the config.
         where: Path of the term, such as ``rewards.alive``.
-        taken: Parameters that something took.
-        counts: Numbers that the size of an observation may depend on.
-        asset: The asset that the term is about, once an argument has named it; joints and bodies are of it by default.
-        sensor: The sensor that it is about, likewise.
-        chosen: Names of the joints or bodies by index argument.
+        taken: Names of the parameters that have been used.
+        counts: Numbers on which the size of an observation may depend, such as lengths of index arrays.
+        asset: The asset that an argument of the term names; ``joint_ids`` and ``body_ids`` are of it by default.
+        sensor: The sensor that an argument of the term names, likewise.
+        chosen: Names of the chosen joints or bodies, by index argument.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class TermBinding:
         return self.function.input_types
 
     def take(self, *keys: str) -> Any:
-        """The first of some parameters that the config has; None if it has none of them."""
+        """Use the first of some parameters that the config has; None if it has none of them."""
         for key in keys:
             if key in self.params:
                 self.taken.add(key)
@@ -127,10 +127,10 @@ class TermBinding:
         return None
 
     def take_entity(self, *keys: str) -> SceneEntityCfg | None:
-        """The first of some parameters, which names an asset, a sensor, a command or the like.
+        """Use the first of some parameters that the config has, as an asset, sensor, command or the like by name.
 
         Raises:
-            ArgumentError: if it is no name.
+            ArgumentError: if it is neither a name nor a :class:`SceneEntityCfg`.
         """
         value = self.take(*keys)
         if isinstance(value, str):
@@ -140,11 +140,11 @@ class TermBinding:
         return value
 
     def refuse(self, unavailable: Mapping[str, str], of: str) -> None:
-        """Refuse a term that reads what is not there.
+        """Raise an error if the term reads unavailable fields.
 
         Args:
-            unavailable: Reason and remedy by field.
-            of: What lacks those fields.
+            unavailable: Reason and remedy, by field.
+            of: Name of the asset or sensor without these fields.
 
         Raises:
             ArgumentError: if the term reads or writes one of them.

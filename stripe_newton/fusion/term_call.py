@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Term call: a Warp function with the source of its arguments."""
+"""Term call: a Warp function with the source code of its arguments."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from .source import Code, TunedNumber, code
 __all__ = ["OUT", "TermCall"]
 
 OUT = Code("{out}")
-"""Stands for the place where an observation is written, which :meth:`TermCall.expression` is told."""
+"""Placeholder of the array that an observation writes, which :meth:`TermCall.expression` replaces."""
 
 
 @dataclass(frozen=True)
 class TermCall:
-    """A term with its arguments found."""
+    """The call of a term, whose arguments have been found."""
 
     function: Code
-    """Name of the function in the source."""
+    """Name of the function in the source code."""
     arguments: Mapping[str, Code]
-    """Source of each argument, in order; :data:`OUT` for the place where an observation is written."""
+    """Source code of each argument, in order; :data:`OUT` for the array that an observation writes."""
     counts: Mapping[str, int] = field(default_factory=dict)
     """Lengths of index arrays by argument, and ``num_actions``, ``num_command``, ``num_objects`` where they apply."""
 
     def expression(self, out: Code | None = None, sliced: Sequence[str] = (), span: str = "") -> Code:
-        """Source of the call.
+        """Source code of the call.
 
         Args:
-            out: Where an observation is written.
-            sliced: Arguments of which only a part is passed.
-            span: That part, as ``first:last``.
+            out: Array that an observation writes.
+            sliced: Arguments of which only a slice is passed.
+            span: The slice, as ``first:last``.
         """
         given = []
         for name, argument in self.arguments.items():
@@ -40,7 +40,7 @@ class TermCall:
         return code(f"{{}}({', '.join(['{}'] * len(given))})", self.function, *given)
 
     def tuned_apart(self, other: TermCall) -> list[tuple[Code, Code]] | None:
-        """Pairs of tuned numbers in which two calls differ; None if they differ in anything else."""
+        """Pairs of parameters in which two calls differ; None if they differ in anything else."""
         if self.function != other.function or self.arguments.keys() != other.arguments.keys():
             return None
         apart = [(mine, other.arguments[name]) for name, mine in self.arguments.items()]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Usage of a Warp function: which fields it reads and writes and which functions it calls, from its syntax tree."""
+"""Usage: the fields that a Warp function reads and writes and the functions that it calls, from its syntax tree."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Usage:
-    """What a Warp function does with its arguments, itself and through the functions that it calls.
+    """Fields and arguments that a Warp function uses, itself and through the functions that it calls.
 
-    Fields are known by their name alone: a struct may be passed on, kept in a local variable or be an element of an
-    array, and its type is then only known to Warp's own compiler.
+    A field is known by its name alone, whatever its struct: a struct may be passed on, assigned to a variable or be an
+    element of an array, and its type is then known to Warp's compiler only.
     """
 
     reads: frozenset[str] = frozenset()
-    """Fields of structs that it reads, or passes on to something that may read them."""
+    """Fields of structs that it reads, or passes to a function that may read them."""
     writes: frozenset[str] = frozenset()
     """Fields of structs that it writes."""
     writes_arguments: frozenset[str] = frozenset()
-    """Its own arguments that it writes: arrays."""
+    """Arguments of the function, arrays, that it writes."""
     calls: frozenset[wp.Function] = frozenset()
     """Warp functions that it calls."""
     unresolved: tuple[str, ...] = ()
-    """Calls whose function was not found, as written; any field may be read and written there."""
+    """Calls, as written, whose function could not be found. They may read and write any field."""
 
     def may_use(self, fields: Iterable[str]) -> bool:
-        """Whether it may read or write one of some fields; True where not everything could be resolved."""
+        """Whether it may read or write one of some fields. True if a call is unresolved."""
         return bool(self.unresolved) or not (self.reads | self.writes).isdisjoint(fields)
 
     def among(self, fields: Mapping[str, T]) -> dict[str, T]:
-        """Those of some fields that it is known to read or write, with their values."""
+        """The entries of ``fields`` whose fields it is known to read or write."""
         used = self.reads | self.writes
         return {name: value for name, value in fields.items() if name in used}
 
@@ -52,13 +52,13 @@ _KNOWN: WeakKeyDictionary[wp.Function, Usage] = WeakKeyDictionary()
 
 
 def usage_of(function: wp.Function) -> Usage:
-    """What a Warp function reads, writes and calls.
+    """The usage of a Warp function.
 
-    Globals, closures and ``wp.static`` expressions are resolved as Warp resolves them. Comments and texts are no code.
+    Globals, closures and ``wp.static`` expressions are resolved as Warp resolves them.
     """
     if function not in _KNOWN:
-        _KNOWN[function] = Usage()  # for a function that calls itself, which Warp does not compile anyway
-        # One name may stand for several functions, which Warp tells apart by the types of the arguments.
+        _KNOWN[function] = Usage()  # ends the recursion for a function that calls itself; Warp does not compile those
+        # All overloads count, as Warp chooses one by the types of the arguments, which are not known here.
         overloads = {id(f): f for f in (function, *function.user_overloads.values(), *function.user_templates.values())}
         _KNOWN[function] = _united([_read(f) for f in overloads.values()])
     return _KNOWN[function]
@@ -85,7 +85,7 @@ def _read(function: wp.Function) -> Usage:
 
 
 def _usage_of_native(function: wp.Function) -> Usage:
-    """A snippet of C++ cannot be read: it may do anything with what it is given."""
+    """Usage of a native snippet. C++ is not parsed: it may read and write all of its arguments."""
     arrays = {name for name, kind in function.input_types.items() if wp.types.is_array(kind)}
     structs = any(wp.types.type_is_struct(kind) for kind in function.input_types.values())
     unresolved = (f"{function.key}, which is native code",) if structs else ()
@@ -93,17 +93,17 @@ def _usage_of_native(function: wp.Function) -> Usage:
 
 
 class _Reader(ast.NodeVisitor):
-    """Goes through the body of one function."""
+    """Visits the body of one function and collects its usage."""
 
     def __init__(self, function: wp.Function):
         python = inspect.unwrap(function.func)
-        # As in Python, what a closure holds hides a global of the same name.
+        # As in Python, a variable of the closure hides a global of the same name.
         self._outside = {**vars(builtins), **python.__globals__, **_closure(python)}
         self._local = {name: frozenset[str]() for name in python.__code__.co_varnames}
         """Fields that a local variable may stand for, as ``pose`` does after ``pose = robot.body_pose``."""
         self._arguments = set(function.input_types)
         self._passed: dict[str, set[str]] = {name: {name} for name in self._arguments}
-        """Arguments that a local variable may stand for."""
+        """Arguments that a variable may stand for."""
         self._reads: set[str] = set()
         self._writes: set[str] = set()
         self._writes_arguments: set[str] = set()
@@ -119,7 +119,7 @@ class _Reader(ast.NodeVisitor):
             frozenset(self._calls),
             tuple(self._unresolved),
         )
-        # What a called function writes into its own arguments was attributed at the call, where they have names.
+        # Arguments that a called function writes were attributed at the call, to the expressions passed there.
         inner = [Usage(u.reads, u.writes, frozenset(), u.calls, u.unresolved) for u in called]
         return _united([own, *inner])
 
@@ -137,7 +137,7 @@ class _Reader(ast.NodeVisitor):
             self._refer(node)
 
     def _refer(self, node: ast.expr) -> None:
-        """A function that is mentioned is called, here or by what it is handed to."""
+        """Note a function that is mentioned. It is called, here or by the function that it is passed to."""
         thing = self._resolve(node)
         if isinstance(thing, wp.Function) and not thing.is_builtin():
             self._calls.add(thing)
@@ -164,7 +164,7 @@ class _Reader(ast.NodeVisitor):
             for element in target.elts:
                 self._store(element, value)
         elif isinstance(target, ast.Name):
-            if value is not None:  # a variable stands for all that it was ever set to
+            if value is not None:  # the order of statements is ignored: a variable stands for all of its values
                 self._local[target.id] = self._local.get(target.id, frozenset()) | self._fields(value)
                 self._passed.setdefault(target.id, set()).update(self._arguments_in(value))
         else:
@@ -182,7 +182,7 @@ class _Reader(ast.NodeVisitor):
             node = node.value
 
     def _fields(self, node: ast.expr) -> frozenset[str]:
-        """Fields that an expression is a part of: ``robot.joint_pos[env, 0]`` is one of ``joint_pos``."""
+        """Fields to which an expression belongs: ``robot.joint_pos[env, 0]`` belongs to ``joint_pos``."""
         found: set[str] = set()
         while isinstance(node, (ast.Attribute, ast.Subscript)):
             if isinstance(node, ast.Attribute):
@@ -193,7 +193,7 @@ class _Reader(ast.NodeVisitor):
         return frozenset(found)
 
     def _arguments_in(self, node: ast.expr) -> set[str]:
-        """Arguments that an expression is an element or a slice of, or is itself."""
+        """Arguments to which an expression belongs, as an element, a slice or the whole."""
         while isinstance(node, ast.Subscript):
             node = node.value
         return self._passed.get(node.id, set()) if isinstance(node, ast.Name) else set()
@@ -218,18 +218,18 @@ class _Reader(ast.NodeVisitor):
             for argument in (value for name, value in given if name in written):
                 self._written(argument)
         elif self._is_builtin(node.func, function):
-            # Warp's functions change nothing but by these two families, and those change their first argument.
+            # Of Warp's functions only these write to an array, which is their first argument.
             if node.args and _last_name(node.func).startswith(("atomic_", "tile_store", "tile_atomic_")):
                 self._written(node.args[0])
         else:
             self._unresolved.append(ast.unparse(node.func))
 
     def _evaluated(self, node: ast.Call) -> object:
-        """Value of a ``wp.static`` expression; a function in it is called, or handed to something that calls it."""
+        """Value of a ``wp.static`` expression. A function in it counts as called."""
         argument = node.args[0] if node.args else node.keywords[0].value
         try:
             value = eval(compile(ast.Expression(argument), "<static>", "eval"), dict(self._outside))
-        except Exception:  # it may depend on what only Warp's compiler knows, such as the counter of a loop
+        except Exception:  # the expression may use things that only Warp's compiler knows, such as a loop counter
             self._unresolved.append(ast.unparse(node))
             return None
         if isinstance(value, wp.Function) and not value.is_builtin():
@@ -237,35 +237,35 @@ class _Reader(ast.NodeVisitor):
         return value
 
     def _is_builtin(self, node: ast.expr, function: object) -> bool:
-        """Whether a call is one of Warp's own functions or of Python's, or makes a value of a type."""
+        """Whether a call is of a function of Warp or of Python, or makes a value of a type."""
         root = node
         while isinstance(root, ast.Attribute):
             root = root.value
         of_warp = isinstance(root, ast.Name) and root.id not in self._local and self._outside.get(root.id) is wp
         known = isinstance(function, (type, types.BuiltinFunctionType, wp.Function))
         known = known or wp.types.type_is_struct(function)
-        # Some of Warp's functions, such as wp.tid, are known to its compiler alone, and may stand without "wp.", too.
+        # Some functions, such as wp.tid, exist in Warp's compiler only, and kernels may call them without "wp.".
         bare = isinstance(root, ast.Name) and root.id not in self._local and hasattr(wp, root.id)
         return of_warp or known or bare
 
     # -- names
 
     def _external(self, node: ast.expr) -> ast.Name | None:
-        """The name that a dotted path begins with, if that is a global or in a closure: ``wp`` in ``wp.sin``."""
+        """The first name of a dotted path, such as ``wp`` in ``wp.sin``, if it is not a local variable; else None."""
         while isinstance(node, ast.Attribute):
             node = node.value
         outside = isinstance(node, ast.Name) and node.id not in self._local and node.id in self._outside
         return node if outside and isinstance(node, ast.Name) else None
 
     def _resolve(self, node: ast.expr) -> object:
-        """What a name or a dotted path outside of the function stands for; None if that is not known."""
+        """The object of a name or a dotted path outside of the function; None if unknown."""
         path: list[str] = []
         while isinstance(node, ast.Attribute):
             path.append(node.attr)
             node = node.value
         if not isinstance(node, ast.Name) or node.id in self._local:
             return None
-        if hasattr(node, "warp_func"):  # Warp has put it in the place of a wp.static expression already
+        if hasattr(node, "warp_func"):  # Warp has replaced a wp.static expression by its value already
             return node.warp_func
         thing = self._outside.get(node.id)
         for part in reversed(path):
@@ -274,12 +274,12 @@ class _Reader(ast.NodeVisitor):
 
 
 def _closure(function: types.FunctionType) -> dict[str, object]:
-    """What the closure of a function holds, by name; a variable that was not set yet is left out."""
+    """Variables of the closure of a function, without those that are not set yet."""
     held = {}
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
             held[name] = cell.cell_contents
-        except ValueError:  # empty: the function is defined before what it refers to
+        except ValueError:  # an empty cell: the function is defined before the variable
             continue
     return held
 

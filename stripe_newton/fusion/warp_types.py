@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warp types: names for structs and their instances, of which Warp exports no types, and what can be asked of them."""
+"""Warp types: type aliases for structs and their instances, which Warp does not export, and functions on them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Struct: TypeAlias = type
 StructInstance: TypeAlias = object
 """An instance of a Warp struct; its fields are attributes."""
 Value: TypeAlias = object
-"""A Warp array or an instance of a struct: what a kernel takes by name."""
+"""A Warp array or an instance of a struct, as an argument of a kernel."""
 
 
 def struct_fields(kind: Struct) -> Mapping[str, object]:
@@ -37,7 +37,7 @@ def name_of(kind: Struct) -> str:
 
 
 def struct_of(instance: StructInstance) -> Struct:
-    """The struct that something is an instance of."""
+    """The struct of an instance."""
     kind: Struct = instance._cls  # type: ignore[attr-defined]
     return kind
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Managers: each holds the terms of one kind and turns them into the items of a step."""
+"""Managers: terms of one kind each, turned into the items of a step."""
 
 from stripe_newton.fusion import SceneEntityCfg, TermState
 

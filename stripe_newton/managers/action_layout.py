@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Action layout: the numbers, joints and functions of an action term, as its config says."""
+"""Action layout: numbers, joints and functions of an action term, read from its config."""
 
 from __future__ import annotations
 
@@ -28,34 +28,37 @@ from .term_params import unknown_params
 __all__ = ["ActionLayout", "lay_out"]
 
 _DEFAULTS = {"scale": 1.0, "offset": 0.0, "alpha": 1.0}
-"""Numbers of the joints that a config does not name."""
+"""Values for joints that a config does not name."""
 
 
 @dataclass
 class ActionLayout:
-    """An action term whose config was found good."""
+    """An action term whose config has been read without problems."""
 
     cfg: ActionTermCfg
+    """The config."""
     first: int
-    """Where its numbers begin among the actions."""
+    """Index of its first number among the actions."""
     size: int
-    """Numbers of the policy."""
+    """Number of actions that it takes."""
     width: int
-    """Numbers of the commands."""
+    """Number of processed actions that it writes."""
     joint_ids: list[int]
+    """Joints of the asset that it moves."""
     functions: dict[str, wp.Function | None]
     """``process``, ``apply`` and ``reset``; the last may be None."""
     values: dict[str, object] = field(default_factory=dict)
-    """Arguments of the functions that fields of the config give."""
+    """Arguments of the functions, from fields of the config."""
     per_substep: bool = True
+    """``apply`` runs before each physics step rather than once."""
 
     def meets(self, other: ActionLayout) -> bool:
-        """Whether both move the same joint."""
+        """Whether both terms move the same joint."""
         return self.cfg.asset_name == other.cfg.asset_name and not set(self.joint_ids).isdisjoint(other.joint_ids)
 
     @property
     def is_elementwise(self) -> bool:
-        """Whether each command follows from the action of the same index, before the physics alone."""
+        """Whether each processed action depends on the action of the same index alone, and is applied once a step."""
         known = ACTIONS.get(self.cfg.kind) if isinstance(self.cfg, JointActionCfg) else None
         if known is None or (self.functions["process"], self.functions["apply"]) != (known.process, known.apply):
             return False
@@ -64,14 +67,24 @@ class ActionLayout:
 
 
 def lay_out(context: ManagerContext, path: str, cfg: ActionTermCfg, first: int) -> ActionLayout | None:
-    """The layout of a term, or None after problems were added to ``context.problems``."""
+    """The layout of a term.
+
+    Args:
+        context: The context of the managers.
+        path: Path of the term's config, such as ``actions.legs``.
+        cfg: The config.
+        first: Index of its first number among the actions.
+
+    Returns:
+        The layout, or None if problems have been added to ``context.problems``.
+    """
     before = len(context.problems)
     layout = _ActionReader(context, path, cfg).layout(first)
     return layout if len(context.problems) == before else None
 
 
 class _ActionReader:
-    """Reads the config of one action term and notes what is wrong with it."""
+    """Reads the config of one action term and reports its problems."""
 
     def __init__(self, context: ManagerContext, path: str, cfg: ActionTermCfg):
         self._context, self._path, self._cfg = context, path, cfg
@@ -109,7 +122,7 @@ class _ActionReader:
         return asset
 
     def _joints(self, asset: BoundAsset) -> tuple[list[str], list[int], list[int]]:
-        """Names of the asset's joints, indices of those that are moved, and of those that numbers are named by."""
+        """Names of the joints, indices of the joints that move, and of the joints by whose names values are given."""
         cfg, names = self._cfg, asset.layout.joint_names
         if not isinstance(cfg, NonHolonomicActionCfg):
             ids = self._indices("joint_names", cfg.joint_names, names, "joint", cfg.preserve_order)
@@ -118,7 +131,7 @@ class _ActionReader:
         joints = {"x_joint_name": cfg.x_joint_name, "y_joint_name": cfg.y_joint_name}
         joints |= {"yaw_joint_name": cfg.yaw_joint_name}
         ids = [i for name, joint in joints.items() for i in self._one(name, joint, names, "joint")]
-        return names, ids, ids[::2]  # a number for the speed along x and one for the turn
+        return names, ids, ids[::2]  # one value for the speed along x, one for the rate of turn
 
     def _indices(
         self, name: str, expressions: str | Sequence[str], names: Sequence[str], what: str, preserve_order: bool = False
@@ -130,7 +143,7 @@ class _ActionReader:
             return []
 
     def _one(self, name: str, expression: str, names: Sequence[str], what: str) -> list[int]:
-        """The index of the one thing that an expression names."""
+        """The index of the only name that an expression matches, as a list."""
         ids = self._indices(name, expression, names, what)
         if len(ids) > 1:
             found, asset = ", ".join(names[i] for i in ids), self._cfg.asset_name
@@ -138,7 +151,7 @@ class _ActionReader:
         return ids
 
     def _functions(self) -> dict[str, wp.Function | None]:
-        """The config's functions, or those that come with the package for its kind."""
+        """The functions of the config, or else those of the package for its kind."""
         known, functions = self._cfg.known_functions, dict[str, wp.Function | None]()
         own = {"process": self._cfg.process, "apply": self._cfg.apply, "reset": self._cfg.reset}
         for what, function in own.items():
@@ -150,7 +163,7 @@ class _ActionReader:
         return functions
 
     def _take_sizes(self, layout: ActionLayout) -> None:
-        """Sizes that the config says; by default one number for each joint."""
+        """Take the sizes of the config; by default there is one number for each joint."""
         sizes = {"action_size": self._cfg.action_size, "processed_size": self._cfg.processed_size}
         for name, size in sizes.items():
             if size is not None and size < 1:
@@ -159,7 +172,7 @@ class _ActionReader:
         layout.width = layout.width if self._cfg.processed_size is None else self._cfg.processed_size
 
     def _values(self, cfg: JointActionCfg, names: list[str]) -> dict[str, object]:
-        """Arguments of the functions by name, with one number for each of ``names``."""
+        """Arguments of the functions by name, with one value for each of ``names``."""
         values: dict[str, object] = {**cfg.switches}
         for name, given in cfg.numbers.items():
             values[name] = self._per_joint(name, given, names)
@@ -182,7 +195,7 @@ class _ActionReader:
         return [found.get(i, _DEFAULTS[name]) for i in range(len(names))]
 
     def _clip(self, cfg: JointActionCfg, names: list[str]) -> list[tuple[float, float]]:
-        """Bounds of each number; a joint that is not named has none."""
+        """Bounds of each number, infinite for joints that are not named."""
         bounds = cfg.clip or {}
         lower = self._matched("clip", {k: low for k, (low, _) in bounds.items()}, names)
         upper = match_values({k: high for k, (_, high) in bounds.items()}, names) if lower else {}
@@ -191,7 +204,7 @@ class _ActionReader:
     def _inverse_kinematics(
         self, cfg: DifferentialInverseKinematicsActionCfg, asset: BoundAsset, ids: list[int]
     ) -> dict[str, object]:
-        """Arguments of the functions that move a body."""
+        """Arguments of the functions of differential inverse kinematics."""
         controller, offset, values = cfg.controller, cfg.body_offset or cfg.OffsetCfg(), dict[str, object]()
         body = self._one("body_name", cfg.body_name, asset.layout.body_names, "body")
         if ids and len(body) == 1:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Action manager: the numbers of the policy, split among action terms and turned into targets."""
+"""Action manager: splits the policy's actions among action terms, which turn them into targets."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from .term_params import params_for
 __all__ = ["ActionManager"]
 
 _PER_NUMBER = ("joint_ids", "scale", "offset", "clip", "alpha")
-"""Arguments of the terms that have one entry a number."""
+"""Arguments of the functions that have one entry for each number."""
 
 
 class ActionStructs:
-    """Finds the actions for a term that reads them: all of them, or those of the action term ``action_name``."""
+    """Resolver of ``ActionData`` for terms: all actions, or those of the action term ``action_name``."""
 
     def __init__(self, whole: ActionData, spans: Mapping[str, tuple[int, int]]):
         """``spans`` are the first number and the count of numbers by action term."""
@@ -67,13 +67,14 @@ class ActionStructs:
 
 
 class ActionManager(ManagerBase):
-    """Splits the policy's numbers among its terms and turns them into targets.
+    """Splits the policy's actions among its terms, which turn them into targets.
 
-    Where two terms set the same target, that of the later one holds. What a term scales, shifts and clips by are arrays
-    that may change: ``context.arrays["actions.legs.scale"]``.
+    Where two terms set the same target, the later one overrides the other. Scale, offset and clip of a term are arrays
+    that may be changed: ``context.arrays["actions.legs.scale"]``.
 
     Attributes:
-        input: Where the caller puts the actions of a step, float, shape ``(num_envs, total_action_dim)``.
+        input: Memory for the actions of the next step, float, shape ``(num_envs, total_action_dim)``.
+        total_action_dim: Number of actions of all terms.
     """
 
     name = "actions"
@@ -102,7 +103,7 @@ class ActionManager(ManagerBase):
         self._actions = scope.name("actions", self._data)
         self._nonfinite = scope.name("nonfinite_actions", context.shared("actions.nonfinite", int, 1))
 
-    # -- what it is
+    # -- properties
 
     @property
     def active_terms(self) -> list[str]:
@@ -111,16 +112,16 @@ class ActionManager(ManagerBase):
 
     @property
     def action_term_dim(self) -> list[int]:
-        """Numbers that each term takes."""
+        """Number of actions of each term."""
         return [t.size for t in self._terms.values()]
 
     @property
     def action_spans(self) -> dict[str, tuple[int, int]]:
-        """First number and count of numbers by term."""
+        """Index of the first action and number of actions, by term."""
         return {name: (term.first, term.size) for name, term in self._terms.items()}
 
     def get_term(self, name: str) -> ActionLayout:
-        """Joints, functions and numbers of a term."""
+        """Joints, functions and sizes of a term."""
         return self._terms[name]
 
     @property
@@ -135,14 +136,14 @@ class ActionManager(ManagerBase):
 
     @property
     def processed_actions(self) -> torch.Tensor:
-        """Commands of all terms side by side, shape ``(num_envs, n)``."""
+        """Processed actions of all terms, joined, shape ``(num_envs, n)``."""
         arrays = [self.context.arrays[f"actions.{name}.processed"] for name in self._terms]
         return torch.cat([self.context.torch(a) for a in arrays], dim=-1)
 
     # -- items
 
     def process(self) -> list[Item]:
-        """Items that take the actions in and set the targets that hold for the whole step."""
+        """Items that read the actions, process them, and set the targets that hold for the whole step."""
         if self._may_be_spread():
             return self._process_side_by_side()
         body = (
@@ -165,7 +166,7 @@ class ActionManager(ManagerBase):
         return self._actions.field("action")
 
     def _take_in(self, index: str) -> list[Code]:
-        """Lines that make the action of one index the one before, and take in the new one, made finite."""
+        """Lines that move an action to the previous ones and read the new one, made finite."""
         previous, action = self._actions.field("prev_action"), self._action
         given = self.context.scope.call(finite_action, code("{}[env, {}]", self._input, index), self._nonfinite)
         return [
@@ -174,7 +175,7 @@ class ActionManager(ManagerBase):
         ]
 
     def _may_be_spread(self) -> bool:
-        """Whether threads may share the work: no number depends on another, and no two terms set the same target."""
+        """Whether each number may have a thread: none depends on another, and no two terms set the same target."""
         terms = list(self._terms.values())
         for index, term in enumerate(terms):
             apply = term.functions["apply"]
@@ -185,7 +186,7 @@ class ActionManager(ManagerBase):
         return bool(terms)
 
     def _process_side_by_side(self) -> list[Item]:
-        """:meth:`process` with a thread for each number, as its terms treat each on its own."""
+        """:meth:`process` with a thread for each number."""
         number, body = "part:part + 1", self._take_in("part")
         for name, term in self._terms.items():
             span = f"part - {term.first}:part - {term.first} + 1" if term.first else number
@@ -208,7 +209,7 @@ class ActionManager(ManagerBase):
         return [Section("actions_apply", body, names)] if body else []
 
     def reset(self) -> list[Item]:
-        """Items that start episodes: no actions yet."""
+        """Items that set the actions to zero where an episode begins."""
         body = block(
             code("for i in range({}.shape[1]):", self._action),
             [code("{}[env, i] = 0.0", self._action), code("{}[env, i] = 0.0", self._actions.field("prev_action"))],

@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 PerJoint = float | Mapping[str, float] | Sequence[float]
-"""One number for all joints, numbers by joint-name expression, or one for each joint."""
+"""A number for all joints, a mapping from joint-name expressions to numbers, or a number for each joint."""
 
 
 def _numbers(value: PerJoint) -> Sequence[float]:
@@ -39,31 +39,30 @@ def _numbers(value: PerJoint) -> Sequence[float]:
 
 @configclass
 class ActionTermCfg:
-    """An action term: ``process`` once a step, ``apply`` before the physics.
+    """Config of an action term: ``process`` runs once a step, ``apply`` before the physics.
 
     Both are Warp functions, ``process(env, action, ..., processed)`` and ``apply(env, processed, robot, joint_ids)``,
     whose slices ``action`` and ``processed`` have ``action_size`` and ``processed_size`` numbers.
     """
 
     asset_name: str = "robot"
-    """Asset it moves."""
+    """Asset that it moves."""
     joint_names: Sequence[str] = (".*",)
     """Expressions for the joints."""
     preserve_order: bool = False
-    """Order of the expressions rather than of the asset."""
+    """Use the order of the expressions rather than that of the asset."""
     process: Callable[..., object] | None = None
-    """Warp function that turns actions into commands."""
+    """Warp function that turns actions into processed actions."""
     apply: Callable[..., object] | None = None
-    """Warp function that sets targets."""
+    """Warp function that sets targets from processed actions."""
     reset: Callable[..., object] | None = None
-    """Warp function ``(env, ..., processed)`` that starts an episode."""
+    """Warp function ``(env, ..., processed)`` that runs where an episode begins."""
     action_size: int | None = None
-    """Numbers of the policy; by default one a joint."""
+    """Number of actions; by default one for each joint."""
     processed_size: int | None = None
-    """Numbers of the commands; by default one a joint."""
+    """Number of processed actions; by default one for each joint."""
     per_substep: bool = True
-    """Whether ``apply`` runs before each physics step, rather than once, which is enough where it does not depend on
-    the state."""
+    """Run ``apply`` before each physics step. False runs it once, which is enough if it does not read the state."""
     params: dict[str, Any] = {}
     """Further arguments of the functions."""
     noise: NoiseCfg | None = None
@@ -75,7 +74,7 @@ class ActionTermCfg:
 
     @property
     def known_functions(self) -> dict[str, wp.Function | None]:
-        """Functions that come with the package for its kind, where the config names none of its own."""
+        """Functions of the package for its kind, used where the config names none."""
         return {}
 
     def problems(self) -> Iterator[tuple[str, str]]:
@@ -86,7 +85,7 @@ class ActionTermCfg:
 
 @configclass
 class JointActionCfg(ActionTermCfg):
-    """An action term on joints: numbers that are scaled, shifted and clipped, one for each joint."""
+    """Config of an action term on joints: one number for each joint, scaled, shifted and clipped."""
 
     kind: str = ""
     """Name in ``stripe_kernels.mdp.ACTIONS``."""
@@ -94,9 +93,9 @@ class JointActionCfg(ActionTermCfg):
     scale: PerJoint = 1.0
     """Factor on the actions."""
     offset: PerJoint = 0.0
-    """Added to the scaled actions, in the unit of the command."""
+    """Added to the scaled actions, in the unit of the targets."""
     clip: Mapping[str, tuple[float, float]] | None = None
-    """Bounds of the commands by joint-name expression."""
+    """Bounds of the processed actions by joint-name expression."""
 
     @property
     def known_functions(self) -> dict[str, wp.Function | None]:
@@ -104,17 +103,17 @@ class JointActionCfg(ActionTermCfg):
 
     @property
     def switches(self) -> dict[str, bool]:
-        """Truth values among the arguments of its functions."""
+        """Boolean arguments of its functions."""
         return {}
 
     @property
     def numbers(self) -> dict[str, PerJoint]:
-        """Numbers among the arguments of its functions, which have one for each joint."""
+        """Numeric arguments of its functions, one value for each joint."""
         return {"scale": self.scale, "offset": self.offset, "alpha": 1.0}
 
     @property
     def positions(self) -> dict[str, Mapping[str, float]]:
-        """Numbers by joint among the arguments of its functions, which every joint must have."""
+        """Numeric arguments of its functions that must be given for every joint."""
         return {}
 
     def problems(self) -> Iterator[tuple[str, str]]:
@@ -129,11 +128,11 @@ class JointActionCfg(ActionTermCfg):
 
 @configclass
 class JointPositionActionCfg(JointActionCfg):
-    """Position targets: ``scale * action`` from the default positions [m or rad]."""
+    """Position targets ``offset + scale * action`` [m or rad]; by default the offset is the default position."""
 
     kind: str = "JointPosition"
     use_default_offset: bool = True
-    """Whether the default positions stand in for ``offset``."""
+    """Use the default positions in place of ``offset``."""
 
     @property
     def switches(self) -> dict[str, bool]:
@@ -142,12 +141,12 @@ class JointPositionActionCfg(JointActionCfg):
 
 @configclass
 class RelativeJointPositionActionCfg(JointActionCfg):
-    """Position targets relative to the positions before each physics step [m or rad]."""
+    """Position targets relative to the joint positions before each physics step [m or rad]."""
 
     kind: str = "RelativeJointPosition"
     per_substep: bool = True
     use_zero_offset: bool = True
-    """Whether zero stands in for ``offset``."""
+    """Use zero in place of ``offset``."""
 
     @property
     def numbers(self) -> dict[str, PerJoint]:
@@ -160,7 +159,7 @@ class JointVelocityActionCfg(JointActionCfg):
 
     kind: str = "JointVelocity"
     use_default_offset: bool = True
-    """Whether the default velocities stand in for ``offset``."""
+    """Use the default velocities in place of ``offset``."""
 
     @property
     def switches(self) -> dict[str, bool]:
@@ -176,11 +175,11 @@ class JointEffortActionCfg(JointActionCfg):
 
 @configclass
 class JointPositionToLimitsActionCfg(JointActionCfg):
-    """Position targets, -1 and 1 at the soft limits [m or rad]."""
+    """Position targets [m or rad]; actions of -1 and 1 are the lower and upper soft limits."""
 
     kind: str = "JointPositionToLimits"
     rescale_to_limits: bool = True
-    """Whether actions are mapped to the limits; otherwise they are positions."""
+    """Map actions from [-1, 1] to the limits; otherwise they are positions."""
 
     @property
     def switches(self) -> dict[str, bool]:
@@ -189,11 +188,11 @@ class JointPositionToLimitsActionCfg(JointActionCfg):
 
 @configclass
 class EMAJointPositionToLimitsActionCfg(JointPositionToLimitsActionCfg):
-    """The same, averaged over the steps."""
+    """Position targets between the soft limits with an exponential moving average over the steps."""
 
     kind: str = "EMAJointPositionToLimits"
     alpha: PerJoint = 1.0
-    """Weight of the new target; 1 does not average."""
+    """Weight of the new target in the average; 1 does not average."""
 
     @property
     def numbers(self) -> dict[str, PerJoint]:
@@ -207,7 +206,7 @@ class EMAJointPositionToLimitsActionCfg(JointPositionToLimitsActionCfg):
 
 @configclass
 class BinaryJointPositionActionCfg(JointActionCfg):
-    """One number opens (0 or more) or closes (less) a gripper: position targets."""
+    """Position targets of a gripper from one number: 0 or more opens it, less closes it."""
 
     kind: str = "BinaryJointPosition"
     action_size: int | None = 1
@@ -223,16 +222,16 @@ class BinaryJointPositionActionCfg(JointActionCfg):
 
 @configclass
 class BinaryJointVelocityActionCfg(BinaryJointPositionActionCfg):
-    """One number opens or closes a gripper: velocity targets [m/s or rad/s]."""
+    """Velocity targets of a gripper from one number [m/s or rad/s]: 0 or more opens it, less closes it."""
 
     kind: str = "BinaryJointVelocity"
 
 
 @configclass
 class NonHolonomicActionCfg(JointActionCfg):
-    """Drive a base as a car that cannot slide: forward speed [m/s] and turn [rad/s].
+    """Velocity targets of a base that moves as a car, without sliding: forward speed [m/s] and rate of turn [rad/s].
 
-    ``clip`` bounds the former by the name of the joint along x, the latter by that of the joint about z.
+    ``clip`` bounds the speed by the name of the joint along x, and the rate of turn by that of the joint about z.
     """
 
     kind: str = "NonHolonomic"
@@ -240,7 +239,7 @@ class NonHolonomicActionCfg(JointActionCfg):
     action_size: int | None = 2
     processed_size: int | None = 2
     body_name: str = MISSING
-    """Body whose heading counts."""
+    """Body whose heading is the forward direction."""
     x_joint_name: str = MISSING
     """Joint along x."""
     y_joint_name: str = MISSING
@@ -248,9 +247,9 @@ class NonHolonomicActionCfg(JointActionCfg):
     yaw_joint_name: str = MISSING
     """Joint about z."""
     scale: tuple[float, float] = (1.0, 1.0)
-    """Factors on forward speed and turn."""
+    """Factors on forward speed and rate of turn."""
     offset: tuple[float, float] = (0.0, 0.0)
-    """Added to them."""
+    """Added to forward speed [m/s] and rate of turn [rad/s]."""
 
 
 _IK_PARAMS: dict[str, dict[str, float]] = {
@@ -263,27 +262,27 @@ _IK_PARAMS: dict[str, dict[str, float]] = {
 
 @configclass
 class DifferentialIKControllerCfg:
-    """How joints follow the pose of a body."""
+    """Differential inverse kinematics: joint positions that move a body to a commanded pose."""
 
     command_type: str = MISSING
-    """``"position"`` or ``"pose"``: whether the rotation is commanded too."""
+    """``"position"``, or ``"pose"`` to command the rotation too."""
     use_relative_mode: bool = False
-    """Whether commands are changes of the present pose, rather than poses."""
+    """Commands are changes of the current pose rather than poses."""
     ik_method: str = MISSING
     """``"pinv"`` (pseudo-inverse of the Jacobian), ``"svd"`` (the same without small singular values), ``"trans"``
     (its transpose) or ``"dls"`` (damped least squares)."""
     ik_params: dict[str, float] | None = None
-    """Numbers of the method where they are not 1: ``k_val``, the factor of ``pinv``, ``svd`` and ``trans``;
+    """Parameters of the method: ``k_val``, the gain of ``pinv``, ``svd`` and ``trans`` (default 1);
     ``min_singular_value`` of ``svd`` (1e-5); ``lambda_val``, the damping of ``dls`` (0.01)."""
 
     @property
     def action_dim(self) -> int:
-        """Numbers of a command: position, rotation vector of a change, or quaternion (x, y, z, w)."""
+        """Size of a command: position [m], and for poses a quaternion (x, y, z, w) or a rotation vector [rad]."""
         return 3 if self.command_type == "position" else 6 if self.use_relative_mode else 7
 
     @property
     def numbers(self) -> dict[str, float]:
-        """``ik_params`` with what they leave out."""
+        """``ik_params`` completed by the defaults of the method."""
         return _IK_PARAMS.get(self.ik_method, {}) | (self.ik_params or {})
 
     def problems(self) -> Iterator[tuple[str, str]]:
@@ -304,8 +303,9 @@ class DifferentialIKControllerCfg:
 
 @configclass
 class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
-    """Move a body: position targets [m or rad] of the joints, anew before each physics step, by which it takes the
-    commanded pose in the root's frame.
+    """Position targets [m or rad] that move a body to a commanded pose in the root's frame, by inverse kinematics.
+
+    Targets are computed anew before each physics step.
 
     Commands are a position [m] and, in ``"pose"`` mode, a quaternion (x, y, z, w); relative ones are a shift [m] and a
     rotation vector [rad] along the root's axes. The processed actions are the desired pose, 7 numbers.
@@ -313,7 +313,7 @@ class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
 
     @configclass
     class OffsetCfg:
-        """A frame fixed to the body."""
+        """Frame fixed to the body."""
 
         pos: tuple[float, float, float] = (0.0, 0.0, 0.0)
         """Origin in the body's frame [m]."""
@@ -328,13 +328,13 @@ class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
 
     process: Callable[..., object] | None = process_differential_ik
     body_name: str = MISSING
-    """The body."""
+    """Body that moves."""
     body_offset: OffsetCfg | None = None
-    """Frame of the body that is moved; None for the body's own."""
+    """Frame on the body that takes the pose; None for the frame of the body."""
     scale: float | Sequence[float] = 1.0
-    """Factor on the actions; one number, or one for each."""
+    """Factor on the actions: one for all, or one for each."""
     controller: DifferentialIKControllerCfg = MISSING
-    """How the joints follow."""
+    """Kind of command and method of the inverse kinematics."""
 
     @property
     def known_functions(self) -> dict[str, wp.Function | None]:

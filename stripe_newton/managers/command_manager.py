@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command manager: the velocities, poses and the like that a policy is asked for, drawn anew from time to time."""
+"""Command manager: velocities, poses and other goals for the policy, resampled at intervals."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ __all__ = ["CommandManager"]
 
 
 class CommandStructs(NamedStructs):
-    """Finds a command by ``command_name``."""
+    """Resolver of the structs of commands, by ``command_name``."""
 
     def __init__(self, kind: Struct):
         super().__init__(kind, ["command_name"])
@@ -51,7 +51,7 @@ class CommandStructs(NamedStructs):
 
 @dataclass
 class _Term:
-    """A term, with what its config and its kind say."""
+    """A command term: its config, arrays, functions and their arguments."""
 
     cfg: CommandTermCfg
     data: CommandData
@@ -60,7 +60,7 @@ class _Term:
     params: dict[str, object]
     metrics: dict[str, wp.Function] = field(default_factory=dict)
     fixed: dict[str, Code] = field(default_factory=dict)
-    """Source of arguments."""
+    """Source of arguments that are not parameters."""
 
     def functions(self) -> dict[str, wp.Function | None]:
         """All functions by their path below the term's."""
@@ -69,13 +69,13 @@ class _Term:
 
 
 class CommandManager(ManagerBase):
-    """Draws commands at the start of an episode and whenever their time is up.
+    """Resamples commands at the start of an episode and whenever their time is up.
 
-    All bounds are parameters, such as ``commands.base_velocity.ranges.lin_vel_x``, that a curriculum may change.
+    All bounds are parameters that a curriculum may change, such as ``commands.base_velocity.ranges.lin_vel_x``.
 
     ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which :meth:`compute` ran in the episode.
-    Isaac Lab divides the sum of a velocity's errors by the most steps that a command may last, and logs the last error
-    of a pose.
+    Isaac Lab divides the sum of a velocity's errors by the largest number of steps that a command may last, and logs
+    the last error of a pose.
     """
 
     name = "commands"
@@ -115,7 +115,7 @@ class CommandManager(ManagerBase):
             functions = [f for f in term.functions().values() if f is not None]
             self.context.problems += unknown_params(self.context.structs, path, functions, cfg.params)
             self._add_fields(path, term, functions)
-        else:  # one problem is enough for a term
+        else:  # do not report problems that follow from the first
             term.resample, term.update, term.metrics = None, None, {}
         return term
 
@@ -131,7 +131,7 @@ class CommandManager(ManagerBase):
         return _Term(cfg, data, cfg.resample or own.resample, cfg.update or own.update, params)
 
     def _provide(self, struct: StructInstance, name: str, data: CommandData) -> None:
-        """Offer a struct of a command to terms."""
+        """Offer a struct of a command to terms by the command's name."""
         counts = {"num_command": data.command.shape[1]}
         self.context.structs.named(struct_of(struct), CommandStructs).add(name, struct, counts)
 
@@ -173,7 +173,9 @@ class CommandManager(ManagerBase):
         term.params["asset_cfg"] = SceneEntityCfg(cfg.asset_name, body_names=cfg.body_name)
         term.metrics |= {"position_error": position_command_error, "orientation_error": orientation_command_error}
         axes = ("pos_x", "pos_y", "pos_z", "roll", "pitch", "yaw")
-        for axis in axes:  # the numbers of new parameters lie side by side: together they are an array
+        # Bounds stay parameters, which a curriculum may change, and are an array for the function at the same time: the
+        # numbers of new parameters lie side by side in memory.
+        for axis in axes:
             context.parameters.add(f"{path}.ranges.{axis}", getattr(cfg.ranges, axis), wp.vec2)
         first = context.parameters.reference(f"{path}.ranges.pos_x.0").index
         numbers = context.torch(context.parameters.floats)[first : first + 2 * len(axes)]
@@ -189,7 +191,7 @@ class CommandManager(ManagerBase):
         check_terrain(self.context, path, term.resample)
 
     def _add_fields(self, path: str, term: _Term, functions: Sequence[wp.Function]) -> None:
-        """Give arguments the values of the config's fields of the same name, those of its ``ranges`` too."""
+        """Give arguments the values of fields of the same name, of the config and of its ``ranges``."""
         cfg, ranges = term.cfg, getattr(term.cfg, "ranges", None)
         for argument, kind in {a: k for f in functions for a, k in f.input_types.items()}.items():
             if argument in term.params:
@@ -201,7 +203,7 @@ class CommandManager(ManagerBase):
             elif argument in cfg.__dataclass_fields__:
                 term.params[argument] = getattr(cfg, argument)
 
-    # -- what it is
+    # -- properties
 
     @property
     def active_terms(self) -> list[str]:
@@ -209,7 +211,7 @@ class CommandManager(ManagerBase):
         return [*self._terms, *self._null]
 
     def get_command(self, name: str) -> torch.Tensor:
-        """The command as the policy sees it, shape ``(num_envs, n)``.
+        """The current command of a term, shape ``(num_envs, n)``.
 
         Raises:
             KeyError: if there is no such term.
@@ -223,7 +225,7 @@ class CommandManager(ManagerBase):
     # -- items
 
     def compute(self) -> list[Item]:
-        """Items that run in every step: the clocks, draws that are due, updates, metrics."""
+        """Items that run in every step: clocks, resampling where it is due, updates, metrics."""
         context, metric = self.context, 0
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)] if self._terms else []
         dt = context.parameters.add("step_dt", context.step_dt, float)
@@ -239,7 +241,7 @@ class CommandManager(ManagerBase):
         return [Section("commands", body, self.active_terms)] if body else []
 
     def reset(self) -> list[Item]:
-        """Items that log the metrics, the mean over the steps of the episode, and draw the first command."""
+        """Items that log the metrics, as means over the steps of the episode, and sample the first command."""
         context, steps, metric = self.context, self._steps_name, 0
         body = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]
         for name, term in self._terms.items():
@@ -260,7 +262,7 @@ class CommandManager(ManagerBase):
     def _call(
         self, name: str, term: _Term, func: wp.Function | None, where: str | None = None, kind: str = "command"
     ) -> list[Code]:
-        """The line that calls a function of a term; none where it has no such function, or after problems."""
+        """The line that calls a function of a term; none without such a function or after problems."""
         if func is None:
             return []
         place = f"commands.{where or name}"
@@ -271,7 +273,7 @@ class CommandManager(ManagerBase):
         return self._lines[place, func]
 
     def _own_structs(self, name: str, func: wp.Function) -> dict[str, object]:
-        """Parameters that give a function the structs of its own command."""
+        """Parameters by which a function gets the structs of its own command."""
         own, given = dict[str, object](), self._terms[name].params.keys()
         for argument, kind in func.input_types.items():
             resolver = self.context.structs.resolver(kind)
@@ -288,6 +290,6 @@ class CommandManager(ManagerBase):
 
 
 def _known_kind(cfg: CommandTermCfg) -> CommandTerm | None:
-    """Functions and size of a command that comes with the package; a subclass of its config is still of its kind."""
+    """Functions and size of a command of the package; subclasses of its config are of the same kind."""
     kinds = [c.__name__.removesuffix("Cfg") for c in type(cfg).__mro__]
     return next((COMMANDS[kind] for kind in kinds if kind in COMMANDS), None)

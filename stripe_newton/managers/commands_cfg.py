@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configs of command terms: velocities, poses, places on the ground."""
+"""Configs of command terms: velocities, poses, positions on the ground."""
 
 from __future__ import annotations
 
@@ -39,27 +39,27 @@ class _RangesCfg:
 
 @configclass
 class CommandTermCfg:
-    """A command for the policy, drawn anew from time to time.
+    """Config of a command term: a goal for the policy, resampled at intervals.
 
-    A term of one's own gives ``resample(env, command, rng, ...)``, and ``update(env, command, ...)`` if it changes
-    between draws: Warp functions whose argument ``command`` is a ``stripe_kernels.data.CommandData`` that holds
-    ``size`` numbers. Arguments are found in ``params`` and among the config's own fields, which a subclass may add.
+    A user's term gives ``resample(env, command, rng, ...)``, and ``update(env, command, ...)`` if it changes between
+    samples: Warp functions whose argument ``command`` is a ``stripe_kernels.data.CommandData`` of ``size`` numbers.
+    Other arguments are taken from ``params`` and from fields of the config, which a subclass may add.
     """
 
     asset_name: str = "robot"
     """Asset that is commanded."""
     resampling_time_range: Range = MISSING
-    """Bounds of the time between two draws [s]."""
+    """Bounds of the time between two samples [s]."""
     resample: Callable[..., object] | None = None
-    """Warp function that draws a command."""
+    """Warp function that samples a command."""
     update: Callable[..., object] | None = None
-    """Warp function that brings it up to date in every step."""
+    """Warp function that updates the command in every step."""
     size: int = 0
-    """Numbers of the command."""
+    """Number of values of the command."""
     params: dict[str, Any] = {}
     """Further arguments of the functions."""
     metrics: dict[str, Callable[..., object]] = {}
-    """Warp functions ``-> float`` whose mean over the episode is logged."""
+    """Warp functions ``-> float`` by name; their means over the episode are logged."""
     debug_vis: bool = False
     """Ignored: commands are not drawn."""
     IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "commands are not drawn"}
@@ -79,7 +79,7 @@ class NullCommandCfg(CommandTermCfg):
 
 @configclass
 class UniformVelocityCommandCfg(CommandTermCfg):
-    """A velocity drawn uniformly; some environments turn to a heading, some stand."""
+    """Velocity command drawn uniformly; a share of the environments turns to a heading, another stands."""
 
     @configclass
     class Ranges(_RangesCfg):
@@ -92,16 +92,16 @@ class UniformVelocityCommandCfg(CommandTermCfg):
         ang_vel_z: Range = MISSING
         """Yaw rate [rad/s]."""
         heading: Range | None = None
-        """Heading [rad], where ``heading_command``."""
+        """Heading in the world [rad], for ``heading_command``."""
 
     heading_command: bool = False
-    """Whether a share of the environments turns to a heading."""
+    """A share of the environments turns to a heading rather than at a rate."""
     heading_control_stiffness: float = 1.0
     """Yaw rate for an error of one radian [1/s]."""
     rel_standing_envs: float = 0.0
     """Share of the environments that stands."""
     rel_heading_envs: float = 1.0
-    """Share that turns to a heading, where ``heading_command``."""
+    """Share of the environments that turns to a heading, for ``heading_command``."""
     ranges: Ranges = MISSING
     """Bounds."""
 
@@ -116,7 +116,7 @@ class UniformVelocityCommandCfg(CommandTermCfg):
 
 @configclass
 class NormalVelocityCommandCfg(CommandTermCfg):
-    """A velocity drawn from a normal distribution about a mean of either sign."""
+    """Velocity command drawn from a normal distribution about a mean whose sign is random."""
 
     @configclass
     class Ranges:
@@ -127,7 +127,7 @@ class NormalVelocityCommandCfg(CommandTermCfg):
         std_vel: tuple[float, float, float] = MISSING
         """Standard deviations."""
         zero_prob: tuple[float, float, float] = MISSING
-        """Chances that a component is zero."""
+        """Probabilities that a component is zero."""
 
         def problems(self) -> Iterator[tuple[str, str]]:
             if self.std_vel is not MISSING and min(self.std_vel) < 0.0:
@@ -148,7 +148,7 @@ class NormalVelocityCommandCfg(CommandTermCfg):
 
 @configclass
 class UniformPoseCommandCfg(CommandTermCfg):
-    """A pose of a body in the root's frame."""
+    """Pose command for a body, in the root's frame."""
 
     @configclass
     class Ranges(_RangesCfg):
@@ -168,16 +168,16 @@ class UniformPoseCommandCfg(CommandTermCfg):
         """[rad]"""
 
     body_name: str = MISSING
-    """Body that is to be there."""
+    """Body that the policy moves to the pose."""
     make_quat_unique: bool = False
-    """Whether the quaternion has ``w >= 0``."""
+    """Give the quaternion ``w >= 0``."""
     ranges: Ranges = MISSING
     """Bounds."""
 
 
 @configclass
 class UniformPose2dCommandCfg(CommandTermCfg):
-    """A place on the ground about the environment's origin, and a heading."""
+    """Command of a position on the ground, relative to the environment's origin, and of a heading."""
 
     @configclass
     class Ranges(_RangesCfg):
@@ -191,14 +191,14 @@ class UniformPose2dCommandCfg(CommandTermCfg):
         """[rad], without ``simple_heading``."""
 
     simple_heading: bool = False
-    """Whether the heading is the direction to the place, or the opposite one if that is less of a turn."""
+    """Take the direction to the position as heading, or the opposite direction if that is the smaller turn."""
     ranges: Ranges = MISSING
     """Bounds."""
 
 
 @configclass
 class TerrainBasedPose2dCommandCfg(UniformPose2dCommandCfg):
-    """A place among the level patches ``"target"`` of the environment's tile of the terrain, and a heading."""
+    """Command of a position among the flat patches ``"target"`` of the environment's terrain tile, and of a heading."""
 
     @configclass
     class Ranges(_RangesCfg):
@@ -209,5 +209,5 @@ class TerrainBasedPose2dCommandCfg(UniformPose2dCommandCfg):
         distance: Range = (0.0, 1.0e6)
         """Horizontal distance from the root [m]."""
 
-    ranges: Ranges = Ranges()  # type: ignore[assignment]  # without the bounds of a place
+    ranges: Ranges = Ranges()  # type: ignore[assignment]  # without bounds of the position
     """Bounds."""

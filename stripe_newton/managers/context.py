@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Manager context: arrays, names, numbers and structs that the managers of one environment share."""
+"""Manager context: arrays, names, parameters and structs that the managers of one environment share."""
 
 from __future__ import annotations
 
@@ -35,39 +35,42 @@ from .reset_mask import ResetMask
 __all__ = ["ManagerContext"]
 
 Reserve = Callable[[str, type, tuple[int, ...]], wp.array]
-"""Makes an array of a name, a type and a shape."""
+"""Function that makes an array of a name, a type and a shape."""
 
 
 class ManagerContext:
-    """What the managers of one environment share; they get this and never the environment.
+    """Arrays, names, parameters and structs that the managers of one environment share.
+
+    Managers get this and not the environment, so that they can be tested, and used in other environments, without it.
 
     Attributes:
         scene: The scene, built.
         step_dt: Time step of the environment [s].
-        decimation: Physics steps in it.
+        decimation: Physics steps in an environment step.
         max_episode_length_s: Duration of an episode [s].
-        max_episode_length: Environment steps in it.
+        max_episode_length: Environment steps in an episode.
         scope: Names in generated source.
-        parameters: Numbers that are tuned.
-        structs: Structs that terms may ask for.
-        log: The log of a step.
+        parameters: Numbers that a curriculum may change.
+        structs: Structs that terms may have as arguments, by type.
+        log: Episode log of the step.
         episode: Length and end of the episodes.
         reset_mask: Environments whose episode just ended.
-        reset: The same as an array, bool, shape ``(num_envs,)``.
+        reset: The array of :attr:`reset_mask`, bool, shape ``(num_envs,)``.
         moved: Environments whose joints were written since the physics, bool, shape ``(num_envs,)``.
         nonfinite: Worlds that were not finite after the physics, bool, shape ``(num_envs,)``.
         reward: Rewards of the step, shape ``(num_envs,)``.
         rng: Random streams, uint32, shape ``(num_envs,)``.
         step: Environment steps taken, int64, shape ``(1,)``.
-        stepping: 1 within a step, 0 while environments are reset from outside; int32, shape ``(1,)``.
-        within_step: Flag of sections that run within a step alone.
+        stepping: 1 within a step, 0 within ``reset()``; int32, shape ``(1,)``.
+        within_step: Flag of sections that run within a step only.
         is_reset: Flag of sections that run where an episode just ended.
         is_finite: Flag of sections that run where the world was finite.
-        within_step_or_reset: Flag of sections that a reset from outside runs in the environments that it resets.
+        within_step_or_reset: Flag of sections that run everywhere in a step, and within ``reset()`` in the environments
+            that it resets.
         termination_names: Names of the termination terms.
-        problems: What is wrong with the config, gathered.
-        owner: What torch terms get as their environment.
-        arrays: Everything that lasts from step to step, by name.
+        problems: Problems of the config, gathered so that all are reported at once.
+        owner: The environment that torch terms are called with.
+        arrays: All arrays that last from step to step, by name.
     """
 
     def __init__(
@@ -103,7 +106,7 @@ class ManagerContext:
     # -- construction
 
     def _reserve_outputs(self, reserve: Reserve) -> None:
-        """Arrays that every step hands out, where the environment wants them."""
+        """Make the arrays of a step's results where the environment wants them, in its output block."""
         self.arrays["reward"] = reserve("reward", wp.float32, (self.num_envs,))
         for name in ("terminated", "truncated"):
             self.arrays[f"episode.{name}"] = reserve(name, wp.bool, (self.num_envs,))
@@ -133,7 +136,8 @@ class ManagerContext:
             self.scope.name(name, getattr(self, name))
 
     def _make_flags(self) -> None:
-        # Ranked as a kernel tests them: the same for all environments first, then by how rarely it is set.
+        # The rank is the order of nesting in a kernel. Tests with the same outcome in all environments come first, then
+        # the ones that are true most often: more sections then share the outer test.
         self.within_step = Flag(0, self.code("{stepping}[0] != 0"))
         self.within_step_or_reset = Flag(1, self.code("({stepping}[0] != 0 or {reset}[env])"))
         self.is_finite = Flag(2, self.code("not {nonfinite}[env]"))
@@ -149,7 +153,7 @@ class ManagerContext:
         return structs
 
     def _add_arrays_of_others(self) -> None:
-        """What lasts from step to step outside of the managers: it is saved, and its random streams are seeded."""
+        """Add the arrays of terrain, actuators and sensors, so that they are saved and their random streams seeded."""
         scene = self.scene
         self.arrays |= {f"terrain.{k}": v for k, v in getattr(scene.terrain, "arrays", {}).items()}
         self.arrays |= {
@@ -167,9 +171,11 @@ class ManagerContext:
     # -- source
 
     def code(self, template: str, *parts: Code | str | int, **named: Code | str | int) -> Code:
-        """A piece of source, as :func:`stripe_newton.fusion.code` makes it, whose placeholders may also be names that
-        every environment has: ``{reset}``, ``{moved}``, ``{reward}``, ``{rng}``, ``{step}``, ``{stepping}``,
-        ``{episode.length}`` and the like, ``{nonfinite}``."""
+        """Source code as of :func:`stripe_newton.fusion.code`, in which arrays of every environment have placeholders.
+
+        These are ``{reset}``, ``{moved}``, ``{reward}``, ``{rng}``, ``{step}``, ``{stepping}``, ``{nonfinite}`` and
+        ``{episode}``, with its fields, such as ``{episode.length}``.
+        """
         return code(template, *parts, **(self._own_names() | named))
 
     def _own_names(self) -> dict[str, Code | str | int]:
@@ -184,14 +190,19 @@ class ManagerContext:
         wp.launch(seed_streams, dim=self.num_envs, inputs=[seed % 2**31], outputs=[self.rng], device=self.device)
         for name in self._streams:
             array = self.arrays[name]
-            # Of a name of its own, so that what it draws does not depend on which other streams there are.
+            # Seeded by its name, so that its draws do not depend on which other streams there are.
             own = (seed + zlib.crc32(name.encode())) % 2**31
             wp.launch(seed_streams, dim=array.shape, inputs=[own], outputs=[array], device=self.device)
 
     def stream(self, name: str, count: int = 1) -> wp.array:
-        """Random streams beside :attr:`rng`, uint32, shape ``(num_envs,)``, for what runs beside other draws.
+        """Random streams other than :attr:`rng`, for sections that draw in parallel with others.
 
-        With a ``count`` above 1 so many for each environment, shape ``(num_envs * count,)``.
+        Args:
+            name: Name of the array; the same name gives the same streams.
+            count: Number of streams for each environment.
+
+        Returns:
+            uint32, shape ``(num_envs * count,)``.
         """
         if name not in self._streams:
             self._streams.append(name)
@@ -202,14 +213,20 @@ class ManagerContext:
     # -- arrays
 
     def array(self, name: str, dtype: type, *shape: int, fill: float = 0) -> wp.array:
-        """An array ``(num_envs, *shape)`` that lasts from step to step; the same one for the same name."""
+        """An array of shape ``(num_envs, *shape)`` that lasts from step to step; see :meth:`shared`."""
         return self.shared(name, dtype, self.num_envs, *shape, fill=fill)
 
     def shared(self, name: str, dtype: type, *shape: int, fill: float = 0) -> wp.array:
-        """An array that lasts from step to step, of any shape.
+        """An array of any shape that lasts from step to step. It is part of the environment's saved state.
+
+        Args:
+            name: Its name; the same name gives the same array.
+            dtype: A Warp type, or ``float``, ``int`` or ``bool``.
+            shape: Shape.
+            fill: Initial value.
 
         Raises:
-            ValueError: if the name is taken by another type or shape.
+            ValueError: if the name belongs to an array of another type or shape.
         """
         dtype = {float: wp.float32, int: wp.int32, bool: wp.bool}.get(dtype, dtype)
         there = self.arrays.get(name)
@@ -223,27 +240,27 @@ class ManagerContext:
         return there
 
     def index_array(self, ids: list[int]) -> wp.array:
-        """Indices as an array of int32; equal ones share it."""
+        """Indices as an array of int32; equal lists share an array."""
         key = tuple(ids)
         if key not in self._indices:
             self._indices[key] = wp.array(list(ids), dtype=int, device=self.device)
         return self._indices[key]
 
     def torch(self, array: wp.array) -> torch.Tensor:
-        """An array as a tensor, same memory."""
+        """An array as a tensor that shares its memory."""
         return wp.to_torch(array)
 
     # -- the scene
 
     def entity_names(self) -> list[str]:
-        """Names of the assets that terms may be about."""
+        """Names of the articulations and rigid objects of the scene."""
         return [*self.scene.articulations, *self.scene.rigid_objects]
 
     def entity(self, name: str) -> BoundAsset | SensorBase:
         """An articulation, rigid object or sensor by name.
 
         Raises:
-            KeyError: if there is none; the message says what there is.
+            KeyError: if there is none; the message lists those that exist.
         """
         scene = self.scene
         families: tuple[Mapping[str, BoundAsset | SensorBase], ...] = (
@@ -259,7 +276,7 @@ class ManagerContext:
         """An articulation or rigid object by name.
 
         Raises:
-            KeyError: if there is none, or it is a sensor; the message says what there is.
+            KeyError: if there is none, or it is a sensor; the message lists those that exist.
         """
         entity = self.entity(name)
         if not isinstance(entity, BoundAsset):
@@ -267,12 +284,12 @@ class ManagerContext:
         return entity
 
     def provide(self, struct: StructInstance, name: str, counts: Mapping[str, int] | None = None) -> None:
-        """Offer a struct of your own to terms, by its type and a name; call it before the managers are made.
+        """Offer a user's struct to terms, by its type and a name. Call it before the managers are made.
 
         Args:
-            struct: An instance of a Warp struct, whose arrays lead with the environment.
-            name: Its name. A term whose argument has this type gets it, and where there are several, the one that the
-                config names by ``<argument>`` or ``<argument>_name``.
-            counts: Numbers that sizes of observations may depend on.
+            struct: An instance of a Warp struct; the first dimension of its arrays is the environment.
+            name: Its name. A term with an argument of this type gets the struct; if there are several of the type, the
+                term's params name one by ``<argument>`` or ``<argument>_name``.
+            counts: Numbers that sizes of observations may depend on, by name.
         """
         self.structs.named(struct_of(struct)).add(name, struct, counts)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curriculum manager: terms that change a task as training goes on."""
+"""Curriculum manager: terms that change a task in the course of training."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ __all__ = ["CurriculumManager", "CurriculumTermCfg"]
 
 @configclass
 class CurriculumTermCfg:
-    """One thing that changes as training goes on."""
+    """Config of a curriculum term: a function that changes the task in the course of training."""
 
     func: Callable[..., object] = MISSING
-    """Warp function ``(env, ...) -> float`` of an environment whose episode ended, or Warp function without ``env``
-    that one thread runs in every step, or torch function ``(env, env_ids, **params)`` that returns a number, a dict of
-    numbers or None."""
+    """Warp function ``(env, ...) -> float`` that runs for each environment whose episode ended, Warp function without
+    ``env`` that one thread runs in every step, or torch function ``(env, env_ids, **params)`` that returns a number, a
+    dict of numbers or None."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
 
 
 class CurriculumManager(ManagerBase):
-    """Runs curriculum terms and logs what they return as ``Curriculum/<term>``.
+    """Runs curriculum terms and logs their results as ``Curriculum/<term>``.
 
-    A term that begins with ``env`` runs where episodes ended, before the reset, but not where the world was no longer
-    finite; the mean over those environments is logged. One without runs once a step, at the end, and takes effect from
-    the next step on. Its argument ``memory: wp.array[float]`` is one number of its own that lasts, NaN at first.
+    A term with the argument ``env`` runs for environments whose episode ended, before the reset, except where the world
+    was not finite. The mean over these environments is logged. A term without ``env`` runs once at the end of a step
+    and takes effect in the next. Its argument ``memory: wp.array[float]`` is one number that lasts, NaN at first.
     """
 
     name: ClassVar[str] = "curriculum"
@@ -54,7 +54,7 @@ class CurriculumManager(ManagerBase):
     # -- items
 
     def compute(self) -> list[Item]:
-        """Items that run the terms of environments, and torch terms, where episodes ended."""
+        """Items that run terms with ``env``, and torch terms, for environments whose episodes ended."""
         items: list[Item] = []
         for name, term in self._terms.items():
             if not is_warp_term(term.func):
@@ -67,10 +67,10 @@ class CurriculumManager(ManagerBase):
         return items
 
     def update(self) -> list[Item]:
-        """The item that runs the terms without ``env``, one thread.
+        """The item that runs the terms without ``env`` in one thread.
 
-        It goes to the end of the step, before the log is finished. Ask for it after all other managers' items, so that
-        every parameter exists.
+        It belongs at the end of the step, before the log is finished. Make it after the items of all other managers, so
+        that every parameter that a term may change exists.
         """
         body, names = list[Code](), list[str]()
         for name, term in self._terms.items():
@@ -81,8 +81,6 @@ class CurriculumManager(ManagerBase):
                 body.append(self.context.log.line(f"Curriculum/{name}", value, "last"))
                 names.append(name)
         return [single_thread(self.context.scope, self.context.device, "curriculum", body, names)] if names else []
-
-    # -- parts of them
 
     def _value(self, name: str, term: CurriculumTermCfg, func: wp.Function) -> Code | None:
         """Source of a Warp term's value; None after problems."""
@@ -112,7 +110,7 @@ class CurriculumManager(ManagerBase):
         return run
 
     def _log(self, key: str, value: object) -> None:
-        """Hand out a value from now on. It bypasses the sums: the graph that finishes them may not know the key."""
+        """Log a value from now on. It bypasses the sums, as the graph that finishes them may not know the key yet."""
         log = self.context.log
         index = log.add(key, "last")
         self.context.torch(log.values)[index] = torch.as_tensor(value)

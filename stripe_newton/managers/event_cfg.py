@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Event config: a function that changes environments, and when it runs."""
+"""Event term config: a function that changes environments, and the times at which it runs."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ _MODES = ("prestartup", "startup", "reset", "interval", "step")
 
 @configclass
 class EventTermCfg:
-    """Something that happens to environments, at a certain time."""
+    """Config of an event term: a function that changes environments, and the times at which it runs."""
 
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...)``, or torch function ``(env, env_ids, **params)`` with an int64 tensor of
     environments."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
     mode: str = MISSING
-    """When it runs: ``"prestartup"``, once before the model is built (torch alone, ``env_ids`` is None); ``"startup"``,
-    once after that; ``"reset"``, where an episode begins; ``"interval"``, from time to time; ``"step"``, in every step.
-    """
+    """Time at which it runs: ``"prestartup"``, once before the model is built (torch only, ``env_ids`` is None);
+    ``"startup"``, once after that; ``"reset"``, where an episode begins; ``"interval"``, at random intervals;
+    ``"step"``, in every step."""
     interval_range_s: tuple[float, float] | None = None
     """Bounds of the time between two runs [s], drawn uniformly and rounded up to whole steps; for mode ``"interval"``.
     """
     is_global_time: bool = False
-    """One clock for all environments rather than one each; it is not restarted by resets."""
+    """Use one clock for all environments, which resets do not restart, rather than one for each."""
     min_step_count_between_reset: int = 0
-    """Environment steps that must lie between two runs in the same environment; for mode ``"reset"``."""
+    """Least number of environment steps between two runs in the same environment; for mode ``"reset"``."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.mode is not MISSING and self.mode not in _MODES:

@@ -21,15 +21,15 @@ from .model_events import ModelEvents
 __all__ = ["EventManager", "prestartup_events"]
 
 Indices = Callable[[], torch.Tensor]
-"""Gives the environments that a torch term is called with, int64, shape ``(n,)``."""
+"""Function that returns the environments that a torch term is called with, int64, shape ``(n,)``."""
 
 
 class EventManager(ManagerBase):
-    """Runs events. A config's fields are :class:`EventTermCfg`; terms of a mode run in the config's order.
+    """Runs event terms. Terms of one mode run in the order of the config, whose fields are :class:`EventTermCfg`.
 
-    Terms that are Warp functions are fused, clocks and step counts are kept on the device. Numbers that may be changed
-    are parameters: ``events.<term>.interval_range_s``, which holds from the next time drawn on,
-    ``events.<term>.min_step_count_between_reset`` where it is not 0, and the terms' own.
+    Terms that are Warp functions are fused; clocks and step counts are on the device. A curriculum may change these
+    parameters: ``events.<term>.interval_range_s``, which affects the next time drawn,
+    ``events.<term>.min_step_count_between_reset`` where it is not 0, and those of the terms.
     """
 
     name: ClassVar[str] = "events"
@@ -52,11 +52,11 @@ class EventManager(ManagerBase):
     # -- items
 
     def startup(self) -> list[Item]:
-        """Items that run once, in all environments."""
+        """Items that run once, before the first reset, in all environments."""
         return self._everywhere("startup")
 
     def step(self) -> list[Item]:
-        """Items that run in every step, in all environments; ``moved`` is set."""
+        """Items that run in every step, in all environments. They set ``moved``."""
         return self._everywhere("step")
 
     def reset(self) -> list[Item]:
@@ -78,7 +78,7 @@ class EventManager(ManagerBase):
         return self._model.complete("reset", items, last=not self._changes_model("interval", "step"))
 
     def interval(self) -> list[Item]:
-        """Items that let a step pass on the clocks, and run the terms whose time is up; ``moved`` is set there."""
+        """Items that advance the clocks by a step and run the terms whose time is up. They set ``moved`` there."""
         items: list[Item] = []
         ticks = {name: source.tick() for name, term, source in self._of_mode("interval") if term.is_global_time}
         if ticks:
@@ -107,8 +107,6 @@ class EventManager(ManagerBase):
                 items.append(self._eager(mode, name, term, partial(_same, everyone), moves))
         return self._model.complete(mode, items, last=True)
 
-    # -- parts of them
-
     def _of_mode(self, mode: str) -> Iterator[tuple[str, EventTermCfg, EventSource]]:
         """Terms of a mode: name, config, source."""
         for name, term in self._terms.items():
@@ -119,7 +117,7 @@ class EventManager(ManagerBase):
         return any(t.mode in modes and self._model.concerns(t.func) for t in self._terms.values())
 
     def _eager(self, mode: str, name: str, term: EventTermCfg, indices: Indices, moves: bool = False) -> Eager:
-        """A torch term, called with some environments where there are any."""
+        """Item that calls a torch term with some environments, unless there are none."""
         context = self.context
         moved = context.torch(context.moved)
         params = resolve_entities(term.params, context.scene.__getitem__)
@@ -150,8 +148,9 @@ def prestartup_events(cfg: object, owner: object) -> list[Eager]:
     """Items of the terms with mode ``"prestartup"``, which change the stage before the model is built from it.
 
     Args:
-        cfg: Config or dict of :class:`EventTermCfg`; what is wrong with it an event manager reports.
-        owner: What the terms get as their environment; ``env_ids`` is None.
+        cfg: Config or dict of :class:`EventTermCfg`. Terms with problems are left out; :class:`EventManager` reports
+            them.
+        owner: The environment that the terms are called with; ``env_ids`` is None.
     """
     items = []
     for name, term in terms_of(cfg).items():
@@ -165,7 +164,7 @@ def _call(term: EventTermCfg, owner: object) -> None:
 
 
 def _problems(term: EventTermCfg) -> Iterator[tuple[str, str]]:
-    """What is wrong with a term, also where the config was not validated."""
+    """Problems of a term, as field and message; checked here too, as a dict of terms has not been validated."""
     if term.mode is MISSING:
         yield "mode", "is missing, say when it runs"
     yield from term.problems()
@@ -174,7 +173,7 @@ def _problems(term: EventTermCfg) -> Iterator[tuple[str, str]]:
 
 
 def _append(items: list[Item], section: Section) -> None:
-    """Add a section, to the one before where that is of the same kind."""
+    """Append a section, or join it to the last one if that has the same name."""
     last = items[-1] if items else None
     if isinstance(last, Section) and last.name == section.name:
         items[-1] = last.joined(section)
@@ -191,5 +190,5 @@ def _indices_of(mask: torch.Tensor) -> Indices:
 
 
 def _indices_where_zero(clock: torch.Tensor, count: int) -> Indices:
-    """Environments whose clock, of their own or for all, is at zero."""
+    """Function that returns the environments whose clock, one each or one for all, is at zero."""
     return lambda: (clock == 0).expand(count).nonzero().squeeze(-1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source of event terms: their calls, and the clocks and step counts that say when they are due."""
+"""Event source: source code of event terms, with the clocks and step counts that decide when they are due."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["EventSource"]
 
 
 class EventSource:
-    """Source of one event term."""
+    """Source code of one event term."""
 
     def __init__(self, context: ManagerContext, model: ModelEvents, name: str, cfg: EventTermCfg):
         self._context, self._model, self._name, self._cfg = context, model, name, cfg
@@ -34,7 +34,7 @@ class EventSource:
         return [*lines, *self._model.mark(func)] if lines else []
 
     def _params(self, func: wp.Function) -> Iterable[dict[str, object]]:
-        """Parameters of each call of a Warp term."""
+        """Parameters of each call of a Warp term; some terms are called once for each asset."""
         given = self._cfg.params
         if is_for_each_asset(func) and not given.keys() & {"asset_cfg", "robot", "robot_cfg"}:
             return [{**given, "asset_cfg": SceneEntityCfg(name)} for name in self._context.entity_names()]
@@ -43,12 +43,11 @@ class EventSource:
             return [found] if found is not None else []
         return [given]
 
-    # -- when it is due
+    # -- clocks and step counts
 
     @property
     def clock(self) -> wp.array:
-        """Steps until the term is due, 0 where its time is up or is to be drawn; int32, one for each environment, or
-        one for all."""
+        """Steps until the term is due, int32, for each environment or one for all. 0: due, or a time is to be drawn."""
         path = f"{self._path}.steps_left"
         return self._context.shared(path, int, 1) if self._cfg.is_global_time else self._context.array(path, int)
 
@@ -58,7 +57,7 @@ class EventSource:
         return self._context.scope.name(f"events_{self._name}_clock", self.clock)
 
     def tick(self) -> Code:
-        """Expression that lets a step pass on the clock, and is true where the time is up."""
+        """Expression that advances the clock by a step and is true where the time is up."""
         context = self._context
         assert self._cfg.interval_range_s is not None  # its checks have passed
         bounds = context.parameters.add(f"{self._path}.interval_range_s", self._cfg.interval_range_s, wp.vec2)
@@ -66,13 +65,13 @@ class EventSource:
         return context.scope.call(mdp.interval_is_due, "env", context.code("{rng}"), self.clock_name, bounds, step_dt)
 
     def interval_lines(self, func: wp.Function) -> list[Code]:
-        """Lines that run a Warp term where its time is up; it may have moved what is there."""
+        """Lines that run a Warp term where its time is up, and set ``moved``, as it may have moved assets."""
         due = code("{}[0] == 0", self.clock_name) if self._cfg.is_global_time else self.tick()
         moved = self._context.code("{moved}[env] = True")
         return block(code("if {}:  # {}", due, self._name), [*self.calls(func), moved])
 
     def reset_lines(self, func: wp.Function) -> list[Code]:
-        """Lines that run a Warp term where an episode ended, unless it has run a short time ago."""
+        """Lines that run a Warp term where an episode ended, unless it ran too few steps ago."""
         lines = self.calls(func)
         if self._cfg.min_step_count_between_reset > 0 and lines:
             lines = block(code("if {}:", self.reset_is_due()), lines)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image: the picture of a camera as an observation."""
+"""Image term: the picture of a camera as an observation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["Picture", "find_picture", "image", "image_writer"]
 
 
 class HasScene(Protocol):
-    """An environment, as far as this term is concerned."""
+    """An environment with a scene."""
 
     scene: InteractiveScene
 
@@ -31,19 +31,19 @@ def image(
 ) -> torch.Tensor:
     """The picture of a camera, float32, shape ``(num_envs, height, width, channels)``.
 
-    An observation manager knows this term and writes the same numbers by kernels that are part of the step's graph.
-    It stands in a group without other terms, or in one whose terms are not concatenated.
+    An observation manager recognises this term and writes the same numbers by kernels that are part of the step's
+    graph. The term must be the only one of its group, unless the terms of the group are not concatenated.
 
     Formula: ``rgb``: ``c / 255`` less its mean over the picture; depths: 0 instead of infinity [m]; ``normals``:
-    ``(n + 1) / 2``; segmentations: their numbers. Without ``normalize`` all as they are.
+    ``(n + 1) / 2``; segmentations: their numbers. Without ``normalize`` all are unchanged.
 
     Source: Isaac Lab, ``mdp.image``.
 
     Args:
         env: The environment.
         sensor_cfg: The camera, by a :class:`SceneEntityCfg` or by name.
-        data_type: One of the camera's ``data_types`` but ``rgba``.
-        normalize: Whether the numbers are brought to a common range.
+        data_type: One of the camera's ``data_types``, except ``rgba``.
+        normalize: Apply the formula above.
     """
     sensor = env.scene.sensors[sensor_cfg.name if isinstance(sensor_cfg, SceneEntityCfg) else sensor_cfg]
     sensor.image(data_type)
@@ -59,11 +59,11 @@ def image(
 
 @dataclass(frozen=True)
 class Picture:
-    """What an image term shows.
+    """Picture of a camera that an image term observes.
 
     Attributes:
         array: The camera's array.
-        normalize: Whether its numbers are brought to a common range.
+        normalize: Normalise its numbers, see :func:`image`.
     """
 
     array: wp.array
@@ -78,7 +78,7 @@ class Picture:
 
 
 def find_picture(context: ManagerContext, params: Mapping[str, object], where: str) -> Picture | None:
-    """The picture that the parameters of an image term name; None after a problem was noted."""
+    """The picture that the parameters of an image term name; None if problems have been added to ``context``."""
     given = dict(params)
     cfg, data_type = given.pop("sensor_cfg", None), str(given.pop("data_type", "rgb"))
     normalize = bool(given.pop("normalize", True))
@@ -103,7 +103,7 @@ def find_picture(context: ManagerContext, params: Mapping[str, object], where: s
 
 
 def image_writer(picture: Picture, target: wp.array, first: int) -> Callable[[], None]:
-    """A function that launches the kernels which write a picture into ``target`` from column ``first`` on."""
+    """Function that launches the kernels which write a picture into ``target``, beginning at column ``first``."""
     source, normalize = picture.array, picture.normalize
     dim, device = source.shape[:3], source.device
     if source.ndim == 4:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which joints carry a body, and where they are: what the Jacobian of an action term needs of the model."""
+"""Kinematic chain: the joints that move a body, and their frames, from which action terms compute a Jacobian."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _KNOWN = (newton.JointType.PRISMATIC, newton.JointType.REVOLUTE, newton.JointTyp
 
 
 def kinematic_chain(sim: Simulation, layout: Layout, joint_ids: list[int], body: int) -> KinematicChain:
-    """How some joints of an asset carry one of its bodies.
+    """Joints of an asset as the chain that moves one of its bodies.
 
-    Joint frames are views of the model's, so that what moves them is seen.
+    Joint frames are views of the model's arrays, so that events which move them are respected.
 
     Args:
         sim: The simulation, built.
-        layout: Where the asset is in it.
+        layout: Indices of the asset in the model.
         joint_ids: The joints, as indices of the asset's degrees of freedom.
-        body: The body, as an index of the asset's.
+        body: The body, as an index of the asset's bodies.
 
     Raises:
-        ValueError: a joint is not one of one or several axes, or none of the joints carries the body.
+        ValueError: if a joint is neither a hinge nor a slide nor a combination of them, or no joint moves the body.
     """
     builder, names = sim.template, layout.joint_names
     if len(layout.coords) != len(layout.dofs):

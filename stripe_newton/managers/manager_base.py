@@ -18,7 +18,7 @@ from .context import ManagerContext
 __all__ = ["ManagerBase", "TermFunction", "is_warp_term", "terms_of"]
 
 TermFunction = Callable[..., object]
-"""Function of a term: a Warp function, or a torch function that is called with the environment."""
+"""Function of a term: a Warp function, or a torch function that takes the environment."""
 Term = TypeVar("Term")
 
 
@@ -28,7 +28,7 @@ def is_warp_term(func: object) -> TypeGuard[wp.Function]:
 
 
 def terms_of(cfg: object) -> dict[str, object]:
-    """Fields of a config, or items of a dict, by name; nothing for None."""
+    """Fields of a config, or items of a dict, by name; an empty dict for None."""
     if cfg is None:
         return {}
     if isinstance(cfg, Mapping):
@@ -37,21 +37,34 @@ def terms_of(cfg: object) -> dict[str, object]:
 
 
 class ManagerBase:
-    """Terms of one kind. A manager turns them into the items of a step; it computes nothing on the host."""
+    """Base of managers: terms of one kind, turned into the items of a step. It computes nothing on the host.
+
+    Attributes:
+        cfg: Config or dict of the terms.
+        context: Arrays, names, parameters and structs that the managers of an environment share.
+    """
 
     name: ClassVar[str] = ""
-    """Field of the environment's config that it is made of."""
+    """Name of the field of the environment's config that has the terms."""
 
     def __init__(self, cfg: object, context: ManagerContext):
         self.cfg, self.context = cfg, context
 
     @property
     def active_terms(self) -> Sequence[str] | Mapping[str, list[str]]:
-        """Names of the terms; by group where there are groups."""
+        """Names of the terms; by group for observations."""
         return []
 
     def terms(self, cfg: object, kind: type[Term], path: str | None = None) -> dict[str, Term]:
-        """The terms of a config or dict by name, without those that are None; wrong ones become problems."""
+        """The terms of a config or dict by name, without those that are None.
+
+        Terms of another type and terms without a function are left out, and added to ``context.problems``.
+
+        Args:
+            cfg: Config or dict.
+            kind: Class of the terms.
+            path: Path of the config, for problems; by default the name of the manager.
+        """
         path = path or self.name
         good: dict[str, Term] = {}
         for name, term in terms_of(cfg).items():
@@ -78,6 +91,6 @@ class ManagerBase:
         return "\n".join([title, lines[0], "-" * max(map(len, lines)), *lines[1:]])
 
     def torch_term(self, func: TermFunction, params: Mapping[str, object]) -> Callable[[], torch.Tensor]:
-        """A torch term as a call without arguments."""
+        """A torch term as a function without arguments: the environment and the params are given."""
         given = resolve_entities(params, self.context.scene.__getitem__)
         return lambda: func(self.context.owner, **given)  # type: ignore[return-value]

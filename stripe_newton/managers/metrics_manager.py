@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics manager: quantities whose mean over an episode is logged beside the rewards."""
+"""Metrics manager: quantities whose means over an episode are logged."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ __all__ = ["MetricTermCfg", "MetricsManager"]
 
 @configclass
 class MetricTermCfg:
-    """A quantity whose mean over the steps of an episode is logged as ``Metrics/NAME``."""
+    """Config of a metric term: a quantity whose mean over the steps of an episode is logged as ``Metrics/NAME``."""
 
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float``, or torch function ``(env, **params)`` that returns ``(num_envs,)``."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
 
 
 class MetricsManager(ManagerBase):
-    """Adds its terms up over an episode and logs the mean at its end."""
+    """Sums its terms over an episode and logs their means at its end."""
 
     name = "metrics"
 
@@ -45,7 +45,7 @@ class MetricsManager(ManagerBase):
     # -- items
 
     def compute(self) -> list[Item]:
-        """Items that add the values of this step."""
+        """Items that add the values of this step to the sums."""
         items: list[Item] = []
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)]
         for index, (name, term) in enumerate(self._terms.items()):
@@ -58,7 +58,7 @@ class MetricsManager(ManagerBase):
         return [*items, Section("metrics", body, self.active_terms)] if self._terms else []
 
     def reset(self) -> list[Item]:
-        """Items that log the means and start anew."""
+        """Items that log the means and clear the sums, where an episode ended."""
         steps = self._steps_name
         lines = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]
         for index, name in enumerate(self._terms):

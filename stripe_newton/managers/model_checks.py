@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model checks: ranges of randomising events that make no sense, or that the solver would not heed."""
+"""Model checks: ranges of randomising events that are invalid, or that the solver would ignore."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _UNREAD: dict[str, dict[Struct, set[str]]] = {
         ShapeModelData: {"restitution", "torsional_friction", "rolling_friction"},
     },
 }
-"""Fields that solvers do not read, as their documentation says."""
+"""Fields that solvers do not read, according to Newton's documentation, by the kind of solver."""
 
 
 def range_problems(params: Mapping[str, Any], name: str, bound: str) -> Iterator[str]:
-    """What is wrong with a range.
+    """Problems of a range.
 
     Args:
-        params: Parameters of the term, ``operation`` and ``distribution`` as numbers.
-        name: Which of them is the range.
-        bound: What the values must be: ``"positive"``, ``"not negative"`` or ``"any"``.
+        params: Parameters of the term, with ``operation`` and ``distribution`` as codes.
+        name: Name of the parameter that is the range.
+        bound: Valid values: ``"positive"``, ``"not negative"`` or ``"any"``.
     """
     pair = params[name]
     try:
@@ -49,7 +49,7 @@ def range_problems(params: Mapping[str, Any], name: str, bound: str) -> Iterator
         yield f"is {pair!r}, must be two numbers"
         return
     if math.isnan(low) and math.isnan(high):
-        return  # left alone
+        return  # KEEP: the quantity is not changed
     distribution = params.get("distribution", DISTRIBUTIONS["uniform"])
     if not (math.isfinite(low) and math.isfinite(high)):
         yield f"is {pair}, must be finite"
@@ -61,38 +61,38 @@ def range_problems(params: Mapping[str, Any], name: str, bound: str) -> Iterator
     elif distribution == DISTRIBUTIONS["log_uniform"] and low <= 0.0:
         yield f"is {pair}, must be positive for distribution 'log_uniform'"
     elif params.get("operation", OPERATIONS["abs"]) == OPERATIONS["add"] or bound == "any":
-        return  # the sum is what matters, and is kept within bounds where it is computed
+        return  # the sum must be valid, not the summand; the term clamps it
     elif low < 0.0 or (low == 0.0 and bound == "positive"):
         yield f"is {pair}, must be {bound}"
 
 
 def solver_problems(sim: Simulation, kind: Struct, field: str, dofs: list[int], largest: float) -> Iterator[str]:
-    """Why the solver would not heed a field.
+    """Reasons for which the solver would ignore a field.
 
     Args:
         sim: The simulation.
-        kind: Struct that the field is of.
+        kind: Struct of the field.
         field: The field.
-        dofs: Degrees of freedom of an environment that it is about, for joints.
+        dofs: Degrees of freedom in an environment, for fields of joints.
         largest: Upper end of the range.
     """
     cfg: Any = sim.cfg.solver
     solver = sim.solver
     name = type(solver).__name__
     if field == "effort_limit" and sim.actuation.explicit[dofs].any():
-        return  # the actuators heed it
+        return  # the actuators of the package limit it, whatever the solver does
     unread = field in _UNREAD.get(cfg.kind, {}).get(kind, ())
     if field == "restitution" and cfg.kind == "xpbd":
         unread = not cfg.enable_restitution
     if unread and not (field == "restitution" and largest == 0.0):
         instead = ", use (0.0, 0.0) or leave it out" if field == "restitution" else ""
-        yield f"{name} knows no {field.replace('_', ' ')}{instead}"
+        yield f"{name} ignores {field.replace('_', ' ')}{instead}"
     if cfg.kind != "mujoco":
         return
     if field == "margin" and solver._use_mujoco_contacts and solver._zero_margins_for_native_ccd:
         yield f"{name} ignores margins of boxes and meshes, set MuJoCoSolverCfg(use_mujoco_contacts=False)"
     if field in ("lower", "upper") and not _limited(solver, dofs):
-        yield "none of these joints has limits that the solver could move, give them some in the file"
+        yield "none of these joints has limits that the solver could change, give them limits in the file"
     if field in ("stiffness", "damping") and not _driven(sim, dofs):
         yield "none of these joints has a drive with gains, give them actuators in ArticulationCfg"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model data: quantities of the model as the structs that randomising events take."""
+"""Model structs: quantities of the model as the structs that randomising events take."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .context import ManagerContext
 __all__ = ["MODEL_FIELDS", "SCENE", "ModelStructs"]
 
 SCENE = "scene"
-"""Name of what belongs to no asset."""
+"""Name of structs that belong to the whole scene rather than to an asset."""
 
 MODEL_FIELDS: dict[Struct, dict[str, str]] = {
     BodyModelData: {
@@ -55,19 +55,19 @@ MODEL_FIELDS: dict[Struct, dict[str, str]] = {
 
 
 class ModelStructs:
-    """Structs by type and asset; a field's array is made when a term first needs it."""
+    """Structs of the model by type and asset. The array of a field is made when a term first needs it."""
 
     def __init__(self, context: ManagerContext):
         self._context = context
         self._made: dict[tuple[Struct, str], StructInstance] = {}
 
     def get(self, kind: Struct, name: str, fields: Iterable[str]) -> StructInstance:
-        """A struct in which at least some fields are there; it is provided to terms.
+        """A struct with at least some of its fields set. Terms can take it as an argument from then on.
 
         Args:
-            kind: One of :data:`MODEL_FIELDS`.
+            kind: A type of :data:`MODEL_FIELDS`.
             name: Name of the asset, or :data:`SCENE`.
-            fields: Names of fields; those that the struct does not have are skipped.
+            fields: Names of the fields to set; names that the struct does not have are skipped.
 
         Raises:
             KeyError: if there is no such asset.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model events: event terms that change the model, and the items that tell the solver of their changes."""
+"""Model events: event terms that change the model, and the items that pass their changes to the solver."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = ["ModelEvents"]
 
 
 class ModelEvents:
-    """Prepares Warp terms that take structs of :mod:`stripe_kernels.model_data`, and tells the solver what they did.
+    """Prepares Warp terms with structs of :mod:`stripe_kernels.model_data`, and passes their changes to the solver.
 
-    A mask gathers the environments in which a term of a mode ran. After the terms of the mode the solver takes over
-    what changed in those environments, all at once, by kernels that are part of the step's graph.
+    A mask marks the environments in which a term of a mode ran. After all terms of the mode, the solver's copy of the
+    model is updated in these environments, by kernels that are part of the step's graph.
     """
 
     def __init__(self, context: ManagerContext):
@@ -37,7 +37,7 @@ class ModelEvents:
         return changes_model(func)
 
     def resolve(self, path: str, term: EventTermCfg, func: wp.Function) -> dict[str, object] | None:
-        """The parameters of a term as its function takes them, or None after problems were added.
+        """The parameters of a term as its function takes them; None if problems have been added to the context.
 
         Args:
             path: Path of the term, such as ``events.mass``.
@@ -55,18 +55,18 @@ class ModelEvents:
     # -- items
 
     def mark(self, func: wp.Function) -> list[Code]:
-        """Lines after the call of a term: the solver is to be told of this environment."""
+        """Lines after the call of a term that mark the environment for the update of the solver."""
         if not any(t in MODEL_FIELDS for t in func.input_types.values()):
             return []
         return [code("{}[env] = True", self._mask_name())]
 
     def complete(self, mode: str, items: list[Item], last: bool = False) -> list[Item]:
-        """The items of a mode, with what tells the solver.
+        """The items of a mode, followed by the update of the solver.
 
         Args:
             mode: The mode.
             items: Its items.
-            last: Whether no other mode changes the model in the same step after it.
+            last: Whether no later mode changes the model in the same step.
         """
         names = self._changed.get(mode)
         if not names:
@@ -80,7 +80,8 @@ class ModelEvents:
             self._context.arrays["model.touched"] = self._constants.touched
         title = f"solver told of {', '.join(sorted(names))}"
         title += f", in all worlds: {update.obstacle}" if update.obstacle else ""
-        # Beside what follows: the next to read the solver's model is the physics of the next step, or the next mode.
+        # It may run beside the items that follow: only the physics of the next step, or the next mode that changes the
+        # model, uses the solver's copy.
         beside = last and not update.obstacle
         tell = Captured(title, partial(update.launch, self._mask()), beside=beside, fields=frozenset())
         return [Section("events_model", [code("{}[env] = False", self._mask_name())]), *items, tell]

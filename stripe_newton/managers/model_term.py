@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model term: the structs, shapes and checked parameters of an event that changes the model."""
+"""Model term: structs, shapes and checked parameters of an event term that changes the model."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ __all__ = ["ModelTerm", "changes_model"]
 
 _KINDS = (*MODEL_FIELDS, EncoderData)
 _NUMBERS = {"operation": OPERATIONS, "distribution": DISTRIBUTIONS}
-"""Numbers that a function takes for the names of the config."""
+"""Codes that a function takes for the names in a config, by parameter."""
 _PRIMITIVES = {int(getattr(newton.GeoType, n)) for n in ("SPHERE", "CAPSULE", "CYLINDER", "ELLIPSOID", "BOX")}
 _SHAPE_FLAGS = {"sites": newton.ShapeFlags.SITE, "visible shapes": newton.ShapeFlags.VISIBLE}
 
 
 def changes_model(func: object) -> bool:
-    """Whether a term changes the model."""
+    """Whether an event term changes the model: a Warp function with an argument that is a struct of the model."""
     return isinstance(func, wp.Function) and any(t in _KINDS for t in func.input_types.values())
 
 
 class ModelTerm:
-    """One event that changes the model: what its function is called with, and what it writes.
+    """An event term that changes the model: the parameters of its function, and the arrays that it writes.
 
     Attributes:
-        params: Parameters as the function takes them.
+        params: Parameters as the function takes them; complete after :meth:`problems`.
     """
 
     def __init__(self, context: ManagerContext, structs: ModelStructs, func: wp.Function, params: Mapping[str, object]):
@@ -55,7 +55,7 @@ class ModelTerm:
         self.params["asset_cfg"] = self._cfg
 
     def _entity(self) -> SceneEntityCfg:
-        """The asset that is meant: by default ``robot``, or the only one there is."""
+        """The asset of the term: by default ``robot``, or the only asset of the scene."""
         given = self.params.get("asset_cfg")
         if isinstance(given, SceneEntityCfg):
             return given
@@ -64,7 +64,11 @@ class ModelTerm:
         return SceneEntityCfg(given if isinstance(given, str) else default)
 
     def problems(self) -> list[str]:
-        """Complete the parameters; what is wrong with them, each as ``parameter: text``."""
+        """Complete the parameters and check them.
+
+        Returns:
+            Problems, each as ``parameter: text``.
+        """
         problems = [*self._number_channels(), *self._number_choices()]
         try:
             self._find_structs()
@@ -78,7 +82,7 @@ class ModelTerm:
         return problems
 
     def writes(self) -> set[str]:
-        """Arrays of ``newton.Model`` that the term may write and solvers read."""
+        """Names of the arrays of ``newton.Model`` that the term may write and that solvers read."""
         usage, ranges = usage_of(self._func), self._info.ranges
         kept = {field for name, (field, _) in ranges.items() if name in self.params and _is_kept(self.params[name])}
         found = set()
@@ -86,12 +90,12 @@ class ModelTerm:
             for field, array in MODEL_FIELDS.get(kind, {}).items():
                 if field not in kept and (usage.unresolved or field in usage.writes):
                     found.add(array)
-        return found - {"shape_color"}  # which solvers do not look at
+        return found - {"shape_color"}  # colours are for pictures alone
 
     # -- parameters as numbers
 
     def _number_channels(self) -> Iterator[str]:
-        """Colours by channel as a list."""
+        """Turn colour ranges by channel into a list in the order r, g, b; yields problems."""
         colors = self.params.get("colors")
         if "colors" not in self._func.input_types or not isinstance(colors, Mapping):
             return
@@ -102,7 +106,7 @@ class ModelTerm:
             self.params["colors"] = [colors[k] for k in "rgb"]
 
     def _number_choices(self) -> Iterator[str]:
-        """Operation and distribution as the numbers that functions take."""
+        """Turn operation and distribution into the codes that functions take; yields problems."""
         for key, numbers in _NUMBERS.items():
             choice = self.params.get(key)
             if key in self._func.input_types and isinstance(choice, str):
@@ -110,10 +114,10 @@ class ModelTerm:
                     yield f"{key}: is '{choice}', must be one of {', '.join(numbers)}"
                 self.params[key] = numbers.get(choice, 0)
 
-    # -- what it is about
+    # -- structs and shapes
 
     def _find_structs(self) -> None:
-        """Make the structs that the term takes, and name them in its parameters."""
+        """Make the structs that the term takes, and add their names to its parameters."""
         usage = usage_of(self._func)
         for name, kind in self._func.input_types.items():
             if kind in MODEL_FIELDS:
@@ -134,11 +138,11 @@ class ModelTerm:
         return self._cfg.name if kind in (BodyModelData, JointModelData) else SCENE
 
     def _shapes(self) -> list[int]:
-        """Shapes of an environment that belong to the bodies meant."""
+        """Indices of the shapes in an environment that belong to the chosen bodies and are of the right kind."""
         template, cfg, kind = self._context.scene.sim.template, self._cfg, self._info.shapes
         asset = self._context.asset(cfg.name)
         if cfg.chooses("joint") and not cfg.chooses("body"):
-            raise ValueError(f"the event is about the colliders of bodies of '{cfg.name}', choose by body_names")
+            raise ValueError(f"the event changes shapes of bodies of '{cfg.name}', choose them by body_names")
         bodies = {asset.layout.bodies[i] for i in cfg.indices("body", asset.layout.body_names)}
         wanted = _SHAPE_FLAGS.get(kind, newton.ShapeFlags.COLLIDE_SHAPES)
         shapes = [i for i, b in enumerate(template.shape_body) if b in bodies and template.shape_flags[i] & wanted]
@@ -155,7 +159,7 @@ class ModelTerm:
     # -- checks
 
     def _range_problems(self) -> Iterator[str]:
-        """What is wrong with the ranges of the distributions."""
+        """Problems of the ranges, each as ``parameter: text``."""
         kind, sim = next(t for t in self._func.input_types.values() if t in _KINDS), self._context.scene.sim
         for name, (field, bound) in self._info.ranges.items():
             if name not in self.params:
@@ -172,7 +176,7 @@ class ModelTerm:
                 yield f"{name}: scales '{field}', which is 0 there: use operation 'add' or 'abs'"
 
     def _indices(self, kind: Struct) -> tuple[list[int], list[int]]:
-        """Bodies, joints or shapes meant, and for joints the degrees of freedom in an environment."""
+        """Indices of the chosen bodies, joints or shapes, and for joints their degrees of freedom in an environment."""
         if kind is ShapeModelData:
             return self.params["shape_ids"], []
         layout = self._context.asset(self._cfg.name).layout
@@ -185,5 +189,5 @@ class ModelTerm:
 
 
 def _is_kept(pair: object) -> bool:
-    """Whether a range is ``KEEP``: the quantity stays as it is."""
+    """Whether a range is ``KEEP``, so that the quantity is not changed."""
     return isinstance(pair, Iterable) and all(isinstance(x, float) and math.isnan(x) for x in pair)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observation modifiers: digital filters, integrators, functions of a user's own; their configs and their source."""
+"""Observation modifiers: digital filters, integrators and users' functions, with their configs and source code."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ __all__ = ["DigitalFilterCfg", "IntegratorCfg", "ModifierCfg", "modifier_lines"]
 
 @configclass
 class ModifierCfg:
-    """A change of each number of a term: ``func(env, value, ...) -> float``, a Warp function."""
+    """Modifier of each number of a term by a Warp function ``func(env, value, ...) -> float``."""
 
     func: Callable[..., object] | None = None
     """The function."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
 
 
 @configclass
 class DigitalFilterCfg(ModifierCfg):
-    """``y_n = sum_k B_k x_{n-k} - sum_k A_{k+1} y_{n-1-k}``; all past values are those of the first step at a reset."""
+    """Digital filter: ``y_n = sum_k B_k x_{n-k} - sum_k A_{k+1} y_{n-1-k}``.
+
+    In the first step of an episode all past values are those of that step.
+    """
 
     A: Sequence[float] = ()
     """Feedback coefficients; without any the filter has a finite response."""
@@ -40,7 +43,7 @@ class DigitalFilterCfg(ModifierCfg):
 
 @configclass
 class IntegratorCfg(ModifierCfg):
-    """``y_n = y_{n-1} + (x_n + x_{n-1}) / 2 dt``, zero at the start of an episode."""
+    """Integrator by the trapezoidal rule: ``y_n = y_{n-1} + (x_n + x_{n-1}) / 2 dt``, zero where an episode begins."""
 
     dt: float = MISSING
     """Time step [s]."""
@@ -49,15 +52,15 @@ class IntegratorCfg(ModifierCfg):
 def modifier_lines(
     context: ManagerContext, path: str, cfg: ModifierCfg, size: int, element: Code, fresh: Code
 ) -> list[Code]:
-    """Lines that change one number of a term.
+    """Lines that modify one number of a term.
 
     Args:
-        context: Where arrays and parameters are made.
+        context: Context that makes arrays and parameters.
         path: Path of the modifier's config.
         cfg: The modifier.
-        size: Numbers of the term.
-        element: Source of the number, which mentions its index as ``i``.
-        fresh: Name of the array that says whether an episode just began.
+        size: Number of values of the term.
+        element: Source code of the value, with its index as ``i``.
+        fresh: Name of the array that is not 0 where an episode just began.
     """
     if isinstance(cfg, DigitalFilterCfg):
         return _filter_lines(context, path, cfg, size, element, fresh)
@@ -70,7 +73,7 @@ def modifier_lines(
 def _filter_lines(
     context: ManagerContext, path: str, cfg: DigitalFilterCfg, size: int, element: Code, fresh: Code
 ) -> list[Code]:
-    """``y_n = sum_k B_k x_{n-k} - sum_k A_{k+1} y_{n-1-k}``: past values move up by one, the newest comes first."""
+    """Lines of a digital filter. The newest past value comes first; past values move up by one in each step."""
     name, array, add = context.scope.name, context.array, context.parameters.add
     past_x = name(f"{path}_x", array(f"{path}.x", float, len(cfg.B), size))
     past_y = name(f"{path}_y", array(f"{path}.y", float, max(1, len(cfg.A)), size))
@@ -100,7 +103,7 @@ def _filter_lines(
 def _integrator_lines(
     context: ManagerContext, path: str, cfg: IntegratorCfg, size: int, element: Code, fresh: Code
 ) -> list[Code]:
-    """``y_n = y_{n-1} + (x_n + x_{n-1}) / 2 dt``."""
+    """Lines of an integrator."""
     before = context.scope.name(f"{path}_x", context.array(f"{path}.x", float, size))
     total = context.scope.name(f"{path}_y", context.array(f"{path}.y", float, size))
     dt = context.parameters.add(f"{path}.dt", cfg.dt, float)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running normalisation of an observation group by the mean and variance of all that was observed."""
+"""Running normalisation: an observation group normalised by the mean and variance of all observations so far."""
 
 from __future__ import annotations
 
@@ -14,25 +14,34 @@ from .context import ManagerContext
 __all__ = ["RunningNormCfg", "running_normalization"]
 
 _PARTS = 64
-"""Slices of the environments in a sum."""
+"""Partial sums of a column, each over a share of the environments: threads then share the work of few columns."""
 
 
 @configclass
 class RunningNormCfg:
-    """Normalisation by the mean and variance of all that was seen: ``clamp((x - mean) / (std + eps), -clip, clip)``."""
+    """Running normalisation: ``clamp((x - mean) / (std + eps), -clip, clip)`` over all observations so far."""
 
     eps: float = 1.0e-2
     """Added to the standard deviation."""
     clip: float = 10.0
-    """Bound of what is handed out."""
+    """Bound of the normalised values."""
     update: bool = True
-    """Whether statistics go on being gathered; parameter ``observations.GROUP.normalization.update``."""
+    """Keep updating mean and variance; the parameter ``observations.GROUP.normalization.update`` changes it."""
 
 
 def running_normalization(
     context: ManagerContext, group: str, cfg: RunningNormCfg, raw: wp.array, buffer: wp.array, gather: bool
 ) -> Captured:
-    """Normalises ``raw`` into ``buffer``, both ``(num_envs, n)``; with ``gather`` it counts as seen before that."""
+    """Item that normalises ``raw`` into ``buffer``, both of shape ``(num_envs, n)``.
+
+    Args:
+        context: The context of the managers.
+        group: Name of the group.
+        cfg: The config.
+        raw: Observations before normalisation.
+        buffer: Normalised observations.
+        gather: Update mean and variance by ``raw`` first.
+    """
     count, columns = buffer.shape
     path = f"observations.{group}.normalization"
     mean, seen = context.shared(f"{path}.mean", float, columns), context.shared(f"{path}.seen", float, columns)

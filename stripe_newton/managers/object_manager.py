@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Object manager: pools of rigid objects that are spawned, retired and tracked while a task runs."""
+"""Object manager: pools of rigid objects that are spawned, retired and tracked during a task."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from .object_pool import ObjectPool, ObjectPoolCfg
 __all__ = ["ObjectManager"]
 
 _CLEARANCE = 0.5
-"""Gap between objects in the parking place [m]."""
+"""Gap between parked objects [m]."""
 
 
 class ObjectManager(ManagerBase):
-    """Spawns, retires and tracks the objects of pools. A config's fields are :class:`ObjectPoolCfg`.
+    """Spawns, retires and tracks the objects of pools. The fields of its config are :class:`ObjectPoolCfg`.
 
-    The bodies must be in the scene already, by ``ObjectPoolCfg.spawn`` before it was built. Terms get a pool's
-    ``ObjectPoolData`` by ``params={"pool_name": "balls"}``. Numbers that a reset uses are parameters below
-    ``objects.<pool>``: ``num_range``, ``min_distance``, ``min_robot_distance``, ``max_tries``.
+    The bodies must be in the scene: call ``ObjectPoolCfg.spawn`` before it is built. Terms get a pool's
+    ``ObjectPoolData`` by ``params={"pool_name": "balls"}``. A curriculum may change the parameters ``num_range``,
+    ``min_distance``, ``min_robot_distance`` and ``max_tries`` below ``objects.<pool>``.
 
     Attributes:
         pools: The pools by name.
@@ -56,7 +56,7 @@ class ObjectManager(ManagerBase):
         """A pool by name.
 
         Raises:
-            KeyError: if there is none; the message says what there is.
+            KeyError: if there is none; the message lists those that exist.
         """
         if name not in self.pools:
             raise KeyError(f"no object pool '{name}'; there is {', '.join(self.pools) or 'none'}")
@@ -65,23 +65,27 @@ class ObjectManager(ManagerBase):
     # -- items
 
     def reset(self) -> list[Item]:
-        """Log how many objects were active, retire them and spawn new ones; after the robots were reset."""
+        """Items that log the number of active objects, retire them and spawn new ones.
+
+        They belong after the reset of the robots, from which spawned objects keep a distance.
+        """
         if not self.pools:
             return []
         return [Section("objects_reset", self._respawn, self.active_terms).only(self.context.is_reset)]
 
     def update(self) -> list[Item]:
-        """Count ages and keep retired objects parked; in every step after resets and events, before ``moved`` is used.
+        """Items that advance the ages of objects and keep retired ones parked.
 
-        ``moved`` is set where objects were spawned or retired in the step. A retired object falls for one step and is
-        put back: its body's pose, which nothing reads, may be that much off until the next physics step.
+        They belong after resets and events and before ``moved`` is used, which they set where objects were spawned or
+        retired. A retired object falls during the physics of a step and is then put back. Its body pose, which nothing
+        reads, is off by that fall until the next physics step.
         """
         if not self.pools:
             return []
         context = self.context
         moved = context.code("{moved}")
         body = [context.scope.call(mdp.update_objects, "env", pool.struct_name, moved) for pool in self.pools.values()]
-        if not context.scene.sim.cfg.solver.reduced_coordinates:  # its state is that of the bodies
+        if not context.scene.sim.cfg.solver.reduced_coordinates:  # bodies are the solver's state, so they must follow
             body.append(context.code("{moved}[env] = True"))
         return [Section("objects_update", body, self.active_terms)]
 
@@ -111,7 +115,7 @@ class ObjectManager(ManagerBase):
     # -- parking
 
     def _lay_out_parking(self) -> None:
-        """Give each object a place of its own over the environment, farther from the next than both can reach."""
+        """Give each object a parking place above the environment, so far from the others that no two can touch."""
         slots = [(pool, slot) for pool in self.pools.values() for slot in range(len(pool.names))]
         if not slots:
             return
@@ -134,7 +138,7 @@ class ObjectManager(ManagerBase):
 
 
 def _find(name: str, cfg: ObjectPoolCfg, context: ManagerContext) -> dict[str, RigidObject]:
-    """The objects of a pool in the scene; none after a problem."""
+    """The objects of a pool in the scene, by name; none after a problem."""
     where = f"{ObjectManager.name}.{name}"
     problems = [f"{where}.{field}: {text}" for field, text in cfg.problems()]
     context.problems += problems
@@ -167,6 +171,6 @@ def _find(name: str, cfg: ObjectPoolCfg, context: ManagerContext) -> dict[str, R
 def _reach(body: RigidObject, context: ManagerContext) -> float:
     """Radius of a sphere about the body's origin that holds its shapes [m]."""
     model = context.scene.sim.model
-    mine = model.shape_body.numpy() == body.layout.bodies[0]  # that of the first environment
+    mine = model.shape_body.numpy() == body.layout.bodies[0]  # its body in the first environment
     centres, radii = model.shape_transform.numpy()[mine, :3], model.shape_collision_radius.numpy()[mine]
     return max((float((c @ c) ** 0.5 + r) for c, r in zip(centres, radii, strict=True)), default=0.0)

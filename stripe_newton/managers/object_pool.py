@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Object pool: rigid objects that come and go in each environment, and their config."""
+"""Object pool: rigid objects that are spawned and retired in each environment."""
 
 from __future__ import annotations
 
@@ -30,44 +30,44 @@ Range = dict[str, tuple[float, float]]
 
 @configclass
 class ObjectPoolCfg:
-    """Rigid objects that a task spawns, moves and retires while it runs, some of them in each environment.
+    """Config of a pool of rigid objects that a task spawns, moves and retires, in each environment.
 
-    Bodies cannot be made while a simulation runs: all of them are there from the start, and those that are not active
-    wait at rest high above the environment, where they touch nothing. They cost degrees of freedom, no contacts.
-    The buffers of a solver are sized at the start: give ``MuJoCoSolverCfg(nconmax=..., njmax=...)`` room for the
-    contacts of all active objects; a box on the ground takes 4 contacts and 16 constraints, a ball 1 and 4.
+    A simulation cannot add bodies while it runs. All objects exist from the start; those that are not active wait at
+    rest high above the environment, where they touch nothing. They cost degrees of freedom but no contacts. Solvers
+    allocate their buffers at the start: give ``MuJoCoSolverCfg(nconmax=..., njmax=...)`` room for the contacts of all
+    active objects. A box on the ground takes 4 contacts and 16 constraints, a ball 1 and 4.
     """
 
     objects: dict[str, RigidObjectCfg] | RigidObjectCfg = MISSING
-    """The objects by name, or one of which ``count`` copies are made. ``init_state`` is an object's home."""
+    """The objects by name, or one object of which ``count`` copies are made. ``init_state`` is an object's home."""
     count: int = 1
-    """Copies, where ``objects`` is one config; ``_0``, ``_1``, ... is added to its prim path and to the pool's name."""
+    """Number of copies, if ``objects`` is one config. ``_0``, ``_1``, ... is appended to prim paths and names."""
     spacing: float = 1.0
-    """Distance between the homes of copies [m], which stand in a square about the ``init_state``."""
+    """Distance between the homes of copies [m], which form a square about the ``init_state``."""
     respawn: bool = True
-    """Whether a reset retires all objects and spawns new ones; otherwise that is up to event terms."""
+    """Retire all objects at a reset and spawn new ones. False leaves that to event terms."""
     num_active: int | tuple[int, int] | None = None
-    """How many a reset spawns, chosen at random: a number, bounds of a random number, or all."""
+    """Number of objects that a reset spawns, chosen at random: a number, bounds of a random number, or None for all."""
     pose_range: Range | None = None
-    """Where a reset spawns them: x, y [m] in the environment's frame, z [m] above the home, roll, pitch, yaw [rad]
-    from the home; ``None`` for the homes themselves."""
+    """Poses at which a reset spawns objects: x, y [m] in the environment's frame, z [m] above the home, roll, pitch,
+    yaw [rad] relative to the home. ``None`` spawns them at their homes."""
     velocity_range: Range = {}
-    """Added to the velocity at home: x, y, z [m/s], roll, pitch, yaw for rates about x, y, z [rad/s]; it needs
+    """Velocity added at a spawn: x, y, z [m/s]; roll, pitch, yaw for rates about x, y, z [rad/s]. It needs
     ``pose_range``."""
     min_distance: float = 0.0
     """Least distance between spawned objects [m]; it needs ``pose_range``."""
     min_robot_distance: float = 0.0
     """Least horizontal distance from the root of the robot [m]; it needs ``pose_range``."""
     robot_name: str = "robot"
-    """Which robot that is."""
+    """Robot of ``min_robot_distance``."""
     max_tries: int = 16
-    """Places tried for an object; one that finds none stays retired."""
+    """Poses tried for each object; an object for which none keeps the distances stays retired."""
     target_range: Range | None = None
-    """Where the objects should get to, drawn at a reset, bounds as of ``pose_range``; ``None`` leaves the targets,
-    which are the homes at first."""
+    """Bounds of target poses that a reset draws, as in ``pose_range``. ``None`` keeps the targets, which are the homes
+    at first."""
     parking_height: float = 100.0
-    """Height above the environment's origin at which retired objects wait [m]; above all that moves there, as below
-    it lies the ground."""
+    """Height above the environment's origin at which retired objects wait [m]. It must be above everything that moves,
+    and not below the ground."""
 
     @property
     def num_objects(self) -> int:
@@ -134,29 +134,29 @@ class ObjectPoolCfg:
 
 
 class PoolStructs(NamedStructs):
-    """Finds the objects of a pool by ``pool_name``."""
+    """Resolver of ``ObjectPoolData``, by ``pool_name``."""
 
     def __init__(self, kind: Struct):
         super().__init__(kind, ["pool_name"])
 
 
 class ObjectPool:
-    """The objects of one pool, in all environments. Tensors are views: they show the state as it is now.
+    """The objects of one pool in all environments. Tensors are views of the current state.
 
     Attributes:
         name: Name of the pool.
         cfg: The config.
         names: Names of the objects in the scene, one a slot.
         objects: The objects themselves.
-        data: What terms read, an ``ObjectPoolData``.
+        data: The pool's ``ObjectPoolData``, which terms read.
         struct_name: Name of ``data`` in generated source.
         pose: Poses in the world [m], shape ``(num_envs, num_objects, 7)``.
         vel: Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_objects, 6)``.
-        active: Whether an object takes part, bool, shape ``(num_envs, num_objects)``.
+        active: Whether an object is spawned, bool, shape ``(num_envs, num_objects)``.
         age: Steps since an active object was spawned, shape ``(num_envs, num_objects)``.
         home: Poses of the configs in the environment's frame [m], shape ``(num_envs, num_objects, 7)``.
-        target: Where the objects should get to, in the environment's frame [m], same shape.
-        parking: Where retired objects wait, in the environment's frame [m], shape ``(num_objects, 7)``.
+        target: Target poses in the environment's frame [m], shape ``(num_envs, num_objects, 7)``.
+        parking: Poses of retired objects in the environment's frame [m], shape ``(num_objects, 7)``.
     """
 
     def __init__(self, name: str, cfg: ObjectPoolCfg, objects: dict[str, RigidObject], context: ManagerContext):
@@ -199,7 +199,7 @@ class ObjectPool:
         pose: torch.Tensor | None = None,
         vel: torch.Tensor | None = None,
     ) -> None:
-        """Make objects active, outside a step or in a torch term.
+        """Spawn objects. Call it outside a step or in a torch term.
 
         Args:
             env_ids: Environments, default all.
@@ -218,7 +218,7 @@ class ObjectPool:
         self._write(rows, columns, pose, 0.0 if vel is None else vel, active=True)
 
     def retire(self, env_ids: EnvIds = None, slots: int | Sequence[int] | None = None) -> None:
-        """Take objects out, outside a step or in a torch term.
+        """Retire objects to their parking places. Call it outside a step or in a torch term.
 
         Args:
             env_ids: Environments, default all.
@@ -269,7 +269,7 @@ def spawn_object_pools(cfg: object, scene: InteractiveScene) -> None:
     """Add the bodies of all pools to a scene under construction.
 
     Args:
-        cfg: What :class:`ObjectManager` takes: a config or dict of :class:`ObjectPoolCfg`, or None.
+        cfg: Config or dict of :class:`ObjectPoolCfg`, as :class:`ObjectManager` takes it, or None.
         scene: The scene.
     """
     for name, pool in terms_of(cfg).items():

@@ -21,22 +21,31 @@ from .shared_observation import SharedObservation
 __all__ = ["ObservationManager"]
 
 Allocate = Callable[[str, int], wp.array]
-"""Makes an array ``(num_envs, size)`` for a group, or for ``GROUP.TERM``, of a size."""
+"""Function that makes an array ``(num_envs, size)`` for ``GROUP`` or ``GROUP.TERM``."""
 Shape = tuple[int, ...]
 
 
 class ObservationManager(ManagerBase):
-    """Writes each group of observations into one array; with ``concatenate_terms=False`` into one a term."""
+    """Writes each group of observations into one array, or with ``concatenate_terms=False`` each term into its own.
+
+    Attributes:
+        buffers: Arrays of shape ``(num_envs, n)`` by group; a dict by term where the terms are not concatenated.
+    """
 
     name = "observations"
 
     def __init__(self, cfg: object, context: ManagerContext, allocate: Allocate | None = None):
-        """``allocate(name, size)`` makes the array ``(num_envs, size)`` of a group, or of ``GROUP.TERM``."""
+        """Make the terms and their arrays.
+
+        Args:
+            cfg: Config or dict of :class:`ObservationGroupCfg`.
+            context: The context of the managers.
+            allocate: ``allocate(name, size)`` makes the array ``(num_envs, size)`` of ``GROUP`` or ``GROUP.TERM``.
+        """
         super().__init__(cfg, context)
         self._groups = self.terms(cfg, ObservationGroupCfg)
         self._terms = {group: self._make_terms(group, group_cfg) for group, group_cfg in self._groups.items()}
         self.buffers: dict[str, wp.array | dict[str, wp.array]] = {}
-        """Arrays by group; a dict by term where the terms are not concatenated."""
         self._raw: dict[str, wp.array] = {}
         """Arrays of the groups before normalisation."""
         for group in self._groups:
@@ -53,7 +62,7 @@ class ObservationManager(ManagerBase):
         return made
 
     def _allocate(self, group: str, allocate: Allocate) -> None:
-        """Make the arrays of a group, and tell its terms where they write."""
+        """Make the arrays of a group and give its terms their places in them."""
         cfg, terms, name = self._groups[group], self._terms[group], self.context.scope.name
         if not cfg.concatenate_terms:
             arrays = {n: allocate(f"{group}.{n}", t.width) for n, t in terms.items()}
@@ -63,14 +72,15 @@ class ObservationManager(ManagerBase):
             return
         width = sum(t.width for t in terms.values())
         self.buffers[group] = self._raw[group] = allocate(group, width)
-        if cfg.normalization is not None:  # histories are kept as they were before it
+        # Normalisation writes to another array: histories have values from before it, which later steps read again.
+        if cfg.normalization is not None:
             self._raw[group] = self.context.array(f"observations.{group}.raw", float, width)
         target, first = name(f"obs_{group}", self._raw[group]), 0
         for term in terms.values():
             term.target, term.first = target, first
             first += term.width
 
-    # -- what it is
+    # -- properties
 
     @property
     def active_terms(self) -> dict[str, list[str]]:
@@ -86,7 +96,7 @@ class ObservationManager(ManagerBase):
         }
 
     def shape(self, group: str, term: str | None = None) -> Shape:
-        """Shape of a group, or of a term that is handed out by itself, for one environment; a picture's has three."""
+        """Shape of a group, or of a term that is not concatenated, for one environment; three numbers for a picture."""
         terms = self._terms[group]
         alone = next(iter(terms.values())) if term is None and len(terms) == 1 else terms.get(term or "")
         if alone is not None and alone.picture:
@@ -111,17 +121,17 @@ class ObservationManager(ManagerBase):
         """Items that write all groups.
 
         Args:
-            where_reset: Only in the environments whose episode just ended, which must not have been reset yet.
+            where_reset: Write them only where an episode just ended, before these environments are reset.
         """
-        # A term that a later group shares is written with the group that has it first: all groups are looked at, then
-        # the sections are made.
+        # A term that several groups share is written with the first group that has it. So all groups are read before
+        # their sections are made.
         shared: list[SharedObservation] = []
         groups = [self._group_items(group, shared, gather=not where_reset) for group in self._terms]
         items = [item for group in groups for item in group.items()]
         return only(items, self.context.is_reset) if where_reset else items
 
     def _group_items(self, group: str, shared: list[SharedObservation], gather: bool) -> _GroupItems:
-        """Items of one group; wide terms join those that are ``shared``, or are added to them."""
+        """Items of one group. Wide terms join an equal one in ``shared``, or are added to it for later groups."""
         corrupt, made, parts = self._groups[group].enable_corruption, _GroupItems(group), 0
         for name, term in self._terms[group].items():
             if term.picture:
@@ -149,7 +159,7 @@ class ObservationManager(ManagerBase):
         return made
 
     def reset(self) -> list[Item]:
-        """Items that start episodes: biases and lags are drawn, histories wait for the first observation."""
+        """Items that draw biases and lags where an episode begins, and mark histories for refilling."""
         body: list[Code] = []
         for group, terms in self._terms.items():
             corrupt = self._groups[group].enable_corruption
@@ -182,7 +192,7 @@ class _GroupItems:
 
     group: str
     first: list[Item] = field(default_factory=list)
-    """Torch terms, which must have run before noise and history, and pictures."""
+    """Pictures, and torch terms, whose values must exist before noise and history use them."""
     body: list[Code] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     parts: int = 0

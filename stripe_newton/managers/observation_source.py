@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source of an observation term: its call, and what its numbers pass on their way to the policy.
+"""Observation source: source code of an observation term, from its call to the memory of its group.
 
-In this order: modifiers, noise, clip, scale, delay, history.
+Each number passes modifiers, noise, clip, scale, delay and history, in this order.
 """
 
 from __future__ import annotations
@@ -22,27 +22,34 @@ from .processing import NoiseSource, delay_of
 __all__ = ["MIN_PARTS_FOR_PARALLEL_NOISE", "ObservationSource"]
 
 MIN_PARTS_FOR_PARALLEL_NOISE = 32
-"""From so many independent parts on, each part of a noisy term has a thread and a random stream of its own, too.
-Neighbouring threads are then its parts."""
+"""Least number of independent parts, such as rays, for which each part of a noisy term has its own thread and random
+stream. Fewer parts draw from one stream in one thread, which is faster than the memory traffic of many streams."""
 
 
 class ObservationSource:
-    """Source of one term; ``corrupt`` says whether its noise is applied."""
+    """Source code of one observation term."""
 
     def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool):
+        """``corrupt``: whether the noise of the term is applied."""
         self._context, self._term, self._corrupt = context, term, corrupt
 
     @property
     def parts(self) -> int:
-        """Parts that have a thread each; 0 for one thread."""
+        """Number of parts with a thread each; 0 if one thread computes the whole term."""
         parts, noise = self._term.parts, self._term.cfg.noise
-        # A noisy term draws from one stream, number by number, unless it has enough parts for streams of their own.
         return 0 if self._corrupt and noise is not None and parts < MIN_PARTS_FOR_PARALLEL_NOISE else parts
 
     # -- in every step
 
     def lines(self, first_part: int) -> tuple[list[Code], int]:
-        """Lines of the term in the section of its group, where its parts begin at ``first_part``; and their number."""
+        """Lines of the term in the section of its group.
+
+        Args:
+            first_part: Index of the term's first part within the section.
+
+        Returns:
+            The lines, and the number of parts.
+        """
         term, parts = self._term, self.parts
         if parts:
             call, process = self.part()
@@ -54,7 +61,7 @@ class ObservationSource:
         return (block(code("if part == {}:", first_part), body), 1) if body else ([], 0)
 
     def part(self) -> tuple[Code, list[Code]]:
-        """The call of part ``k`` of the term, and the lines after it."""
+        """The call of part ``k`` of the term, and the lines that process its numbers."""
         kind, call = observation_size(self._term.cfg.func), self._term.call
         assert call is not None
         assert isinstance(kind, Each)
@@ -63,9 +70,9 @@ class ObservationSource:
         return line, self._process(first, last, streams=self.parts)
 
     def _process(self, first: str, last: str, streams: int = 1) -> list[Code]:
-        """Lines after the call of the term, for its numbers from ``first`` to ``last``.
+        """Lines that process the numbers from ``first`` to ``last`` after the call of the term.
 
-        Noise draws from a stream of the term's, or where it has several from the one of part ``k``.
+        Noise draws from the stream of the term, or from that of part ``k`` if there are several.
         """
         term, cfg, element = self._term, self._term.cfg, self._term.element
         each = [*self._modify(), *self._add_noise(streams), *self._clip(), *self._scale()]
@@ -121,7 +128,7 @@ class ObservationSource:
         return [code("{} = {} * {}", term.element, term.element, factor)]
 
     def _push(self, element: Code) -> list[Code]:
-        """The history, oldest first; a new episode fills it with its first observation."""
+        """Lines that append to the history, oldest first. The first observation of an episode fills all of it."""
         term, fresh = self._term, self._fresh()
         older = code("{}[env, {} + (k + 1) * {} + i]", term.target, term.first, term.size)
         move = code(
@@ -140,7 +147,7 @@ class ObservationSource:
     # -- at the start of an episode
 
     def reset(self) -> list[Code]:
-        """Lines that start an episode: bias and lag are drawn, history and filters wait for the first observation."""
+        """Lines that draw bias and lag where an episode begins, and mark history and filters for refilling."""
         term, lines = self._term, list[Code]()
         if term.cfg.delay_max_lag:
             lines += delay_of(self._context, term.path, term.size, term.cfg).reset()
@@ -157,7 +164,7 @@ class ObservationSource:
         if draw is None:
             return []
         if cfg.bias_noise_cfg.operation == "scale":
-            draw = code("0.0")  # a bias is its noise applied to zero
+            draw = code("0.0")  # a bias is its noise applied to zero, and scaling zero gives zero
         return block(code("for i in range({}):", count), [code("{} = {}", self._bias(cfg), draw)])
 
     def _bias(self, cfg: NoiseModelWithAdditiveBiasCfg) -> Code:
@@ -170,6 +177,6 @@ class ObservationSource:
         return self._term.size if cfg.sample_bias_per_component else 1
 
     def _fresh(self) -> Code:
-        """Name of the array that says whether an episode just began."""
+        """Name of the array that is not 0 until the first observation of an episode has been written."""
         array = self._context.array(f"{self._term.path}.fresh", int, fill=1)
         return self._context.scope.name(f"{self._term.path}_fresh", array)

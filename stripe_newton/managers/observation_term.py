@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observation term: its config, its call, how many numbers it writes, and where they lie in the memory of its group."""
+"""Observation term: its config, its call, the number of its values and their place in the memory of its group."""
 
 from __future__ import annotations
 
@@ -20,35 +20,36 @@ from .normalization import RunningNormCfg
 
 __all__ = ["ObservationGroupCfg", "ObservationTerm", "ObservationTermCfg", "make_observation_term"]
 
-_FLAT = "is False, but histories are handed out flat; reshape them in the network"
+_FLAT = "is False, but histories are always flat; reshape them in the network"
 
 
 @configclass
 class ObservationTermCfg:
-    """One observation. Its numbers pass modifiers, noise, clip, scale, delay, history, in this order."""
+    """Config of an observation term. Values pass modifiers, noise, clip, scale, delay and history, in this order."""
 
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ..., out)``, or torch function ``(env, **params)`` that returns ``(num_envs, size)``."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
     size: int | Callable[[Mapping[str, int]], int] | None = None
-    """Numbers it writes, or a function of the lengths of its index arrays; known for the terms of ``mdp``."""
+    """Number of values, or a function of the lengths of its index arrays. None where ``@writes`` declares it, as for
+    the terms of ``mdp``."""
     modifiers: Sequence[ModifierCfg] = ()
-    """What is done to each number first."""
+    """Modifiers of each value, applied first."""
     noise: NoiseCfg | NoiseModelCfg | None = None
     """Noise; a model with bias draws the bias at the start of an episode."""
     clip: tuple[float, float] | None = None
-    """Bounds."""
+    """Bounds of the values."""
     scale: float | Sequence[float] | None = None
-    """Factor, or one a number."""
+    """Factor for all values, or one for each."""
     delay_min_lag: int = 0
     """Least delay [steps]."""
     delay_max_lag: int = 0
     """Largest delay [steps]; each episode draws one within the bounds."""
     history_length: int = 0
-    """Steps that are handed out together, oldest first; 0 for the present alone."""
+    """Number of past and current steps in the observation, oldest first; 0 for the current one alone."""
     flatten_history_dim: bool = True
-    """Whether the steps lie side by side in one dimension; only that is supported."""
+    """Join the steps of the history in one dimension; only True is supported."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.clip is not None and not (len(self.clip) == 2 and self.clip[0] <= self.clip[1]):
@@ -64,16 +65,16 @@ class ObservationTermCfg:
 
 @configclass
 class ObservationGroupCfg:
-    """A group of observations, such as what the policy or the critic sees; its further fields are the terms."""
+    """Config of a group of observations, such as those of the policy; the fields of a subclass are its terms."""
 
     concatenate_terms: bool = True
-    """One tensor for the group, rather than a dict of its terms."""
+    """Join the terms in one tensor; False gives a dict of tensors by term."""
     concatenate_dim: int = -1
-    """Terms are joined along their last dimension; only that is supported."""
+    """Dimension along which terms are joined; only the last (-1) is supported."""
     enable_corruption: bool = False
-    """Whether the noise of the terms is applied."""
+    """Apply the noise of the terms."""
     history_length: int | None = None
-    """Overrides that of the terms."""
+    """Overrides the history length of the terms."""
     flatten_history_dim: bool = True
     """See :class:`ObservationTermCfg`."""
     normalization: RunningNormCfg | None = None
@@ -92,18 +93,18 @@ class ObservationGroupCfg:
 
 @dataclass
 class ObservationTerm:
-    """A term of a group, as its config was read.
+    """An observation term whose config has been read without problems.
 
     Attributes:
         path: Path of its config.
         cfg: The config.
-        call: Its call; None for a torch term or a picture.
-        size: Numbers that it writes in a step.
-        history: Steps that are handed out together; 0 for the present alone.
-        picture: The picture that it shows, for one of a camera.
-        scratch: Array of its own that it writes first, where the numbers go further from there.
-        target: Array of the group, or of the term where it is handed out by itself.
-        first: Where its numbers begin in that.
+        call: Call of its Warp function; None for a torch term or a picture.
+        size: Number of values in a step.
+        history: Number of steps in the observation; 0 for the current one alone.
+        picture: The picture of a camera that it observes, if it is an image term.
+        scratch: Array that it writes first, if its values pass a delay or a history or come from torch.
+        target: Array of the group, or of the term if it is not concatenated.
+        first: Index of its first value in ``target``.
     """
 
     path: str
@@ -118,17 +119,17 @@ class ObservationTerm:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of what is handed out for one environment."""
+        """Shape of the observation for one environment."""
         return self.picture.shape if self.picture else (self.width,)
 
     @property
     def width(self) -> int:
-        """Numbers that are handed out for one environment, history included."""
+        """Number of values for one environment, history included."""
         return self.size * max(1, self.history)
 
     @property
     def parts(self) -> int:
-        """Parts of it that do not depend on each other: one for each joint, body or ray; 0 if it is one piece."""
+        """Number of parts that do not depend on each other, one for each joint, body or ray; 0 if there are none."""
         size = observation_size(self.cfg.func)
         if self.call is None or self.scratch or self.cfg.modifiers or not isinstance(size, Each):
             return 0
@@ -136,20 +137,20 @@ class ObservationTerm:
 
     @property
     def element(self) -> Code:
-        """Source of its number of index ``i``, before history."""
+        """Source code of its value of index ``i``, before history."""
         if self.scratch is not None:
             return code("{}[env, i]", self.scratch)
         return code("{}[env, {} + i]", self.target, self.first) if self.first else code("{}[env, i]", self.target)
 
     def span(self, first: str, last: str) -> Code:
-        """Source of a slice of its numbers in the memory of the group."""
+        """Source code of a slice of its values in the memory of the group."""
         return code("{}[env, {begin} + {}:{begin} + {}]", self.target, first, last, begin=self.first)
 
 
 def make_observation_term(
     context: ManagerContext, path: str, cfg: ObservationTermCfg, group: ObservationGroupCfg
 ) -> ObservationTerm | None:
-    """Read the config of a term; None after problems were added to ``context.problems``."""
+    """Read the config of a term; returns None if problems have been added to ``context.problems``."""
     if cfg.func is image:
         return _make_picture(context, path, cfg, group)
     call, size = None, cfg.size
@@ -161,7 +162,7 @@ def make_observation_term(
         if callable(size):
             size = size(call.counts)
     if not isinstance(size, int) or size < 1:
-        context.problems.append(f"{path}.size: is {size!r}, say how many numbers the term writes")
+        context.problems.append(f"{path}.size: is {size!r}, must be the number of values that the term writes")
         return None
     if isinstance(cfg.scale, Sequence) and len(cfg.scale) != size:
         context.problems.append(f"{path}.scale: has {len(cfg.scale)} numbers, the term {size}; give one or {size}")
@@ -176,14 +177,14 @@ def make_observation_term(
 def _make_picture(
     context: ManagerContext, path: str, cfg: ObservationTermCfg, group: ObservationGroupCfg
 ) -> ObservationTerm | None:
-    """A picture, which stands for itself and is written by its own kernels."""
+    """An image term. Its picture is the whole observation and is written by kernels of its own."""
     fields = {k: getattr(group, k) for k in group.__dataclass_fields__ if isinstance(getattr(group, k), type(cfg))}
     if group.normalization is not None or (group.concatenate_terms and len(fields) > 1):
         text = "is a picture: give it a group of its own, without normalization, or set concatenate_terms=False"
         context.problems.append(f"{path}: {text}")
     given = {k: getattr(cfg, k) for k in ("modifiers", "noise", "clip", "scale", "delay_max_lag", "history_length")}
     for name in (k for k, v in given.items() if v):
-        context.problems.append(f"{path}.{name}: is set, but pictures are handed out as the camera saw them")
+        context.problems.append(f"{path}.{name}: is set, but it has no effect on pictures; remove it")
     picture = find_picture(context, cfg.params, path)
     if picture is None:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source of noise and delay, which lie between a term and the policy."""
+"""Noise and delay of observations and actions: their source code and arrays."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOIS
 
 @dataclass(frozen=True)
 class NoiseSource:
-    """Draws of a noise for the numbers of a term.
+    """Source code of the noise of a term.
 
     Attributes:
-        context: Where parameters and arrays are made.
+        context: Context that makes parameters and arrays.
         path: Path of the noise's config.
         cfg: The noise.
-        size: Numbers of the term.
-        rng: Random streams that it draws from.
-        stream: Index of the stream.
+        size: Number of values of the term.
+        rng: Name of the array of random streams.
+        stream: Source code of the index of the stream.
     """
 
     context: ManagerContext
@@ -55,7 +55,7 @@ class NoiseSource:
     stream: str = "env"
 
     def draw(self) -> Code | None:
-        """A draw for element ``i``; None after a problem was noted."""
+        """Expression that draws the noise of value ``i``; None if a problem has been added to the context."""
         kind = next((k for k in _KINDS if isinstance(self.cfg, k)), None)
         if kind is None:
             names = ", ".join(k.__name__ for k in _KINDS)
@@ -68,7 +68,7 @@ class NoiseSource:
         return self.context.scope.call(function, self.stream, self.rng, *filter(None, arguments))
 
     def _number(self, field: str | None) -> Code | None:
-        """A number of the config, or its element ``i`` where it has one for each number of the term."""
+        """Expression of a number of the config, or of its element ``i`` if it has one for each value of the term."""
         context, path = self.context, f"{self.path}.{field or 'unused'}"
         value = torch.as_tensor(getattr(self.cfg, field) if field else 0.0, dtype=torch.float32).flatten()
         if value.numel() == 1:
@@ -82,7 +82,7 @@ class NoiseSource:
         return None
 
     def apply(self, target: Code) -> list[Code]:
-        """Lines that put the noise on ``target``, which mentions the element as ``i``."""
+        """Lines that apply the noise to ``target``, the expression of value ``i``."""
         draw, operation = self.draw(), _OPERATIONS.get(self.cfg.operation, 0)
         if draw is None:
             return []
@@ -90,7 +90,7 @@ class NoiseSource:
 
 
 class DelayCfg(Protocol):
-    """What the config of a term that may be delayed has."""
+    """Config of a term with a delay."""
 
     delay_min_lag: int
     """Least delay [steps]."""
@@ -100,7 +100,7 @@ class DelayCfg(Protocol):
 
 @dataclass(frozen=True)
 class Delay:
-    """A ring of past values, and how far back an episode reads in it."""
+    """Source code of a delay: a ring of past values, read as many steps back as the episode's lag."""
 
     context: ManagerContext
     size: int
@@ -112,7 +112,7 @@ class Delay:
     bounds: Code
 
     def step(self, target: Code) -> list[Code]:
-        """Lines that put the value of each element ``i`` of ``target`` in and the delayed one in its place."""
+        """Lines that push each value ``i`` of ``target`` into the ring and replace it by the delayed one."""
         ring, head, depth = self.ring, self.head, self.depth
         return [
             code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth),
@@ -133,7 +133,7 @@ class Delay:
         ]
 
     def reset(self, zero: bool = False) -> list[Code]:
-        """Lines that draw a lag; the ring is refilled with the first value, or is zero."""
+        """Lines that draw the lag of an episode. Its first value fills the ring, or with ``zero`` zeros do."""
         draw = self.context.scope.call(random.uniform_range, "env", self.context.code("{rng}"), self.bounds)
         lines = [
             code("{}[env] = wp.clamp(int(wp.floor({})), 0, {})", self.lag, draw, self.depth - 1),
@@ -149,7 +149,7 @@ def delay_of(context: ManagerContext, path: str, size: int, cfg: DelayCfg) -> De
     """The delay of a term of ``size`` numbers at a path of the config."""
     name, array = context.scope.name, context.array
     depth = cfg.delay_max_lag + 1
-    # Just below the next whole number, so that rounding a uniform draw down gives each lag the same chance.
+    # The upper bound is just below the next whole number: rounded down, a uniform draw gives each lag the same chance.
     bounds = context.parameters.add(f"{path}.delay", (cfg.delay_min_lag, cfg.delay_max_lag + 0.9999), wp.vec2)
     return Delay(
         context,

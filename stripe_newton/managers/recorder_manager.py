@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder manager: episodes recorded on the device and written to files when they end."""
+"""Recorder manager: records episodes on the device and writes them to files when they end."""
 
 from __future__ import annotations
 
@@ -31,44 +31,43 @@ EnvIds = Sequence[int] | np.ndarray | torch.Tensor | None
 
 
 class DatasetExportMode(enum.IntEnum):
-    """Which episodes are written."""
+    """Choice of the episodes that are written to files."""
 
     EXPORT_NONE = 0
-    """None; they can still be read by ``get_episode``."""
+    """No episode; ``get_episode`` can still read them."""
     EXPORT_ALL = 1
-    """All, into one file."""
+    """All episodes, to one file."""
     EXPORT_SUCCEEDED_FAILED_IN_SEPARATE_FILES = 2
-    """All; those that did not succeed into ``FILENAME_failed.hdf5``."""
+    """All episodes; failed ones to ``FILENAME_failed.hdf5``."""
     EXPORT_SUCCEEDED_ONLY = 3
-    """Those that succeeded."""
+    """Successful episodes."""
     EXPORT_FAILED_ONLY = 4
-    """Those that did not succeed."""
+    """Failed episodes."""
 
 
 @configclass
 class RecorderManagerBaseCfg:
-    """Where episodes are written; the fields that a subclass adds are the terms."""
+    """Config of the recorder manager: the file to write to; the fields that a subclass adds are the terms."""
 
     dataset_export_dir_path: str = "logs/recordings"
-    """Folder of the file; it is made."""
+    """Folder of the file; it is created."""
     dataset_filename: str = "dataset"
     """Name of the file, with or without ``.hdf5``."""
     dataset_export_mode: DatasetExportMode = DatasetExportMode.EXPORT_ALL
-    """Which episodes are written."""
+    """Episodes that are written."""
     dataset_file_mode: str = "new"
-    """What to do if the file exists: ``"new"`` refuses, ``"append"`` goes on after its last episode, ``"overwrite"``
-    begins it anew."""
+    """Treatment of an existing file: ``"new"`` is an error, ``"append"`` adds episodes, ``"overwrite"`` replaces it."""
     dataset_compression: bool = True
-    """Whether datasets are compressed with gzip."""
+    """Compress datasets with gzip."""
     quaternion_order: str = "xyzw"
     """Order of the quaternions in every ``root_pose``: ``"xyzw"`` as in Isaac Lab 3, ``"wxyz"`` as in Isaac Lab 2. The
-    file says which, by ``data.attrs["quat_convention"]`` and as Isaac Lab does by the file's ``format_version``. Other
-    quaternions, such as those in observations, are written as they are."""
+    file has it in ``data.attrs["quat_convention"]`` and, as in Isaac Lab, in its ``format_version``. Other quaternions,
+    such as those in observations, are written unchanged."""
     export_in_record_pre_reset: bool = True
-    """Whether an episode is written when it ends; if not, it is dropped unless ``export_episodes`` is called before."""
+    """Write an episode when it ends. False drops it then, unless ``export_episodes`` has been called."""
 
     def paths(self) -> list[Path]:
-        """The files that are written, that of the failed episodes last."""
+        """Paths of the files to write; the file of failed episodes is the last."""
         mode, kinds = self.dataset_export_mode, DatasetExportMode
         if mode == kinds.EXPORT_NONE:
             return []
@@ -93,14 +92,14 @@ _SETTINGS = set(RecorderManagerBaseCfg.__dataclass_fields__)
 
 
 class RecorderManager(ManagerBase):
-    """Copies what its terms return into buffers on the device, and writes episodes to a file when they end.
+    """Copies the results of its terms into buffers on the device, and writes episodes to a file when they end.
 
-    A key that is recorded in every step takes ``num_envs * max_episode_length`` rows of memory on the device. An
-    episode whose beginning was not seen, or that has no step, is not written; one that is cut off by a reset from
-    outside is. What has not ended is written by :meth:`export_episodes`.
+    A key that is recorded in every step takes ``num_envs * max_episode_length`` rows of device memory. Episodes without
+    a recorded beginning, or without a step, are not written. An episode that ``reset()`` cuts off is.
+    :meth:`export_episodes` writes episodes that have not ended.
 
-    ``success`` of an episode is what :meth:`set_success_to_episodes` said, else the termination term ``success`` at
-    its end, else, where there is no such term, False as in Isaac Lab.
+    ``success`` of an episode is the value given to :meth:`set_success_to_episodes`, else that of the termination term
+    ``success`` at its end, else False, as in Isaac Lab.
     """
 
     name = "recorders"
@@ -170,22 +169,22 @@ class RecorderManager(ManagerBase):
     # -- items
 
     def pre_step(self) -> list[Item]:
-        """Items after the actions were processed, before physics."""
+        """Items for after the actions are processed, before the physics."""
         return self._items("record_pre_step", self.record_pre_step)
 
     def post_step(self) -> list[Item]:
-        """Items after physics, terminations and rewards, before the reset."""
+        """Items for after physics, terminations and rewards, before the reset."""
         return self._items("record_post_step", self.record_post_step)
 
     def pre_reset(self) -> list[Item]:
-        """Items that conclude the episodes of ``context.reset``; to be run before anything of them is cleared."""
+        """Items that conclude the episodes of ``context.reset``. They must run before anything of them is cleared."""
         if not self._terms:
             return []
         reason = "waits for the device to say which episodes ended, and writes those"
         return [Eager("recorders_pre_reset", self._conclude, reason, self.active_terms)]
 
     def post_reset(self) -> list[Item]:
-        """Items that record the start of new episodes; to be run after forward kinematics."""
+        """Items that record the start of new episodes. They must run after forward kinematics."""
         return self._items("record_post_reset", lambda: self.record_post_reset(self._resetting))
 
     def _items(self, hook: str, function: Callable[[], None]) -> list[Item]:
@@ -203,19 +202,19 @@ class RecorderManager(ManagerBase):
     # -- recording
 
     def record_pre_step(self) -> None:
-        """Record what the terms return before a step."""
+        """Record the results of the terms before a step."""
         self._record("record_pre_step")
 
     def record_post_step(self) -> None:
-        """Record what the terms return after a step."""
+        """Record the results of the terms after a step."""
         self._record("record_post_step")
 
     def record_pre_reset(self, env_ids: EnvIds = None, force_export_or_skip: bool | None = None) -> None:
-        """Record what the terms return at the end of episodes, look for success, and write the episodes.
+        """Record the results of the terms at the end of episodes, look up success, and write the episodes.
 
         Args:
             env_ids: Environments, default all.
-            force_export_or_skip: Whether to write them; by default what ``export_in_record_pre_reset`` says.
+            force_export_or_skip: Whether to write them; by default ``export_in_record_pre_reset``.
         """
         ids = self._ids(env_ids)
         if not self._terms or not len(ids):
@@ -230,7 +229,7 @@ class RecorderManager(ManagerBase):
             self.export_episodes(ids)
 
     def record_post_reset(self, env_ids: EnvIds = None) -> None:
-        """Record what the terms return at the start of episodes."""
+        """Record the results of the terms at the start of episodes."""
         ids = self._ids(env_ids)
         if len(ids):
             self._record("record_post_reset", ids)
@@ -266,12 +265,12 @@ class RecorderManager(ManagerBase):
             self._append("add_to_episodes", path, tensor, ids)
 
     def set_success_to_episodes(self, env_ids: EnvIds, success_values: torch.Tensor) -> None:
-        """Say whether running episodes succeeded; bool, one value for each of ``env_ids``."""
+        """Set whether running episodes succeeded; bool, one value for each of ``env_ids``."""
         ids = self._ids(env_ids)
         self._said[ids] = torch.as_tensor(success_values).reshape(len(ids)).bool().cpu().numpy()
 
     def clear(self, env_ids: EnvIds = None) -> None:
-        """Forget the running episodes; what follows is not written before the next reset."""
+        """Drop the running episodes. Their environments are recorded again from the next reset on."""
         ids = self._ids(env_ids)
         for buffer in self._buffers.values():
             buffer.clear(ids)
@@ -286,16 +285,16 @@ class RecorderManager(ManagerBase):
 
     @property
     def exported_successful_episode_count(self) -> int:
-        """Concluded episodes that succeeded, whether or not the mode had them written."""
+        """Number of concluded episodes that succeeded, whether or not they were written."""
         return self._counts[True]
 
     @property
     def exported_failed_episode_count(self) -> int:
-        """Concluded episodes that did not succeed, whether or not the mode had them written."""
+        """Number of concluded episodes that failed, whether or not they were written."""
         return self._counts[False]
 
     def export_episodes(self, env_ids: EnvIds = None) -> None:
-        """Conclude episodes as they are: write them where the mode says so, and forget them."""
+        """Conclude running episodes: write those that ``dataset_export_mode`` chooses, and drop all of them."""
         ids, lengths = self._ids(env_ids), self._lengths()
         success = np.where(self._said != _UNKNOWN, self._said, self._found)
         done = ids[self._started[ids] & (lengths[ids] > 0)]
@@ -362,7 +361,7 @@ class RecorderManager(ManagerBase):
         return args
 
     def close(self) -> None:
-        """Close the files; episodes that have not ended are not written, and nothing is recorded any more."""
+        """Close the files. Episodes that have not ended are not written, and nothing is recorded any more."""
         self._closed = True
         for file in self._files or ():
             file.close()
@@ -379,7 +378,10 @@ class RecorderManager(ManagerBase):
 
 
 class _Buffer:
-    """One key of the running episodes, on the device. Lengths are known on both sides, so that nothing waits."""
+    """Values of one key for the running episodes, on the device.
+
+    Lengths are kept on the host and on the device, so that appending needs no synchronisation.
+    """
 
     def __init__(self, value: torch.Tensor, num_envs: int, capacity: int):
         shape = num_envs, capacity, *value.shape[1:]
@@ -404,7 +406,7 @@ class _Buffer:
         self.lengths[ids] = 0
 
     def fetch(self, ids: np.ndarray) -> np.ndarray:
-        """Rows of some environments as far as the longest of them goes, on the host."""
+        """Rows of some environments up to the length of the longest episode among them, on the host."""
         rows = torch.as_tensor(ids, device=self._all.device)
         return self.values[:, : self.lengths[ids].max()][rows].cpu().numpy()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder term: what is recorded at four points of a step."""
+"""Recorder term: base of the terms that record data at four points of a step."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ Recorded = tuple[str | None, torch.Tensor | Episode | None]
 
 @configclass
 class RecorderTermCfg:
-    """One thing to record."""
+    """Config of a recorder term."""
 
     class_type: type = MISSING
     """Subclass of :class:`RecorderTerm`, made with this config and the environment."""
 
 
 class RecorderTerm:
-    """Says what to record at four points of a step; a subclass overrides those it needs.
+    """Base of recorder terms. Its methods run at four points of a step; a subclass overrides those it needs.
 
-    What is returned is copied at once, so a view of the simulation's memory may be returned as it is. The calls before
-    and after a step return one row an environment, those around a reset one row for each of ``env_ids``.
+    Results are copied at once, so views of the simulation's memory are allowed. The methods before and after a step
+    return one row for each environment, those around a reset one row for each of ``env_ids``.
     """
 
     def __init__(self, cfg: RecorderTermCfg, env: Any):
@@ -37,17 +37,17 @@ class RecorderTerm:
         self.cfg, self._env = cfg, env
 
     def record_pre_step(self) -> Recorded:
-        """After the actions were processed, before physics."""
+        """Data after the actions are processed, before the physics."""
         return None, None
 
     def record_post_step(self) -> Recorded:
-        """After physics and rewards, before environments are reset."""
+        """Data after physics and rewards, before environments are reset."""
         return None, None
 
     def record_pre_reset(self, env_ids: torch.Tensor) -> Recorded:
-        """Before environments are reset, at the end of their episodes; ``env_ids`` is int64."""
+        """Data at the end of episodes, before environments are reset; ``env_ids`` is int64."""
         return None, None
 
     def record_post_reset(self, env_ids: torch.Tensor) -> Recorded:
-        """After environments were reset, at the start of their episodes; ``env_ids`` is int64."""
+        """Data at the start of episodes, after environments are reset; ``env_ids`` is int64."""
         return None, None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorders: the recorder terms that come with the package."""
+"""Recorders: recorder terms of the package."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ class PostStepStatesRecorder(RecorderTerm):
 
 
 class PreStepActionsRecorder(RecorderTerm):
-    """``actions``: what the policy asked for."""
+    """``actions``: actions of the policy."""
 
     def record_pre_step(self) -> Recorded:
         return "actions", self._env.actions
 
 
 class PostStepProcessedActionsRecorder(RecorderTerm):
-    """``processed_actions``: what the action terms made of it."""
+    """``processed_actions``: actions after the scale, offset and clip of the action terms."""
 
     def record_post_step(self) -> Recorded:
         return "processed_actions", self._env.processed_actions
 
 
 class PreStepFlatPolicyObservationsRecorder(RecorderTerm):
-    """``obs/policy``: what the policy saw; ``obs/TERM`` where the terms of the group are not concatenated."""
+    """``obs/policy``: observations of the policy; ``obs/TERM`` where the terms of the group are not concatenated."""
 
     def record_pre_step(self) -> Recorded:
         seen = self._env.obs_buf.get("policy")
-        if seen is None:  # no observation was handed out yet
+        if seen is None:  # before the first reset
             return None, None
         return "obs", seen if isinstance(seen, dict) else {"policy": seen}
 
@@ -107,7 +107,7 @@ class PostStepProcessedActionsRecorderCfg(RecorderTermCfg):
 
 @configclass
 class ActionStateRecorderManagerCfg(RecorderManagerBaseCfg):
-    """All that replaying an episode and learning from it take."""
+    """Recorder config with all that is needed to replay episodes and to learn from them."""
 
     record_initial_state: RecorderTermCfg | None = InitialStateRecorderCfg()
     record_post_step_states: RecorderTermCfg | None = PostStepStatesRecorderCfg()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reset mask: the environments whose episode ended, in the one form that the step hands on, down to the solver."""
+"""Reset mask: the environments whose episode ended, from the terminations to the solver in one array."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ __all__ = ["ResetMask"]
 
 
 class ResetMask:
-    """Which environments begin a new episode: a mask on the device, and its indices for those who need them.
+    """Mask of the environments that begin a new episode, and their indices for torch code.
 
-    Kernels and the solver read the mask. Torch hooks and terms want indices, which are a wait for the device: they are
-    taken once a step, by the first who asks, and shared by all.
+    Kernels and the solver read the mask. Torch hooks and terms need indices, and computing them waits for the device.
+    The first call in a step computes them; all others share the result.
 
     Attributes:
         array: The mask, bool, shape ``(num_envs,)``.
-        worlds: The same memory as Newton's solvers want it, bool, shape ``(num_envs + 1,)``. The last entry stands for
-            what belongs to no world and is always False.
+        worlds: The same memory in the form of Newton's solvers, bool, shape ``(num_envs + 1,)``. The last entry, for
+            bodies that belong to no world, is always False.
         tensor: :attr:`array` as a tensor.
     """
 
@@ -30,7 +30,7 @@ class ResetMask:
         self._on_device: torch.Tensor | None = None
 
     def begin_step(self) -> None:
-        """Forget the indices of the step before. Call this before the mask is written anew."""
+        """Drop the indices of the last step. Call it before the mask is written."""
         self._on_host = self._on_device = None
 
     def indices_on_host(self) -> torch.Tensor:

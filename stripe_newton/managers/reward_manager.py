@@ -21,14 +21,14 @@ __all__ = ["RewardManager", "RewardTermCfg"]
 
 @configclass
 class RewardTermCfg:
-    """One reward or cost."""
+    """Config of a reward term."""
 
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float``, or torch function ``(env, **params)`` that returns ``(num_envs,)``."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
     weight: float = MISSING
-    """Factor on it; a term whose weight is zero is not evaluated."""
+    """Factor; a term of weight 0 is not evaluated."""
     clip: tuple[float, float] | None = None
     """Bounds of the term's value, before the weight."""
 
@@ -40,7 +40,7 @@ class RewardTermCfg:
 
 
 class RewardManager(ManagerBase):
-    """Sums ``weight * term``, times the time step if ``scale_by_dt``; keeps each term's sum over the episode."""
+    """Weighted sum of terms, times the time step if ``scale_by_dt``; keeps the sum of each over the episode."""
 
     name = "rewards"
 
@@ -88,14 +88,15 @@ class RewardManager(ManagerBase):
                 code("{}[env, {}] = {}", self._values_name, index, weighted),
                 code("{}[env, {}] += {} * scale", self._sums_name, index, weighted),
             ]
-        # Everything is written last: a write in between would stall the loads of the terms after it.
+        # All stores come last. A store between two terms would stall the loads of the second, as the compiler cannot
+        # know that they do not overlap.
         body += [code("scale = {}", scale), *ends]
         total = code(" + ".join(["{}"] * len(values)) or "0.0", *values)
         body.append(self.context.code("{reward}[env] = wp.where({nonfinite}[env], 0.0, ({}) * scale)", total))
         return [*eager, Section("rewards", body, self.active_terms)]
 
     def _value(self, index: int, name: str, term: RewardTermCfg, eager: list[Item]) -> Code | None:
-        """Source of a term's value before its weight; None after problems. A torch term is put among ``eager``."""
+        """Source code of a term's value before its weight; None after problems. A torch term is added to ``eager``."""
         if is_warp_term(term.func):
             call = bind_term(self.context, term.func, term.params, f"rewards.{name}", "reward")
             if call is None:
@@ -110,7 +111,7 @@ class RewardManager(ManagerBase):
         return code("wp.clamp({value}, ({clip})[0], ({clip})[1])", value=value, clip=clip)
 
     def reset(self) -> list[Item]:
-        """Items that log the sums, per second of the longest episode, and clear them."""
+        """Items that log the sums, divided by the longest duration of an episode, and clear them."""
         per_second = self.context.parameters.add("rewards.per_second", 1.0 / self.context.max_episode_length_s, float)
         lines = []
         for index, name in enumerate(self._terms):
@@ -133,7 +134,7 @@ class RewardManager(ManagerBase):
 
 
 def _weighted(index: int, name: str, weight: Code, value: Code) -> list[Code]:
-    """Lines that evaluate a term and weigh it, unless its weight is zero."""
+    """Lines that evaluate a term and multiply it by its weight, unless that is zero."""
     evaluate = code("value_{} = weight_{} * {}  # {}", index, index, value, name)
     return [
         code("value_{} = wp.float32(0.0)", index),

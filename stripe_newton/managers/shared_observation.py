@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared observation: a wide term that several groups have, computed once.
+"""Shared observation: a wide term that several groups have in common, computed once.
 
-Policy and critic often see the same scan of heights, and computing it takes longer than all other terms together.
+Policy and critic often observe the same height scan, which takes longer than all other terms together.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ __all__ = ["SharedObservation"]
 
 
 class SharedObservation:
-    """A term whose parts have their own threads, and the terms of other groups that compute the same.
+    """A term with a thread for each part, and the terms of other groups that compute the same values.
 
-    Those copy its numbers before noise, clip and scale, which are each term's own; while a parameter of theirs has
-    another value they compute themselves.
+    These copy its values before noise, clip and scale, which differ from term to term. They compute the values
+    themselves while one of their parameters has another value.
     """
 
     def __init__(self, group: str, name: str, term: ObservationTerm, source: ObservationSource):
@@ -28,7 +28,7 @@ class SharedObservation:
         self._copies: list[Code] = []
 
     def add(self, name: str, term: ObservationTerm, source: ObservationSource) -> bool:
-        """Add a term of another group if it computes the same; whether it does."""
+        """Add a term of another group if it computes the same values. Returns whether it does."""
         assert term.call is not None
         assert self._term.call is not None
         tuned = self._term.call.tuned_apart(term.call)
@@ -40,7 +40,7 @@ class SharedObservation:
             code("for i in range(k * {}, (k + 1) * {}):", size, size),
             [code("{} = {}", term.element, self._term.element)],
         )
-        if tuned:  # numbers that are equal now may differ later
+        if tuned:  # parameters that are equal now may be changed later
             differs = code(" or ".join(["{} != {}"] * len(tuned)), *(number for pair in tuned for number in pair))
             self._copies += block(code("if {}:", differs), [call])
         self._process += process
@@ -48,6 +48,6 @@ class SharedObservation:
         return True
 
     def section(self) -> Section:
-        """The section of the term and of those that share it; neighbouring threads are its parts."""
+        """The section of all these terms. Parts are neighbouring threads, as neighbouring rays read nearby memory."""
         body = [code("k = part"), self._call, *self._copies, *self._process]
         return Section(self._title, body, self._terms, parts=self._parts, neighbours=True)

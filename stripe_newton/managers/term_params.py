@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Term parameters: which parameters of a config are meant for which of a term's several functions."""
+"""Term parameters: parameters of a config, split among the functions of a term that has several."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stripe_newton.fusion import StructRegistry
 __all__ = ["params_for", "unknown_params"]
 
 _GIVEN = ("env", "rng", "out", "action", "processed", "command", "step_dt")
-"""Arguments that managers give themselves."""
+"""Arguments that managers give, and configs do not."""
 
 
 def params_for(structs: StructRegistry, func: wp.Function, params: Mapping[str, object]) -> dict[str, object]:
@@ -25,7 +25,7 @@ def params_for(structs: StructRegistry, func: wp.Function, params: Mapping[str, 
 def unknown_params(
     structs: StructRegistry, path: str, functions: Iterable[wp.Function | None], params: Mapping[str, object]
 ) -> list[str]:
-    """A problem for each parameter that none of a term's functions takes; None among them are skipped."""
+    """A problem for each parameter that no function of a term takes. Functions that are None are skipped."""
     there = [f for f in functions if f is not None]
     names = sorted({n for f in there for n in f.input_types} - set(_GIVEN))
     taken = set().union({"asset_cfg"}, *(_parameters(structs, f) for f in there))
@@ -38,7 +38,7 @@ def unknown_params(
 
 
 def _parameters(structs: StructRegistry, func: wp.Function) -> set[str]:
-    """Names of all parameters that the arguments of a function follow from."""
+    """Names of all parameters from which the arguments of a function can be found."""
     names = {*func.input_types, *structs.parameters(func)}
     for name in func.input_types:
         if name == "term_ids":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Termination manager: the terms that end an episode, as failure or success or by a time limit."""
+"""Termination manager: terms that end an episode, by failure, success or time limit."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["TerminationManager", "TerminationTermCfg"]
 
 @configclass
 class TerminationTermCfg:
-    """One reason for an episode to end."""
+    """Config of a termination term: a condition that ends an episode."""
 
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> bool``, or torch function ``(env, **params)`` that returns bool ``(num_envs,)``."""
     params: dict[str, Any] = {}
-    """Its further arguments."""
+    """Further arguments of the function."""
     time_out: bool = False
-    """Whether it cuts the episode off (truncated) rather than ends it (terminated)."""
+    """The term truncates the episode, as a time limit does, rather than terminates it."""
 
 
 class TerminationManager(ManagerBase):
@@ -51,7 +51,7 @@ class TerminationManager(ManagerBase):
 
     @property
     def time_outs(self) -> torch.Tensor:
-        """Environments that were cut off, bool, shape ``(num_envs,)``."""
+        """Environments that were truncated, bool, shape ``(num_envs,)``."""
         return self.context.torch(self.context.episode.truncated)
 
     @property
@@ -85,7 +85,7 @@ class TerminationManager(ManagerBase):
     def _value(
         self, index: int, name: str, term: TerminationTermCfg, body: list[Code], eager: list[Item]
     ) -> Code | None:
-        """Source of a term's value, after what computes it was put into ``body`` or ``eager``; None after problems."""
+        """Source code of a term's value; None after problems. Its computation is added to ``body`` or ``eager``."""
         kept = self.context.code("{episode.term_terminated}[env, {}]", index)
         if not is_warp_term(term.func):
             eager.append(Eager("terminations", self._torch(index, term), f"torch term '{name}'", [name]))
@@ -98,7 +98,7 @@ class TerminationManager(ManagerBase):
         return value
 
     def reset(self) -> list[Item]:
-        """Items that log the causes of the ends of episodes."""
+        """Items that log how often each term ended an episode."""
         log, line = self.context.log, self.context.code
         lines = []
         for index, name in enumerate(self._terms):

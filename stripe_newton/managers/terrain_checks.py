@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terrain checks: whether the scene's ground has what a term about it needs."""
+"""Terrain checks: requirements that a term has of the scene's terrain."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ __all__ = ["check_terrain"]
 
 
 def check_terrain(context: ManagerContext, where: str, func: object) -> None:
-    """Note a problem if the scene's ground lacks what a term works on."""
+    """Add a problem if the scene's terrain lacks the flat patches or levels that a term needs."""
     terrain, needs = context.scene.terrain, terrain_needs(func)
     if needs.patches and needs.patches not in getattr(terrain, "flat_patches", {}):
-        text = f"the scene's terrain has no level patches named '{needs.patches}'; ask for them by flat_patch_sampling"
-        context.problems.append(f"{where}: {text}")
+        text = f"the scene's terrain has no flat patches named '{needs.patches}'"
+        context.problems.append(f"{where}: {text}; set flat_patch_sampling of its sub-terrains")
     generator = getattr(terrain, "generator", None)
     if needs.curriculum and generator is not None and not generator.cfg.curriculum:
         context.problems.append(
