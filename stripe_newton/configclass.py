@@ -42,15 +42,15 @@ _SCALARS = (bool, int, float, complex, str, bytes, frozenset, type(None))
 MISSING: Any = dataclasses.MISSING
 """The value of a field that the user must set."""
 
-# There is one MISSING, also after a deep copy or pickling.
+# Pickling and copying return the same MISSING, as it is compared by identity.
 copyreg.pickle(type(MISSING), lambda _: "MISSING")
 
 
 class ConfigError(ValueError):
-    """One or more problems of a config, one a line: ``path: what is wrong, what would be right``."""
+    """All problems of a config, each in a line ``path: what is wrong, what would be right``."""
 
     def __init__(self, problems: list[str]):
-        """``problems`` are the lines."""
+        """``problems``: the lines."""
         self.problems = problems
         count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
         super().__init__(f"{count} in the configuration:\n" + "\n".join(f"  {p}" for p in problems))
@@ -66,7 +66,7 @@ def is_config(value: object) -> TypeIs[DataclassInstance]:
 
 @dataclass_transform(kw_only_default=False)
 def configclass(cls: type[T]) -> type[T]:
-    """Make ``cls`` a config: a dataclass with copied defaults, unannotated fields and the methods below.
+    """Make ``cls`` a config class: a dataclass with copied defaults, unannotated fields and methods for configs.
 
     Instances get ``replace(**changes)``, ``copy()``, ``to_dict()``, ``from_dict(data)`` (in place) and
     ``validate()``. A class adds checks of its own by a method ``problems(self)`` that yields
@@ -83,7 +83,7 @@ def configclass(cls: type[T]) -> type[T]:
         value = vars(cls).get(name, MISSING)
         if "ClassVar" in str(annotation) or isinstance(value, dataclasses.Field):
             continue
-        if name not in vars(cls) and name in inherited:  # another annotation for a field keeps its default
+        if name not in vars(cls) and name in inherited:  # a new annotation of an inherited field keeps its default
             value = inherited[name].default
             value = inherited[name].default_factory.value if value is MISSING else value
         factory = not isinstance(value, _SCALARS)
@@ -99,7 +99,7 @@ def configclass(cls: type[T]) -> type[T]:
 
 
 def _own_fields(cls: type) -> dict[str, object]:
-    """Annotations of the fields that the body of ``cls`` declares, those without one included."""
+    """Annotations of all fields that the body of ``cls`` declares; a field without one gets the type of its value."""
     known: dict[str, object] = {}
     for base in reversed(cls.__mro__):
         known.update(inspect.get_annotations(base))
@@ -121,7 +121,7 @@ def _is_plain_attribute(cls: type, name: str, value: object) -> bool:
 
 
 class _Default:
-    """A default value that every instance gets its own copy of; functions and classes are shared."""
+    """Default factory that returns a copy of a value; functions and classes are not copied."""
 
     def __init__(self, value: object):
         self.value = value
@@ -223,13 +223,13 @@ def _plain(value: object) -> object:
 
 
 def from_dict(self: DataclassInstance, data: Mapping[str, object]) -> None:
-    """Set fields from nested dicts, in place; fields that ``data`` does not name stay as they are.
+    """Set fields from nested dicts, in place. Fields that ``data`` does not name are not changed.
 
     Configs are merged, also those inside lists and dicts; other lists and dicts are replaced. ``from_dict(to_dict())``
-    changes nothing. A value that :func:`to_dict` turned into plain ones gets the type of the value it replaces.
+    changes nothing. A plain value gets the type of the value that it replaces, for example a tuple from a list.
 
     Raises:
-        ConfigError: every key that is no field and every value that does not fit, with its path.
+        ConfigError: all keys that are not fields and all values that do not fit, with their paths.
     """
     problems: list[str] = []
     _load(self, data, "", problems)
@@ -253,7 +253,7 @@ def _load(obj: DataclassInstance, data: Mapping[str, object], path: str, problem
 
 
 def _annotation_words(annotation: object) -> set[str]:
-    """Names of the types that an annotation allows, without what stands in brackets: ``{"tuple", "None"}``."""
+    """Names of the types that an annotation allows, without those in brackets, such as ``{"tuple", "None"}``."""
     text = re.sub(r"\b(typing\.)?(Optional|Union)\[(.*)\]", r"\3, None", str(annotation))
     while "[" in text and (shorter := re.sub(r"\[[^\[\]]*\]", "", text)) != text:
         text = shorter
@@ -261,7 +261,7 @@ def _annotation_words(annotation: object) -> set[str]:
 
 
 def _fit(old: object, value: object, words: set[str], where: str, problems: list[str]) -> object:
-    """:func:`_convert`, with what does not fit reported and left as it was."""
+    """:func:`_convert`; a value that does not fit is reported, and the old one returned."""
     try:
         return _convert(old, value, words, where, problems)
     except (TypeError, ValueError) as error:
@@ -270,7 +270,7 @@ def _fit(old: object, value: object, words: set[str], where: str, problems: list
 
 
 def _convert(old: object, value: object, words: set[str], where: str, problems: list[str]) -> object:
-    """``value``, plain, as the kind of thing that ``old`` is or that the words of its annotation name."""
+    """A plain value as the type of ``old``, or as a type that its annotation names."""
     plain = _plain(old)
     if type(value) is type(plain) and value == plain and not is_config(old):
         return old
@@ -318,7 +318,7 @@ def _as_container(old: object, items: list[object], words: set[str]) -> object:
 
 
 def _check_type(value: object, words: set[str]) -> None:
-    """Refuse a plain value where the annotation names plain types alone, and not this one."""
+    """Raise an error for a plain value if the annotation names only plain types, and not its type."""
     same = next((kinds for kinds in _SAME_IN_YAML if type(value).__name__ in kinds), set())
     expected = words & _PLAIN_TYPES
     if same and expected and not words & same and words <= _PLAIN_TYPES | {"None", "NoneType", "class"}:
@@ -330,7 +330,7 @@ def _refuse(value: object, expected: str) -> NoReturn:
 
 
 def _new_config(obj: DataclassInstance, name: str) -> DataclassInstance | None:
-    """A default config of the one config class that the annotation of a field names; None if there is not one."""
+    """A default config of the class that the annotation of a field names; None if it does not name exactly one."""
     try:
         hint = typing.get_type_hints(type(obj))[name]
     except (NameError, KeyError, TypeError):
@@ -351,12 +351,12 @@ def resolve_name(name: str) -> Any:
 
 
 def validate(self: DataclassInstance) -> None:
-    """Check the whole tree of configs.
+    """Check a config and all configs in it.
 
-    A field that has no effect warns, once by name, where its value is not the default.
+    A field without effect whose value is not the default gives a warning with its name.
 
     Raises:
-        ConfigError: every field still ``MISSING`` and every problem that a config class reports of itself.
+        ConfigError: all fields that are ``MISSING``, and all problems that config classes report.
     """
     problems = list(_walk(self, ""))
     if problems:
@@ -364,7 +364,7 @@ def validate(self: DataclassInstance) -> None:
 
 
 def _warn_of_ignored(config: DataclassInstance) -> None:
-    """Warn of each field that was set and has no effect. Python shows an equal warning of one place once."""
+    """Warn of each field that has been set and has no effect. Python shows equal warnings from one place once."""
     for cls in type(config).__mro__:
         for name, reason in vars(cls).get("IGNORED", {}).items():
             field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
@@ -380,7 +380,7 @@ def _walk(value: object, path: str) -> Iterator[str]:
         yield from (f"{path}{name}: is missing, {type(value).__name__} needs a value" for name in missing)
         try:
             yield from (f"{path}{name}: {message}" for name, message in getattr(value, "problems", tuple)())
-        except (TypeError, AttributeError):  # a check that met a missing value, which is reported already
+        except (TypeError, AttributeError):  # a check may fail on a missing value, which has been reported already
             if not missing:
                 raise
         for name in _field_names(value):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names by regular expression."""
+"""Matching of names by regular expressions."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def match_names(
 
     Args:
         expressions: One or several regular expressions.
-        names: The names there are.
-        preserve_order: In the order of the expressions rather than of the names.
-        what: What is named, for the error.
+        names: The names to match.
+        preserve_order: Return the matches in the order of the expressions rather than of the names.
+        what: Kind of the names, for the error.
 
     Raises:
-        ValueError: if an expression matches nothing; the message lists what there is.
+        ValueError: if an expression matches nothing; the message lists the names.
     """
     keys = [expressions] if isinstance(expressions, str) else list(expressions)
     found: dict[int, int] = {}

@@ -14,11 +14,11 @@ from types import ModuleType
 __all__ = ["forward_modules"]
 
 MOVED: dict[str, str] = {}
-"""New path by old path. What stands below an old path moves with it."""
+"""New path by old path. Modules below an old path are forwarded too."""
 
 
 def forward_modules(moved: Mapping[str, str]) -> None:
-    """Let imports of old module paths find the modules at their new paths, with a ``DeprecationWarning``.
+    """Forward imports of old module paths to the modules at their new paths, with a ``DeprecationWarning``.
 
     Both paths then name one module object, so that classes stay the same whichever way they were imported.
 
@@ -31,7 +31,7 @@ def forward_modules(moved: Mapping[str, str]) -> None:
 
 
 def _new_path(name: str) -> str | None:
-    """Where the module of an old path is now, by the longest old path that fits; None if it did not move."""
+    """New path of a module, by the longest old path that is a part of its own; None if it did not move."""
     fitting = [old for old in MOVED if name == old or name.startswith(f"{old}.")]
     if not fitting:
         return None
@@ -40,10 +40,10 @@ def _new_path(name: str) -> str | None:
 
 
 class _Forwarder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds modules by their old path.
+    """Import finder and loader for old module paths.
 
-    It stands first in ``sys.meta_path``. Behind the finder of files it would come too late for a submodule of an old
-    path: that finder would look into the folder of the new package and load the file a second time, as other classes.
+    It must be the first in ``sys.meta_path``. For a submodule of a forwarded package, Python's finder of files would
+    look into the folder of the new package and load the file a second time, with classes of its own.
     """
 
     def find_spec(
@@ -55,7 +55,7 @@ class _Forwarder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
         new = _new_path(spec.name)
-        assert new is not None  # find_spec has looked
+        assert new is not None  # find_spec has checked it
         warnings.warn(
             f"the module '{spec.name}' has moved to '{new}'; the old path goes with the next release",
             DeprecationWarning,
@@ -66,4 +66,4 @@ class _Forwarder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = self._spec  # the import system has put that of the old path there
+        module.__spec__ = self._spec  # the import system has replaced it by the spec of the old path

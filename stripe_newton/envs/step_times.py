@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step times: the whole step and the physics alone.
+"""Step times: durations of the whole step and of the physics alone.
 
-Both are measured on the same states under the same actions, in turns, so that neither a warming GPU nor a busy machine
-favours one of them.
+Both are measured on the same states and actions, alternating, so that a GPU that warms up or a busy machine affects
+both alike.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from .rl_env import EnvState, RLEnv
 __all__ = ["LEAD", "Clock", "StepTimes", "measure_step"]
 
 Mark: TypeAlias = "wp.Event | float"
-"""A mark on the time line: an event of a GPU, or a time of the host [s]."""
+"""A point in time: an event of a GPU, or a time of the host [s]."""
 LEAD = 4
-"""Steps before each measured block, which are not measured."""
+"""Number of steps before each measured block that are not measured."""
 
 
 class Clock:
-    """Marks on the time line of a device.
+    """Clock of a device.
 
-    On a GPU they are events of its Warp stream, with which torch's default stream is in order; setting one does not
-    wait. On the CPU they are times of the host.
+    On a GPU marks are events of its Warp stream, which torch's default stream waits for; setting one does not wait. On
+    the CPU they are times of the host.
     """
 
     def __init__(self, device: str):
         self.device, self.is_cuda = device, device != "cpu"
 
     def mark(self) -> Mark:
-        """A mark behind all that was asked for until now."""
+        """A mark behind all work issued so far."""
         if not self.is_cuda:
             return time.perf_counter()
         event = wp.Event(self.device, enable_timing=True)
@@ -46,17 +46,17 @@ class Clock:
         return event
 
     def ms(self, start: Mark, end: Mark) -> float:
-        """Milliseconds between two marks; it waits for the second."""
+        """Milliseconds between two marks. It waits for the second."""
         return wp.get_event_elapsed_time(start, end) if self.is_cuda else 1e3 * (end - start)
 
     def hold(self, seconds: float) -> None:
-        """Keep a GPU busy for about that long, so that what comes next waits in its queue."""
+        """Keep a GPU busy for about ``seconds``, so that the work issued next waits in its queue."""
         if self.is_cuda:
             with torch.cuda.device(self.device):
                 torch.cuda._sleep(int(2e9 * seconds))  # cycles, of which a GPU has about two a nanosecond
 
     def wait(self) -> None:
-        """Wait until a GPU has done all."""
+        """Wait until a GPU has finished all work."""
         if self.is_cuda:
             torch.cuda.synchronize(self.device)
             wp.synchronize_device(self.device)
@@ -64,28 +64,28 @@ class Clock:
 
 @dataclass
 class StepTimes:
-    """Milliseconds of one step, the lists with one entry for each measured block.
+    """Durations of one step [ms]; lists have an entry for each measured block.
 
-    ``env`` and ``physics`` are times of the device with a full queue, ``env_wall`` those of the host that issues the
-    steps of a block as fast as it can and waits at its end.
+    ``env`` and ``physics`` are times on the device with a full queue. ``env_wall`` are times on the host, which issues
+    the steps of a block without waiting and waits at its end.
     """
 
     env: list[float]
     """Whole step."""
     env_wall: list[float]
-    """Whole step, by the clock on the wall."""
+    """Whole step, by the clock of the host."""
     physics: list[float]
-    """The physics alone, on the states that the whole step met; mean over the steps of a block."""
+    """The physics alone, on the states of the whole steps; mean over the steps of a block."""
     physics_ms: float
     """Mean over the steps of a block of the median over the blocks."""
     physics_free: list[float]
-    """The physics alone, the steps of a block one behind the other, without the resets."""
+    """The physics alone, the steps of a block in sequence, without resets."""
     replay_difference: float
     """Largest difference of a joint coordinate after a step between the whole step and the physics alone, over
     environments whose episodes went on; 0 on the CPU unless events push the robots [m or rad]."""
 
     def to_dict(self) -> dict[str, float | list[float]]:
-        """Medians and ranges for a report."""
+        """Medians and ranges, as for :func:`benchmark`."""
         env, wall = median(self.env), median(self.env_wall)
         return {
             "physics_ms": self.physics_ms,
@@ -102,11 +102,11 @@ class StepTimes:
 
 
 def measure_step(env: RLEnv, actions: torch.Tensor, blocks: int) -> StepTimes:
-    """Time blocks of whole steps and of the physics of the same steps, in turns.
+    """Time blocks of whole steps and of the physics of the same steps, alternating.
 
-    The state is brought back before each block. The physics starts every step from the state that the whole step
-    started from, with the targets that it left; bringing both back is not timed. Environments that ended have the
-    targets of their new episode.
+    The state is restored before each block. The physics alone starts each step from the state at the start of the whole
+    step, with the targets at its end; restoring both is not timed. Environments that ended have the targets of their
+    new episode.
 
     Args:
         env: An environment that is past its first steps.
@@ -152,7 +152,7 @@ def measure_step(env: RLEnv, actions: torch.Tensor, blocks: int) -> StepTimes:
             clock.wait()
             times.env_wall.append(1e3 * (time.perf_counter() - start) / steps)
 
-        sim.step(decimation)  # whatever a reset left to be done before the next physics step
+        sim.step(decimation)  # not timed: it computes the bodies that the last reset has left to the next physics step
         clock.hold(ahead)
         marks = []
         for index in range(steps):
@@ -177,7 +177,7 @@ def measure_step(env: RLEnv, actions: torch.Tensor, blocks: int) -> StepTimes:
 
 
 class _Snapshot:
-    """State of an environment and of torch's random numbers."""
+    """State of an environment and of torch's random number generators, to be restored."""
 
     def __init__(self, env: RLEnv):
         self._env: RLEnv = env
@@ -193,7 +193,7 @@ class _Snapshot:
 
 
 class _Tape:
-    """Records of a block of steps: the state at the start of each, and the targets that it wrote."""
+    """Recording of a block of steps: the state at the start of each step, and the targets that it wrote."""
 
     def __init__(self, env: RLEnv, actions: torch.Tensor):
         self._sim, self._decimation = env.sim, env.cfg.decimation
@@ -208,18 +208,18 @@ class _Tape:
             self._ended.append(env.reset_buf.clone())
 
     def load(self, index: int) -> None:
-        """Bring back what step ``index`` started from."""
+        """Restore the state at the start of step ``index``, and its targets."""
         for array, copy in zip(self._state, self._starts[index], strict=True):
             wp.copy(array, copy)
         self.load_targets(index)
 
     def load_targets(self, index: int) -> None:
-        """Bring back the targets of step ``index``."""
+        """Restore the targets of step ``index``."""
         for array, copy in zip(self._targets, self._written[index], strict=True):
             wp.copy(array, copy)
 
     def replay_difference(self) -> float:
-        """Largest difference that the physics alone makes to the joint coordinates at the start of the next step."""
+        """Largest difference of a joint coordinate between the recording and the physics alone, after each step."""
         largest = 0.0
         for index in range(len(self._starts) - 1):
             self.load(index)

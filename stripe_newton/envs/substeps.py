@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Substeps: the physics steps of an environment step, and how often the action hook runs among them."""
+"""Substeps: the physics steps of an environment step, with the action hook before each of them or once before all."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Substeps"]
 
 
 class HasActionHook(Protocol):
-    """An environment, as far as its physics is concerned."""
+    """An environment with a scene, a simulation and an action hook."""
 
     scene: InteractiveScene
     sim: Simulation
@@ -27,24 +27,24 @@ class HasActionHook(Protocol):
 class Substeps:
     """Runs the physics of a step, with ``_apply_action`` before each physics step or once before all.
 
-    In the mode ``"auto"`` it watches some steps, in which the hook runs before every physics step. As long as what the
-    hook sets never changes between the physics steps of an environment step, once is enough in the others, and all
-    their physics steps are one graph. It watches again now and then, as a law that depends on the state may have been
-    saturated; one that is caught runs before every physics step from then on.
+    In the mode ``"auto"`` it watches some steps, in which the hook runs before every physics step and its targets are
+    compared. While they are equal within each step, the hook runs once in the other steps, whose physics is one CUDA
+    graph. It goes on watching now and then, as a control law that depends on the state may be saturated at first. Once
+    targets differ, the hook runs before every physics step from then on.
     """
 
     FIRST, EVERY = 3, 64
-    """It watches the first ``FIRST`` steps, then every ``EVERY``-th."""
+    """The first ``FIRST`` steps are watched, then every ``EVERY``-th."""
 
     def __init__(self, mode: str, decimation: int):
         self.mode = mode if decimation > 1 else "step"
-        """``"step"``, ``"substep"``, or ``"auto"`` while nothing has changed."""
+        """``"step"``, ``"substep"``, or ``"auto"`` until targets have differed within a step."""
         self._decimation = decimation
         self._count = 0
 
     @property
     def each(self) -> bool:
-        """Whether the hook runs before every physics step, but for those that only watch."""
+        """Whether the hook runs before every physics step of every step."""
         return self.mode == "substep"
 
     def run(self, env: HasActionHook) -> None:
