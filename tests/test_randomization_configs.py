@@ -108,3 +108,10 @@ FINE: list[tuple[Any, dict[str, Any]]] = [
 @pytest.mark.parametrize(("func", "params"), FINE, ids=lambda x: getattr(x, "key", "").rpartition(".")[2] or "-")
 def test_what_isaac_lab_takes_is_taken(context, func, params):
     assert problems_of(context, func, **params) == []
+
+
+def test_parameters_without_effect_warn_by_name(context):
+    params = {"static_friction_range": (0.5, 1.0), "num_buckets": 250, "asset_cfg": SceneEntityCfg("box")}
+    term = EventTermCfg(func=mdp.randomize_rigid_body_material, mode="startup", params=params)
+    with pytest.warns(UserWarning, match=r"events\.friction\.params\.num_buckets has no effect: the number of"):
+        EventManager({"friction": term}, context).startup()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 
 import warp as wp
@@ -45,6 +46,8 @@ class ModelEvents:
             func: Its function.
         """
         found = ModelTerm(self._context, self._structs, func, term.params)
+        for text in found.without_effect():
+            warnings.warn(f"{path}.params.{text}", stacklevel=2)
         problems = found.problems()
         self._context.problems += [f"{path}.params.{text}" for text in problems]
         if problems:

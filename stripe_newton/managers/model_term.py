@@ -45,6 +45,7 @@ class ModelTerm:
     def __init__(self, context: ManagerContext, structs: ModelStructs, func: wp.Function, params: Mapping[str, object]):
         self._context, self._structs, self._func = context, structs, func
         self._info = randomization_of(func)
+        self._ignored = [name for name in params if name in self._info.ignored]
         given = {**self._info.defaults, **params}
         self.params: dict[str, Any] = {
             name: KEEP if value is None and name in self._info.ranges else value
@@ -62,6 +63,10 @@ class ModelTerm:
         there = self._context.entity_names()
         default = "robot" if "robot" in there or len(there) != 1 else there[0]
         return SceneEntityCfg(given if isinstance(given, str) else default)
+
+    def without_effect(self) -> list[str]:
+        """Parameters that are accepted so that configs of Isaac Lab load, each as ``parameter has no effect: reason``."""
+        return [f"{name} has no effect: {self._info.ignored[name]}" for name in self._ignored]
 
     def problems(self) -> list[str]:
         """Complete the parameters and check them.
