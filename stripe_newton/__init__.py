@@ -22,4 +22,44 @@ except PackageNotFoundError:  # run from a source tree that is not installed
     __version__ = "0+source"
 
 # Old module paths, by the release that moved them. What moved in 0.2 goes with 0.3; CHANGELOG lists each.
-forward_modules({})
+forward_modules(
+    {
+        "stripe_newton.cli.errors": "stripe_newton.cli.user_error",
+        "stripe_newton.cli.fields": "stripe_newton.cli.field_options",
+        "stripe_newton.cli.ranks": "stripe_newton.cli.train_ranks",
+        "stripe_newton.cli.resume": "stripe_newton.cli.train_resume",
+        "stripe_newton.cli.sweep": "stripe_newton.cli.train_sweep",
+        "stripe_newton.rl.checkpoint": "stripe_newton.rl.runs.checkpoint",
+        "stripe_newton.rl.compare": "stripe_newton.rl.experiments.run_groups",
+        "stripe_newton.rl.compare_plot": "stripe_newton.rl.experiments.curve_charts",
+        "stripe_newton.rl.compare_report": "stripe_newton.rl.experiments.comparison_report",
+        "stripe_newton.rl.compare_runs": "stripe_newton.rl.experiments.loaded_runs",
+        "stripe_newton.rl.config": "stripe_newton.rl.configs",
+        "stripe_newton.rl.config_distillation": "stripe_newton.rl.configs",
+        "stripe_newton.rl.export_check": "stripe_newton.rl.export.policy_check",
+        "stripe_newton.rl.graph_loop": "stripe_newton.rl.graphs.loop",
+        "stripe_newton.rl.graph_ppo": "stripe_newton.rl.graphs.ppo",
+        "stripe_newton.rl.graph_program": "stripe_newton.rl.graphs.program",
+        "stripe_newton.rl.graph_rollout": "stripe_newton.rl.graphs.rollout",
+        "stripe_newton.rl.interrupt": "stripe_newton.rl.runs.interrupt",
+        "stripe_newton.rl.launcher": "stripe_newton.rl.distributed.launcher",
+        "stripe_newton.rl.logger": "stripe_newton.rl.runs.run_logger",
+        "stripe_newton.rl.metrics": "stripe_newton.rl.runs.metrics_csv",
+        "stripe_newton.rl.onnx_policy": "stripe_newton.rl.export.onnx_policy",
+        "stripe_newton.rl.plot": "stripe_newton.rl.runs.learning_curve",
+        "stripe_newton.rl.policy_metadata": "stripe_newton.rl.export.policy_metadata",
+        "stripe_newton.rl.policy_parts": "stripe_newton.rl.export.env_description",
+        "stripe_newton.rl.record": "stripe_newton.rl.runs.video",
+        "stripe_newton.rl.run_folder": "stripe_newton.rl.runs.run_folder",
+        "stripe_newton.rl.sb3": "stripe_newton.rl.wrappers.sb3",
+        "stripe_newton.rl.skrl": "stripe_newton.rl.wrappers.skrl",
+        "stripe_newton.rl.sweep": "stripe_newton.rl.experiments.sweep",
+        "stripe_newton.rl.sweep_cfg": "stripe_newton.rl.experiments.sweep_cfg",
+        "stripe_newton.rl.sweep_folder": "stripe_newton.rl.experiments.sweep_folder",
+        "stripe_newton.rl.sweep_process": "stripe_newton.rl.experiments.sweep_process",
+        "stripe_newton.rl.sweep_report": "stripe_newton.rl.experiments.sweep_report",
+        "stripe_newton.rl.tables": "stripe_newton.rl.experiments.text_tables",
+        "stripe_newton.rl.training_state": "stripe_newton.rl.runs.training_state",
+        "stripe_newton.rl.vec_env": "stripe_newton.rl.wrappers.rsl_rl",
+    }
+)

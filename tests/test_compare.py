@@ -14,7 +14,10 @@ import scipy.stats
 from PIL import Image
 
 from stripe_newton.cli import main
-from stripe_newton.rl.compare import (
+from stripe_newton.rl.experiments.comparison_report import Comparison, differences_of, text_report, to_html
+from stripe_newton.rl.experiments.curve_charts import chart_svg
+from stripe_newton.rl.experiments.loaded_runs import CompareError, LoadedRun, find_runs, load_run
+from stripe_newton.rl.experiments.run_groups import (
     Group,
     curve_of,
     differing_fields,
@@ -24,11 +27,8 @@ from stripe_newton.rl.compare import (
     summarize,
     t_interval,
 )
-from stripe_newton.rl.compare_plot import chart_svg
-from stripe_newton.rl.compare_report import Comparison, differences_of, text_report, to_html
-from stripe_newton.rl.compare_runs import CompareError, LoadedRun, find_runs, load_run
-from stripe_newton.rl.run_folder import RunFolder
-from stripe_newton.rl.tables import format_number, format_table, short_names
+from stripe_newton.rl.experiments.text_tables import format_number, format_table, short_names
+from stripe_newton.rl.runs.run_folder import RunFolder
 
 REWARD, LENGTH = "Train/mean_reward", "Train/mean_episode_length"
 

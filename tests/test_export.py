@@ -23,10 +23,10 @@ from stripe_newton.rl import (
     RslRlRNNModelCfg,
     RslRlVecEnvWrapper,
     evaluate,
-    export,
     export_policy,
     read_policy_metadata,
 )
+from stripe_newton.rl.export import exporter
 from tests.fake_env import TASK, FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 from tests.test_rl import make_env
 
@@ -349,7 +349,7 @@ def test_export_of_a_checkpoint_alone(capsys):
 
 @pytest.mark.usefixtures("no_video")
 def test_a_training_whose_export_fails_says_so_at_its_end(capsys, monkeypatch):
-    monkeypatch.setattr(export, "TOLERANCE", -1.0)
+    monkeypatch.setattr(exporter, "TOLERANCE", -1.0)
     assert main(["train", TASK, "--device", "cpu", "--num-envs", "8", "--max-iterations", "1"]) == 2
     assert "differ from the policy's" in capsys.readouterr().err
     (run,) = Path("logs/fake_cart").iterdir()

@@ -15,8 +15,9 @@ import warp as wp
 import yaml
 
 from stripe_newton.cli import main
-from stripe_newton.cli.common import build, load_configs
-from stripe_newton.cli.resume import check_changes, differences
+from stripe_newton.cli.env_and_policy import build
+from stripe_newton.cli.run_configs import load_configs
+from stripe_newton.cli.train_resume import check_changes, differences
 from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.managers import RunningNormCfg
 from stripe_newton.rl import (

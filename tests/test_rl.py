@@ -472,7 +472,7 @@ def test_learning_curve(tmp_path):
 
 
 def test_metrics_with_a_column_that_comes_late(tmp_path):
-    from stripe_newton.rl.metrics import MetricsCsv
+    from stripe_newton.rl.runs.metrics_csv import MetricsCsv
 
     metrics = MetricsCsv(tmp_path / "m.csv")
     metrics.write({"iteration": 0, "a": 1.0})

@@ -23,7 +23,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecCheckNan, VecExtractDictObs, VecFrameStack, VecNormalize
 
-from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
+from stripe_newton.rl.wrappers.sb3 import Sb3VecEnvWrapper
 from tests.sb3_world import SHORT, N, push, wrapped
 
 

@@ -22,7 +22,7 @@ from skrl.trainers.torch import SequentialTrainer, SequentialTrainerCfg
 from skrl.utils import set_seed
 from skrl.utils.runner.torch import Runner
 
-from stripe_newton.rl.skrl import SkrlVecEnvWrapper, use_final_observations
+from stripe_newton.rl.wrappers.skrl import SkrlVecEnvWrapper, use_final_observations
 
 GAMMA = 0.9
 QUIET = {"headless": True, "disable_progressbar": True, "close_environment_at_exit": False}

@@ -19,16 +19,16 @@ import yaml
 optuna = pytest.importorskip("optuna")
 
 from stripe_newton.cli import main  # noqa: E402
-from stripe_newton.cli import sweep as cli_sweep  # noqa: E402
 from stripe_newton.cli import tasks as cli_tasks  # noqa: E402
-from stripe_newton.cli.common import Configs  # noqa: E402
-from stripe_newton.cli.errors import UserError  # noqa: E402
+from stripe_newton.cli import train_sweep as cli_sweep  # noqa: E402
+from stripe_newton.cli.run_configs import Configs  # noqa: E402
 from stripe_newton.cli.sweep_file import read_sweep_file  # noqa: E402
-from stripe_newton.rl.sweep import Sweep  # noqa: E402
-from stripe_newton.rl.sweep_cfg import MedianPruning, Space, SweepCfg, words_of  # noqa: E402
-from stripe_newton.rl.sweep_folder import SweepError  # noqa: E402
-from stripe_newton.rl.sweep_process import Slot, end_with_sweep  # noqa: E402
-from stripe_newton.rl.sweep_report import report  # noqa: E402
+from stripe_newton.cli.user_error import UserError  # noqa: E402
+from stripe_newton.rl.experiments.sweep import Sweep  # noqa: E402
+from stripe_newton.rl.experiments.sweep_cfg import MedianPruning, Space, SweepCfg, words_of  # noqa: E402
+from stripe_newton.rl.experiments.sweep_folder import SweepError  # noqa: E402
+from stripe_newton.rl.experiments.sweep_process import Slot, end_with_sweep  # noqa: E402
+from stripe_newton.rl.experiments.sweep_report import report  # noqa: E402
 from tests.fake_env import TASK, FakeCartCfg, FakeCartRunnerCfg  # noqa: E402
 
 FAKE = [sys.executable, str(Path(__file__).parent / "fake_training.py")]
@@ -337,9 +337,9 @@ DRIVEN = {
 DRIVER = f"""
 import sys
 from pathlib import Path
-from stripe_newton.rl.sweep import Sweep
-from stripe_newton.rl.sweep_cfg import Space, SweepCfg
-from stripe_newton.rl.sweep_process import Slot
+from stripe_newton.rl.experiments.sweep import Sweep
+from stripe_newton.rl.experiments.sweep_cfg import Space, SweepCfg
+from stripe_newton.rl.experiments.sweep_process import Slot
 from math import nan
 cfg = SweepCfg(**{DRIVEN!r})
 sweep = Sweep(cfg, Path("sweep"), [Slot("A", "cpu"), Slot("B", "cpu")], sys.argv[1:], poll_s=0.02)
@@ -532,13 +532,13 @@ def test_nothing_else_imports_optuna():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             for name in names:
-                last = name.split(".")[0] if name.startswith("optuna") else name.removeprefix("stripe_newton.rl.")
+                last = name.split(".")[0] if name.startswith("optuna") else name.rpartition(".")[2]
                 if last in found:
                     found[last].add(str(path.relative_to(package)))
     assert found == {
-        "optuna": {"rl/sweep.py", "rl/sweep_folder.py"},
+        "optuna": {"rl/experiments/sweep.py", "rl/experiments/sweep_folder.py"},
         "sweep": set(),
-        "sweep_folder": {"rl/sweep.py"},
+        "sweep_folder": {"rl/experiments/sweep.py"},
     }
 
 

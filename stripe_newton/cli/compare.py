@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton compare``."""
+"""``stripe-newton compare``: compares groups of runs, as curves, a table and what differs in their configs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import tyro
 
-from stripe_newton.rl.compare import Group, group_runs, pick_metrics, summarize
-from stripe_newton.rl.compare_plot import draw_png
-from stripe_newton.rl.compare_report import Comparison, text_report, to_html
-from stripe_newton.rl.compare_runs import CompareError, LoadedRun, find_runs, load_run
+from stripe_newton.rl.experiments.comparison_report import Comparison, text_report, to_html
+from stripe_newton.rl.experiments.curve_charts import draw_png
+from stripe_newton.rl.experiments.loaded_runs import CompareError, LoadedRun, find_runs, load_run
+from stripe_newton.rl.experiments.run_groups import Group, group_runs, pick_metrics, summarize
 
-from .errors import UserError
+from .user_error import UserError
 
 __all__ = ["CompareArgs", "run"]
 
@@ -57,7 +58,7 @@ def run(argv: list[str]) -> int:
 
 
 def compare(args: CompareArgs) -> Comparison:
-    """What the arguments ask for.
+    """The comparison that the arguments describe.
 
     Raises:
         CompareError: for runs that cannot be read or compared.
@@ -89,7 +90,7 @@ def compare(args: CompareArgs) -> Comparison:
 
 
 def _load(path: str, notes: list[str]) -> list[LoadedRun]:
-    """The runs of a path; what cannot be read is noted if others can."""
+    """The runs of a path. A run that cannot be read becomes a note."""
     loaded = []
     for folder in find_runs(path):
         try:
@@ -100,12 +101,18 @@ def _load(path: str, notes: list[str]) -> list[LoadedRun]:
 
 
 def _once(runs: list[LoadedRun]) -> list[LoadedRun]:
+    """Each run once, even if several paths lead to it."""
     return list({run.path.resolve(): run for run in runs}.values())
 
 
 def _notes_on(group: Group, x: str) -> list[str]:
+    """Notes for the reader about a group: runs of different lengths.
+
+    Raises:
+        CompareError: if a run lacks what the curves are drawn over.
+    """
     for run in group.runs:
-        if x == "steps" and run.x["steps"].size and not any(run.x["steps"] == run.x["steps"]):
+        if x == "steps" and run.x["steps"].size and np.isnan(run.x["steps"]).all():
             raise CompareError(f"{run.path}: does not say how many samples it took; give --x iterations")
     lengths = [len(run.x["iterations"]) for run in group.runs]
     if min(lengths) < 0.9 * max(lengths):
