@@ -55,6 +55,7 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
     Returns:
         The command's own options.
     """
+    # One dataclass for all options, made from the values of the configs, so that help shows them as defaults.
     nested = {name: type(options_of(cfg, name)) for name, cfg in configs.items()}
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in nested.items()]
     full = dataclasses.make_dataclass("Args", fields, bases=(options,), namespace={"__doc__": options.__doc__})

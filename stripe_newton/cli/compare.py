@@ -64,29 +64,35 @@ def compare(args: CompareArgs) -> Comparison:
         CompareError: for runs that cannot be read or compared.
     """
     notes: list[str] = []
-    named: list[Group] = []
-    others: list[LoadedRun] = []
-    for word in args.runs:
-        name, equals, paths = word.partition("=")
-        if equals and not Path(word).exists():
-            if not name or not paths:
-                raise CompareError(f"{word}: a group is NAME=PATH or NAME=PATH,PATH")
-            loaded = [run for path in paths.split(",") for run in _load(path, notes)]
-            if loaded:
-                named.append(Group(name, loaded))
-        else:
-            others += _load(word, notes)
-    groups = named + (group_runs(_once(others), args.group_by) if others else [])
-    names = [group.name for group in groups]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise CompareError(f"two groups are called '{twice}'; name them otherwise, as NAME=PATH")
+    groups = _groups_of(args, notes)
     if not groups:
         raise CompareError("; ".join(notes))
     metrics = pick_metrics(groups, args.metric)
     for group in groups:
         notes += _notes_on(group, args.x)
     return Comparison(groups, metrics, summarize(groups, metrics[0], args.minimize), args.x, notes)
+
+
+def _groups_of(args: CompareArgs, notes: list[str]) -> list[Group]:
+    """The groups: those that are named, and those that the configs of the other runs give."""
+    named: list[Group] = []
+    others: list[LoadedRun] = []
+    for word in args.runs:
+        name, equals, paths = word.partition("=")
+        # A folder may have "=" in its name.
+        if not equals or Path(word).exists():
+            others += _load(word, notes)
+            continue
+        if not name or not paths:
+            raise CompareError(f"{word}: a group is NAME=PATH or NAME=PATH,PATH")
+        loaded = [run for path in paths.split(",") for run in _load(path, notes)]
+        named += [Group(name, loaded)] if loaded else []
+    groups = named + (group_runs(_once(others), args.group_by) if others else [])
+    names = [group.name for group in groups]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise CompareError(f"two groups are called '{twice}'; name them otherwise, as NAME=PATH")
+    return groups
 
 
 def _load(path: str, notes: list[str]) -> list[LoadedRun]:
@@ -115,6 +121,7 @@ def _notes_on(group: Group, x: str) -> list[str]:
         if x == "steps" and run.x["steps"].size and np.isnan(run.x["steps"]).all():
             raise CompareError(f"{run.path}: does not say how many samples it took; give --x iterations")
     lengths = [len(run.x["iterations"]) for run in group.runs]
+    # Not for a few rows: runs that are still under way differ by those.
     if min(lengths) < 0.9 * max(lengths):
         return [
             f"{group.name}: its runs have {min(lengths)} to {max(lengths)} iterations; "

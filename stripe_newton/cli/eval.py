@@ -49,6 +49,7 @@ def run(argv: list[str]) -> int:
     args = parse(EvalArgs, argv, "eval", env=configs.env)
     if args.episodes < 1:
         raise UserError(f"--episodes {args.episodes}: must be at least 1")
+    # More environments than episodes would only wait.
     configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, args.episodes)
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)

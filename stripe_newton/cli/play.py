@@ -88,11 +88,9 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
     configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, 16)
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)
-    if configs.agent is None:
-        configs.env.validate()
-    else:
+    if configs.agent is not None:
         use_one_minibatch(configs.agent)
-        check(configs)
+    check(configs)
     set_seeds(configs.env.seed or 0)
 
 

@@ -59,6 +59,7 @@ def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_d
     configs = Configs(load_cfg(task, "env"), load_cfg(task, "agent") if agent else None)
     if run is not None:
         saved = run.read_params()
+        # Another machine may play a policy than trained it.
         if not same_device:
             saved["env"].get("sim", {}).pop("device", None)
         leftovers = apply_saved(configs.env, saved["env"], "env") if of_run == task else []

@@ -48,6 +48,7 @@ def read_space(name: str, value: object, configs: Configs) -> Space:
     if isinstance(value, Mapping) and "choices" not in value:
         return _range(field, value)
     choices = tuple(field.choice(item) for item in _listed(value))
+    # Compared by their text, since 1 and True are equal in Python.
     if len(set(map(str, choices))) < len(choices):
         raise InvalidEntryError(f"has values twice: {', '.join(map(str, choices))}")
     return Space(choices=choices)
@@ -152,6 +153,7 @@ class _Field:
 
     def _parse(self, value: object, words: list[str]) -> object:
         """The value as the command line reads it."""
+        # By tyro, as the run's own command line will, so that both accept the same.
         holder = dataclasses.make_dataclass("Value", [("value", self._kind)])
         plain = (tyro.conf.FlagConversionOff,)
         try:
@@ -164,6 +166,7 @@ class _Field:
 
     def _check(self, value: object, parsed: object) -> None:
         """Check configs that have the value."""
+        # On copies of both configs, since checks look at several fields together.
         trial = Configs(copy.deepcopy(self._configs.env), copy.deepcopy(self._configs.agent))
         cfg = getattr(trial, self._root)
         options = options_of(cfg, self._root)

@@ -59,6 +59,7 @@ def read_sweep_file(path: Path, task: str, configs: Configs) -> tuple[SweepCfg, 
                 found[own] = _read_own(own, value, configs)
         except InvalidEntryError as error:
             wrong.append(f"{name if _is_field(name) else name.replace('-', '_')}: {error}")
+    # Only of a file without errors: a wrong entry is not in `found`, and would be filled in.
     if not wrong:
         wrong += _complete(found, spaces)
     if wrong:

@@ -75,6 +75,7 @@ class TrainArgs:
 
 def run(argv: list[str]) -> int:
     """Run the command."""
+    # First, so that no time is left in which the sweep could die unnoticed.
     end_with_sweep()
     task = task_of(argv, "train", TrainArgs)
     ranks = 1 if {"-h", "--help"} & set(argv) else number_of_ranks(peek(argv, "--gpus"))
@@ -88,6 +89,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
     resume = peek(argv, "--resume")
     resumed, checkpoint = find_run(resume) if resume else (None, None)
     configs = load_configs(task, resumed, same_device=True)
+    # The configs of the resumed run, before the options of this command change them.
     before = {name: cfg.to_dict() for name, cfg in vars(configs).items()}
     args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.need_agent())
     _apply_shortcuts(args, configs)
@@ -114,6 +116,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
             folder.write_params(configs.env, configs.need_agent(), total_envs)
         runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
     except BaseException:
+        # A task that cannot be built leaves no empty runs behind.
         if resumed is None and world().rank == 0:
             folder.remove_unused()
         raise
@@ -187,7 +190,7 @@ def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunF
 
 
 def _learn(runner: OnPolicyRunner, folder: RunFolder, video_interval: int) -> bool:
-    if not video_interval or world().rank:
+    if not video_interval or world().rank:  # rank 0 alone can draw pictures
         return runner.learn()
     film = TrainingVideo(runner.env, folder.videos, video_interval, video_steps(runner.env))
     runner.logger.iteration_hooks.append(film.after_iteration)

@@ -44,6 +44,7 @@ class DistillationRunner(OnPolicyRunner):
             CheckpointError: if there is none, or it has other networks or observations.
         """
         file = find_checkpoint(path)
+        # rsl_rl's algorithm loads the actor of PPO as its teacher.
         self._load_networks(load_checkpoint(file, self.device), {"teacher": True}, True, file)
 
     def learn(self, num_learning_iterations: int | None = None, init_at_random_ep_len: bool | None = None) -> bool:

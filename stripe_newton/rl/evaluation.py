@@ -109,6 +109,7 @@ class _EpisodeCounter:
                 "does it ever end?"
             )
         self._count += counted
+        # Also those that do not count any more: their next episodes go on.
         self._steps[ended] = 0
         self._returns[ended] = 0.0
 
@@ -119,6 +120,7 @@ class _EpisodeCounter:
         self._terminated += int((counted & ~self._timed_out(extras)).sum())
         for name, value in extras.get("log", {}).items():
             if name.startswith("Metrics/"):
+                # The log is of a step, not of an episode, so it counts for each episode that ended in it.
                 self._metrics[name.removeprefix("Metrics/")] += float(value) * number / self._episodes
         success = success_of(self._env.unwrapped)
         if success is not None:

@@ -30,7 +30,7 @@ class ZeroPolicy:
         self._actions = torch.zeros(env.num_envs, env.num_actions, device=env.device)
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
-        return self._actions.clone()
+        return self._actions.clone()  # a caller may keep it, or write into it
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
         """There is no memory to clear."""

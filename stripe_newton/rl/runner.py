@@ -67,9 +67,11 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             raise ConfigError(problems)
         self.agent_cfg = cfg
         self.run_folder = None if log_dir is None else RunFolder(log_dir)
+        # Of the whole process, and before networks are made or compiled.
         torch.set_float32_matmul_precision(cfg.matmul_precision)
         with contextlib.redirect_stdout(io.StringIO()):  # rsl_rl prints both networks and the observation sets
             super().__init__(env, rsl_rl_settings(cfg), None if log_dir is None else str(log_dir), str(env.device))
+        # In place of rsl_rl's own, which its constructor has made; that one has opened no file yet.
         self.logger = RunLogger(
             log_dir=self.logger.log_dir,
             cfg=self.cfg,
@@ -121,6 +123,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         spread = self.agent_cfg.init_at_random_ep_len if init_at_random_ep_len is None else init_at_random_ep_len
         self._prepare_run_folder()
         target = self.iterations_done + count
+        # rsl_rl's number is that of the iteration under way, from 0.
         self.current_learning_iteration = self.iterations_done
         self.logger.stop_requested = False
         # torch's launcher ends ranks by SIGTERM after another one died, and such a rank must not wait for an iteration
@@ -130,6 +133,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             try:
                 self._learn(count, spread and self.iterations_done == 0)
             except StopTraining:
+                # It leaves the loop from within the logger, before rsl_rl's loop would save.
                 self._save_final()
             finally:
                 if self.logger.writer is not None:
@@ -161,6 +165,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         if self.is_distributed:
             self.alg.broadcast_parameters()
         self.logger.init_logging_writer()
+        # Once, so that a second call of `learn` replays the graph that the first has recorded.
         if self._rollout is None:
             sums = self.logger.cur_reward_sum, self.logger.cur_episode_length
             self._rollout = GraphRollout(self.env, self.alg, *sums, check_for_nan=self.agent_cfg.check_for_nan)
@@ -185,6 +190,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         path = Path(path)
         if self.run_folder is not None and path.parent == self.run_folder.path:
             path = self.run_folder.checkpoints / path.name
+        # Before the return of the other ranks: they send their states here.
         state = gather_state(self)
         if self.gpu_global_rank:
             return
@@ -193,7 +199,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         try:
             save_checkpoint(data, path)
         except CheckpointWriteError as error:
-            if self.logger.writer is None:
+            if self.logger.writer is None:  # outside `learn`
                 raise
             print(f"\nwarning: {error}; the training goes on and tries again at the next checkpoint", file=sys.stderr)
             self._unsaved = error
@@ -258,6 +264,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         if self.agent_cfg.init_at_random_ep_len:
             self._randomize_episode_lengths()
         self.logger.forget_episodes()
+        # All episodes were cut, so recurrent networks forget them.
         ended = torch.ones(env.num_envs, dtype=torch.long, device=self.device)
         for network in self.networks.values():
             network.reset(ended)

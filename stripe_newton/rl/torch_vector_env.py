@@ -140,5 +140,6 @@ def rl_env_of(env: TorchVectorEnv) -> RLEnv | None:
     # Importing environments loads Newton, which takes seconds; commands that print their help have no use for it.
     from stripe_newton.envs import RLEnv, SingleAgentView
 
+    # A view hands attributes on, but is no RLEnv itself.
     inner = env.env if isinstance(env, SingleAgentView) else env
     return inner if isinstance(inner, RLEnv) else None

@@ -90,6 +90,7 @@ def _interval(mean: float, half: float) -> str:
 def text_report(comparison: Comparison) -> str:
     """The tables for a terminal. Groups with long names are numbered."""
     names = [group.name for group in comparison.groups]
+    # Long names would make the second table, which has a column for each group, too wide for a terminal.
     numbered = len(names) > 1 and max(map(len, names)) > 24
     head = [str(at + 1) for at in range(len(names))] if numbered else names
     body = [_row(row) for row in comparison.summaries]
@@ -147,6 +148,7 @@ def to_html(comparison: Comparison) -> str:
     """The comparison as one HTML page, which adapts to the width of the screen and to a dark theme."""
     page = _Page(comparison)
     sections = [*page.head(), *page.table(), *page.curves(), *page.final_values(), *page.differences(), page.runs()]
+    # Colours are variables of the page, which the charts use too, so that one rule switches all of them to dark.
     light, dark = (" ".join(f"--group-{at}: {pair[mode]};" for at, pair in enumerate(COLORS)) for mode in (0, 1))
     style = _STYLE.replace("LIGHT", light).replace("DARK", dark)
     return (

@@ -48,6 +48,7 @@ def draw_png(groups: Sequence[Group], metrics: Sequence[str], x: str, path: str 
     rows = -(-len(metrics) // columns)
     names = [f"{group.name}  ({len(group.runs)})" for group in groups]
     width = 4.9 * columns
+    # Matplotlib does not break legends into lines by itself.
     beside = max(1, min(len(names), int(width / (0.8 + 0.082 * max(map(len, names))))))  # entries in a line [in]
     figure = Figure(figsize=(width, 3.3 * rows + 0.7 + 0.23 * -(-len(names) // beside)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -85,6 +86,7 @@ def chart_svg(groups: Sequence[Group], metric: str, x: str) -> str:
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
+    # Without the XML header, which HTML does not take, and without a size, so that the page sets it.
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)

@@ -125,6 +125,7 @@ def curve_of(group: Group, metric: str, x: str, points: int | None = 300) -> Cur
     runs = [found for run in group.runs if (found := _values_of(run, metric, x)) is not None]
     if not runs:
         return None
+    # Before thinning, which puts runs of different lengths at different places.
     first = runs[0][0]
     same_places = all(len(place) == len(first) and np.array_equal(place, first) for place, _ in runs)
     runs = [_thin(*run, points) for run in runs]
@@ -181,6 +182,7 @@ def summarize(groups: Sequence[Group], metric: str, minimize: bool = False) -> l
     rows = []
     for group in groups:
         mean, half = finals[group.name]
+        # All points: means over neighbours would lower the maximum.
         curve = curve_of(group, metric, "iterations", None)
         best = float(sign * np.max(sign * curve.mean)) if curve is not None else math.nan
         steps, seconds = _first_at(group, metric, sign, threshold)
@@ -206,6 +208,7 @@ def _first_at(group: Group, metric: str, sign: float, threshold: float) -> tuple
 def _speed(group: Group) -> float:
     speeds = []
     for run in group.runs:
+        # From the first row on: the time before it contains the start of the program.
         steps, seconds = run.x["steps"], run.x["seconds"]
         if len(steps) > 1 and seconds[-1] > seconds[0]:
             speeds.append((steps[-1] - steps[0]) / (seconds[-1] - seconds[0]))
@@ -228,6 +231,7 @@ def _comparable(field: str, value: object) -> str:
 def differing_fields(configs: Iterable[Mapping[str, object]], settings_only: bool = True) -> list[str]:
     """Fields that are not the same in all configs, in the order of the first config that has them."""
     given = list(configs)
+    # A dict rather than a set keeps the order.
     names = dict.fromkeys(name for config in given for name in config if not settings_only or _is_setting(name))
     return [name for name in names if len({_comparable(name, config.get(name)) for config in given}) > 1]
 
@@ -238,6 +242,7 @@ def group_runs(runs: Sequence[LoadedRun], by: Sequence[str] = ()) -> list[Group]
     Raises:
         CompareError: if no run has a field of ``by``.
     """
+    # Without `by`: runs of a group have equal settings, so the settings that differ at all tell the groups apart.
     fields = [_find_field(name, runs) for name in by] or differing_fields(run.config for run in runs)
     found: dict[tuple[str, ...], list[LoadedRun]] = {}
     for run in runs:
@@ -299,13 +304,16 @@ def pick_metrics(groups: Sequence[Group], wanted: Sequence[str] = ()) -> list[st
     known = dict.fromkeys(name for run in runs for name in run.columns)
     if wanted:
         return list(dict.fromkeys(name for pattern in wanted for name in _fitting(pattern, list(known))))
-    shared = [name for name in known if all(name in run.columns for run in runs)]
-    heads = [next((name for name in names if name in shared), None) for names in (_REWARDS, _LENGTHS)]
-    rest = [name for name in shared if name.startswith(_GROUPS)]
-    metrics = [name for name in heads if name is not None] + sorted(rest)
+    metrics = _default_metrics([name for name in known if all(name in run.columns for run in runs)])
     if not metrics:
         raise CompareError(f"no return or other metric is in all runs; name some with --metric: {', '.join(known)}")
     return metrics
+
+
+def _default_metrics(shared: Sequence[str]) -> list[str]:
+    """Return, episode length, and the columns of the task, of those that all runs have."""
+    heads = [name for names in (_REWARDS, _LENGTHS) for name in [n for n in names if n in shared][:1]]
+    return heads + sorted(name for name in shared if name.startswith(_GROUPS))
 
 
 def _fitting(pattern: str, known: Sequence[str]) -> list[str]:

@@ -81,6 +81,7 @@ class Sweep:
         self.stopping = False
         self._requests = 0
         self.folder.mkdir(parents=True, exist_ok=True)
+        # Before the study is opened, which repairs the journal of a sweep that was killed.
         self._lock = lock_folder(self.folder, show)
         try:
             write_cfg(self.folder, cfg)
@@ -145,6 +146,7 @@ class Sweep:
 
     def _start_processes(self) -> None:
         while not self.stopping and len(self.running) < len(self.slots):
+            # Seeds of open trials first, so that trials are completed early and the sampler learns from them.
             found = next((item for item in self.open if item.waiting), None)
             if found is None:
                 if not self._has_more():
@@ -154,6 +156,7 @@ class Sweep:
             self._start(found, found.waiting.pop(0))
 
     def _has_more(self) -> bool:
+        # Waiting trials are those of a grid, enqueued when the study was opened.
         begun = self.study.get_trials(deepcopy=False)
         return sum(trial.state != TrialState.WAITING for trial in begun) < self.cfg.trials
 
@@ -165,6 +168,7 @@ class Sweep:
         steps = self.study.get_trials(deepcopy=False)[trial.number].intermediate_values
         item = _OpenTrial(trial, params, runs, reported=max(steps, default=0))
         self.open.append(item)
+        # A copy of the list, since complete runs are taken out of it.
         for run in [run for run in runs if run.is_complete()]:
             item.waiting.remove(run)
             self._take_value(item, run)
@@ -176,6 +180,7 @@ class Sweep:
         more = run.resume_words()
         words = [*self.cfg.words(item.params), "--seed", str(run.seed), "--device", slot.device, *more]
         words += ["--log-dir", str(run.path), "--final-video", "False"]
+        # The process inherits the lock of the folder, and holds it until it has saved.
         self.running.append((item, SweepProcess(run, slot, [*self.command, *words], keep_open=[self._lock])))
         names = short_names(self.cfg.varied)
         shown = ", ".join(f"{name} {format_number(item.params[field])}" for field, name in names.items())
@@ -213,6 +218,7 @@ class Sweep:
     def _drop(self, item: _OpenTrial) -> None:
         item.waiting.clear()
         for other, process in self.running:
+            # Once: a second Ctrl-C would end it without saving.
             if other is item and not process.interrupted:
                 process.interrupt()
 

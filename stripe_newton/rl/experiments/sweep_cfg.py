@@ -93,6 +93,7 @@ class SweepCfg:
 
     def words(self, params: Mapping[str, Scalar]) -> list[str]:
         """The arguments of ``stripe-newton train`` for a run with these values, without seed, device and folder."""
+        # Fields that are tried stand last, so that they override options of the same name.
         words = [self.task, "--max-iterations", str(self.max_iterations), *self.options]
         words += [] if self.num_envs is None else ["--num-envs", str(self.num_envs)]
         for name, value in params.items():

@@ -57,6 +57,7 @@ def lock_folder(folder: Path, show: Callable[[str], None]) -> int:
             if attempt == 0:
                 show("waiting for the runs of the earlier sweep, which save")
             time.sleep(0.5)
+    # The process in the file tells a sweep that runs from one whose runs are still saving.
     os.ftruncate(lock, 0)
     os.write(lock, str(os.getpid()).encode())
     return lock
@@ -107,6 +108,7 @@ def open_study(folder: Path, cfg: SweepCfg, parallel: bool = False) -> optuna.St
     else:
         study.sampler = optuna.samplers.RandomSampler(seed=begun)
     if cfg.sampler == "grid":
+        # Trials that were proposed before are skipped, so that the grid continues where it stopped.
         for values in itertools.product(*(space.choices for space in cfg.spaces.values())):
             study.enqueue_trial(dict(zip(cfg.spaces, values)), skip_if_exists=True)
     study.pruner = optuna.pruners.NopPruner()

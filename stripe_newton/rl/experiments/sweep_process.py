@@ -66,6 +66,7 @@ class Run:
     def resume_words(self) -> list[str]:
         """Options that continue the run of an earlier process. A run without a checkpoint is deleted."""
         folder = self.folder()
+        # A folder without a checkpoint is no obstacle: nothing of it would be used.
         try:
             if folder is not None:
                 find_checkpoint(folder.path)
@@ -109,6 +110,7 @@ class SweepProcess:
         """
         self.run, self.slot = run, slot
         self.interrupted = 0
+        # Never written to. The system closes our end if this process dies, which the other end notices.
         theirs, self._mine = os.pipe()
         run.path.mkdir(parents=True, exist_ok=True)
         with open(run.output, "a", encoding="utf-8") as output:
@@ -142,6 +144,7 @@ class SweepProcess:
         code = self.process.returncode
         if self.interrupted or self.run.is_complete():
             return None
+        # Negative codes are signals. Code 0 without all iterations is a run that somebody else has stopped.
         how = f"ended with code {code}" if code > 0 else f"was killed by {signal.Signals(-code).name}" if code else ""
         how = how or f"stopped after {self.run.iterations_done()} of {self.run.max_iterations} iterations"
         return f"seed {self.run.seed} {how}; the end of {self.run.output}:\n{self.run.last_lines()}"

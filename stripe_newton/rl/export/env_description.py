@@ -78,6 +78,7 @@ def _articulation(env: RLEnv, asset: Articulation) -> ArticulationInfo:
         varies.append("default_joint_pos")
     found = {
         "joint_names": list(asset.joint_names),
+        # Where events have moved the default pose: that of the template, which they started from.
         "default_joint_pos": positions[0] if same else [template.joint_q[i] for i in asset.layout.coords],
         "default_joint_vel": data.default_joint_vel[0],
         "joint_pos_limits": [pair if np.abs(pair).max() < _NO_LIMIT else None for pair in limits],
@@ -100,6 +101,8 @@ def _gains_and_limits(env: RLEnv, asset: Articulation) -> tuple[dict[str, object
     varies = []
     for name, (attribute, field) in _FIELDS.items():
         now = getattr(data, attribute)
+        # The controller keeps the values of the start of fields that events change. They are the nominal robot, which
+        # no single randomised environment is.
         tracked = field in controller.randomized
         values[name] = controller.field(field)[1][0, dofs] if tracked else now.median(dim=0).values
         if not torch.equal(now, values[name].expand_as(now)):
@@ -218,7 +221,7 @@ def _group(env: ManagerBasedRLEnv, group: str) -> dict[str, object]:
     for name, shape in zip(manager.active_terms[group], manager.group_obs_term_dim[group], strict=True):
         term = _field(cfg, name)
         history = term.history_length if cfg.history_length is None else cfg.history_length
-        width = math.prod(shape)
+        width = math.prod(shape)  # with the history, since groups hand it out flat
         terms.append(
             {
                 "name": name,
@@ -286,6 +289,7 @@ def sensors(there: Mapping[str, SensorBase], groups: Sequence[ObservationGroupIn
         there: Sensors of the scene by name.
         groups: The groups, from :func:`observation_groups`.
     """
+    # A term names its sensor in a parameter, as it names an asset; what is no sensor of the scene is left out.
     params = [value for group in groups for term in group["terms"] or () for value in term["params"].values()]
     named = [str(value["name"]) for value in params if isinstance(value, dict) and "name" in value]
     return {name: settings(there[name].cfg) for name in dict.fromkeys(named) if name in there}

@@ -95,6 +95,7 @@ def export_policy(
 
 
 def _raise_if_different(check: CheckInfo) -> None:
+    # Relative to the largest action, as actions may be of any size.
     allowed = check["tolerance"] * max(1.0, check["largest_action"])
     for name, found in check["results"].items():
         difference = found["largest_difference"]

@@ -53,6 +53,7 @@ def check_policy(
     observations = [_random_observations(policy, network, step) for step in range(STEPS)]
     expected = _run_policy(policy, observations, device)
     results = {"onnx": _check_onnx(onnx_model, observations, network, expected)}
+    # A script that keeps a state acts for one environment: compare it with the first one.
     actions = _run_script(script, observations, network)
     difference = _difference(actions, expected[:, : actions.shape[1]])
     results["torchscript"] = {"largest_difference": difference, "by": f"torch {torch.__version__}"}
@@ -78,7 +79,7 @@ def _difference(one: np.ndarray, other: np.ndarray) -> float:
 
 def _random_observations(policy: MLPModel, network: NetworkInfo, step: int) -> Arrays:
     """An array for each input, without the states."""
-    rng = np.random.default_rng(step)
+    rng = np.random.default_rng(step)  # the same in each check, so that its result can be repeated
     arrays: Arrays = {}
     for entry in network["inputs"]:
         shape = (BATCH, *map(int, entry["shape"][1:]))
@@ -136,6 +137,7 @@ def _run_onnx(run: Run, observations: Sequence[Arrays], network: NetworkInfo) ->
 @torch.inference_mode()
 def _run_script(script: torch.jit.ScriptModule, observations: Sequence[Arrays], network: NetworkInfo) -> np.ndarray:
     """Actions of the module after it was written and read; of one environment if it keeps a state."""
+    # Errors of writing and reading count too.
     buffer = io.BytesIO()
     torch.jit.save(script, buffer)
     buffer.seek(0)

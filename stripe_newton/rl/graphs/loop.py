@@ -42,30 +42,6 @@ def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, t
     clock = _Clock(runner.device)
     waiting: _Iteration | None = None
 
-    def log(iteration: _Iteration) -> None:
-        # `report` is the one place of the loop where the host waits for the device.
-        found = iteration.report()
-        collect_s, whole_s = iteration.collect_s(), clock.since_last()
-        if found.problem:
-            raise ValueError(f"iteration {iteration.number}: {found.problem}; look at the task's terms")
-        logger.rewbuffer.extend(found.returns)
-        logger.lenbuffer.extend(found.lengths)
-        if logger.writer is not None and found.log:
-            logger.ep_extras.append(found.log)
-        rate, std = found.numbers.pop("learning_rate"), found.numbers.pop("std")
-        logger.log(
-            it=iteration.number,
-            start_it=first,
-            total_it=total,
-            # The device's time for this rollout may be longer than the host's since the last log.
-            collect_time=min(collect_s, whole_s),
-            learn_time=max(whole_s - collect_s, 0.0),
-            loss_dict=found.numbers,
-            learning_rate=rate,
-            action_std=torch.tensor(std),
-            rnd_weight=None,
-        )
-
     for number in range(first, total):
         clock.begin()
         obs = rollout.collect()
@@ -73,12 +49,13 @@ def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, t
         # The rollout is queued and the device is busy: now there is time for the log of the iteration before.
         if waiting is not None:
             logger.ahead = True
-            log(waiting)
+            _log(runner, waiting, clock, first, total)
             logger.ahead, waiting = False, None
         algorithm.compute_returns(obs)
         losses = algorithm.update()
         runner.current_learning_iteration = number
         numbers = losses | {"learning_rate": algorithm.rate, "std": algorithm.std}
+        # After the log of the iteration before: both reports use the same memory on the host.
         iteration = _Iteration(number, rollout.send_report(numbers), clock.reader())
         saves = logger.writer is not None and number % runner.cfg["save_interval"] == 0
         observed = saves or logger.iteration_hooks or logger.stop_requested or number + 1 == total
@@ -86,9 +63,37 @@ def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, t
         if not observed and not runner.is_distributed:
             waiting = iteration
             continue
-        log(iteration)
+        _log(runner, iteration, clock, first, total)
         if saves:
             runner.save(os.path.join(logger.log_dir, f"model_{number}.pt"))
+
+
+def _log(runner: OnPolicyRunner, iteration: _Iteration, clock: _Clock, first: int, total: int) -> None:
+    """Wait for the report of an iteration and log it."""
+    logger = runner.logger
+    # The one place of the loop where the host waits for the device.
+    found = iteration.report()
+    collect_s, whole_s = iteration.collect_s(), clock.since_last()
+    if found.problem:
+        raise ValueError(f"iteration {iteration.number}: {found.problem}; look at the task's terms")
+    # rsl_rl's logger gathers these in each step, for which it waits for the device; here they come at once.
+    logger.rewbuffer.extend(found.returns)
+    logger.lenbuffer.extend(found.lengths)
+    if logger.writer is not None and found.log:
+        logger.ep_extras.append(found.log)
+    rate, std = found.numbers.pop("learning_rate"), found.numbers.pop("std")
+    logger.log(
+        it=iteration.number,
+        start_it=first,
+        total_it=total,
+        # The device's time for this rollout may be longer than the host's since the last log.
+        collect_time=min(collect_s, whole_s),
+        learn_time=max(whole_s - collect_s, 0.0),
+        loss_dict=found.numbers,
+        learning_rate=rate,
+        action_std=torch.tensor(std),
+        rnd_weight=None,
+    )
 
 
 class _Clock:

@@ -76,6 +76,7 @@ def save_checkpoint(data: CheckpointData, path: str | os.PathLike) -> None:
 
 def _reason(error: OSError, path: Path, needed: int) -> str:
     """The error of the system, and how much room there is."""
+    # The folder itself may not exist yet.
     folder = next((parent for parent in path.absolute().parents if parent.is_dir()), Path("/"))
     free = shutil.disk_usage(folder).free
     return f"{error.strerror or error} (it needs {needed / 1e6:.2f} MB, {free / 1e6:.2f} MB are free in {folder})"
@@ -127,6 +128,7 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         raise CheckpointError(f"{path}: holds more than tensors and plain values, it is not read ({reason})") from None
     except (RuntimeError, EOFError, OSError) as error:
         raise CheckpointError(f"{path}: is no file that torch.save wrote ({_first_line(error)})") from None
+    # rsl_rl before version 5 had other keys, and other programs have none of these.
     if not isinstance(data, dict) or not {"actor_state_dict", "student_state_dict"} & set(data):
         found = f"keys {sorted(map(str, data))[:6]}" if isinstance(data, dict) else type(data).__name__
         raise CheckpointError(

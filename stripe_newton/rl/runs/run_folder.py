@@ -55,6 +55,7 @@ class RunFolder:
         """Make a new folder ``root/experiment/DATE_TIME[_run_name]``; a number is added if that one exists."""
         stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S") + (f"_{run_name}" if run_name else "")
         for number in range(1, 1000):
+            # `mkdir` fails if another process was faster, so two runs never share a folder.
             path = Path(root) / experiment / (stamp if number == 1 else f"{stamp}_{number}")
             try:
                 path.mkdir(parents=True)
@@ -81,6 +82,7 @@ class RunFolder:
 
         Half-written files of a process that was killed are removed.
         """
+        # Left by a process that was killed while it wrote.
         for part in (*self.checkpoints.glob("*.part"), *self.params.glob("*.part"), *self.path.glob("*.part")):
             part.unlink(missing_ok=True)
         moved = []
@@ -116,6 +118,7 @@ class RunFolder:
         """
         for name, cfg in (("env", env_cfg), ("agent", agent_cfg)):
             data = cfg if isinstance(cfg, Mapping) else cfg.to_dict()
+            # A resumed run reads the number of all ranks, as `--num-envs` is, and may have another number of ranks.
             if name == "env" and num_envs is not None and "num_envs" in data.get("scene", {}):
                 data = {**data, "scene": {**data["scene"], "num_envs": num_envs}}
             text = yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=120)
@@ -195,6 +198,7 @@ def find_newest(run: RunFolder, before: Path | None = None) -> Path | None:
     """
     from .checkpoint import damage_of  # see `find_checkpoint`
 
+    # By number, not by time of change: copies of a folder may have any times.
     found = [file for _, file in run.list_checkpoints()]
     if before is not None:
         found = found[: found.index(before)] if before in found else []
@@ -223,7 +227,7 @@ def find_run(path: str | os.PathLike) -> tuple[RunFolder | None, Path | None]:
     path = Path(path).expanduser()
     run = RunFolder(path)
     if run.params.is_dir() and not run.list_checkpoints():
-        run.read_params()
+        run.read_params()  # which raises if they are damaged, before the run is built from them
         return run, None
     checkpoint = find_checkpoint(path)
     return RunFolder.of_checkpoint(checkpoint), checkpoint

@@ -138,6 +138,7 @@ class RunLogger(Logger):
             times = collect_time, learn_time
             super().log(it, start_it, total_it, *times, loss_dict, learning_rate, action_std, rnd_weight, **layout)
         self.iterations_done = it + 1
+        # rsl_rl has given its numbers to the writer one by one; now that they are complete they are one row.
         row = self.writer.take_row() if isinstance(self.writer, (RunLogWriter, RankLogWriter)) else {}
         row, stop = self._agree(row)
         if isinstance(self.writer, RunLogWriter):
@@ -169,7 +170,7 @@ class RunLogger(Logger):
     def stop_logging_writer(self) -> None:
         """Close the writers."""
         super().stop_logging_writer()
-        self.writer = None
+        self.writer = None  # which says that no training is under way
 
     def forget_episodes(self) -> None:
         """Count the running episodes from zero, as after a cut of all episodes."""

@@ -64,6 +64,7 @@ def gather_state(runner: OnPolicyRunner) -> TrainingState:
     if not runner.is_distributed:
         return state
     # As bytes, so that each rank's tensors keep their own device until that rank reads them again.
+    # Rank 0 sends nothing to itself: its own state is in the checkpoint as it is.
     gathered = gather(to_bytes(state).numpy() if runner.gpu_global_rank else None)
     if gathered is None:
         return {}
@@ -134,6 +135,7 @@ def _restore_env(runner: OnPolicyRunner, state: TrainingState, same_ranks: bool,
         _carry_progress(env.unwrapped, saved["env"], parameters=continue_episodes)
     else:
         print("the environment keeps no state: its episodes start anew", file=sys.stderr)
+    # New episodes, so the reason for random lengths is there again.
     if runner.agent_cfg.init_at_random_ep_len:
         lengths = env.episode_length_buf
         env.episode_length_buf = torch.randint_like(lengths, high=int(env.max_episode_length))

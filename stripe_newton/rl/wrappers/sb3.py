@@ -92,6 +92,7 @@ class Sb3VecEnvWrapper(VecEnv):
         self._finite_horizon = is_finite_horizon(inner)
         self._actions: np.ndarray | None = None
         self._reset_options: dict = {}
+        # A single name gives the group itself, a list a dict, also of one group.
         self._groups = [obs_group] if isinstance(obs_group, str) else list(obs_group)
         self._single_group = obs_group if isinstance(obs_group, str) else None
         observation = self._observation_space(env.single_observation_space)
@@ -168,6 +169,8 @@ class Sb3VecEnvWrapper(VecEnv):
         obs, reward, terminated, truncated, extras = self.env.step(action)
         tensors = {"reward": reward.float(), "terminated": terminated, "truncated": truncated}
         tensors |= self._leaves("obs", obs)
+        # With the rest in one copy, though most environments have not ended: whether any has is known on the host only
+        # after that copy.
         final = extras.get("final_obs", {})
         missing = sorted(set(self._groups) - final.keys())
         if not missing:
@@ -176,6 +179,7 @@ class Sb3VecEnvWrapper(VecEnv):
         rewards, failed, dones = host["reward"], host["terminated"], host["terminated"] | host["truncated"]
         self._returns += rewards
         self._lengths += 1
+        # Stable-Baselines3 looks at each environment's info, so each gets a dict of its own.
         infos: list[Info] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
         ended = np.flatnonzero(dones)
         if len(ended) and missing:
@@ -218,6 +222,7 @@ class Sb3VecEnvWrapper(VecEnv):
         """
         inner = self.env.unwrapped
         ids = list(self._get_indices(indices))
+        # In place, so that the simulation, whose memory it may be, sees the values.
         now = getattr(inner, attr_name, None)
         if self._has_rows(now):
             now[ids] = torch.as_tensor(value, dtype=now.dtype, device=now.device)
