@@ -234,7 +234,7 @@ def test_events_of_isaac_lab_are_read():
 
 
 def test_what_cannot_be_read():
-    with pytest.raises(CompareError, match="none: is no folder"):
+    with pytest.raises(CompareError, match="none: is not a folder"):
         find_runs("none")
     Path("empty").mkdir()
     with pytest.raises(CompareError, match="empty: contains no run"):
@@ -479,7 +479,7 @@ def test_runs_of_unequal_length_are_told(capsys):
     ("words", "part"),
     [
         ([], "compare needs runs"),
-        (["none"], "none: is no folder"),
+        (["none"], "none: is not a folder"),
         (["a", "--metric", "Loss/x"], "--metric Loss/x: no run has it"),
         (["a", "--group-by", "gamma"], "--group-by gamma: no run has this field"),
         (["mine="], "a group is NAME=PATH"),

@@ -210,7 +210,7 @@ def rnd() -> RslRlRndCfg:
 
 REFUSED = {
     "recurrent": ({"actor": RslRlRNNModelCfg(rnn_hidden_dim=8, distribution_cfg=normal())}, "actor is recurrent", True),
-    "beta": ({"actor": beta()}, "BetaDistribution draws with values of the host", False),
+    "beta": ({"actor": beta()}, "BetaDistribution samples with values from the host", False),
     "rmsprop": ({"algorithm": RslRlPpoAlgorithmCfg(optimizer="rmsprop")}, "RMSprop has no fused form", True),
     "rnd": (
         {

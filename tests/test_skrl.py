@@ -153,7 +153,7 @@ def test_final_observations_are_for_one_agent():
     class Several:
         possible_agents = ("a", "b")
 
-    with pytest.raises(ValueError, match="Several is an agent of several"):
+    with pytest.raises(ValueError, match=r"Several is one of skrl\.multi_agents"):
         use_final_observations(Several())
 
 

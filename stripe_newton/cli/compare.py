@@ -33,7 +33,7 @@ class CompareArgs:
     metric: tuple[str, ...] = ()
     """Columns of metrics.csv, * for any text; the first is what the table is about."""
     x: Literal["steps", "iterations", "seconds"] = "steps"
-    """What the curves are drawn over; steps are samples of all environments."""
+    """x axis of the curves; steps are samples of all environments."""
     minimize: bool = False
     """Whether less of the first metric is better."""
 
@@ -91,7 +91,7 @@ def _groups_of(args: CompareArgs, notes: list[str]) -> list[Group]:
     names = [group.name for group in groups]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise CompareError(f"two groups are called '{twice}'; name them otherwise, as NAME=PATH")
+        raise CompareError(f"two groups are called '{twice}'; give them other names, as NAME=PATH")
     return groups
 
 

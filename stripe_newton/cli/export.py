@@ -46,7 +46,7 @@ def run(argv: list[str]) -> int:
     folder = RunFolder.of_checkpoint(checkpoint)
     task = args.task or (folder.read_task() if folder is not None else None)
     if task is None:
-        raise UserError(f"{checkpoint}: lies in no run folder that names its task; give --task TASK")
+        raise UserError(f"{checkpoint}: is in no run folder that names its task; give --task TASK")
     find_task(task)
     configs = load_configs(task, folder)
     configs.env.scene.num_envs = 1

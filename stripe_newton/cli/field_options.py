@@ -166,7 +166,7 @@ def _kind(cfg: Node, name: str, value: object) -> TypeForm | None:
         return None if kind is None else kind | None
     if kind is not None and _fits(value, kind):
         return kind
-    # No annotation, or a default that is of another type than it says: the value itself tells the type.
+    # No annotation, or a default of another type than it says: the type is that of the value.
     of_value = _type_of(value)
     if of_value is None or of_value is types.NoneType:
         return None

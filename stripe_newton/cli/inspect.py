@@ -33,7 +33,7 @@ class _Inspection:
     facts: dict[str, object]
     """Rows of the table, by name."""
     reports: list[StageReport]
-    """What was read from the files, and what was not."""
+    """Reports of the files: what was read, and what was not."""
     picture: np.ndarray
     """uint8 ``(height, width, 3)``."""
 

@@ -66,7 +66,7 @@ def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_d
         leftovers += [] if configs.agent is None else apply_saved(configs.agent, saved["agent"], "agent")
         if leftovers:
             lines = "\n".join(f"  {line}" for line in leftovers)
-            print(f"warning: the task is not what it was when {run.path} was made:\n{lines}", file=sys.stderr)
+            print(f"warning: the task has changed since {run.path} was made:\n{lines}", file=sys.stderr)
     return configs
 
 

@@ -214,7 +214,7 @@ def _find(name: str) -> type[SceneSpec]:
 
 
 def _import(name: str) -> object:
-    """What ``module:Class`` names.
+    """The object that ``module:Class`` names.
 
     Raises:
         UserError: if there is no such module, or it has no such class.

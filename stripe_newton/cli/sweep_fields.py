@@ -175,7 +175,7 @@ class _Field:
         try:
             check(trial)
         except ConfigError as error:
-            raise InvalidEntryError(f"{value!r} does not do: {'; '.join(error.problems)}") from None
+            raise InvalidEntryError(f"{value!r} is rejected: {'; '.join(error.problems)}") from None
 
 
 def _fields(options: Options) -> tuple[dataclasses.Field, ...]:

@@ -79,12 +79,13 @@ def _read(path: Path) -> Mapping[object, object]:
     except OSError as error:
         raise UserError(f"--sweep {path}: {error.strerror}; give a YAML file") from None
     except UnicodeDecodeError:
-        raise UserError(f"{path}: is no text; give a YAML file") from None
+        raise UserError(f"{path}: is not text; give a YAML file") from None
     except yaml.YAMLError as error:
-        raise UserError(f"{path}: is no valid YAML: {' '.join(str(error).split())}") from None
+        raise UserError(f"{path}: is not valid YAML: {' '.join(str(error).split())}") from None
     if not isinstance(data, dict):
         example = "agent.algorithm.gamma: [0.98, 0.99]"
-        raise UserError(f"{path}: holds {type(data).__name__}, must hold fields and what they try, such as {example}")
+        kind = type(data).__name__
+        raise UserError(f"{path}: contains {kind}, must contain fields and their values, such as {example}")
     return data
 
 
@@ -200,10 +201,11 @@ def _complete(found: dict[str, object], spaces: dict[str, Space]) -> list[str]:
     sampler, trials = found.setdefault("sampler", "tpe" if ranges else "grid"), found.get("trials")
     if sampler != "grid":
         if trials is None:
-            return [f"trials: is missing; say how many the sampler {sampler} shall propose"]
+            return [f"trials: is missing; give the number of trials for the sampler {sampler}"]
         return []
     if ranges:
-        return [f"{name}: is a range, of which a grid cannot try all; give a list, or sampler: tpe" for name in ranges]
+        text = "is a range, which a grid cannot try completely; give a list, or sampler: tpe"
+        return [f"{name}: {text}" for name in ranges]
     size = math.prod(len(space.choices) for space in spaces.values())
     if isinstance(trials, int) and trials > size:
         return [f"trials: is {trials}, but the grid has {size} combinations; leave it out"]

@@ -171,5 +171,5 @@ def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchV
 
 
 def _resolved(entry: str | Callable[..., T]) -> Callable[..., T]:
-    """What an entry point names, ``module:name``; anything else as it is."""
+    """The object that an entry point names as ``module:name``; an object itself is returned as it is."""
     return resolve_name(entry) if isinstance(entry, str) else entry

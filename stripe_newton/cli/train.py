@@ -99,11 +99,11 @@ def _train(task: str, argv: Sequence[str]) -> int:
 
         return run_sweep(task, argv, args, configs)
     if args.jobs is not None:
-        raise UserError(f"--jobs {args.jobs}: are the runs of a sweep; give --sweep FILE, too")
+        raise UserError(f"--jobs {args.jobs}: is for sweeps; give --sweep FILE too")
     changes = differences(before, {name: cfg.to_dict() for name, cfg in vars(configs).items()}) if resumed else {}
     keeps_episodes = check_changes(resume, changes, args.allow_changes)
     if resumed is not None and checkpoint is None:
-        print(f"{resume} holds no checkpoint yet: it begins anew")
+        print(f"{resume} contains no checkpoint yet: it starts anew")
     total_envs = configs.env.scene.num_envs
     split_over_ranks(configs)
     # Each rank draws other noise on its actions.
@@ -157,7 +157,7 @@ def _build_runner(
     runner = build(task, configs, folder.path, render=world().rank == 0)
     if agent.runner == "graph" and world().rank == 0 and runner.device != "cpu":
         for part, reason in runner.no_graphs.items():
-            print(f"the {part} is rsl_rl's own and no graph: {reason}")
+            print(f"the {part} runs rsl_rl's own code rather than a graph: {reason}")
     if checkpoint is not None:
         runner.resume(checkpoint, keeps_episodes)
         done = runner.iterations_done
@@ -166,7 +166,7 @@ def _build_runner(
                 f"{checkpoint}: {done} iterations are done, of {agent.max_iterations}; "
                 "give --max-iterations to go further"
             )
-        print(f"going on after iteration {done} of {checkpoint}")
+        print(f"continuing after iteration {done} of {checkpoint}")
     if "agent.algorithm.learning_rate" in changes:
         # The checkpoint has the rate that the adaptive schedule had come to; one that was given overrides it.
         set_learning_rate(runner.alg, agent.algorithm.learning_rate)
@@ -181,7 +181,7 @@ def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunF
         if world().rank == 0:
             _finish(runner, folder, task, complete, film=args.final_video)
     except BaseException:
-        print(f"\nended early; what there is lies in {folder.path}", file=sys.stderr)
+        print(f"\nended early; files so far are in {folder.path}", file=sys.stderr)
         raise
     finally:
         runner.env.close()
@@ -224,7 +224,7 @@ def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
     path = str(folder.path)
     if not complete:
         ranks = ["--gpus", str(world().size)] if world().size > 1 else []
-        print(f"stopped; go on with:\n  {command('train', task, *ranks, '--resume', path)}")
+        print(f"stopped; continue with:\n  {command('train', task, *ranks, '--resume', path)}")
     print(f"run folder: {folder.path}\nnext:")
     for verb in ("play", "eval"):
         print(f"  {command(verb, task, '--checkpoint', path)}")

@@ -60,7 +60,7 @@ def launch_ranks(task: str, argv: Sequence[str], count: int, user_errors: Sequen
     code, folder = launch(arguments, count, user_errors)
     if code == 1 and folder is not None:
         again = command("train", task, "--gpus", str(count), "--resume", folder)
-        print(f"after its last checkpoint the run goes on with:\n  {again}", file=sys.stderr)
+        print(f"to continue from the last checkpoint:\n  {again}", file=sys.stderr)
     return code
 
 

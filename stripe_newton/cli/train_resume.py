@@ -69,16 +69,16 @@ def check_changes(run: str | None, changes: Changes, allowed: bool) -> bool:
     Raises:
         UserError: for changes of the environment or the networks that are not allowed.
     """
-    told = {path: pair for path, pair in changes.items() if not any(fnmatch(path, free) for free in _FREE)}
-    refused = {path: pair for path, pair in told.items() if not _is_learning(path)}
+    reported = {path: pair for path, pair in changes.items() if not any(fnmatch(path, free) for free in _FREE)}
+    refused = {path: pair for path, pair in reported.items() if not _is_learning(path)}
     if refused and not allowed:
         raise UserError(
-            f"{run} cannot go on as it was, since these differ:\n{_lines(refused)}\n"
+            f"{run} cannot continue as it was, since these differ:\n{_lines(refused)}\n"
             "start a new run with them, or add --allow-changes True: episodes start anew if the environment is another,"
             " and the networks must still be of the same sizes"
         )
-    if told:
-        print(f"from here on, in {run}:\n{_lines(told)}")
+    if reported:
+        print(f"from here on, in {run}:\n{_lines(reported)}")
     return not any(path.startswith("env.") for path in refused)
 
 

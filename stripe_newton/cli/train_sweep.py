@@ -87,7 +87,7 @@ def run_sweep(task: str, argv: Sequence[str], args: TrainArgs, configs: Configs)
         sweep.close()
     print(f"\n{table}\n\nsweep folder: {folder}")
     if not complete:
-        print("stopped; the same command goes on")
+        print("stopped; the same command continues")
         return 130
     if best is None:
         raise UserError(f"{folder}: no trial was completed; results.csv says why each of them was not")

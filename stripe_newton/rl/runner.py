@@ -45,7 +45,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     device: str
     logger: RunLogger
     parts_to_act = {"actor": True, "iteration": True}
-    """What :meth:`load` needs of a checkpoint where the policy only acts."""
+    """Parts of a checkpoint that :meth:`load` needs where the policy only acts."""
 
     _unsaved: CheckpointWriteError | None = None
     """Why the last checkpoint is not on the disk; None if it is."""
@@ -245,9 +245,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         data = self._load(path, None, True, None)
         state = data.get("stripe_newton")
         if state is None:
-            raise CheckpointError(
-                f"{path}: holds networks but not the state of a training; it can be played, not resumed"
-            )
+            raise CheckpointError(f"{path}: contains networks but no training state; it can be played, not resumed")
         restore_state(self, state, path, episodes)
 
     @torch.inference_mode()
@@ -322,4 +320,4 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         except (RuntimeError, ValueError) as error:
             # torch's message has a headline and then a line for each parameter; three of them are enough.
             detail = "; ".join(line.strip() for line in str(error).splitlines()[1:4]) or str(error)
-            raise CheckpointError(f"{path}: is of other networks or observations: {detail}") from None
+            raise CheckpointError(f"{path}: has other networks or observations: {detail}") from None

@@ -50,7 +50,8 @@ def env_mismatches(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator
     for name, wanted in cfg.obs_groups.items():
         for group in wanted:
             if group not in groups:
-                yield f"obs_groups.{name}: '{group}' is no observation group, the environment has {', '.join(groups)}"
+                there = ", ".join(groups)
+                yield f"obs_groups.{name}: '{group}' is not an observation group; the environment has {there}"
     if isinstance(cfg, RslRlOnPolicyRunnerCfg):
         yield from _too_few_samples(cfg, env)
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 __all__ = ["Problems", "at_least", "in_unit_interval", "layer_widths", "one_of", "positive"]
 
 Problems = Iterator[tuple[str, str]]
-"""What the method ``problems`` of a config yields: the field, and what is wrong and would be right."""
+"""Result of the method ``problems`` of a config: pairs of a field and what is wrong with it."""
 
 
 def one_of(cfg: object, field: str, choices: tuple[str, ...]) -> Problems:

@@ -140,7 +140,7 @@ def _report(error: ChildFailedError, user_errors: set[str]) -> int:
         print(f"error: rank {rank} failed, which ended the run: {cause.kind}: {cause.text}", file=sys.stderr)
     elif failure.exitcode < 0:
         name = failure.signal_name()
-        hint = "; is there memory enough?" if failure.exitcode == -signal.SIGKILL else ""
+        hint = "; is there enough memory?" if failure.exitcode == -signal.SIGKILL else ""
         print(f"error: rank {rank} was ended by {name}, which ended the run{hint}", file=sys.stderr)
     elif failure.exitcode == 2:  # a wrong option, which rank 0 has explained
         return 2

@@ -199,7 +199,7 @@ def _or_lost(function: Callable[[], int]) -> int:
     except Exception as error:
         if not _is_of_another_rank(error):
             raise
-        # The rank that failed first is the one to report. Whoever started the ranks ends this one when it sees that.
+        # The rank that failed first is the one to report. The launcher or torchrun ends this one when it sees that.
         time.sleep(_SECONDS_FOR_THE_CAUSE)
         lines = str(error).splitlines() or [type(error).__name__]
         raise LostRankError(f"rank {world().rank} got no answer from another rank: {lines[0][:200]}") from error

@@ -29,7 +29,7 @@ class Comparison:
     summaries: list[Summary]
     """Rows of the table."""
     x: str
-    """What curves are drawn over: ``steps``, ``iterations`` or ``seconds``."""
+    """x axis of the curves: ``steps``, ``iterations`` or ``seconds``."""
     notes: list[str]
     """Notes for the reader."""
 

@@ -53,7 +53,7 @@ def find_runs(path: str | os.PathLike) -> list[Path]:
     """
     root = Path(path).expanduser()
     if not root.is_dir():
-        raise CompareError(f"{path}: is no folder; give a run folder, or one that contains runs")
+        raise CompareError(f"{path}: is not a folder; give a run folder, or one that contains runs")
     found: list[Path] = []
     for folder, below, files in os.walk(root):
         below.sort()
@@ -147,7 +147,7 @@ def _read_config(path: Path) -> FlatConfig:
             try:
                 data = yaml.load(file.read_text(encoding="utf-8"), _Loader)
             except (yaml.YAMLError, UnicodeDecodeError) as error:
-                raise CompareError(f"{file}: is no valid YAML ({str(error).splitlines()[0]})") from None
+                raise CompareError(f"{file}: is not valid YAML ({str(error).splitlines()[0]})") from None
             _flatten(data, name, flat)
     for file in sorted((path / "git").glob("*.diff")):  # written by rsl_rl: commit, status and diff of a repository
         text = file.read_text(encoding="utf-8", errors="replace")

@@ -42,7 +42,7 @@ class _OpenTrial:
     pruned: bool = False
     """Whether the pruner has ended it."""
     reported: int = 0
-    """Iterations that the pruner was told of."""
+    """Iterations that were reported to the pruner."""
 
 
 class Sweep:
@@ -72,7 +72,7 @@ class Sweep:
             poll_s: Time from one look at the processes to the next [s].
 
         Raises:
-            SweepError: if the folder holds another sweep, or one that is running.
+            SweepError: if the folder contains another sweep, or one that is running.
         """
         self.cfg, self.folder, self.slots, self.command = cfg, Path(folder), list(slots), list(command)
         self.show, self.poll_s = show, poll_s
@@ -202,7 +202,7 @@ class Sweep:
             columns, folder = run.columns(), run.folder()
             file = folder.metrics if folder is not None else run.path
             there = self.cfg.objective in columns
-            what = "has no value in its last rows" if there else "is no column"
+            what = "has no value in its last rows" if there else "is not a column"
             error = f"'{self.cfg.objective}' {what} of {file}; there are {', '.join(columns)}"
             if not there and not self.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
                 raise SweepError(error)  # as it would be in all trials

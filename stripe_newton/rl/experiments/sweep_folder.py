@@ -55,7 +55,7 @@ def lock_folder(folder: Path, show: Callable[[str], None]) -> int:
                 os.close(lock)
                 raise SweepError(f"{folder}: a sweep is running here (process {owner})") from None
             if attempt == 0:
-                show("waiting for the runs of the earlier sweep, which save")
+                show("waiting for the runs of the earlier sweep to save")
             time.sleep(0.5)
     # The process in the file tells a sweep that runs from one whose runs are still saving.
     os.ftruncate(lock, 0)
@@ -74,7 +74,7 @@ def write_cfg(folder: Path, cfg: SweepCfg) -> None:
         differences = cfg.differences(yaml.safe_load(path.read_text(encoding="utf-8")) or {})
         if differences:
             raise SweepError(
-                f"{folder}: holds another sweep, which cannot go on as this one: {'; '.join(differences)}. "
+                f"{folder}: contains another sweep, which cannot continue as this one: {'; '.join(differences)}. "
                 "Give this one a 'name' of its own, or delete that folder"
             )
     part = path.with_name("sweep.yaml.part")

@@ -144,7 +144,7 @@ class SweepProcess:
         code = self.process.returncode
         if self.interrupted or self.run.is_complete():
             return None
-        # Negative codes are signals. Code 0 without all iterations is a run that somebody else has stopped.
+        # Negative codes are signals. Code 0 without all iterations is a run that was stopped from outside.
         how = f"ended with code {code}" if code > 0 else f"was killed by {signal.Signals(-code).name}" if code else ""
         how = how or f"stopped after {self.run.iterations_done()} of {self.run.max_iterations} iterations"
         return f"seed {self.run.seed} {how}; the end of {self.run.output}:\n{self.run.last_lines()}"

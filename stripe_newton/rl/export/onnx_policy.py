@@ -110,7 +110,7 @@ def _mismatches(metadata: PolicyMetadata, env: RslRlVecEnvWrapper) -> Iterator[s
     """Differences between the environment and what the policy needs."""
     yield from _group_mismatches(metadata["observations"], env)
     if metadata["actions"]["size"] != env.num_actions:
-        yield f"actions: the policy gives {metadata['actions']['size']}, it takes {env.num_actions}"
+        yield f"actions: the policy returns {metadata['actions']['size']}, the environment takes {env.num_actions}"
     for what, moved, present in _joints(metadata, env.unwrapped):
         if moved != present:
             yield f"{what}: the policy moves {', '.join(moved)}; the environment has {', '.join(present)}"
@@ -124,14 +124,17 @@ def _group_mismatches(wanted: list[ObservationGroupInfo], env: RslRlVecEnvWrappe
     for group in wanted:
         name, here = group["name"], present.get(group["name"])
         if here is None:
-            yield f"observations '{name}': it has no such group, but {', '.join(there)}"
+            yield f"observations '{name}': the environment has no such group, but {', '.join(there)}"
             continue
         policy_terms, env_terms = _sizes(group["terms"]), _sizes(here["terms"])
         if policy_terms is not None and env_terms is not None and policy_terms != env_terms:
-            mine, its = _listed(policy_terms), _listed(env_terms)
-            yield f"observations '{name}': the policy reads {mine}; the environment has {its}"
+            yield _different_groups(name, _listed(policy_terms), _listed(env_terms))
         elif tuple(group["shape"]) != tuple(here["shape"]):
-            yield f"observations '{name}': the policy reads {tuple(group['shape'])}, it has {tuple(here['shape'])}"
+            yield _different_groups(name, tuple(group["shape"]), tuple(here["shape"]))
+
+
+def _different_groups(name: str, policy: object, env: object) -> str:
+    return f"observations '{name}': the policy reads {policy}; the environment has {env}"
 
 
 def _joints(metadata: PolicyMetadata, env: TorchVectorEnv) -> Iterator[tuple[str, list[str], list[str]]]:

@@ -105,7 +105,7 @@ def _read_onnx(path: Path) -> Plain:
     try:
         model = onnx.load(str(path), load_external_data=False)
     except Exception:  # protobuf's own, which has no base in common with others
-        raise ValueError("it is no ONNX file") from None
+        raise ValueError("it is not an ONNX file") from None
     return {p.key: json.loads(p.value) for p in model.metadata_props if p.key in SECTIONS}
 
 
@@ -117,7 +117,7 @@ def _read_torchscript(path: Path) -> Plain:
     with zipfile.ZipFile(path) as archive:
         names = [n for n in archive.namelist() if n.endswith(f"/extra/{METADATA_FILE}")]
         if not names:
-            raise ValueError(f"it holds no {METADATA_FILE}")
+            raise ValueError(f"it contains no {METADATA_FILE}")
         return json.loads(archive.read(names[0]))
 
 
@@ -174,7 +174,7 @@ def _network(model: MLPModel) -> NetworkInfo:
 
 
 def _normalizer(model: MLPModel) -> dict[str, Plain] | None:
-    """What the network normalises its flat observations by."""
+    """The normaliser of the network's flat observations, or None."""
     if not model.obs_normalization:
         return None
     norm = model.obs_normalizer

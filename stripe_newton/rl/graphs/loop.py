@@ -31,8 +31,8 @@ class _Iteration:
 def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, total: int) -> None:
     """Train from iteration ``first`` up to, but without, iteration ``total``.
 
-    An iteration is logged while the device works on the next one. It is logged at once where somebody looks at the
-    state that it left behind: a checkpoint, a hook, a stop, or the end of the training.
+    An iteration is logged while the device works on the next one. It is logged at once where the state after it is
+    needed: for a checkpoint, a hook, a stop, or the end of the training.
 
     Raises:
         StopTraining: if the run was asked to stop; the last iteration is complete and logged then.

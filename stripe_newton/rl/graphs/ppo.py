@@ -139,7 +139,7 @@ class GraphPPO(PPO):
 
     def _why_no_update_graph(self) -> str:
         if self.rnd is not None:
-            return "random network distillation looks at values on the host"
+            return "random network distillation reads values on the host"
         for name, model in (("actor", self._raw_actor), ("critic", self._raw_critic)):
             if model.is_recurrent:
                 return f"the {name} is recurrent, its minibatches differ in size"

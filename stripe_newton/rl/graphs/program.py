@@ -28,7 +28,7 @@ class Program:
         """
         self._function, self._device = function, torch.device(device)
         if self._device.type == "cuda":
-            # Nobody may have used Warp yet where the function calls torch alone, and `wp.stream_from_torch` needs it.
+            # `wp.stream_from_torch` needs it, and a function that calls torch alone may be the first to be recorded.
             wp.init()
             self._stream = torch.cuda.Stream(self._device)
         self._graph: torch.cuda.CUDAGraph | None = None

@@ -30,7 +30,7 @@ def why_no_rollout_graph(env: RslRlVecEnvWrapper, algorithm: object) -> str:
     if algorithm.why_no_update_graph:
         return algorithm.why_no_update_graph
     if not isinstance(algorithm.actor.distribution, _NORMAL):
-        return f"{type(algorithm.actor.distribution).__name__} draws with values of the host"
+        return f"{type(algorithm.actor.distribution).__name__} samples with values from the host"
     if str(env.device) != str(algorithm.device):
         return f"the environment is on {env.device}, the networks are on {algorithm.device}"
     if env.env is not env.unwrapped:

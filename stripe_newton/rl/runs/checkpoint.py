@@ -100,7 +100,7 @@ def damage_of(path: str | os.PathLike) -> str | None:
     except zipfile.BadZipFile:
         with open(path, "rb") as file:
             magic = file.read(2)
-        return "is damaged or cut short" if magic in (b"PK", b"") else "is no file that torch.save wrote"
+        return "is damaged or cut short" if magic in (b"PK", b"") else "was not written by torch.save"
     except OSError as error:
         return f"cannot be read: {error.strerror or error}"
     return None if bad is None else f"is damaged: the checksum of '{bad}' is wrong"
@@ -125,14 +125,15 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
     except pickle.UnpicklingError as error:
         # The line that names the refused class stands in the middle of torch's long explanation.
         reason = next((line.strip() for line in str(error).splitlines() if "GLOBAL" in line), _first_line(error))
-        raise CheckpointError(f"{path}: holds more than tensors and plain values, it is not read ({reason})") from None
+        text = "contains more than tensors and plain values, so it is not read"
+        raise CheckpointError(f"{path}: {text} ({reason})") from None
     except (RuntimeError, EOFError, OSError) as error:
-        raise CheckpointError(f"{path}: is no file that torch.save wrote ({_first_line(error)})") from None
+        raise CheckpointError(f"{path}: was not written by torch.save ({_first_line(error)})") from None
     # rsl_rl before version 5 had other keys, and other programs have none of these.
     if not isinstance(data, dict) or not {"actor_state_dict", "student_state_dict"} & set(data):
         found = f"keys {sorted(map(str, data))[:6]}" if isinstance(data, dict) else type(data).__name__
         raise CheckpointError(
-            f"{path}: is no checkpoint of rsl_rl 5, expected a dict with 'actor_state_dict', found {found}"
+            f"{path}: is not a checkpoint of rsl_rl 5, expected a dict with 'actor_state_dict', found {found}"
         )
     return data
 

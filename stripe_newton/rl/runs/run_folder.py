@@ -153,9 +153,9 @@ class RunFolder:
         except FileNotFoundError:
             raise CheckpointError(f"{file}: is missing; is {self.path} a run folder?") from None
         except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise CheckpointError(f"{file}: is no valid YAML ({str(error).splitlines()[0]})") from None
+            raise CheckpointError(f"{file}: is not valid YAML ({str(error).splitlines()[0]})") from None
         if not isinstance(data, dict):
-            raise CheckpointError(f"{file}: holds {type(data).__name__}, expected a mapping")
+            raise CheckpointError(f"{file}: contains {type(data).__name__}, expected a mapping")
         return data
 
 
@@ -181,7 +181,7 @@ def find_checkpoint(path: str | os.PathLike) -> Path:
     newest = find_newest(run)
     if newest is None:
         raise CheckpointError(
-            f"{path}: holds no checkpoint; expected files {run.checkpoints.name}/model_K.pt in a run folder"
+            f"{path}: contains no checkpoint; expected files {run.checkpoints.name}/model_K.pt in a run folder"
         )
     return newest
 

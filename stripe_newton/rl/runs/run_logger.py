@@ -159,11 +159,11 @@ class RunLogger(Logger):
         """The row of all ranks, and whether they stop after this iteration."""
         stop = self._stop_agreed
         if self.is_distributed:
-            told = exchange((row, self.stop_requested or stop_asked()))
-            row = merge_rows([other for other, _ in told])
+            answers = exchange((row, self.stop_requested or stop_asked()))
+            row = merge_rows([other for other, _ in answers])
             # For the next iteration rather than this one: some ranks have queued work of the next one already, others
             # have not, and all must have taken part in the same number of collective calls.
-            self._stop_agreed = any(asked for _, asked in told)
+            self._stop_agreed = any(asked for _, asked in answers)
             self.stop_requested = self._stop_agreed
         return row, stop
 

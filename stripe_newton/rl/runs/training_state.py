@@ -31,7 +31,7 @@ which curricula change."""
 
 
 class RndState(TypedDict):
-    """What random network distillation keeps outside its parameters."""
+    """State of random network distillation beside its parameters."""
 
     update_counter: int
     discounted_average: torch.Tensor | None
@@ -174,7 +174,7 @@ def restore_normalization(env: TorchVectorEnv, checkpoint: Path) -> None:
             with torch.no_grad():
                 wp.to_torch(arrays[name]).copy_(value)
         elif name.endswith((".mean", ".var")):
-            print(f"warning: {checkpoint} lacks {name}; it is that of a new environment", file=sys.stderr)
+            print(f"warning: {checkpoint} lacks {name}; that of a new environment is used", file=sys.stderr)
 
 
 def set_learning_rate(algorithm: PPO | Distillation, value: float) -> None:

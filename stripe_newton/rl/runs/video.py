@@ -22,7 +22,7 @@ __all__ = ["TrainingVideo", "record_video", "video_steps", "video_timing"]
 MAX_FPS = 60.0
 """Most frames that a video has in a second."""
 VIDEO_SECONDS = 10.0
-"""Longest video that is made where nobody gives its length [s]."""
+"""Longest video without an explicit length [s]."""
 
 
 def video_timing(step_dt: float) -> tuple[int, float]:
@@ -33,7 +33,7 @@ def video_timing(step_dt: float) -> tuple[int, float]:
 
 
 def video_steps(env: RslRlVecEnvWrapper) -> int:
-    """Steps of a video where nobody gives its length: an episode, but not longer than ``VIDEO_SECONDS``."""
+    """Steps of a video without an explicit length: an episode, but not longer than ``VIDEO_SECONDS``."""
     return max(1, min(int(env.max_episode_length), round(VIDEO_SECONDS / env.unwrapped.step_dt)))
 
 

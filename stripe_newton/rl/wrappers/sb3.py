@@ -80,7 +80,7 @@ class Sb3VecEnvWrapper(VecEnv):
         inner = env.unwrapped
         if getattr(env, "single_action_space", None) is None:  # a space for each agent instead
             raise ValueError(
-                f"{type(inner).__name__} is of several agents; wrap multi_agent_to_single_agent(env) instead"
+                f"{type(inner).__name__} has several agents; wrap multi_agent_to_single_agent(env) instead"
             )
         if not getattr(inner.cfg, "compute_final_obs", False):
             raise ValueError(

@@ -68,8 +68,8 @@ def use_final_observations(agent: Agent) -> None:
     Raises:
         ValueError: if it is one of ``skrl.multi_agents``.
     """
-    if hasattr(agent, "possible_agents"):  # what tells the two kinds of agents of skrl apart
-        raise ValueError(f"{type(agent).__name__} is an agent of several, must be one of skrl.agents.torch")
+    if hasattr(agent, "possible_agents"):  # agents of skrl.multi_agents alone have it
+        raise ValueError(f"{type(agent).__name__} is one of skrl.multi_agents, must be one of skrl.agents.torch")
     record = agent.record_transition
 
     def record_transition(
