@@ -470,7 +470,7 @@ def test_the_command(fake_children, capsys):
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (["--seed", "3"], "--seed: cannot be given beside --sweep; the seeds stand in the file"),
+        (["--seed", "3"], "--seed: cannot be given beside --sweep; the seeds are in the file"),
         (["--agent.seed=3"], "--agent.seed: cannot be given beside --sweep"),
         (["--jobs", "0"], "--jobs 0: must be at least 1"),
         (["--log-dir", "taken"], "contains another sweep"),

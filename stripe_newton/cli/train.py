@@ -34,6 +34,7 @@ from .run_configs import Configs, check, load_configs
 from .shell_command import command
 from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
 from .train_resume import Changes, check_changes, differences
+from .train_sweep import SweepOptions, run_sweep
 from .user_error import UserError
 
 __all__ = ["TrainArgs", "run"]
@@ -95,9 +96,8 @@ def _train(task: str, argv: Sequence[str]) -> int:
     _apply_shortcuts(args, configs)
     check(configs)
     if args.sweep is not None:
-        from .train_sweep import run_sweep  # here, as only a sweep needs it
-
-        return run_sweep(task, argv, args, configs)
+        options = SweepOptions(args.sweep, args.jobs, args.device, args.log_dir, args.max_iterations, args.num_envs)
+        return run_sweep(task, argv, options, configs)
     if args.jobs is not None:
         raise UserError(f"--jobs {args.jobs}: is for sweeps; give --sweep FILE too")
     changes = differences(before, {name: cfg.to_dict() for name, cfg in vars(configs).items()}) if resumed else {}

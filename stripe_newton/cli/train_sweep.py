@@ -8,7 +8,8 @@ import importlib.util
 import os
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 
@@ -20,30 +21,45 @@ from .sweep_file import read_sweep_file
 from .tasks import import_options
 from .user_error import UserError
 
-if TYPE_CHECKING:
-    from .train import TrainArgs
-
-__all__ = ["run_sweep"]
+__all__ = ["SweepOptions", "child_command", "list_slots", "run_sweep"]
 
 _USED_HERE = ("--sweep", "--jobs", "--device", "--log-dir", "--max-iterations", "--num-envs", "--final-video")
 """Options that the sweep itself uses. All others are passed on to its runs."""
 _REFUSED = {
-    "--seed": "the seeds stand in the file, as 'seeds'",
-    "--resume": "a sweep goes on by itself, with the same command",
-    "--env.seed": "the seeds stand in the file, as 'seeds'",
-    "--agent.seed": "the seeds stand in the file, as 'seeds'",
+    "--seed": "the seeds are in the file, as 'seeds'",
+    "--resume": "the same command continues a sweep",
+    "--env.seed": "the seeds are in the file, as 'seeds'",
+    "--agent.seed": "the seeds are in the file, as 'seeds'",
     "--env.sim.device": "use --device",
     "--gpus": "each run of a sweep has one GPU; --jobs says how many run at a time",
 }
 
 
-def run_sweep(task: str, argv: Sequence[str], args: TrainArgs, configs: Configs) -> int:
+@dataclass
+class SweepOptions:
+    """Options of ``train`` that the sweep itself uses."""
+
+    file: Path
+    """The file of the sweep."""
+    jobs: int | None
+    """Runs at a time; None for one on each GPU, or one on the CPU."""
+    device: str | None
+    """Device of the runs."""
+    log_dir: Path
+    """Folder of the folders of experiments."""
+    max_iterations: int | None
+    """Iterations of each run; overrides the file."""
+    num_envs: int | None
+    """Environments of each run; overrides the file."""
+
+
+def run_sweep(task: str, argv: Sequence[str], options: SweepOptions, configs: Configs) -> int:
     """Run a sweep.
 
     Args:
         task: The task.
         argv: The arguments after ``train``.
-        args: The same, parsed.
+        options: Those of them that are for the sweep.
         configs: Configs of the task with the values of the arguments, checked.
 
     Returns:
@@ -52,27 +68,26 @@ def run_sweep(task: str, argv: Sequence[str], args: TrainArgs, configs: Configs)
     Raises:
         UserError: if the file or the options are wrong, or no trial was completed.
     """
-    assert args.sweep is not None
     if importlib.util.find_spec("optuna") is None:
         raise UserError("--sweep needs optuna: pip install 'stripe-newton[sweep]'")
-    options = _others(argv, task)
-    cfg, name = read_sweep_file(args.sweep, task, configs)
+    others = _others(argv, task)
+    cfg, name = read_sweep_file(options.file, task, configs)
     cfg = dataclasses.replace(
         cfg,
-        options=tuple(options),
-        max_iterations=args.max_iterations or cfg.max_iterations,
-        num_envs=args.num_envs or cfg.num_envs,
+        options=tuple(others),
+        max_iterations=options.max_iterations or cfg.max_iterations,
+        num_envs=options.num_envs or cfg.num_envs,
     )
     if cfg.num_envs is not None and "env.scene.num-envs" in cfg.spaces:
-        raise UserError(f"{args.sweep}: env.scene.num-envs: is tried, but num_envs fixes it; leave one of them out")
-    slots = list_slots(args.device, args.jobs)
+        raise UserError(f"{options.file}: env.scene.num-envs: is tried, but num_envs fixes it; leave one of them out")
+    slots = list_slots(options.device, options.jobs)
 
     # Here, as they need optuna, which need not be installed.
     from stripe_newton.rl.experiments.sweep import Sweep
     from stripe_newton.rl.experiments.sweep_folder import SweepError
     from stripe_newton.rl.experiments.sweep_report import report
 
-    folder = args.log_dir / (configs.need_agent().experiment_name or task) / f"sweep_{name}"
+    folder = options.log_dir / (configs.need_agent().experiment_name or task) / f"sweep_{name}"
     try:
         sweep = Sweep(cfg, folder, slots, child_command(), show=_show)
     except SweepError as error:
@@ -82,7 +97,7 @@ def run_sweep(task: str, argv: Sequence[str], args: TrainArgs, configs: Configs)
         complete = sweep.run()
         table, best = report(sweep.study, cfg, folder)
     except SweepError as error:
-        raise UserError(f"{args.sweep}: objective: {error}") from None
+        raise UserError(f"{options.file}: objective: {error}") from None
     finally:
         sweep.close()
     print(f"\n{table}\n\nsweep folder: {folder}")
