@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 import torch
 
 from .policies import Policy
-from .torch_vector_env import success_of
+from .torch_vector_env import Extras, success_of
 from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
 __all__ = ["EvalResult", "evaluate"]
@@ -92,7 +92,7 @@ class _EpisodeCounter:
         """Whether an environment has not reached its quota."""
         return bool((self._count < self._quota).any())
 
-    def add(self, rewards: torch.Tensor, ended: torch.Tensor, extras: dict) -> None:
+    def add(self, rewards: torch.Tensor, ended: torch.Tensor, extras: Extras) -> None:
         """Take a step into account: rewards and ends of episodes, both ``(num_envs,)``, and the step's extras.
 
         Raises:
@@ -113,7 +113,7 @@ class _EpisodeCounter:
         self._steps[ended] = 0
         self._returns[ended] = 0.0
 
-    def _add_ended(self, counted: torch.Tensor, extras: dict) -> None:
+    def _add_ended(self, counted: torch.Tensor, extras: Extras) -> None:
         number = int(counted.sum())
         self._total_steps += int(self._steps[counted].sum())
         self._total_return += float(self._returns[counted].sum())
@@ -126,7 +126,7 @@ class _EpisodeCounter:
         if success is not None:
             self._successes = (self._successes or 0) + int(success[counted].sum())
 
-    def _timed_out(self, extras: dict) -> torch.Tensor:
+    def _timed_out(self, extras: Extras) -> torch.Tensor:
         """Whether the clock ended the episodes, ``(num_envs,)``."""
         # A task with a finite horizon hands out no time-outs.
         if "time_outs" in extras:

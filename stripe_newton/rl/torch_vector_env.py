@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Protocol, TypeGuard
+from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
 
 import gymnasium
 import numpy as np
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .configs.config import Config
 
 __all__ = [
+    "EnvState",
+    "Extras",
     "Observations",
     "Resumable",
     "Simulated",
@@ -30,6 +32,10 @@ __all__ = [
 
 Observations = Mapping[str, torch.Tensor]
 """Observations by group, each of shape ``(num_envs, ...)``."""
+Extras = dict[str, Any]
+"""Further results of a step: ``"log"``, ``"time_outs"``, ``"final_obs"``, and values of the task's own."""
+EnvState = dict[str, Any]
+"""State of an environment, nested dicts of tensors and plain values. Each kind of environment has its own keys."""
 
 
 class TorchVectorEnv(Protocol):
@@ -74,10 +80,10 @@ class TorchVectorEnv(Protocol):
     def unwrapped(self) -> TorchVectorEnv:
         """The environment without gymnasium's wrappers."""
 
-    def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[Observations, dict]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Extras]:
         """Begin new episodes. Returns observations and extras."""
 
-    def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, dict]:
+    def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """Take a step. Returns observations, rewards, terminated, truncated and extras."""
 
     def render(self) -> np.ndarray | None:
@@ -90,10 +96,10 @@ class TorchVectorEnv(Protocol):
 class Resumable(Protocol):
     """An environment whose state can be saved and put back, so that a run goes on in the middle of its episodes."""
 
-    def get_state(self) -> dict:
+    def get_state(self) -> EnvState:
         """All that the next step depends on."""
 
-    def set_state(self, state: dict) -> None:
+    def set_state(self, state: EnvState) -> None:
         """Go on from what :meth:`get_state` returned."""
 
 

@@ -15,7 +15,7 @@ from rsl_rl.extensions import RandomNetworkDistillation
 
 from stripe_newton.rl.distributed import gather
 from stripe_newton.rl.errors import CheckpointError
-from stripe_newton.rl.torch_vector_env import TorchVectorEnv, rl_env_of
+from stripe_newton.rl.torch_vector_env import EnvState, TorchVectorEnv, rl_env_of
 
 from .checkpoint import RngState, from_bytes, get_rng_state, load_checkpoint, set_rng_state, to_bytes
 from .run_logger import LoggerState
@@ -40,7 +40,7 @@ class RndState(TypedDict):
 class TrainingState(TypedDict, total=False):
     """State of a training, beside what rsl_rl's algorithm saves."""
 
-    env: dict | None
+    env: EnvState | None
     """State of the environment with its last observations; None if the environment keeps no state."""
     hidden: dict | None
     """Memory of each network by name; None if no network is recurrent."""
@@ -188,7 +188,7 @@ def set_learning_rate(algorithm: PPO | Distillation, value: float) -> None:
 
 @torch.inference_mode(False)
 @torch.no_grad()
-def _carry_progress(env: TorchVectorEnv, state: dict, parameters: bool) -> None:
+def _carry_progress(env: TorchVectorEnv, state: EnvState, parameters: bool) -> None:
     """Let curricula that count steps go on; with ``parameters`` also the weights and parameters that they changed."""
     inner = rl_env_of(env)
     if "step" not in state or inner is None:

@@ -12,6 +12,8 @@ from tensordict import TensorDict
 
 from stripe_newton.rl.configs.config import Config
 from stripe_newton.rl.torch_vector_env import (
+    EnvState,
+    Extras,
     Observations,
     TorchVectorEnv,
     is_finite_horizon,
@@ -85,7 +87,7 @@ class RslRlVecEnvWrapper(VecEnv):
         return self.set_observations(obs)
 
     @torch.inference_mode()
-    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict]:
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, Extras]:
         """Take one step.
 
         Args:
@@ -136,7 +138,7 @@ class RslRlVecEnvWrapper(VecEnv):
             # In place: rsl_rl's loop holds the last observations and would act on those of the old scene.
             self._obs.update_(TensorDict(dict(env.obs_buf), batch_size=[self.num_envs]))
 
-    def get_state(self) -> dict | None:
+    def get_state(self) -> EnvState | None:
         """The environment's state and its last observations; None if the environment keeps no state."""
         env = self.unwrapped
         if self._obs is None or not is_resumable(env):
@@ -144,7 +146,7 @@ class RslRlVecEnvWrapper(VecEnv):
         return {"env": env.get_state(), "obs": dict(self._obs.items())}
 
     @torch.inference_mode()
-    def set_state(self, state: dict) -> None:
+    def set_state(self, state: EnvState) -> None:
         """Put back what :meth:`get_state` returned.
 
         Raises:
