@@ -11,7 +11,7 @@ import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 
-from stripe_newton.cli.common import set_seeds
+from stripe_newton.cli.device import set_seeds
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, find_checkpoint, load_checkpoint, read_metrics
 from stripe_newton.rl.distributed import as_rank, exchange, world
 from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
+from stripe_newton.rl.wrappers.sb3 import Sb3VecEnvWrapper
 from tests.learners import cartpole
 
 N = 4

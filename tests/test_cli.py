@@ -17,8 +17,8 @@ import tyro
 import yaml
 
 from stripe_newton.cli import main, tasks
-from stripe_newton.cli.common import command, program
-from stripe_newton.cli.fields import apply_options, apply_saved, options_of
+from stripe_newton.cli.field_options import apply_options, apply_saved, options_of
+from stripe_newton.cli.shell_command import command, program
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
 from tests.fake_env import TASK
@@ -156,7 +156,7 @@ def test_help_shows_fields_of_the_task(capsys):
     text = capsys.readouterr().out
     for option in ("--num-envs", "--resume", "--env.scene.num-envs", "--agent.algorithm.learning-rate"):
         assert option in text
-    assert "Discount of one step." in text
+    assert "Discount factor of one step." in text
     assert main(["train", "--help"]) == 0
     assert "--env" not in capsys.readouterr().out.replace("--env.scene.num-envs", "").replace("--env.seed", "").replace(
         "--env.sim.device", ""
@@ -174,7 +174,7 @@ def test_help_shows_fields_of_the_task(capsys):
         (["train", TASK, "--env.scene.num-envs", "abc"], "invalid literal for int()"),
         (["train", TASK, "--device", "cuda:77"], "there is no such device"),
         (["train", TASK, "--resume", "nowhere"], "nowhere: does not exist"),
-        (["train", TASK, "--resume", "."], "holds no checkpoint"),
+        (["train", TASK, "--resume", "."], "contains no checkpoint"),
         (["train", TASK, "--video-interval", "-1"], "must be 0 or more"),
         (["train", TASK, "--agent.obs-groups.actor", "camera"], "the environment has policy, critic"),
         (["eval", TASK], "--checkpoint"),
@@ -376,7 +376,7 @@ def test_inspect_errors(capsys):
 
 
 def test_a_run_of_another_machine_finds_the_files_of_this_one(tmp_path):
-    from stripe_newton.cli.fields import apply_saved
+    from stripe_newton.cli.field_options import apply_saved
     from stripe_newton.configclass import configclass
 
     here = tmp_path / "robot.usda"

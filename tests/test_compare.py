@@ -14,7 +14,10 @@ import scipy.stats
 from PIL import Image
 
 from stripe_newton.cli import main
-from stripe_newton.rl.compare import (
+from stripe_newton.rl.experiments.comparison_report import Comparison, differences_of, text_report, to_html
+from stripe_newton.rl.experiments.curve_charts import chart_svg
+from stripe_newton.rl.experiments.loaded_runs import CompareError, LoadedRun, find_runs, load_run
+from stripe_newton.rl.experiments.run_groups import (
     Group,
     curve_of,
     differing_fields,
@@ -24,11 +27,8 @@ from stripe_newton.rl.compare import (
     summarize,
     t_interval,
 )
-from stripe_newton.rl.compare_plot import chart_svg
-from stripe_newton.rl.compare_report import Comparison, differences_of, text_report, to_html
-from stripe_newton.rl.compare_runs import CompareError, LoadedRun, find_runs, load_run
-from stripe_newton.rl.run_folder import RunFolder
-from stripe_newton.rl.tables import format_number, format_table, short_names
+from stripe_newton.rl.experiments.text_tables import format_number, format_table, short_names
+from stripe_newton.rl.runs.run_folder import RunFolder
 
 REWARD, LENGTH = "Train/mean_reward", "Train/mean_episode_length"
 
@@ -234,7 +234,7 @@ def test_events_of_isaac_lab_are_read():
 
 
 def test_what_cannot_be_read():
-    with pytest.raises(CompareError, match="none: is no folder"):
+    with pytest.raises(CompareError, match="none: is not a folder"):
         find_runs("none")
     Path("empty").mkdir()
     with pytest.raises(CompareError, match="empty: contains no run"):
@@ -479,7 +479,7 @@ def test_runs_of_unequal_length_are_told(capsys):
     ("words", "part"),
     [
         ([], "compare needs runs"),
-        (["none"], "none: is no folder"),
+        (["none"], "none: is not a folder"),
         (["a", "--metric", "Loss/x"], "--metric Loss/x: no run has it"),
         (["a", "--group-by", "gamma"], "--group-by gamma: no run has this field"),
         (["mine="], "a group is NAME=PATH"),

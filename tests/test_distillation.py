@@ -101,11 +101,11 @@ def test_errors(tmp_path, teacher):
         DistillationRunner(make_env(), cfg_of(str(tmp_path / "nowhere")))
     other = cfg_of(str(teacher))
     other.teacher.hidden_dims = (3,)
-    with pytest.raises(CheckpointError, match="is of other networks or observations"):
+    with pytest.raises(CheckpointError, match="has other networks or observations"):
         DistillationRunner(make_env(), other)
     with pytest.raises(ConfigError) as raised:
         DistillationRunner(make_env(), cfg_of().replace(obs_groups={"student": ["pixels"], "teacher": ["policy"]}))
-    assert "obs_groups.student: 'pixels' is no observation group" in str(raised.value)
+    assert "obs_groups.student: 'pixels' is not an observation group" in str(raised.value)
     bad = RslRlDistillationAlgorithmCfg(loss_type="l1", gradient_length=0, max_grad_norm=-1.0)
     with pytest.raises(ConfigError) as raised:
         bad.validate()

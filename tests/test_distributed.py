@@ -16,8 +16,8 @@ import yaml
 from stripe_newton.cli import main
 from stripe_newton.rl import RunFolder, find_checkpoint, load_checkpoint, read_metrics
 from stripe_newton.rl.distributed import as_rank, exchange, rank_device, world
-from stripe_newton.rl.launcher import launch
-from stripe_newton.rl.metrics import merge_rows
+from stripe_newton.rl.distributed.launcher import launch
+from stripe_newton.rl.runs.metrics_csv import merge_rows
 
 ROOT = Path(__file__).parent.parent
 TASK = "Fake-Dying-v0"

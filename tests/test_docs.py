@@ -16,7 +16,7 @@ import pytest
 import tyro
 
 from stripe_newton.cli import COMMANDS
-from stripe_newton.cli.common import parse
+from stripe_newton.cli.arguments import parse
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
 
 ROOT = Path(__file__).parent.parent

@@ -23,10 +23,10 @@ from stripe_newton.rl import (
     RslRlRNNModelCfg,
     RslRlVecEnvWrapper,
     evaluate,
-    export,
     export_policy,
     read_policy_metadata,
 )
+from stripe_newton.rl.export import exporter
 from tests.fake_env import TASK, FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 from tests.test_rl import make_env
 
@@ -253,17 +253,17 @@ def test_files_that_are_no_policies(tmp_path):
     (tmp_path / "bad.json").write_text("{")
     for name, text in (
         ("missing.onnx", "does not exist"),
-        ("text.onnx", "it is no ONNX file"),
+        ("text.onnx", "it is not an ONNX file"),
         ("bare.onnx", "has no metadata of a policy; was it written by 'stripe-newton export RUN'"),
         ("later.onnx", "has metadata of version 99, this package reads up to 1"),
-        ("other.pt", "it holds no metadata.json"),
+        ("other.pt", "it contains no metadata.json"),
         ("bad.json", "has no metadata of a policy"),
     ):
         with pytest.raises(CheckpointError) as caught:
             read_policy_metadata(tmp_path / name)
         assert text in str(caught.value)
         assert name in str(caught.value)
-    with pytest.raises(CheckpointError, match="it is no ONNX file"):
+    with pytest.raises(CheckpointError, match="it is not an ONNX file"):
         OnnxPolicy(tmp_path / "text.onnx", env)
 
 
@@ -279,9 +279,9 @@ def test_observations_and_actions_that_do_not_fit(tmp_path):
         OnnxPolicy(found.onnx, env)
     assert str(caught.value).splitlines() == [
         f"{found.onnx} (of Pictures-v0) does not fit this environment:",
-        "  observations 'policy': the policy reads (2,), it has (4,)",
-        "  observations 'camera': it has no such group, but policy",
-        "  actions: the policy gives 1, it takes 3",
+        "  observations 'policy': the policy reads (2,); the environment has (4,)",
+        "  observations 'camera': the environment has no such group, but policy",
+        "  actions: the policy returns 1, the environment takes 3",
     ]
 
 
@@ -337,7 +337,7 @@ def test_export_of_a_checkpoint_alone(capsys):
     alone.write_bytes(checkpoint.read_bytes())
     capsys.readouterr()
     assert main(["export", str(alone)]) == 2
-    assert "lies in no run folder that names its task; give --task TASK" in capsys.readouterr().err
+    assert "is in no run folder that names its task; give --task TASK" in capsys.readouterr().err
     assert main(["export", str(alone), "--task", TASK, "--device", "cpu"]) == 0
     assert Path("policy.onnx").is_file()
     assert read_policy_metadata("policy.onnx")["run"] is None
@@ -349,7 +349,7 @@ def test_export_of_a_checkpoint_alone(capsys):
 
 @pytest.mark.usefixtures("no_video")
 def test_a_training_whose_export_fails_says_so_at_its_end(capsys, monkeypatch):
-    monkeypatch.setattr(export, "TOLERANCE", -1.0)
+    monkeypatch.setattr(exporter, "TOLERANCE", -1.0)
     assert main(["train", TASK, "--device", "cpu", "--num-envs", "8", "--max-iterations", "1"]) == 2
     assert "differ from the policy's" in capsys.readouterr().err
     (run,) = Path("logs/fake_cart").iterdir()

@@ -36,7 +36,8 @@ from stripe_newton.rl import (
     export_policy,
     read_policy_metadata,
 )
-from stripe_newton.rl.policy_parts import plain, sensors
+from stripe_newton.rl.export.env_description import sensors
+from stripe_newton.rl.export.plain_values import plain
 from stripe_newton.sensors import GridPatternCfg, RayCasterCfg
 from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg, CartpoleManagerPPORunnerCfg, EventsCfg
@@ -259,9 +260,8 @@ def test_plain_values():
 def test_sensors_that_terms_read():
     scan = RayCasterCfg(prim_path="/Robot/base", pattern_cfg=GridPatternCfg(resolution=0.1, size=(1.6, 1.0)))
     there = {"scan": SimpleNamespace(cfg=scan), "feet": SimpleNamespace(cfg=None)}
-    env = SimpleNamespace(scene=SimpleNamespace(sensors=there))
     terms = [{"params": {"sensor_cfg": {"name": "scan"}}}, {"params": {"asset_cfg": {"name": "robot"}, "std": 0.5}}]
-    found = plain(sensors(env, [{"terms": terms}, {"terms": None}]))
+    found = plain(sensors(there, [{"terms": terms}, {"terms": None}]))
     assert list(found) == ["scan"]
     assert (found["scan"]["pattern_cfg"]["resolution"], found["scan"]["pattern_cfg"]["size"]) == (0.1, [1.6, 1.0])
 

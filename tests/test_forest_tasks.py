@@ -9,9 +9,9 @@ import pytest
 import torch
 
 import stripe_tasks  # noqa: F401
-from stripe_newton.cli.common import load_configs
-from stripe_newton.cli.errors import UserError
+from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.cli.tasks import load_cfg
+from stripe_newton.cli.user_error import UserError
 from stripe_newton.rl import RunFolder
 from stripe_newton.spec import TileGridSpec
 from stripe_newton.spec.places import footprints

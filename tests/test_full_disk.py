@@ -26,7 +26,7 @@ from stripe_newton.rl import (
     save_checkpoint,
 )
 from stripe_newton.rl.errors import CheckpointWriteError
-from stripe_newton.rl.metrics import MetricsCsv
+from stripe_newton.rl.runs.metrics_csv import MetricsCsv
 from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 ROOT = Path(__file__).parent.parent

@@ -13,7 +13,8 @@ import torch
 from rsl_rl.modules import EmpiricalNormalization
 
 import stripe_tasks  # noqa: F401  (registers the tasks)
-from stripe_newton.cli.common import build, load_configs
+from stripe_newton.cli.env_and_policy import build
+from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.rl import (
     OnPolicyRunner,
     RslRlMLPModelCfg,
@@ -23,8 +24,8 @@ from stripe_newton.rl import (
     RslRlSymmetryCfg,
     RslRlVecEnvWrapper,
 )
-from stripe_newton.rl.graph_ppo import _learn_moments
-from stripe_newton.rl.graph_rollout import GraphRollout
+from stripe_newton.rl.graphs.ppo import update_normalizer_in_place
+from stripe_newton.rl.graphs.rollout import GraphRollout
 from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -209,7 +210,7 @@ def rnd() -> RslRlRndCfg:
 
 REFUSED = {
     "recurrent": ({"actor": RslRlRNNModelCfg(rnn_hidden_dim=8, distribution_cfg=normal())}, "actor is recurrent", True),
-    "beta": ({"actor": beta()}, "BetaDistribution draws with values of the host", False),
+    "beta": ({"actor": beta()}, "BetaDistribution samples with values from the host", False),
     "rmsprop": ({"algorithm": RslRlPpoAlgorithmCfg(optimizer="rmsprop")}, "RMSprop has no fused form", True),
     "rnd": (
         {
@@ -274,7 +275,7 @@ def test_normalizers_stay_where_graphs_read_them(tmp_path):
             theirs.update(torch.cat([x, x]))
             with torch.no_grad(), pytest.MonkeyPatch.context() as patch:
                 patch.setattr(torch.distributed, "all_reduce", lambda value: value.mul_(2.0))  # the other has the same
-                _learn_moments(ours, x, 2)
+                update_normalizer_in_place(ours, x, 2)
         for name, value in theirs.named_buffers():
             torch.testing.assert_close(dict(ours.named_buffers())[name], value)
         assert memory == {name: value.data_ptr() for name, value in ours.named_buffers()}

@@ -10,7 +10,7 @@ import torch
 from gymnasium.wrappers.vector import ClipAction, DictInfoToList, RecordEpisodeStatistics, RescaleAction
 
 import stripe_tasks  # noqa: F401
-from stripe_newton.rl.vec_env import RslRlVecEnvWrapper
+from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 from stripe_tasks.cartpole import CartpoleEnvCfg
 
 N = 4

@@ -15,8 +15,9 @@ import warp as wp
 import yaml
 
 from stripe_newton.cli import main
-from stripe_newton.cli.common import build, load_configs
-from stripe_newton.cli.resume import check_changes, differences
+from stripe_newton.cli.env_and_policy import build
+from stripe_newton.cli.run_configs import load_configs
+from stripe_newton.cli.train_resume import check_changes, differences
 from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.managers import RunningNormCfg
 from stripe_newton.rl import (
@@ -152,7 +153,7 @@ def test_changes_are_told_or_refused(capsys):
     assert (
         train(*resume, "--max-iterations", "3", "--agent.actor.hidden-dims", "8", "4", "--allow-changes", "True") == 2
     )
-    assert "is of other networks or observations" in capsys.readouterr().err
+    assert "has other networks or observations" in capsys.readouterr().err
     assert {file: file.read_bytes() for file in before} == before
 
     learning = ["--agent.algorithm.entropy-coef", "0.02", "--agent.algorithm.learning-rate", "0.0007"]
@@ -197,7 +198,7 @@ def test_a_damaged_checkpoint_is_passed_over(capsys):
     with pytest.raises(CheckpointError, match=r"model_4.pt: is damaged or cut short; .* whole is .*model_2.pt"):
         find_checkpoint(newest)
     assert train("--resume", str(run.path), "--max-iterations", "5") == 0
-    assert f"going on after iteration 3 of {whole}" in capsys.readouterr().out
+    assert f"continuing after iteration 3 of {whole}" in capsys.readouterr().out
     assert read_metrics(run.metrics)["iteration"] == [0, 1, 2, 3, 4]
     assert load_checkpoint(newest)["iter"] == 4
     for _, file in run.list_checkpoints():
@@ -217,9 +218,9 @@ def test_foreign_files(tmp_path):
     folder = tmp_path / "folder.pt"
     folder.mkdir()
     for path, message in (
-        (archive, "sb3.zip: is no file that torch.save wrote"),
-        (script, "script.pt: is no file that torch.save wrote"),
-        (old, "old.pt: is no checkpoint of rsl_rl 5.*found keys"),
+        (archive, "sb3.zip: was not written by torch.save"),
+        (script, "script.pt: was not written by torch.save"),
+        (old, "old.pt: is not a checkpoint of rsl_rl 5.*found keys"),
         (folder, "folder.pt: cannot be read: Is a directory"),
     ):
         with pytest.raises(CheckpointError, match=message):
@@ -234,7 +235,7 @@ def test_a_run_without_a_checkpoint_begins_anew(capsys):
     (run.checkpoints / "model_0.pt.part").write_bytes(b"half")
     (run.params / "env.yaml.part").write_text("half")
     assert train("--resume", str(run.path)) == 0
-    assert f"{run.path} holds no checkpoint yet: it begins anew" in capsys.readouterr().out
+    assert f"{run.path} contains no checkpoint yet: it starts anew" in capsys.readouterr().out
     assert read_metrics(run.metrics)["iteration"] == [0, 1]
     assert not list(run.path.rglob("*.part"))
     assert yaml.safe_load((run.params / "env.yaml").read_text())["scene"]["num_envs"] == 8

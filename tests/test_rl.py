@@ -165,7 +165,8 @@ def test_problems_beside_an_environment():
     agent.algorithm.num_mini_batches = 9
     with pytest.raises(ConfigError) as caught:
         OnPolicyRunner(make_env(), agent)
-    assert "obs_groups.actor: 'camera' is no observation group, the environment has policy, critic" in str(caught.value)
+    message = "obs_groups.actor: 'camera' is not an observation group; the environment has policy, critic"
+    assert message in str(caught.value)
     assert "algorithm.num_mini_batches: is 9, but there are 8 samples" in str(caught.value)
 
 
@@ -304,7 +305,7 @@ def test_checkpoint_errors(tmp_path):
     ):
         with pytest.raises(CheckpointError, match=message):
             runner.load(path)
-    with pytest.raises(CheckpointError, match="holds no checkpoint"):
+    with pytest.raises(CheckpointError, match="contains no checkpoint"):
         find_checkpoint(tmp_path / "empty")
     with pytest.raises(CheckpointError, match="does not exist"):
         find_checkpoint(tmp_path / "nowhere")
@@ -407,6 +408,12 @@ def test_evaluate_does_not_favour_short_episodes():
     assert evaluate(env, ZeroPolicy(env), 2).mean_length == 6.0
 
 
+def test_evaluate_counts_the_time_limit_of_a_task_with_a_finite_horizon():
+    env = make_env(limit=1e9, episode_length_s=1.0, is_finite_horizon=True)
+    result = evaluate(env, ZeroPolicy(env), env.num_envs)
+    assert (result.mean_length, result.terminated_rate) == (env.max_episode_length, 0.0)
+
+
 def test_evaluate_ends_when_episodes_do_not(monkeypatch):
     env = make_env(limit=1e9, episode_length_s=1.0)
     monkeypatch.setattr(env.unwrapped, "max_episode_length", 10**9)
@@ -472,7 +479,7 @@ def test_learning_curve(tmp_path):
 
 
 def test_metrics_with_a_column_that_comes_late(tmp_path):
-    from stripe_newton.rl.metrics import MetricsCsv
+    from stripe_newton.rl.runs.metrics_csv import MetricsCsv
 
     metrics = MetricsCsv(tmp_path / "m.csv")
     metrics.write({"iteration": 0, "a": 1.0})

@@ -17,7 +17,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
 
-from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
+from stripe_newton.rl.wrappers.sb3 import Sb3VecEnvWrapper
 from tests.sb3_world import SHORT, N, push, wrapped
 
 

@@ -23,7 +23,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecCheckNan, VecExtractDictObs, VecFrameStack, VecNormalize
 
-from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
+from stripe_newton.rl.wrappers.sb3 import Sb3VecEnvWrapper
 from tests.sb3_world import SHORT, N, push, wrapped
 
 
@@ -212,5 +212,5 @@ def test_what_cannot_be_wrapped_is_refused():
         wrapped(obs_group=[])
     with pytest.raises(ValueError, match=r"clip_actions is -1\.0, must be a finite number above 0"):
         wrapped(clip_actions=-1.0)
-    with pytest.raises(ValueError, match=r"Told is of several agents; wrap multi_agent_to_single_agent\(env\)"):
+    with pytest.raises(ValueError, match=r"Told has several agents; wrap multi_agent_to_single_agent\(env\)"):
         Sb3VecEnvWrapper(Told(config(compute_final_obs=True)))

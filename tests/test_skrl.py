@@ -22,7 +22,7 @@ from skrl.trainers.torch import SequentialTrainer, SequentialTrainerCfg
 from skrl.utils import set_seed
 from skrl.utils.runner.torch import Runner
 
-from stripe_newton.rl.skrl import SkrlVecEnvWrapper, use_final_observations
+from stripe_newton.rl.wrappers.skrl import SkrlVecEnvWrapper, use_final_observations
 
 GAMMA = 0.9
 QUIET = {"headless": True, "disable_progressbar": True, "close_environment_at_exit": False}
@@ -153,7 +153,7 @@ def test_final_observations_are_for_one_agent():
     class Several:
         possible_agents = ("a", "b")
 
-    with pytest.raises(ValueError, match="Several is an agent of several"):
+    with pytest.raises(ValueError, match=r"Several is one of skrl\.multi_agents"):
         use_final_observations(Several())
 
 

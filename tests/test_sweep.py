@@ -19,16 +19,16 @@ import yaml
 optuna = pytest.importorskip("optuna")
 
 from stripe_newton.cli import main  # noqa: E402
-from stripe_newton.cli import sweep as cli_sweep  # noqa: E402
 from stripe_newton.cli import tasks as cli_tasks  # noqa: E402
-from stripe_newton.cli.common import Configs  # noqa: E402
-from stripe_newton.cli.errors import UserError  # noqa: E402
+from stripe_newton.cli import train_sweep as cli_sweep  # noqa: E402
+from stripe_newton.cli.run_configs import Configs  # noqa: E402
 from stripe_newton.cli.sweep_file import read_sweep_file  # noqa: E402
-from stripe_newton.rl.sweep import Sweep  # noqa: E402
-from stripe_newton.rl.sweep_cfg import MedianPruning, Space, SweepCfg, words_of  # noqa: E402
-from stripe_newton.rl.sweep_folder import SweepError  # noqa: E402
-from stripe_newton.rl.sweep_process import Slot, end_with_sweep  # noqa: E402
-from stripe_newton.rl.sweep_report import report  # noqa: E402
+from stripe_newton.cli.user_error import UserError  # noqa: E402
+from stripe_newton.rl.experiments.sweep import Sweep  # noqa: E402
+from stripe_newton.rl.experiments.sweep_cfg import MedianPruning, Space, SweepCfg, words_of  # noqa: E402
+from stripe_newton.rl.experiments.sweep_folder import SweepError  # noqa: E402
+from stripe_newton.rl.experiments.sweep_process import Slot, end_with_sweep  # noqa: E402
+from stripe_newton.rl.experiments.sweep_report import report  # noqa: E402
 from tests.fake_env import TASK, FakeCartCfg, FakeCartRunnerCfg  # noqa: E402
 
 FAKE = [sys.executable, str(Path(__file__).parent / "fake_training.py")]
@@ -130,8 +130,8 @@ def test_what_a_file_leaves_out():
         ("agent.algorithm: [1]", ["agent.algorithm: is a group of fields", "agent.algorithm.gamma"]),
         ("agent.algorithm.gamma: [high]", ["agent.algorithm.gamma: 'high' does not fit", "0.99", "float"]),
         ("agent.algorithm.num-learning-epochs: [1.5]", ["num-learning-epochs: 1.5 does not fit", "int"]),
-        ("agent.algorithm.gamma: [0.9, 1.5]", ["agent.algorithm.gamma: 1.5 does not do", "must lie in [0, 1]"]),
-        ("env.limit: [-1.0]", ["env.limit: -1.0 does not do", "must be above 0"]),
+        ("agent.algorithm.gamma: [0.9, 1.5]", ["agent.algorithm.gamma: 1.5 is rejected", "must lie in [0, 1]"]),
+        ("env.limit: [-1.0]", ["env.limit: -1.0 is rejected", "must be above 0"]),
         ("agent.algorithm.gamma: []", ["agent.algorithm.gamma: has no values", "give a list"]),
         ("agent.algorithm.gamma: [0.9, 0.9]", ["agent.algorithm.gamma: has values twice"]),
         ("agent.algorithm.gamma: {low: 0.9, high: 0.9}\ntrials: 2", ["gamma: the range from 0.9 to 0.9 is empty"]),
@@ -157,7 +157,7 @@ def test_what_a_file_leaves_out():
         ("trails: 3", ["trails: is not known", "did you mean 'trials'"]),
         ("name: a/b", ["name: is 'a/b'"]),
         ("- 1", ["holds list"]),
-        ("a: [", ["is no valid YAML"]),
+        ("a: [", ["is not valid YAML"]),
         ("sampler: bayes\nseeds: []", ["sampler: ", "\nmy.yaml: seeds: "]),
     ],
 )
@@ -262,7 +262,7 @@ def test_a_failed_run_fails_its_trial_and_the_sweep_goes_on():
 def test_a_column_that_no_run_has_ends_the_sweep_with_those_there_are():
     made, _ = sweep(cfg_of(objective="Metrics/success"))
     with pytest.raises(
-        SweepError, match=r"'Metrics/success' is no column of sweep.*metrics.csv; there are iteration, .*mean_reward"
+        SweepError, match=r"'Metrics/success' is not a column of sweep.*metrics.csv; there are iteration, .*mean_reward"
     ):
         made.run()
     made.close()
@@ -337,9 +337,9 @@ DRIVEN = {
 DRIVER = f"""
 import sys
 from pathlib import Path
-from stripe_newton.rl.sweep import Sweep
-from stripe_newton.rl.sweep_cfg import Space, SweepCfg
-from stripe_newton.rl.sweep_process import Slot
+from stripe_newton.rl.experiments.sweep import Sweep
+from stripe_newton.rl.experiments.sweep_cfg import Space, SweepCfg
+from stripe_newton.rl.experiments.sweep_process import Slot
 from math import nan
 cfg = SweepCfg(**{DRIVEN!r})
 sweep = Sweep(cfg, Path("sweep"), [Slot("A", "cpu"), Slot("B", "cpu")], sys.argv[1:], poll_s=0.02)
@@ -435,7 +435,7 @@ def test_another_sweep_cannot_go_on_but_more_trials_can():
     run(cfg_of(trials=1))
     made, _ = run(cfg_of(trials=2))
     assert len([trial for trial in made.study.get_trials() if trial.state.name == "COMPLETE"]) == 2
-    with pytest.raises(SweepError, match=r"sweep: holds another sweep.*seeds: was \[1, 2\], is \[1\].*'name'"):
+    with pytest.raises(SweepError, match=r"sweep: contains another sweep.*seeds: was \[1, 2\], is \[1\].*'name'"):
         sweep(cfg_of(seeds=(1,)))
     sweep(cfg_of())[0].close()  # the folder was let go
 
@@ -470,10 +470,10 @@ def test_the_command(fake_children, capsys):
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (["--seed", "3"], "--seed: cannot be given beside --sweep; the seeds stand in the file"),
+        (["--seed", "3"], "--seed: cannot be given beside --sweep; the seeds are in the file"),
         (["--agent.seed=3"], "--agent.seed: cannot be given beside --sweep"),
         (["--jobs", "0"], "--jobs 0: must be at least 1"),
-        (["--log-dir", "taken"], "holds another sweep"),
+        (["--log-dir", "taken"], "contains another sweep"),
     ],
 )
 def test_command_lines_that_do_not_fit(fake_children, capsys, words, part):
@@ -488,7 +488,7 @@ def test_command_lines_that_do_not_fit(fake_children, capsys, words, part):
 
 def test_jobs_need_a_sweep(capsys):
     assert main(["train", TASK, "--device", "cpu", "--jobs", "2"]) == 2
-    assert "--jobs 2: are the runs of a sweep; give --sweep FILE, too" in capsys.readouterr().err
+    assert "--jobs 2: is for sweeps; give --sweep FILE too" in capsys.readouterr().err
 
 
 def test_no_trial_was_completed(fake_children, capsys):
@@ -532,13 +532,13 @@ def test_nothing_else_imports_optuna():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             for name in names:
-                last = name.split(".")[0] if name.startswith("optuna") else name.removeprefix("stripe_newton.rl.")
+                last = name.split(".")[0] if name.startswith("optuna") else name.rpartition(".")[2]
                 if last in found:
                     found[last].add(str(path.relative_to(package)))
     assert found == {
-        "optuna": {"rl/sweep.py", "rl/sweep_folder.py"},
+        "optuna": {"rl/experiments/sweep.py", "rl/experiments/sweep_folder.py"},
         "sweep": set(),
-        "sweep_folder": {"rl/sweep.py"},
+        "sweep_folder": {"rl/experiments/sweep.py"},
     }
 
 

@@ -44,7 +44,7 @@ PARTS = ("tasks", "scaling", "fusion", "start")
 def measure(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]:
     """What ``stripe-newton bench`` measures, in this process."""
     from stripe_newton.cli import bench
-    from stripe_newton.cli.common import load_configs
+    from stripe_newton.cli.run_configs import load_configs
 
     options = bench.BenchArgs(task, num_envs=num_envs, steps=args.steps, device=args.device)
     return bench.measure(load_configs(task, None, agent=False), options)
@@ -54,7 +54,8 @@ def fusion(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]
     """Managers of a task as one kernel each, and as one kernel a term."""
     import torch
 
-    from stripe_newton.cli.common import load_configs, set_device
+    from stripe_newton.cli.device import set_device
+    from stripe_newton.cli.run_configs import load_configs
     from stripe_newton.cli.tasks import make_env
     from stripe_newton.envs.fusion_gain import fusion_gain
 

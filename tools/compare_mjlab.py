@@ -96,7 +96,7 @@ def make_side(request: dict[str, Any]) -> Any:
 
     if request["task"]:
         import stripe_tasks  # noqa: F401  (registers the tasks)
-        from stripe_newton.cli.common import load_configs
+        from stripe_newton.cli.run_configs import load_configs
         from stripe_newton.cli.tasks import make_env
 
         configs = load_configs(request["task"], None)
@@ -326,8 +326,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def _problem_of_task(task: str) -> str:
     """Why a task cannot be measured beside mjlab's; empty if it can."""
     import stripe_tasks  # noqa: F401  (registers the tasks)
-    from stripe_newton.cli.errors import UserError
     from stripe_newton.cli.tasks import load_cfg
+    from stripe_newton.cli.user_error import UserError
     from stripe_newton.envs import ManagerBasedRLEnvCfg, mdp
 
     try:

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from stripe_newton.rl import RunFolder, load_checkpoint, read_metrics
-from stripe_newton.rl.run_folder import find_newest
+from stripe_newton.rl.runs.run_folder import find_newest
 
 TASK = "Stripe-Cartpole-Direct-v0"
 SAVE_INTERVAL = 5

@@ -32,7 +32,9 @@ WARM = 5
 def measure(case: str, args: argparse.Namespace) -> dict[str, Any]:
     """Train for some iterations; seconds of an iteration and of its parts."""
     import stripe_tasks  # noqa: F401  (registers the tasks)
-    from stripe_newton.cli.common import build, load_configs, set_seeds
+    from stripe_newton.cli.device import set_seeds
+    from stripe_newton.cli.env_and_policy import build
+    from stripe_newton.cli.run_configs import load_configs
     from stripe_newton.rl import read_metrics
 
     configs, options = load_configs(args.task, None), dict(CASES[case])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``stripe-newton``. Each subcommand is a module with ``run(argv) -> int``, imported when it is called."""
+"""The program ``stripe-newton``: one module for each command, with ``run(argv) -> int``, imported when it is called."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from collections.abc import Sequence
 from stripe_newton.configclass import ConfigError
 from stripe_newton.rl.errors import CheckpointError, ExportError
 
-from .errors import UserError
+from .user_error import UserError
 
 __all__ = ["BEGAN", "COMMANDS", "UserError", "main"]
 
 BEGAN = time.perf_counter()
-"""When the program began [s], by ``time.perf_counter``."""
+"""Start of the program [s], by ``time.perf_counter``; ``bench`` measures from here."""
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "list": ("stripe_newton.cli.list_tasks", "show the tasks, one a line"),
@@ -32,48 +32,52 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
     "scene": ("stripe_newton.cli.scene", "make a scene of a spec: pictures of it, or a USD file"),
 }
-"""Module and one line of help of each subcommand."""
+"""Module and line of help of each command."""
 
 USER_ERRORS = (UserError, ConfigError, CheckpointError, ExportError)
-"""What is told in one message, without a traceback."""
+"""Errors that the user can fix: shown as one message without a traceback."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one subcommand.
+    """Run one command.
 
     Args:
-        argv: the arguments after the program's name; by default those of the process.
+        argv: The arguments after the program's name; by default those of the process.
 
     Returns:
-        The exit code: 0; 2 for an error of the user; 130 after Ctrl-C. Any other error is raised.
+        The exit code: 0; 2 for an error that the user can fix; 130 after Ctrl-C. All other errors are raised.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     if argv is None:
-        gc.disable()  # until the environment is built: collections double the time of the imports
+        # Until the environment is built (`make_env`): collections double the time of the imports. Not where Python
+        # code calls this function, whose process goes on.
+        gc.disable()
     try:
         return _dispatch(args)
-    except BrokenPipeError:  # whoever read the output, such as head, has enough
+    except BrokenPipeError:  # the program that read the output, such as head, has ended
+        # Python flushes the output once more at its end, which would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        if not _is_of_the_user(error):
+        if not _is_user_error(error):
             raise
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    except SystemExit as stop:  # raised by tyro: 0 after --help, 2 after a wrong option, which it has explained
+    except SystemExit as stop:  # of tyro: 0 after --help, 2 after a wrong option, which it has explained
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
 
 
-def _is_of_the_user(error: Exception) -> bool:
-    usd = sys.modules.get("stripe_newton.usd")  # heavy: asked only if it is there
+def _is_user_error(error: Exception) -> bool:
+    # Looked up rather than imported: it is heavy, and where it is not loaded it has raised nothing.
+    usd = sys.modules.get("stripe_newton.usd")
     return isinstance(error, USER_ERRORS) or (usd is not None and isinstance(error, usd.StageError))
 
 
 def _dispatch(args: list[str]) -> int:
-    from .tasks import import_extra
+    from .tasks import import_extra  # here, as it imports gymnasium
 
     args = import_extra(args)
     if not args or args[0] in ("-h", "--help"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton bench``."""
+"""``stripe-newton bench``: measures what a step of a task costs, and how much of it is physics."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ import tyro
 import warp as wp
 
 from . import BEGAN
-from .common import Configs, check, load_configs, parse, set_device, set_seeds, task_of
-from .errors import UserError
+from .arguments import parse, task_of
+from .device import set_device, set_seeds
+from .run_configs import Configs, check, load_configs
 from .tasks import make_env
+from .user_error import UserError
 
 __all__ = ["BenchArgs", "measure", "run", "table"]
 
@@ -59,7 +61,7 @@ def run(argv: list[str]) -> int:
 
 def measure(configs: Configs, args: BenchArgs) -> dict[str, Any]:
     """Build a task from its configs and measure it."""
-    from stripe_newton.envs.measure import benchmark
+    from stripe_newton.envs.measure import benchmark  # here, so that its import is measured, and not done for --help
 
     if args.num_envs is not None:
         configs.env.scene.num_envs = args.num_envs
@@ -74,7 +76,7 @@ def measure(configs: Configs, args: BenchArgs) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> str:
-    """The result as text."""
+    """The result of :func:`measure` as a table of text."""
     low, high = result["env_range_ms"]
     physics_low, physics_high = result["physics_range_ms"]
     calls = [

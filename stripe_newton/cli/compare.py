@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton compare``."""
+"""``stripe-newton compare``: compares groups of runs, as curves, a table and what differs in their configs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import tyro
 
-from stripe_newton.rl.compare import Group, group_runs, pick_metrics, summarize
-from stripe_newton.rl.compare_plot import draw_png
-from stripe_newton.rl.compare_report import Comparison, text_report, to_html
-from stripe_newton.rl.compare_runs import CompareError, LoadedRun, find_runs, load_run
+from stripe_newton.rl.experiments.comparison_report import Comparison, text_report, to_html
+from stripe_newton.rl.experiments.curve_charts import draw_png
+from stripe_newton.rl.experiments.loaded_runs import CompareError, LoadedRun, find_runs, load_run
+from stripe_newton.rl.experiments.run_groups import Group, group_runs, pick_metrics, summarize
 
-from .errors import UserError
+from .user_error import UserError
 
 __all__ = ["CompareArgs", "run"]
 
@@ -32,7 +33,7 @@ class CompareArgs:
     metric: tuple[str, ...] = ()
     """Columns of metrics.csv, * for any text; the first is what the table is about."""
     x: Literal["steps", "iterations", "seconds"] = "steps"
-    """What the curves are drawn over; steps are samples of all environments."""
+    """x axis of the curves; steps are samples of all environments."""
     minimize: bool = False
     """Whether less of the first metric is better."""
 
@@ -57,29 +58,13 @@ def run(argv: list[str]) -> int:
 
 
 def compare(args: CompareArgs) -> Comparison:
-    """What the arguments ask for.
+    """The comparison that the arguments describe.
 
     Raises:
         CompareError: for runs that cannot be read or compared.
     """
     notes: list[str] = []
-    named: list[Group] = []
-    others: list[LoadedRun] = []
-    for word in args.runs:
-        name, equals, paths = word.partition("=")
-        if equals and not Path(word).exists():
-            if not name or not paths:
-                raise CompareError(f"{word}: a group is NAME=PATH or NAME=PATH,PATH")
-            loaded = [run for path in paths.split(",") for run in _load(path, notes)]
-            if loaded:
-                named.append(Group(name, loaded))
-        else:
-            others += _load(word, notes)
-    groups = named + (group_runs(_once(others), args.group_by) if others else [])
-    names = [group.name for group in groups]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise CompareError(f"two groups are called '{twice}'; name them otherwise, as NAME=PATH")
+    groups = _groups_of(args, notes)
     if not groups:
         raise CompareError("; ".join(notes))
     metrics = pick_metrics(groups, args.metric)
@@ -88,8 +73,30 @@ def compare(args: CompareArgs) -> Comparison:
     return Comparison(groups, metrics, summarize(groups, metrics[0], args.minimize), args.x, notes)
 
 
+def _groups_of(args: CompareArgs, notes: list[str]) -> list[Group]:
+    """The groups: those that are named, and those that the configs of the other runs give."""
+    named: list[Group] = []
+    others: list[LoadedRun] = []
+    for word in args.runs:
+        name, equals, paths = word.partition("=")
+        # A folder may have "=" in its name.
+        if not equals or Path(word).exists():
+            others += _load(word, notes)
+            continue
+        if not name or not paths:
+            raise CompareError(f"{word}: a group is NAME=PATH or NAME=PATH,PATH")
+        loaded = [run for path in paths.split(",") for run in _load(path, notes)]
+        named += [Group(name, loaded)] if loaded else []
+    groups = named + (group_runs(_once(others), args.group_by) if others else [])
+    names = [group.name for group in groups]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise CompareError(f"two groups are called '{twice}'; give them other names, as NAME=PATH")
+    return groups
+
+
 def _load(path: str, notes: list[str]) -> list[LoadedRun]:
-    """The runs of a path; what cannot be read is noted if others can."""
+    """The runs of a path. A run that cannot be read becomes a note."""
     loaded = []
     for folder in find_runs(path):
         try:
@@ -100,14 +107,21 @@ def _load(path: str, notes: list[str]) -> list[LoadedRun]:
 
 
 def _once(runs: list[LoadedRun]) -> list[LoadedRun]:
+    """Each run once, even if several paths lead to it."""
     return list({run.path.resolve(): run for run in runs}.values())
 
 
 def _notes_on(group: Group, x: str) -> list[str]:
+    """Notes for the reader about a group: runs of different lengths.
+
+    Raises:
+        CompareError: if a run lacks what the curves are drawn over.
+    """
     for run in group.runs:
-        if x == "steps" and run.x["steps"].size and not any(run.x["steps"] == run.x["steps"]):
+        if x == "steps" and run.x["steps"].size and np.isnan(run.x["steps"]).all():
             raise CompareError(f"{run.path}: does not say how many samples it took; give --x iterations")
     lengths = [len(run.x["iterations"]) for run in group.runs]
+    # Not for a few rows: runs that are still under way differ by those.
     if min(lengths) < 0.9 * max(lengths):
         return [
             f"{group.name}: its runs have {min(lengths)} to {max(lengths)} iterations; "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton eval``."""
+"""``stripe-newton eval``: measures a trained policy over a number of episodes."""
 
 from __future__ import annotations
 
@@ -11,19 +11,11 @@ import tyro
 
 from stripe_newton.rl import evaluate, find_checkpoint
 
-from .common import (
-    build_policy,
-    check,
-    find_policy,
-    learn_nothing,
-    load_configs,
-    parse,
-    peek,
-    set_device,
-    set_seeds,
-    task_of,
-)
-from .errors import UserError
+from .arguments import parse, peek, task_of
+from .device import set_device, set_seeds
+from .env_and_policy import build_policy, find_policy
+from .run_configs import check, load_configs, use_one_minibatch
+from .user_error import UserError
 
 __all__ = ["EvalArgs", "run"]
 
@@ -57,24 +49,26 @@ def run(argv: list[str]) -> int:
     args = parse(EvalArgs, argv, "eval", env=configs.env)
     if args.episodes < 1:
         raise UserError(f"--episodes {args.episodes}: must be at least 1")
+    # More environments than episodes would only wait.
     configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, args.episodes)
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)
-    if not exported:
-        learn_nothing(configs.agent)
+    if configs.agent is not None:
+        use_one_minibatch(configs.agent)
     check(configs)
     set_seeds(configs.env.seed or 0)
 
     env, policy = build_policy(task, configs, checkpoint or find_checkpoint(args.checkpoint))
     try:
-        result = evaluate(env, policy, args.episodes, task=task, seed=configs.env.seed).to_dict()
+        result = evaluate(env, policy, args.episodes, task=task, seed=configs.env.seed)
     finally:
         env.close()
-    shown = {k: v for k, v in result.items() if k != "metrics"} | result["metrics"]
+    found = result.to_dict()
+    shown = {k: v for k, v in found.items() if k != "metrics"} | result.metrics
     width = max(map(len, shown)) + 2
     for name, value in shown.items():
         print(f"{name:<{width}}{value:.4g}" if isinstance(value, float) else f"{name:<{width}}{value}")
     if args.json is not None:
         args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json_module.dumps(result, indent=2) + "\n", encoding="utf-8")
+        args.json.write_text(json_module.dumps(found, indent=2) + "\n", encoding="utf-8")
     return 0

@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton export``."""
+"""``stripe-newton export``: writes a trained policy as ONNX and TorchScript files."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import tyro
 
 from stripe_newton.rl import RunFolder, export_policy, find_checkpoint
 
-from .common import build, check, learn_nothing, load_configs, set_device, set_seeds
-from .errors import UserError
+from .device import set_device, set_seeds
+from .env_and_policy import build
+from .run_configs import check, load_configs, use_one_minibatch
 from .tasks import find_task
+from .user_error import UserError
+
+if TYPE_CHECKING:
+    from stripe_newton.envs import RLEnvCfg
 
 __all__ = ["ExportArgs", "run"]
 
@@ -41,14 +46,14 @@ def run(argv: list[str]) -> int:
     folder = RunFolder.of_checkpoint(checkpoint)
     task = args.task or (folder.read_task() if folder is not None else None)
     if task is None:
-        raise UserError(f"{checkpoint}: lies in no run folder that names its task; give --task TASK")
+        raise UserError(f"{checkpoint}: is in no run folder that names its task; give --task TASK")
     find_task(task)
     configs = load_configs(task, folder)
     configs.env.scene.num_envs = 1
-    learn_nothing(configs.agent)
+    use_one_minibatch(configs.need_agent())
     set_device(configs.env, args.device)
     out = args.out or (folder.exported if folder is not None else checkpoint.parent)
-    robot = _write_robot(configs.env, out) if args.mjcf else None
+    robot = _request_mjcf(configs.env, out) if args.mjcf else None
     check(configs)
     set_seeds(configs.env.seed or 0)
 
@@ -62,14 +67,16 @@ def run(argv: list[str]) -> int:
     return 0
 
 
-def _write_robot(cfg: Any, out: Path) -> Path:
-    """Let the solver write what it simulates.
+def _request_mjcf(cfg: RLEnvCfg, out: Path) -> Path:
+    """Set the solver's config so that it writes what it simulates as MJCF, when the environment is built.
 
     Raises:
-        UserError: if it is another than MuJoCo.
+        UserError: if the solver is not MuJoCo.
     """
-    solver: Any = getattr(cfg.sim, "solver", None)
-    if not hasattr(solver, "save_to_mjcf"):
+    from stripe_newton.sim import MuJoCoSolverCfg  # here, as it loads Newton, which --help does not need
+
+    solver = getattr(cfg.sim, "solver", None)  # an environment of another package need not have one
+    if not isinstance(solver, MuJoCoSolverCfg):
         raise UserError(f"--mjcf: this task runs on {type(solver).__name__}, only MuJoCoSolverCfg writes MJCF")
     out.mkdir(parents=True, exist_ok=True)
     solver.save_to_mjcf = str(out / "robot.xml")

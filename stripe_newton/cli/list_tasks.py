@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton list``."""
+"""``stripe-newton list``: shows the tasks."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ def run(argv: list[str]) -> int:
 
 
 def _describe(task: str) -> dict[str, str]:
+    """Name, environment and configs of a task, each by its import path."""
     spec = gymnasium.spec(task)
     creator = spec.vector_entry_point
     configs = {name: str(value) for name, value in spec.kwargs.items() if name.endswith("_entry_point")}

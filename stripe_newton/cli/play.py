@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton play``."""
+"""``stripe-newton play``: shows a policy live, as a video, or as numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib.util
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import torch
 import tyro
@@ -19,23 +19,17 @@ from stripe_newton.rl import (
     ZeroPolicy,
     record_video,
 )
+from stripe_newton.rl.runs.video import video_steps
+from stripe_newton.rl.torch_vector_env import is_simulated
 
-from .common import (
-    Configs,
-    build_env,
-    build_policy,
-    check,
-    find_policy,
-    learn_nothing,
-    load_configs,
-    parse,
-    peek,
-    set_device,
-    set_seeds,
-    task_of,
-    video_steps,
-)
-from .errors import UserError
+from .arguments import parse, peek, task_of
+from .device import set_device, set_seeds
+from .env_and_policy import build_env, build_policy, find_policy
+from .run_configs import Configs, check, load_configs, use_one_minibatch
+from .user_error import UserError
+
+if TYPE_CHECKING:
+    from stripe_newton.envs import RLEnvCfg
 
 __all__ = ["PlayArgs", "run"]
 
@@ -76,7 +70,7 @@ def run(argv: list[str]) -> int:
             path = (folder.videos if folder else Path("videos")) / name
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
         elif args.viewer == "viser":
-            _watch(env, policy, args)
+            _watch(env, policy, configs.env, args)
         else:
             _roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
     finally:
@@ -94,11 +88,9 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
     configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, 16)
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)
-    if configs.agent is None:
-        configs.env.validate()
-    else:
-        learn_nothing(configs.agent)
-        check(configs)
+    if configs.agent is not None:
+        use_one_minibatch(configs.agent)
+    check(configs)
     set_seeds(configs.env.seed or 0)
 
 
@@ -112,18 +104,22 @@ def _env_and_policy(
 
 
 @torch.inference_mode()
-def _watch(env: RslRlVecEnvWrapper, policy: Policy, args: PlayArgs) -> None:
+def _watch(env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, args: PlayArgs) -> None:
     """Show the environments live, in real time, until Ctrl-C or for so many steps."""
-    from stripe_newton.viewers import LiveViewer
+    from stripe_newton.viewers import LiveViewer  # here, as it needs viser, which need not be installed
 
+    inner = env.unwrapped
+    if not is_simulated(inner):
+        raise UserError(f"--viewer viser: {type(inner).__name__} has no simulation to show; use --viewer video")
     try:
-        viewer = LiveViewer(env.unwrapped.sim, list(range(env.num_envs)))
+        viewer = LiveViewer(inner.sim, list(range(env.num_envs)))
     except ImportError as error:
         raise UserError(str(error)) from None
     print(f"{viewer.url}  (Ctrl-C to stop)", flush=True)
     obs = env.reset(args.seed)
     policy.reset()
-    cfg = env.unwrapped.cfg
+    step_dt = env.unwrapped.step_dt
+    # The viewer's interval is in steps of the physics, this loop's in steps of the environment.
     interval = max(1, round(cfg.sim.render_interval / cfg.decimation))
     try:
         step = 0
@@ -133,8 +129,9 @@ def _watch(env: RslRlVecEnvWrapper, policy: Policy, args: PlayArgs) -> None:
             policy.reset(dones)
             step += 1
             if step % interval == 0:
-                viewer.update(interval * env.unwrapped.step_dt)
-            due = max(due + env.unwrapped.step_dt, time.monotonic() - 1.0)
+                viewer.update(interval * step_dt)
+            # Real time, but a delay of more than a second is not caught up with.
+            due = max(due + step_dt, time.monotonic() - 1.0)
             time.sleep(max(0.0, due - time.monotonic()))
     except KeyboardInterrupt:
         print()
@@ -144,7 +141,7 @@ def _watch(env: RslRlVecEnvWrapper, policy: Policy, args: PlayArgs) -> None:
 
 @torch.inference_mode()
 def _roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
-    """Act without a picture and print what came of it."""
+    """Act without pictures and print rewards and ends of episodes."""
     obs = env.reset(seed)
     policy.reset()
     total, ended = 0.0, 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a long command is doing: a line that changes on a terminal, plain lines elsewhere."""
+"""Progress of a long command: one line that changes on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _BAR = 24
 
 
 class Progress:
-    """Steps of a command with the seconds that each took; ended steps stay on the terminal.
+    """Steps of a command with their durations; steps that ended stay on the terminal.
 
     Attributes:
-        seconds: By the name of the phase that steps belong to.
+        seconds: Durations by phase [s].
     """
 
     def __init__(self) -> None:
@@ -34,13 +34,13 @@ class Progress:
         self._end(kind is None)
 
     def step(self, phase: str, text: str, part: int = 0, parts: int = 0) -> None:
-        """End the step under way, begin another.
+        """End the current step and begin another.
 
         Args:
-            phase: What its seconds are counted to.
-            text: What is being made.
+            phase: Phase whose duration the step adds to.
+            text: Text about the step.
             part: Number of the step among ``parts``, from 1, where they are known.
-            parts: How many steps the phase has.
+            parts: Number of steps of the phase.
         """
         self._end(True)
         self._phase, self._text, self._began = phase, text, time.perf_counter()
@@ -51,6 +51,7 @@ class Progress:
             print(f"\r{f'{bar}{text} ...'[:width]:<{width}}", end="", flush=True)
 
     def _end(self, well: bool) -> None:
+        """End the current step, if there is one."""
         if not self._phase:
             return
         took = time.perf_counter() - self._began
@@ -64,7 +65,7 @@ class Progress:
 
     @staticmethod
     def peak_memory() -> float:
-        """The most memory that this process had [bytes]; 0 where the system does not say."""
+        """Largest memory of this process so far [bytes]; 0 where the system does not report it."""
         try:
             import resource
         except ImportError:  # not on Windows

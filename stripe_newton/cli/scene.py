@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton scene``."""
+"""``stripe-newton scene``: makes a scene of a specification, as pictures or as a USD file."""
 
 from __future__ import annotations
 
 import difflib
-import importlib
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import tyro
 
+from stripe_newton.configclass import resolve_name
 from stripe_newton.registration import scene_class, scene_names
 
-from .errors import UserError
 from .progress import Progress
 from .tasks import load_entry_points
+from .user_error import UserError
 
 if TYPE_CHECKING:
     from stripe_newton.spec import Scene, SceneSpec
@@ -25,12 +25,12 @@ __all__ = ["ACTIONS", "BuildArgs", "PreviewArgs", "run"]
 
 _SUFFIXES = (".usd", ".usda", ".usdc")
 _OPTIONS = ("size", "density", "count")
-"""Options that are arguments of the spec's class."""
+"""Options that are passed to the spec's class."""
 
 
 @dataclass(kw_only=True)
 class SceneArgs:
-    """What scene to make."""
+    """The scene to make."""
 
     spec: tyro.conf.Positional[str]
     """A registered scene, or module:Class of a SceneSpec."""
@@ -62,7 +62,7 @@ class BuildArgs(SceneArgs):
     """The file: .usd, .usda or .usdc."""
 
 
-ACTIONS: dict[str, type[Any]] = {"preview": PreviewArgs, "build": BuildArgs}
+ACTIONS: dict[str, type[PreviewArgs] | type[BuildArgs]] = {"preview": PreviewArgs, "build": BuildArgs}
 """Options of each action."""
 
 
@@ -110,7 +110,7 @@ def _preview(args: PreviewArgs) -> None:
 
 
 def _draw(scene: Scene, args: PreviewArgs, out: Path, progress: Progress) -> None:
-    import warp as wp
+    import warp as wp  # here, as --help and build need none of these
 
     from stripe_newton.spec.maps import draw_maps
     from stripe_newton.spec.pictures import ScenePictures
@@ -162,26 +162,31 @@ def _make_spec(args: SceneArgs) -> SceneSpec:
         raise UserError("--density and --count: give one of them")
     kind = _find(args.spec)
     given = {name: getattr(args, name) for name in _OPTIONS if getattr(args, name) is not None}
-    parameters = inspect.signature(kind).parameters
-    if not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
-        unknown = [f"--{name}" for name in given if name not in parameters]
-        if unknown:
-            known = ", ".join(f"--{name}" for name in _OPTIONS if name in parameters) or "none"
-            raise UserError(
-                f"{args.spec}: {kind.__name__} does not take {', '.join(unknown)}; of these it takes {known}"
-            )
-    empty = inspect.Parameter.empty
-    wanting = [
-        name
-        for name, p in parameters.items()
-        if p.default is empty and name not in given and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
-    ]
-    if wanting:
-        raise UserError(f"{args.spec}: {kind.__name__} needs {', '.join(wanting)}; give a class with defaults for them")
+    _check_arguments(args.spec, kind, list(given))
     try:
         return kind(**given)
     except ValueError as error:
         raise UserError(f"{args.spec}: {error}") from error
+
+
+def _check_arguments(spec: str, kind: type[SceneSpec], given: list[str]) -> None:
+    """Check that a class can be made from the options that were given.
+
+    Raises:
+        UserError: if it does not take one of them, or needs others.
+    """
+    parameters = inspect.signature(kind).parameters
+    unknown = [f"--{name}" for name in given if name not in parameters]
+    if unknown and not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        known = ", ".join(f"--{name}" for name in _OPTIONS if name in parameters) or "none"
+        raise UserError(f"{spec}: {kind.__name__} does not take {', '.join(unknown)}; of these it takes {known}")
+    missing = [
+        name
+        for name, p in parameters.items()
+        if p.default is p.empty and name not in given and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    ]
+    if missing:
+        raise UserError(f"{spec}: {kind.__name__} needs {', '.join(missing)}; give a class with defaults for them")
 
 
 def _find(name: str) -> type[SceneSpec]:
@@ -190,27 +195,17 @@ def _find(name: str) -> type[SceneSpec]:
     Raises:
         UserError: if there is none, or it is no ``SceneSpec``.
     """
-    from stripe_newton.spec import SceneSpec
+    from stripe_newton.spec import SceneSpec  # here, as --help does not need it
 
     load_entry_points()
-    module, colon, path = name.partition(":")
     if name in scene_names():
-        found: Any = scene_class(name)
-    elif not colon:
+        found: object = scene_class(name)
+    elif ":" in name:
+        found = _import(name)
+    else:
         near = difflib.get_close_matches(name, scene_names(), n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(scene_names()) or 'none'}."
         raise UserError(f"no scene '{name}'; {hint} A class of your own is given as module:Class")
-    else:
-        try:
-            found = importlib.import_module(module)
-            for part in path.split("."):
-                found = getattr(found, part)
-        except ModuleNotFoundError as error:
-            if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
-                raise  # the module is there, one that it imports is not
-            raise UserError(f"{name}: there is no module '{module}'") from None
-        except AttributeError:
-            raise UserError(f"{name}: the module '{module}' has no '{path}'") from None
     if not (inspect.isclass(found) and issubclass(found, SceneSpec)):
         raise UserError(f"{name}: is {found!r}, must be a subclass of SceneSpec")
     if inspect.isabstract(found):
@@ -218,13 +213,32 @@ def _find(name: str) -> type[SceneSpec]:
     return found
 
 
+def _import(name: str) -> object:
+    """The object that ``module:Class`` names.
+
+    Raises:
+        UserError: if there is no such module, or it has no such class.
+    """
+    module, _, path = name.partition(":")
+    if not path:
+        raise UserError(f"{name}: names no class of the module '{module}'")
+    try:
+        return resolve_name(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
+            raise  # the module is there, one that it imports is not
+        raise UserError(f"{name}: there is no module '{module}'") from None
+    except AttributeError:
+        raise UserError(f"{name}: the module '{module}' has no '{path}'") from None
+
+
 def _report(scene: Scene, progress: Progress, files: list[str], *more: tuple[str, str]) -> None:
-    """Print what was made."""
+    """Print a table of the scene, durations and memory, and the paths of the files."""
     faces: dict[int, int] = {}
     shown = colliders = 0
     touched: dict[int, int] = {}
     for instance in scene.instances:
-        key = id(instance.mesh)
+        key = id(instance.mesh)  # instances share the meshes of their prototypes
         if key not in faces:
             faces[key] = sum(len(part.faces) for part in instance.mesh.parts())
             touched[key] = len(instance.mesh.colliders())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fields in the file of a sweep, held against the configs of a task."""
+"""Fields in the file of a sweep: their values, checked against the configs of the task."""
 
 from __future__ import annotations
 
@@ -8,164 +8,209 @@ import dataclasses
 import difflib
 import math
 import shlex
-from typing import Any
+from collections.abc import Mapping
 
 import tyro
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.rl.sweep_cfg import Space, words_of
+from stripe_newton.rl.experiments.sweep_cfg import Scalar, Space, words_of
 
-from .common import Configs, check
-from .fields import apply_options, options_of
+from .field_options import Options, TypeForm, apply_options, options_of
+from .run_configs import Configs, check
 
-__all__ = ["Wrong", "read_space"]
+__all__ = ["InvalidEntryError", "read_space"]
 
 _OWN = {"env.seed": "seeds", "agent.seed": "seeds", "agent.max-iterations": "max_iterations"}
-_ELSEWHERE = {"env.sim.device": "--device", "env.scene.num-envs": "num_envs"}
+"""Fields that a sweep sets by entries of its own."""
+_RANGE_KEYS = ("low", "high", "log", "step")
 
 
-class Wrong(Exception):
-    """What is wrong with one entry, and what would be right."""
+class InvalidEntryError(Exception):
+    """An entry of the file that is wrong: what is wrong with it, and what would be right."""
 
 
-def read_space(name: str, value: Any, configs: Configs) -> Space:
+def read_space(name: str, value: object, configs: Configs) -> Space:
     """The values of a field that a sweep tries.
 
     Args:
-        name: the field as an option without dashes, such as ``agent.algorithm.gamma``.
-        value: a value, a list of values, ``{"choices": [...]}``, or ``{"low": ..., "high": ...}`` with log or step.
-        configs: the configs that have the field; they are left as they are.
+        name: The field as an option without dashes, such as ``agent.algorithm.gamma``.
+        value: A value, a list of values, ``{"choices": [...]}``, or ``{"low": ..., "high": ...}`` with log or step.
+        configs: The configs that have the field; they are not changed.
 
     Raises:
-        Wrong: if the task has no such field, or it cannot have these values.
+        InvalidEntryError: if the task has no such field, or the field cannot have these values.
     """
     if name in _OWN:
-        raise Wrong(f"use '{_OWN[name]}' of this file")
-    if name in _ELSEWHERE and name != "env.scene.num-envs":
-        raise Wrong(f"use the option {_ELSEWHERE[name]}")
-    kind = _kind_of(name, configs)
-    if isinstance(value, dict) and "choices" in value:
-        more = [str(key) for key in value if key != "choices"]
-        if more:
-            raise Wrong(f"has choices and also {', '.join(more)}; give choices alone, or low and high")
-        value = value["choices"]
-        if not isinstance(value, list):
-            raise Wrong(f"choices are {value!r}, must be a list")
-    elif isinstance(value, dict):
-        return _range(name, value, kind, configs)
-    values = value if isinstance(value, list) else [value]
-    if not values:
-        raise Wrong("has no values; give a list such as [1, 2], or {low: ..., high: ...}")
-    choices = tuple(_choice(name, item, kind, configs) for item in values)
+        raise InvalidEntryError(f"use '{_OWN[name]}' of this file")
+    if name == "env.sim.device":
+        raise InvalidEntryError("use the option --device")
+    field = _Field(name, configs)
+    if isinstance(value, Mapping) and "choices" not in value:
+        return _range(field, value)
+    choices = tuple(field.choice(item) for item in _listed(value))
+    # Compared by their text, since 1 and True are equal in Python.
     if len(set(map(str, choices))) < len(choices):
-        raise Wrong(f"has values twice: {', '.join(map(str, choices))}")
+        raise InvalidEntryError(f"has values twice: {', '.join(map(str, choices))}")
     return Space(choices=choices)
 
 
-def _range(name: str, given: dict[Any, Any], kind: Any, configs: Configs) -> Space:
-    known = ("low", "high", "log", "step")
-    unknown = [str(key) for key in given if key not in known]
+def _listed(value: object) -> list[object]:
+    """The values of an entry that lists them."""
+    if isinstance(value, Mapping):
+        more = [str(key) for key in value if key != "choices"]
+        if more:
+            raise InvalidEntryError(f"has choices and also {', '.join(more)}; give choices alone, or low and high")
+        value = value["choices"]
+        if not isinstance(value, list):
+            raise InvalidEntryError(f"choices are {value!r}, must be a list")
+    values = value if isinstance(value, list) else [value]
+    if not values:
+        raise InvalidEntryError("has no values; give a list such as [1, 2], or {low: ..., high: ...}")
+    return values
+
+
+def _range(field: _Field, given: Mapping[object, object]) -> Space:
+    """The numbers of an entry that gives their range."""
+    unknown = [str(key) for key in given if key not in _RANGE_KEYS]
     if unknown or "low" not in given or "high" not in given:
         what = f"'{unknown[0]}' is not known" if unknown else "low or high is missing"
-        raise Wrong(f"{what}; a range is {{low: ..., high: ...}}, with log: true or step: ... if wanted")
-    low, high = (_end(name, given[key], kind, configs) for key in ("low", "high"))
-    log, step = given.get("log", False), given.get("step")
+        raise InvalidEntryError(f"{what}; a range is {{low: ..., high: ...}}, with log: true or step: ... if wanted")
+    low, high = field.number(given["low"]), field.number(given["high"])
     integer = isinstance(low, int) and isinstance(high, int)
     if not low < high:
-        raise Wrong(f"the range from {low} to {high} is empty; low must be below high")
+        raise InvalidEntryError(f"the range from {low} to {high} is empty; low must be below high")
+    log = given.get("log", False)
     if not isinstance(log, bool):
-        raise Wrong(f"log is {log!r}, must be true or false")
+        raise InvalidEntryError(f"log is {log!r}, must be true or false")
     if log and low <= 0:
-        raise Wrong(f"low is {low}, must be above 0 for a logarithm")
-    if step is not None:
-        step = _number(step)
-        if not step > 0 or (integer and step != int(step)) or step > high - low:
-            raise Wrong(
-                f"step is {given['step']!r}, must be {'an integer' if integer else 'a number'} within the range"
-            )
-        if log:
-            raise Wrong("has log and step; give one of them")
+        raise InvalidEntryError(f"low is {low}, must be above 0 for a logarithm")
+    step = _step(given.get("step"), high - low, integer)
+    if log and step is not None:
+        raise InvalidEntryError("has log and step; give one of them")
     return Space(low=low, high=high, log=log, step=step, integer=integer)
 
 
-def _end(name: str, value: Any, kind: Any, configs: Configs) -> int | float:
-    number = _choice(name, value, kind, configs)
-    if isinstance(number, (bool, str)):
-        raise Wrong(f"a range needs numbers, the field holds {_current(name, configs)!r}; give a list of values")
-    return number
+def _step(given: object, extent: float, integer: bool) -> float | None:
+    """The step of a range, None for none."""
+    if given is None:
+        return None
+    step = _number(given)
+    if not step > 0 or (integer and step != int(step)) or step > extent:
+        kind = "an integer" if integer else "a number"
+        raise InvalidEntryError(f"step is {given!r}, must be {kind} within the range")
+    return step
 
 
-def _number(value: Any) -> float:
+def _number(value: object) -> float:
+    """The number that a value is, NaN for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return math.nan
     try:
-        return math.nan if isinstance(value, bool) else float(value)  # YAML takes 1e-4 for text
-    except (TypeError, ValueError):
+        return float(value)  # YAML takes 1e-4 for text
+    except ValueError:
         return math.nan
 
 
-def _choice(name: str, value: Any, kind: Any, configs: Configs) -> bool | int | float | str:
-    """A value as optuna keeps it: a number, a flag, or the words of the command line."""
-    try:
-        words = [str(item) for item in value] if isinstance(value, list) else words_of(value)
-    except ValueError as error:
-        raise Wrong(f"{value!r}: {error}") from None
-    holder: Any = dataclasses.make_dataclass("Value", [("value", kind)])
-    words_in, plain = ["--value", *words], (tyro.conf.FlagConversionOff,)
-    try:
-        parsed = tyro.cli(holder, args=words_in, config=plain, console_outputs=False).value
-    except SystemExit:
-        now = _current(name, configs)
-        raise Wrong(f"{value!r} does not fit, the field holds {now!r}; give {_type_name(kind)}") from None
-    trial = Configs(copy.deepcopy(configs.env), copy.deepcopy(configs.agent))
-    root, *path = name.replace("-", "_").split(".")
-    cfg = getattr(trial, root)
-    options = options_of(cfg, root)
-    target = options
-    for part in path[:-1]:
-        target = getattr(target, part)
-    setattr(target, path[-1], parsed)
-    apply_options(cfg, options)
-    try:
-        check(trial)
-    except ConfigError as error:
-        raise Wrong(f"{value!r} does not do: {'; '.join(error.problems)}") from None
-    return parsed if isinstance(parsed, (bool, int, float)) else shlex.join(words)
+class _Field:
+    """A field of the task's configs, as an option of the command line.
+
+    Raises:
+        InvalidEntryError: if there is no such field.
+    """
+
+    def __init__(self, name: str, configs: Configs):
+        self._name, self._configs = name, configs
+        self._root, *self._path = name.replace("-", "_").split(".")
+        options = options_of(getattr(configs, self._root), self._root)
+        group = _group_of(options, self._root, self._path)
+        self._kind: TypeForm = {item.name: item.type for item in _fields(group)}[self._path[-1]]
+        self._value = getattr(group, self._path[-1])
+
+    def number(self, value: object) -> int | float:
+        """An end of a range.
+
+        Raises:
+            InvalidEntryError: if the field does not hold numbers, or cannot hold this one.
+        """
+        number = self.choice(value)
+        if isinstance(number, (bool, str)):
+            raise InvalidEntryError(f"a range needs numbers, the field holds {self._value!r}; give a list of values")
+        return number
+
+    def choice(self, value: object) -> Scalar:
+        """A value as optuna keeps it: a number, a flag, or the words of the command line.
+
+        Raises:
+            InvalidEntryError: if the field cannot hold it, by its type or by the checks of its config.
+        """
+        try:
+            words = [str(item) for item in value] if isinstance(value, list) else words_of(value)
+        except ValueError as error:
+            raise InvalidEntryError(f"{value!r}: {error}") from None
+        parsed = self._parse(value, words)
+        self._check(value, parsed)
+        return parsed if isinstance(parsed, (bool, int, float)) else shlex.join(words)
+
+    def _parse(self, value: object, words: list[str]) -> object:
+        """The value as the command line reads it."""
+        # By tyro, as the run's own command line will, so that both accept the same.
+        holder = dataclasses.make_dataclass("Value", [("value", self._kind)])
+        plain = (tyro.conf.FlagConversionOff,)
+        try:
+            parsed: object = tyro.cli(holder, args=["--value", *words], config=plain, console_outputs=False)
+        except SystemExit:
+            raise InvalidEntryError(
+                f"{value!r} does not fit, the field holds {self._value!r}; give {_type_name(self._kind)}"
+            ) from None
+        return vars(parsed)["value"]
+
+    def _check(self, value: object, parsed: object) -> None:
+        """Check configs that have the value."""
+        # On copies of both configs, since checks look at several fields together.
+        trial = Configs(copy.deepcopy(self._configs.env), copy.deepcopy(self._configs.agent))
+        cfg = getattr(trial, self._root)
+        options = options_of(cfg, self._root)
+        setattr(_group_of(options, self._root, self._path), self._path[-1], parsed)
+        apply_options(cfg, options)
+        try:
+            check(trial)
+        except ConfigError as error:
+            raise InvalidEntryError(f"{value!r} is rejected: {'; '.join(error.problems)}") from None
 
 
-def _walk(name: str, configs: Configs) -> tuple[Any, str]:
-    """The options that hold a field, and its name in them."""
-    root, *path = name.replace("-", "_").split(".")
-    options, done = options_of(getattr(configs, root), root), root
+def _fields(options: Options) -> tuple[dataclasses.Field, ...]:
+    return dataclasses.fields(options)  # type: ignore[arg-type]
+
+
+def _group_of(options: Options, root: str, path: list[str]) -> Options:
+    """The group of options that holds a field.
+
+    Raises:
+        InvalidEntryError: if there is no such field; the message names fields that there are.
+    """
+    group, done = options, root
     for number, part in enumerate(path):
-        names = [item.name for item in dataclasses.fields(options)]
-        last = number == len(path) - 1
-        nested = dataclasses.is_dataclass(getattr(options, part, None))
-        if part not in names or nested == last:
-            shown = [item.replace("_", "-") for item in names]
-            near = difflib.get_close_matches(part.replace("_", "-"), shown, n=3, cutoff=0.5)
-            what = (
-                "is a group of fields, name one of" if part in names and last else "there is no such field, there are"
-            )
-            inside = [item.name for item in dataclasses.fields(getattr(options, part))] if nested and last else []
-            some = [item.replace("_", "-") for item in inside] or near or shown
-            prefix = f"{done}.{part}" if inside else done
-            raise Wrong(f"{what} {', '.join(f'{prefix}.{item}'.replace('_', '-') for item in some)}")
-        if last:
-            return options, part
-        options, done = getattr(options, part), f"{done}.{part}"
-    raise Wrong("names no field")
+        is_last = number == len(path) - 1
+        is_group = dataclasses.is_dataclass(getattr(group, part, None))
+        if part not in [item.name for item in _fields(group)] or is_group == is_last:
+            raise InvalidEntryError(_no_such_field(group, done, part, is_last and is_group))
+        if is_last:
+            return group
+        group, done = getattr(group, part), f"{done}.{part}"
+    raise InvalidEntryError("names no field")
 
 
-def _kind_of(name: str, configs: Configs) -> Any:
-    options, part = _walk(name, configs)
-    hints = {item.name: item.type for item in dataclasses.fields(options)}
-    return hints[part]
+def _no_such_field(group: Options, done: str, part: str, is_group: bool) -> str:
+    """The message about a name that is no field of a group, or that is a group itself."""
+    if is_group:
+        inside = [f"{done}.{part}.{item.name}" for item in _fields(getattr(group, part))]
+        return f"is a group of fields, name one of {', '.join(inside)}".replace("_", "-")
+    there = [item.name.replace("_", "-") for item in _fields(group)]
+    near = difflib.get_close_matches(part.replace("_", "-"), there, n=3, cutoff=0.5)
+    prefix = done.replace("_", "-")
+    return f"there is no such field, there are {', '.join(f'{prefix}.{item}' for item in near or there)}"
 
 
-def _current(name: str, configs: Configs) -> Any:
-    options, part = _walk(name, configs)
-    return getattr(options, part)
-
-
-def _type_name(kind: Any) -> str:
+def _type_name(kind: TypeForm) -> str:
     inner = getattr(kind, "__origin__", kind)
     return str(getattr(inner, "__name__", inner)) if isinstance(inner, type) else str(inner).replace("typing.", "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tasks that can be named on the command line, and their configs."""
+"""Tasks of the command line: their registration, their names, their configs, their environments."""
 
 from __future__ import annotations
 
@@ -8,14 +8,20 @@ import gc
 import importlib
 import importlib.metadata
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Literal, TypeVar, overload
 
 import gymnasium
 
 from stripe_newton.configclass import resolve_name
+from stripe_newton.rl.configs import RunnerCfg
 
-from .errors import UserError
+from .user_error import UserError
+
+if TYPE_CHECKING:
+    from stripe_newton.envs import RLEnvCfg
+    from stripe_newton.rl.torch_vector_env import TorchVectorEnv
 
 __all__ = [
     "find_task",
@@ -28,21 +34,30 @@ __all__ = [
     "task_ids",
 ]
 
+T = TypeVar("T")
+
 ENTRY_POINTS = "stripe_newton.tasks"
-"""Entry-point group: a package that names a module here has it imported, to register its tasks with gymnasium."""
+"""Entry-point group. A package that names a module here gets it imported, so that it registers its tasks."""
 
 _imported: list[str] = []
+"""Modules and files that ``--import`` named."""
 
 _ENV_CFG, _AGENT_CFG = "env_cfg_entry_point", "rsl_rl_cfg_entry_point"
 
 
-def import_extra(args: list[str]) -> list[str]:
-    """Import what ``--import MODULE_OR_FILE`` names, wherever it stands; returns the other arguments.
+# -- registration
+
+
+def import_extra(args: Sequence[str]) -> list[str]:
+    """Import the modules that options ``--import MODULE_OR_FILE`` name, wherever they stand.
 
     Modules are also looked for in the working directory.
 
+    Returns:
+        The other arguments.
+
     Raises:
-        UserError: if there is nothing of that name.
+        UserError: if there is no module or file of that name.
     """
     rest: list[str] = []
     words = iter(args)
@@ -59,7 +74,7 @@ def import_extra(args: list[str]) -> list[str]:
 
 
 def import_options() -> list[str]:
-    """The options ``--import`` that were given so far in this process, for commands that need the same."""
+    """The options ``--import`` that this process was given, for processes that need the same tasks."""
     return [word for target in _imported for word in ("--import", target)]
 
 
@@ -81,29 +96,32 @@ def _import(target: str) -> None:
 
 
 def load_entry_points() -> None:
-    """Import the packages that name themselves, so that their tasks and scenes are registered."""
+    """Import the packages of the entry-point group, so that their tasks and scenes are registered."""
     for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
         entry_point.load()
 
 
+# -- names
+
+
 def task_ids() -> list[str]:
-    """Ids of all registered tasks that have a config, sorted."""
+    """Names of all registered tasks that have a config, sorted."""
     load_entry_points()
     return sorted(name for name, spec in gymnasium.registry.items() if _ENV_CFG in spec.kwargs)
 
 
-def task_argument(args: list[str]) -> str | None:
-    """The task that a command's arguments name, or None: a known one wherever it stands, else the first argument."""
+def task_argument(args: Sequence[str]) -> str | None:
+    """The task that arguments name: a known task wherever it stands, else the first argument, or None."""
     known = set(task_ids())
     named = next((word for word in args if word in known), None)
     return named or (args[0] if args and not args[0].startswith("-") else None)
 
 
-def find_task(task: str) -> Any:
+def find_task(task: str) -> gymnasium.envs.registration.EnvSpec:
     """The gymnasium spec of a task.
 
     Raises:
-        UserError: if there is none of that id, with those that look alike.
+        UserError: if there is no such task; the message names similar ones.
     """
     known = task_ids()
     if task not in known:
@@ -113,28 +131,45 @@ def find_task(task: str) -> Any:
     return gymnasium.spec(task)
 
 
-def load_cfg(task: str, kind: str) -> Any:
-    """A new ``"env"`` or ``"agent"`` config of a task.
+# -- configs and environments
+
+
+@overload
+def load_cfg(task: str, kind: Literal["env"]) -> RLEnvCfg: ...
+
+
+@overload
+def load_cfg(task: str, kind: Literal["agent"]) -> RunnerCfg: ...
+
+
+def load_cfg(task: str, kind: Literal["env", "agent"]) -> RLEnvCfg | RunnerCfg:
+    """A new config of a task's environment or agent.
 
     Raises:
         UserError: if the task has no agent config.
     """
-    name = find_task(task).kwargs.get({"env": _ENV_CFG, "agent": _AGENT_CFG}[kind])
-    if name is None:
+    entry = find_task(task).kwargs.get({"env": _ENV_CFG, "agent": _AGENT_CFG}[kind])
+    if entry is None:
         raise UserError(f"task '{task}' is registered without '{_AGENT_CFG}', so it cannot be trained with rsl_rl")
-    return (resolve_name(name) if isinstance(name, str) else name)()
+    make: Callable[[], RLEnvCfg | RunnerCfg] = _resolved(entry)
+    return make()
 
 
-def make_env(task: str, cfg: Any, render_mode: str | None = None) -> Any:
-    """The vector environment of a task, made from ``cfg``; several agents are seen as one."""
-    creator = find_task(task).vector_entry_point
-    creator = resolve_name(creator) if isinstance(creator, str) else creator
+def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchVectorEnv:
+    """The vector environment of a task, made from ``cfg``; several agents are shown as one."""
+    creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point)
     env = creator(cfg=cfg, render_mode=render_mode)
-    if not gc.isenabled():  # see main
+    if not gc.isenabled():  # `main` has switched it off
+        # All that there is by now lives as long as the process, so no collection has to look at it.
         gc.freeze()
         gc.enable()
-    if hasattr(env.unwrapped, "possible_agents"):
-        from stripe_newton.envs import multi_agent_to_single_agent
+    # Here, since commands that build nothing should not load environments and, with them, Newton.
+    from stripe_newton.envs import DirectMARLEnv, multi_agent_to_single_agent
 
-        return multi_agent_to_single_agent(env.unwrapped)
-    return env
+    inner = env.unwrapped
+    return multi_agent_to_single_agent(inner) if isinstance(inner, DirectMARLEnv) else env
+
+
+def _resolved(entry: str | Callable[..., T]) -> Callable[..., T]:
+    """The object that an entry point names as ``module:name``; an object itself is returned as it is."""
+    return resolve_name(entry) if isinstance(entry, str) else entry

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton train``."""
+"""``stripe-newton train``: trains a policy, new or resumed, in one process or as one of several ranks."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,27 +21,21 @@ from stripe_newton.rl import (
     record_video,
 )
 from stripe_newton.rl.distributed import as_rank, world
-from stripe_newton.rl.run_folder import find_run
-from stripe_newton.rl.sweep_process import end_with_sweep
-from stripe_newton.rl.training_state import set_learning_rate
+from stripe_newton.rl.experiments.sweep_process import end_with_sweep
+from stripe_newton.rl.runs.run_folder import find_run
+from stripe_newton.rl.runs.training_state import set_learning_rate
+from stripe_newton.rl.runs.video import video_steps
 
 from . import USER_ERRORS
-from .common import (
-    Configs,
-    build,
-    check,
-    command,
-    load_configs,
-    parse,
-    peek,
-    set_device,
-    set_seeds,
-    task_of,
-    video_steps,
-)
-from .errors import UserError
-from .ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
-from .resume import check_changes, differences
+from .arguments import parse, peek, task_of
+from .device import set_device, set_seeds
+from .env_and_policy import build
+from .run_configs import Configs, check, load_configs
+from .shell_command import command
+from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
+from .train_resume import Changes, check_changes, differences
+from .train_sweep import SweepOptions, run_sweep
+from .user_error import UserError
 
 __all__ = ["TrainArgs", "run"]
 
@@ -66,9 +61,9 @@ class TrainArgs:
     final_video: bool = True
     """Whether the trained policy is filmed at the end."""
     runner: tyro.conf.DisallowNone[Literal["graph", "rsl_rl"] | None] = None
-    """Rollout and update as CUDA graphs where they can be, or rsl_rl's own, untouched; short for --agent.runner."""
+    """Rollout and update as CUDA graphs where possible, or rsl_rl's own, unchanged; short for --agent.runner."""
     resume: tyro.conf.DisallowNone[str | None] = None
-    """A run folder, or a checkpoint of one, to go on with; its configuration is taken over."""
+    """Continue a run: its folder, or a checkpoint of it. Its configuration is taken over."""
     allow_changes: bool = False
     """Let a resumed run go on with another environment or other networks than it had."""
     gpus: tyro.conf.DisallowNone[int | None] = None
@@ -81,57 +76,112 @@ class TrainArgs:
 
 def run(argv: list[str]) -> int:
     """Run the command."""
+    # First, so that no time is left in which the sweep could die unnoticed.
     end_with_sweep()
     task = task_of(argv, "train", TrainArgs)
     ranks = 1 if {"-h", "--help"} & set(argv) else number_of_ranks(peek(argv, "--gpus"))
     if ranks > 1 and peek(argv, "--sweep") is None:
-        return launch_ranks(task, argv, ranks)
+        return launch_ranks(task, argv, ranks, USER_ERRORS)
     return as_rank(lambda: _train(task, argv), USER_ERRORS)
 
 
-def _train(task: str, argv: list[str]) -> int:
+def _train(task: str, argv: Sequence[str]) -> int:
+    """Train in this process, which may be one of several ranks."""
     resume = peek(argv, "--resume")
-    folder, checkpoint = find_run(resume) if resume else (None, None)
-    configs = load_configs(task, folder, same_device=True)
+    resumed, checkpoint = find_run(resume) if resume else (None, None)
+    configs = load_configs(task, resumed, same_device=True)
+    # The configs of the resumed run, before the options of this command change them.
     before = {name: cfg.to_dict() for name, cfg in vars(configs).items()}
-    args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.agent)
+    args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.need_agent())
     _apply_shortcuts(args, configs)
     check(configs)
     if args.sweep is not None:
-        from .sweep import run_sweep
-
-        return run_sweep(task, argv, args, configs)
+        options = SweepOptions(args.sweep, args.jobs, args.device, args.log_dir, args.max_iterations, args.num_envs)
+        return run_sweep(task, argv, options, configs)
     if args.jobs is not None:
-        raise UserError(f"--jobs {args.jobs}: are the runs of a sweep; give --sweep FILE, too")
-    changes = differences(before, {name: cfg.to_dict() for name, cfg in vars(configs).items()}) if folder else {}
-    episodes = check_changes(resume, changes, args.allow_changes)
-    total = configs.env.scene.num_envs
+        raise UserError(f"--jobs {args.jobs}: is for sweeps; give --sweep FILE too")
+    changes = differences(before, {name: cfg.to_dict() for name, cfg in vars(configs).items()}) if resumed else {}
+    keeps_episodes = check_changes(resume, changes, args.allow_changes)
+    if resumed is not None and checkpoint is None:
+        print(f"{resume} contains no checkpoint yet: it starts anew")
+    total_envs = configs.env.scene.num_envs
     split_over_ranks(configs)
-    set_seeds(configs.agent.seed + world().rank)
-    is_new = folder is None
-    if not is_new and checkpoint is None:
-        print(f"{resume} holds no checkpoint yet: it begins anew")
-    if is_new and world().rank == 0:
-        folder = RunFolder.create(args.log_dir, configs.agent.experiment_name or task, configs.agent.run_name)
-    folder = RunFolder(run_folder_of_all(None if folder is None else folder.path))
+    # Each rank draws other noise on its actions.
+    set_seeds(configs.need_agent().seed + world().rank)
+    folder = _run_folder(task, args, configs, resumed)
     try:
-        if is_new and world().rank == 0:
+        if resumed is None and world().rank == 0:
+            # Before the environment is built, so that the run can be resumed from the beginning on.
             folder.write_task(task)
-            folder.write_params(configs.env, configs.agent, total)  # so that it can be resumed from the beginning on
-        runner = _start(task, configs, folder, checkpoint, episodes)
+            folder.write_params(configs.env, configs.need_agent(), total_envs)
+        runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
     except BaseException:
-        if is_new and world().rank == 0:
+        # A task that cannot be built leaves no empty runs behind.
+        if resumed is None and world().rank == 0:
             folder.remove_unused()
         raise
+    return _run_to_end(task, args, runner, folder)
+
+
+def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:
+    """Write the command's own options into the configs."""
+    env, agent = configs.env, configs.need_agent()
+    if args.num_envs is not None:
+        env.scene.num_envs = args.num_envs
+    if args.max_iterations is not None:
+        agent.max_iterations = args.max_iterations
+    if args.runner is not None:
+        agent.runner = args.runner
+    if args.seed is not None:
+        agent.seed = env.seed = args.seed
+    elif env.seed is None:
+        env.seed = agent.seed
+    if args.video_interval < 0:
+        raise UserError(f"--video-interval {args.video_interval}: must be 0 or more iterations")
+    set_device(env, args.device)
+
+
+def _run_folder(task: str, args: TrainArgs, configs: Configs, resumed: RunFolder | None) -> RunFolder:
+    """The folder of this run, the same in all ranks: that of the resumed run, or a new one that rank 0 makes."""
+    agent, folder = configs.need_agent(), resumed
+    if folder is None and world().rank == 0:
+        folder = RunFolder.create(args.log_dir, agent.experiment_name or task, agent.run_name)
+    return RunFolder(run_folder_of_all(None if folder is None else folder.path))
+
+
+def _build_runner(
+    task: str, configs: Configs, folder: RunFolder, checkpoint: Path | None, keeps_episodes: bool, changes: Changes
+) -> OnPolicyRunner:
+    """Build environment and runner, and load the checkpoint of a resumed run."""
+    agent = configs.need_agent()
+    runner = build(task, configs, folder.path, render=world().rank == 0)
+    if agent.runner == "graph" and world().rank == 0 and runner.device != "cpu":
+        for part, reason in runner.no_graphs.items():
+            print(f"the {part} runs rsl_rl's own code rather than a graph: {reason}")
+    if checkpoint is not None:
+        runner.resume(checkpoint, keeps_episodes)
+        done = runner.iterations_done
+        if done >= agent.max_iterations:
+            raise UserError(
+                f"{checkpoint}: {done} iterations are done, of {agent.max_iterations}; "
+                "give --max-iterations to go further"
+            )
+        print(f"continuing after iteration {done} of {checkpoint}")
     if "agent.algorithm.learning_rate" in changes:
-        set_learning_rate(runner.alg, configs.agent.algorithm.learning_rate)
+        # The checkpoint has the rate that the adaptive schedule had come to; one that was given overrides it.
+        set_learning_rate(runner.alg, agent.algorithm.learning_rate)
+    return runner
+
+
+def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunFolder) -> int:
+    """Learn, leave curve, policy and video in the run folder, and print what can be done next."""
     print(f"run folder: {folder.path}", flush=True)
     try:
         complete = _learn(runner, folder, args.video_interval)
         if world().rank == 0:
             _finish(runner, folder, task, complete, film=args.final_video)
     except BaseException:
-        print(f"\nended early; what there is lies in {folder.path}", file=sys.stderr)
+        print(f"\nended early; files so far are in {folder.path}", file=sys.stderr)
         raise
     finally:
         runner.env.close()
@@ -139,40 +189,8 @@ def _train(task: str, argv: list[str]) -> int:
     return 0
 
 
-def _start(task: str, configs: Configs, folder: RunFolder, checkpoint: Path | None, episodes: bool) -> OnPolicyRunner:
-    runner = build(task, configs, folder.path, render=world().rank == 0)
-    if configs.agent.runner == "graph" and world().rank == 0 and runner.device != "cpu":
-        for part, reason in runner.no_graphs.items():
-            print(f"the {part} is rsl_rl's own and no graph: {reason}")
-    if checkpoint is not None:
-        runner.resume(checkpoint, episodes)
-        if runner.iterations_done >= configs.agent.max_iterations:
-            done, total = runner.iterations_done, configs.agent.max_iterations
-            raise UserError(
-                f"{checkpoint}: {done} iterations are done, of {total}; give --max-iterations to go further"
-            )
-        print(f"going on after iteration {runner.iterations_done} of {checkpoint}")
-    return runner
-
-
-def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:
-    if args.num_envs is not None:
-        configs.env.scene.num_envs = args.num_envs
-    if args.max_iterations is not None:
-        configs.agent.max_iterations = args.max_iterations
-    if args.runner is not None:
-        configs.agent.runner = args.runner
-    if args.seed is not None:
-        configs.agent.seed = configs.env.seed = args.seed
-    elif configs.env.seed is None:
-        configs.env.seed = configs.agent.seed
-    if args.video_interval < 0:
-        raise UserError(f"--video-interval {args.video_interval}: must be 0 or more iterations")
-    set_device(configs.env, args.device)
-
-
 def _learn(runner: OnPolicyRunner, folder: RunFolder, video_interval: int) -> bool:
-    if not video_interval or world().rank:
+    if not video_interval or world().rank:  # rank 0 alone can draw pictures
         return runner.learn()
     film = TrainingVideo(runner.env, folder.videos, video_interval, video_steps(runner.env))
     runner.logger.iteration_hooks.append(film.after_iteration)
@@ -183,29 +201,30 @@ def _learn(runner: OnPolicyRunner, folder: RunFolder, video_interval: int) -> bo
 
 
 def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool, film: bool = True) -> None:
-    """Leave the learning curve, the exported policy and, after a complete run, the video."""
+    """Write the learning curve, the exported policy and, after a complete run, the video."""
     try:
         plot_learning_curve(folder.metrics, folder.learning_curve, f"{task}, {runner.iterations_done} iterations")
     except ValueError as error:
         print(f"no learning curve: {error}", file=sys.stderr)
-    unlike: ExportError | None = None
+    failed: ExportError | None = None
     try:
         print(export_policy(runner, folder.exported))
     except ExportError as error:
-        unlike = error  # after the video
+        failed = error  # raised after the video, which does not depend on the export
     if complete and film:
         policy = runner.get_inference_policy(runner.device)
         name = f"final_{runner.iterations_done}.mp4"
         record_video(runner.env, policy, folder.videos / name, video_steps(runner.env))
-    if unlike is not None:
-        raise unlike
+    if failed is not None:
+        raise failed
 
 
 def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
+    """Print the commands that continue, play and evaluate the run."""
     path = str(folder.path)
     if not complete:
         ranks = ["--gpus", str(world().size)] if world().size > 1 else []
-        print(f"stopped; go on with:\n  {command('train', task, *ranks, '--resume', path)}")
+        print(f"stopped; continue with:\n  {command('train', task, *ranks, '--resume', path)}")
     print(f"run folder: {folder.path}\nnext:")
     for verb in ("play", "eval"):
         print(f"  {command(verb, task, '--checkpoint', path)}")

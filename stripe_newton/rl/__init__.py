@@ -1,18 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training with rsl_rl: configs, the environment's wrapper, the runner, evaluation, videos and export.
+"""Training with rsl_rl: configs, runner, evaluation, run folders, export of policies, experiments.
 
-Configs and errors are light; what needs torch is imported when it is first asked for.
+Importing this package loads configs and errors alone. Names that need torch are imported at their first use.
+
+=================  ==================================================================================
+``configs``        configs of a run, its networks and its algorithm
+``graphs``         rollout and update of PPO as CUDA graphs
+``wrappers``       an environment as rsl_rl, Stable-Baselines3 and skrl expect it
+``runs``           a run on disk: its folder, checkpoints, log, videos
+``export``         a policy as ONNX and TorchScript
+``distributed``    several processes that train one policy
+``experiments``    sweeps over fields and seeds, comparisons of runs
+=================  ==================================================================================
 """
 
 from __future__ import annotations
 
 import importlib
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from .config import (
+from .configs import (
     RslRlBaseRunnerCfg,
     RslRlCNNModelCfg,
+    RslRlDistillationAlgorithmCfg,
+    RslRlDistillationRunnerCfg,
     RslRlMLPModelCfg,
     RslRlOnPolicyRunnerCfg,
     RslRlPpoAlgorithmCfg,
@@ -20,23 +32,23 @@ from .config import (
     RslRlRNNModelCfg,
     RslRlSymmetryCfg,
 )
-from .config_distillation import RslRlDistillationAlgorithmCfg, RslRlDistillationRunnerCfg
 from .errors import CheckpointError, ExportError
 
 if TYPE_CHECKING:
-    from .checkpoint import load_checkpoint, save_checkpoint
     from .distillation import DistillationRunner
     from .evaluation import EvalResult, evaluate
     from .export import ExportedPolicy, export_policy
-    from .metrics import RunLogWriter, read_metrics
-    from .onnx_policy import OnnxPolicy
-    from .plot import plot_learning_curve
+    from .export.onnx_policy import OnnxPolicy
+    from .export.policy_metadata import describe_policy, read_policy_metadata
     from .policies import Policy, RandomPolicy, ZeroPolicy
-    from .policy_metadata import describe_policy, read_policy_metadata
-    from .record import TrainingVideo, record_video
-    from .run_folder import RunFolder, find_checkpoint
     from .runner import OnPolicyRunner
-    from .vec_env import RslRlVecEnvWrapper
+    from .runs.checkpoint import load_checkpoint, save_checkpoint
+    from .runs.learning_curve import plot_learning_curve
+    from .runs.log_writers import RunLogWriter
+    from .runs.metrics_csv import read_metrics
+    from .runs.run_folder import RunFolder, find_checkpoint
+    from .runs.video import TrainingVideo, record_video
+    from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
 __all__ = [
     "CheckpointError",
@@ -80,32 +92,34 @@ _LAZY = {
     "EvalResult": "evaluation",
     "ExportedPolicy": "export",
     "OnPolicyRunner": "runner",
-    "OnnxPolicy": "onnx_policy",
+    "OnnxPolicy": "export.onnx_policy",
     "Policy": "policies",
     "RandomPolicy": "policies",
-    "RslRlVecEnvWrapper": "vec_env",
-    "RunFolder": "run_folder",
-    "RunLogWriter": "metrics",
-    "TrainingVideo": "record",
+    "RslRlVecEnvWrapper": "wrappers.rsl_rl",
+    "RunFolder": "runs.run_folder",
+    "RunLogWriter": "runs.log_writers",
+    "TrainingVideo": "runs.video",
     "ZeroPolicy": "policies",
-    "describe_policy": "policy_metadata",
+    "describe_policy": "export.policy_metadata",
     "evaluate": "evaluation",
     "export_policy": "export",
-    "find_checkpoint": "run_folder",
-    "load_checkpoint": "checkpoint",
-    "plot_learning_curve": "plot",
-    "read_metrics": "metrics",
-    "read_policy_metadata": "policy_metadata",
-    "record_video": "record",
-    "save_checkpoint": "checkpoint",
+    "find_checkpoint": "runs.run_folder",
+    "load_checkpoint": "runs.checkpoint",
+    "plot_learning_curve": "runs.learning_curve",
+    "read_metrics": "runs.metrics_csv",
+    "read_policy_metadata": "export.policy_metadata",
+    "record_video": "runs.video",
+    "save_checkpoint": "runs.checkpoint",
 }
+"""Module of each public name that needs torch."""
 
-os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")  # rsl_rl imports GitPython, which fails where there is no git
+# rsl_rl imports GitPython, which raises on import where the program git is not installed.
+os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _LAZY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f".{_LAZY[name]}", __name__), name)
-    globals()[name] = value
+    globals()[name] = value  # so that Python finds it without this function from the next time on
     return value

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Distillation of a trained policy into a student that sees less."""
+"""DistillationRunner: trains a student on the actions of a trained teacher that observes more."""
 
 from __future__ import annotations
 
 import os
-from typing import Any
 
-from .checkpoint import load_checkpoint
-from .config_distillation import RslRlDistillationRunnerCfg
+from .configs import RslRlDistillationRunnerCfg
 from .errors import CheckpointError
-from .run_folder import find_checkpoint
 from .runner import OnPolicyRunner
-from .vec_env import RslRlVecEnvWrapper
+from .runs.checkpoint import load_checkpoint
+from .runs.run_folder import find_checkpoint
+from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
 __all__ = ["DistillationRunner"]
 
 
 class DistillationRunner(OnPolicyRunner):
-    """Trains a student on the actions of a teacher, with rsl_rl's algorithm; the rest is :class:`OnPolicyRunner`'s.
+    """Trains a student on the actions of a teacher with rsl_rl's algorithm; otherwise as :class:`OnPolicyRunner`.
 
     Reference:
         Rusu et al. "Policy distillation", arXiv:1511.06295 (2016).
@@ -31,7 +30,7 @@ class DistillationRunner(OnPolicyRunner):
         """Build networks, algorithm and logger, and load the teacher if ``cfg`` names one.
 
         Raises:
-            ConfigError: all problems of ``cfg``, also those that only show beside this environment.
+            ConfigError: all problems of ``cfg``, also those that depend on this environment.
             CheckpointError: if there is no teacher where ``cfg`` says, or it has other networks.
         """
         super().__init__(env, cfg, log_dir)
@@ -45,9 +44,10 @@ class DistillationRunner(OnPolicyRunner):
             CheckpointError: if there is none, or it has other networks or observations.
         """
         file = find_checkpoint(path)
+        # rsl_rl's algorithm loads the actor of PPO as its teacher.
         self._load_networks(load_checkpoint(file, self.device), {"teacher": True}, True, file)
 
-    def learn(self, *args: Any, **kwargs: Any) -> bool:
+    def learn(self, num_learning_iterations: int | None = None, init_at_random_ep_len: bool | None = None) -> bool:
         """See :meth:`OnPolicyRunner.learn`.
 
         Raises:
@@ -55,4 +55,4 @@ class DistillationRunner(OnPolicyRunner):
         """
         if not self.alg.teacher_loaded:
             raise CheckpointError("teacher_checkpoint: is empty; give the run folder of the policy to learn from")
-        return super().learn(*args, **kwargs)
+        return super().learn(num_learning_iterations, init_at_random_ep_len)

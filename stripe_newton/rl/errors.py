@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the training side that are the user's to mend."""
+"""Errors of training that the user can fix: checkpoints and exports."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ __all__ = ["CheckpointError", "CheckpointWriteError", "ExportError"]
 
 
 class CheckpointError(ValueError):
-    """A checkpoint or run folder that is missing, damaged, foreign, or of another network."""
+    """A checkpoint or run folder that is missing, damaged, of another program, or of other networks."""
 
 
 class CheckpointWriteError(CheckpointError):
-    """A checkpoint that could not be written; what was there before is untouched."""
+    """A checkpoint that could not be written; the file that was there before is untouched."""
 
 
 class ExportError(RuntimeError):
-    """A network that cannot be exported, or an exported policy that does not act as the network does."""
+    """A network that cannot be exported, or an exported policy whose actions differ from the network's."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What chooses actions: the protocol of a policy, and two that need no training."""
+"""Policy: the protocol of what chooses actions, and two policies without training, zero and random."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ from typing import Protocol
 import torch
 from tensordict import TensorDict
 
-from .vec_env import RslRlVecEnvWrapper
+from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
 __all__ = ["Policy", "RandomPolicy", "ZeroPolicy"]
 
 
 class Policy(Protocol):
-    """Maps observations to actions (num_envs, num_actions). rsl_rl's networks are policies."""
+    """Maps observations to actions. rsl_rl's networks are policies."""
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
-        """The actions for ``obs``."""
+        """The actions for ``obs``, ``(num_envs, num_actions)``."""
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Forget the past of the environments whose episode ended, ``dones`` (num_envs,), or of all."""
+        """Clear the memory of the environments whose episode ended, ``dones`` ``(num_envs,)``, or of all."""
 
 
 class ZeroPolicy:
-    """Always zero."""
+    """Actions that are always zero."""
 
     def __init__(self, env: RslRlVecEnvWrapper):
         self._actions = torch.zeros(env.num_envs, env.num_actions, device=env.device)
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
-        return self._actions.clone()
+        return self._actions.clone()  # a caller may keep it, or write into it
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Nothing to forget."""
+        """There is no memory to clear."""
 
 
 class RandomPolicy:
-    """Uniform over the action space; [-1, 1] for an action without bounds."""
+    """Actions drawn uniformly from the action space; from [-1, 1] where an action has no bounds."""
 
     def __init__(self, env: RslRlVecEnvWrapper):
         space = env.unwrapped.single_action_space
@@ -53,4 +53,4 @@ class RandomPolicy:
         return self._low + self._span * torch.rand(self._shape, device=self._low.device)
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Nothing to forget."""
+        """There is no memory to clear."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rsl_rl's on-policy runner, with rollout and update as graphs, a run folder, exact resume and a clean stop."""
+"""OnPolicyRunner: rsl_rl's runner with rollout and update as CUDA graphs, a run folder, exact resume and clean stop."""
 
 from __future__ import annotations
 
@@ -10,61 +10,69 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Any
 
 import torch
+from rsl_rl.models import MLPModel
 from rsl_rl.runners import OnPolicyRunner as _RslRlOnPolicyRunner
 
 from stripe_newton.configclass import ConfigError
 
-from .checkpoint import load_checkpoint, save_checkpoint
-from .config import RslRlBaseRunnerCfg
+from .configs import RslRlBaseRunnerCfg, RslRlDistillationRunnerCfg
 from .distributed import join, world
 from .errors import CheckpointError, CheckpointWriteError
-from .graph_loop import learn_in_graphs
-from .graph_rollout import GraphRollout
-from .interrupt import on_first_signal
-from .logger import RunLogger, StopTraining
-from .networks import networks_of
-from .run_folder import RunFolder
-from .runner_settings import misfits, settings_of, why_no_graphs
-from .training_state import gather_state, restore_state
-from .vec_env import RslRlVecEnvWrapper
+from .graphs.loop import learn_in_graphs
+from .graphs.rollout import GraphRollout
+from .runner_settings import env_mismatches, rsl_rl_settings, why_no_graphs
+from .runs.checkpoint import CheckpointData, load_checkpoint, save_checkpoint
+from .runs.interrupt import on_first_signal
+from .runs.run_folder import RunFolder
+from .runs.run_logger import RunLogger, StopTraining
+from .runs.training_state import gather_state, restore_state
+from .torch_vector_env import rl_env_of
+from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
 __all__ = ["OnPolicyRunner"]
 
 
 class OnPolicyRunner(_RslRlOnPolicyRunner):
-    """Trains a policy with rsl_rl's algorithm and networks, rollout and update as CUDA graphs where they can be.
+    """Trains a policy with rsl_rl's algorithm and networks, with rollout and update as CUDA graphs where possible.
 
-    Files go to a run folder (see :class:`RunFolder`); checkpoints hold all that a run needs to go on as if it had
-    never stopped, and are read without running code from them.
+    Files go to a run folder (:class:`RunFolder`). Checkpoints contain all that a run needs to go on as if it had never
+    stopped, and are read without running code from them.
     """
 
-    _unsaved: CheckpointWriteError | None = None
+    env: RslRlVecEnvWrapper
+    device: str
+    logger: RunLogger
     parts_to_act = {"actor": True, "iteration": True}
+    """Parts of a checkpoint that :meth:`load` needs where the policy only acts."""
+
+    _unsaved: CheckpointWriteError | None = None
+    """Why the last checkpoint is not on the disk; None if it is."""
 
     def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlBaseRunnerCfg, log_dir: str | os.PathLike | None = None):
         """Build networks, algorithm and logger on the environment's device.
 
         Args:
-            env: the wrapped environment.
-            cfg: the run's config.
-            log_dir: the run folder; ``None`` writes no files.
+            env: The wrapped environment.
+            cfg: Config of the run.
+            log_dir: The run folder; ``None`` writes no files.
 
         Raises:
-            ConfigError: all problems of ``cfg``, also those that only show beside this environment.
+            ConfigError: all problems of ``cfg``, also those that depend on this environment.
         """
         cfg.validate()
-        problems = list(misfits(cfg, env))
+        problems = list(env_mismatches(cfg, env))
         if problems:
             raise ConfigError(problems)
         self.agent_cfg = cfg
         self.run_folder = None if log_dir is None else RunFolder(log_dir)
+        # Of the whole process, and before networks are made or compiled.
         torch.set_float32_matmul_precision(cfg.matmul_precision)
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints both networks and the observation sets
-            super().__init__(env, settings_of(cfg), None if log_dir is None else str(log_dir), str(env.device))
-        self.logger: RunLogger = RunLogger(
+        with contextlib.redirect_stdout(io.StringIO()):  # rsl_rl prints both networks and the observation sets
+            super().__init__(env, rsl_rl_settings(cfg), None if log_dir is None else str(log_dir), str(env.device))
+        # In place of rsl_rl's own, which its constructor has made; that one has opened no file yet.
+        self.logger = RunLogger(
             log_dir=self.logger.log_dir,
             cfg=self.cfg,
             env_cfg=env.cfg,
@@ -76,15 +84,23 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         )
         self._rollout: GraphRollout | None = None
         self.no_graphs = why_no_graphs(cfg, env, self.alg)
-        """Why rollout and update are rsl_rl's own and no graphs, by name; empty for none."""
+        """Why ``"rollout"`` and ``"update"`` are rsl_rl's own rather than graphs; empty if both are graphs."""
         if cfg.regenerate_interval:
-            self.logger.iteration_hooks.append(self._regenerate)  # before others, and before the checkpoint
+            # The first hook: hooks of others, and the checkpoint after them, belong to the new scene.
+            self.logger.iteration_hooks.append(self._regenerate)
         self.logger.git_status_repos = [inspect.getfile(type(env.unwrapped))]  # the state of the task's own code
 
     @property
     def iterations_done(self) -> int:
-        """Iterations that are complete, those before a resume included."""
+        """Number of complete iterations, those before a resume included."""
         return self.logger.iterations_done
+
+    @property
+    def networks(self) -> dict[str, MLPModel]:
+        """The networks of the algorithm by name; the first is the policy."""
+        distills = isinstance(self.agent_cfg, RslRlDistillationRunnerCfg)
+        names = ("student", "teacher") if distills else ("actor", "critic")
+        return {name: getattr(self.alg, name) for name in names}
 
     def learn(self, num_learning_iterations: int | None = None, init_at_random_ep_len: bool | None = None) -> bool:
         """Train for a number of iterations, by default up to ``cfg.max_iterations``.
@@ -93,52 +109,63 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         at once.
 
         Args:
-            num_learning_iterations: how many more iterations.
-            init_at_random_ep_len: whether episodes start at random lengths; by default as ``cfg`` says, and never
-                in a run that goes on.
+            num_learning_iterations: Number of further iterations.
+            init_at_random_ep_len: Whether episodes start at random lengths; by default as ``cfg`` says. A resumed run
+                never does.
 
         Returns:
-            Whether all of them were done.
+            Whether all iterations were done.
         """
         count = self.agent_cfg.max_iterations - self.iterations_done
         count = count if num_learning_iterations is None else num_learning_iterations
         if count <= 0:
             return True
         spread = self.agent_cfg.init_at_random_ep_len if init_at_random_ep_len is None else init_at_random_ep_len
-        if self.run_folder is not None and not self.logger.disable_logs:
-            self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
-            later = self.run_folder.set_aside_after(self.iterations_done - 1)
-            if later:
-                print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
+        self._prepare_run_folder()
         target = self.iterations_done + count
+        # rsl_rl's number is that of the iteration under way, from 0.
         self.current_learning_iteration = self.iterations_done
         self.logger.stop_requested = False
-        signals = (signal.SIGINT,) if self.is_distributed else (signal.SIGINT, signal.SIGTERM)  # that ends lost ranks
+        # torch's launcher ends ranks by SIGTERM after another one died, and such a rank must not wait for an iteration
+        # that never ends. So ranks stop on Ctrl-C alone.
+        signals = (signal.SIGINT,) if self.is_distributed else (signal.SIGINT, signal.SIGTERM)
         with on_first_signal(signals, self._request_stop):
             try:
                 self._learn(count, spread and self.iterations_done == 0)
             except StopTraining:
+                # It leaves the loop from within the logger, before rsl_rl's loop would save.
                 self._save_final()
             finally:
                 if self.logger.writer is not None:
                     self.logger.stop_logging_writer()
-        self._tell_unsaved()
+        self._raise_if_unsaved()
         return self.iterations_done == target
 
+    def _prepare_run_folder(self) -> None:
+        """Write the configs, and move checkpoints aside that are later than where the run goes on."""
+        if self.run_folder is None or self.logger.disable_logs:
+            return
+        self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
+        later = self.run_folder.set_aside_after(self.iterations_done - 1)
+        if later:
+            print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
+
     def _learn(self, count: int, spread: bool) -> None:
+        """The learning loop: of graphs, or rsl_rl's where the rollout cannot be one."""
         if "rollout" in self.no_graphs:
             if "update" not in self.no_graphs:
-                self.logger.read_std = lambda: self.alg.std  # the actor's own is that of the last step
+                # The replayed update leaves no distribution in the actor: what it has is of the last rollout step.
+                self.logger.read_std = lambda: self.alg.std
             super().learn(count, spread)
             return
+        # From here on in the order of rsl_rl's loop.
         if spread:
-            self.env.episode_length_buf = torch.randint_like(
-                self.env.episode_length_buf, high=int(self.env.max_episode_length)
-            )
+            self._randomize_episode_lengths()
         self.alg.train_mode()
         if self.is_distributed:
             self.alg.broadcast_parameters()
         self.logger.init_logging_writer()
+        # Once, so that a second call of `learn` replays the graph that the first has recorded.
         if self._rollout is None:
             sums = self.logger.cur_reward_sum, self.logger.cur_episode_length
             self._rollout = GraphRollout(self.env, self.alg, *sums, check_for_nan=self.agent_cfg.check_for_nan)
@@ -147,10 +174,15 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         self._save_final()
 
     def save(self, path: str | os.PathLike, infos: dict | None = None) -> None:
-        """Write a checkpoint. rsl_rl's loop names files in the run folder; they go to its ``checkpoints``.
+        """Write a checkpoint.
 
-        All ranks call this together, and rank 0 writes. While :meth:`learn` runs, a disk that is full is only warned
-        of: it ends the run if the last checkpoint cannot be written either.
+        rsl_rl's loop names files in the run folder itself; they go to its folder ``checkpoints``. All ranks call this
+        together, and rank 0 writes. While :meth:`learn` runs, a full disk is a warning; it ends the run if the last
+        checkpoint cannot be written either.
+
+        Args:
+            path: The file.
+            infos: Further values to save, which :meth:`load` returns.
 
         Raises:
             CheckpointWriteError: outside :meth:`learn`, if the file cannot be written.
@@ -158,6 +190,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         path = Path(path)
         if self.run_folder is not None and path.parent == self.run_folder.path:
             path = self.run_folder.checkpoints / path.name
+        # Before the return of the other ranks: they send their states here.
         state = gather_state(self)
         if self.gpu_global_rank:
             return
@@ -166,7 +199,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         try:
             save_checkpoint(data, path)
         except CheckpointWriteError as error:
-            if self.logger.writer is None:
+            if self.logger.writer is None:  # outside `learn`
                 raise
             print(f"\nwarning: {error}; the training goes on and tries again at the next checkpoint", file=sys.stderr)
             self._unsaved = error
@@ -181,28 +214,29 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         strict: bool = True,
         map_location: str | None = None,
     ) -> dict | None:
-        """Load networks and, unless ``load_cfg`` says otherwise, the optimizer and the number of iterations.
+        """Load networks and, unless ``load_cfg`` says otherwise, the optimiser and the number of iterations.
 
         Args:
-            path: a checkpoint of this class or of rsl_rl 5.
-            load_cfg: rsl_rl's choice of what to load, such as ``{"actor": True}``.
-            strict: whether the networks' parameters must match by name.
-            map_location: device to read to; the runner's own by default.
+            path: A checkpoint of this class or of rsl_rl 5.
+            load_cfg: Parts to load, by rsl_rl's names, such as ``{"actor": True}``; ``None`` for all.
+            strict: Whether the networks' parameters must match by name.
+            map_location: Device to read to; the runner's own by default.
 
         Returns:
-            What was passed to :meth:`save` as ``infos``.
+            The ``infos`` that were passed to :meth:`save`.
 
         Raises:
-            CheckpointError: if the file is missing, damaged, foreign, or of other networks.
+            CheckpointError: if the file is missing, damaged, of another program, or of other networks.
         """
-        return self._load(path, load_cfg, strict, map_location)["infos"]
+        return self._load(path, load_cfg, strict, map_location).get("infos")
 
     def resume(self, path: str | os.PathLike, episodes: bool = True) -> None:
         """Load a checkpoint so that :meth:`learn` goes on exactly where it was written.
 
         Args:
-            path: a checkpoint of this class. If it is of another number of ranks, episodes start anew, which is said.
-            episodes: whether the environments go on in the middle of their episodes; if not, only their clock goes on.
+            path: A checkpoint of this class. If it was written by another number of ranks, episodes start anew, and a
+                message says so.
+            episodes: Whether the environments go on in the middle of their episodes. If not, only their clock goes on.
 
         Raises:
             CheckpointError: as :meth:`load`, and if the file lacks the state of the training, or if it is of another
@@ -211,33 +245,38 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         data = self._load(path, None, True, None)
         state = data.get("stripe_newton")
         if state is None:
-            raise CheckpointError(
-                f"{path}: holds networks but not the state of a training; it can be played, not resumed"
-            )
+            raise CheckpointError(f"{path}: contains networks but no training state; it can be played, not resumed")
         restore_state(self, state, path, episodes)
 
     @torch.inference_mode()
     def _regenerate(self, iteration: int) -> None:
-        """Go on in another scene after every ``regenerate_interval`` iterations."""
+        """Generate the scene anew after every ``regenerate_interval`` iterations."""
         number, rest = divmod(iteration + 1, self.agent_cfg.regenerate_interval)
         if rest:
             return
-        env = self.env
-        env.regenerate(env.unwrapped.scene.first_scenery_seed + number)
+        env, inner = self.env, rl_env_of(self.env.unwrapped)
+        first_seed = None if inner is None else inner.scene.first_scenery_seed
+        assert first_seed is not None  # `env_mismatches` has checked that the scene can be generated anew
+        # The seed follows from the iteration, so that a resumed run meets the same scenes.
+        env.regenerate(first_seed + number)
         if self.agent_cfg.init_at_random_ep_len:
-            lengths = torch.randint_like(env.episode_length_buf, high=int(env.max_episode_length))
-            env.episode_length_buf = lengths
+            self._randomize_episode_lengths()
         self.logger.forget_episodes()
+        # All episodes were cut, so recurrent networks forget them.
         ended = torch.ones(env.num_envs, dtype=torch.long, device=self.device)
-        for network in networks_of(self.alg).values():
+        for network in self.networks.values():
             network.reset(ended)
+
+    def _randomize_episode_lengths(self) -> None:
+        lengths = torch.randint_like(self.env.episode_length_buf, high=int(self.env.max_episode_length))
+        self.env.episode_length_buf = lengths
 
     def _request_stop(self) -> None:
         self.logger.stop_requested = True
         print("\nstopping after this iteration (Ctrl-C again: at once)", file=sys.stderr)
 
-    def _tell_unsaved(self) -> None:
-        """End with an error if what was learned last is in no checkpoint."""
+    def _raise_if_unsaved(self) -> None:
+        """End with an error if no checkpoint has the last iterations."""
         if self._unsaved is None or self.run_folder is None:
             return
         error, self._unsaved = self._unsaved, None
@@ -245,7 +284,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         raise CheckpointWriteError(f"{error}; the newest checkpoint is {newest[0] if newest else 'none'}") from error
 
     def _configure_multi_gpu(self) -> None:
-        """Read which rank this is, and meet the others: with NCCL for GPUs, with gloo on the CPU."""
+        """Find out which rank this is, and join the others. rsl_rl's own method knows GPUs alone."""
         me = world()
         self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = me.size, me.rank, me.local_rank
         self.is_distributed = me.size > 1
@@ -262,12 +301,16 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         if self.logger.writer is not None and self.run_folder is not None:
             self.save(self.run_folder.path / f"model_{self.current_learning_iteration}.pt")
 
-    def _load(self, path: Any, load_cfg: dict[str, bool] | None, strict: bool, map_location: str | None) -> dict:
+    def _load(
+        self, path: str | os.PathLike, load_cfg: dict[str, bool] | None, strict: bool, map_location: str | None
+    ) -> CheckpointData:
         data = load_checkpoint(path, map_location or self.device)
         self._load_networks(data, load_cfg, strict, path)
-        return {"infos": None} | data
+        return data
 
-    def _load_networks(self, data: dict, load_cfg: dict[str, bool] | None, strict: bool, path: Any) -> None:
+    def _load_networks(
+        self, data: CheckpointData, load_cfg: dict[str, bool] | None, strict: bool, path: str | os.PathLike
+    ) -> None:
         try:
             if self.alg.load(data, load_cfg, strict):
                 self.current_learning_iteration = data["iter"]
@@ -275,5 +318,6 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         except KeyError as error:
             raise CheckpointError(f"{path}: lacks {error}") from None
         except (RuntimeError, ValueError) as error:
+            # torch's message has a headline and then a line for each parameter; three of them are enough.
             detail = "; ".join(line.strip() for line in str(error).splitlines()[1:4]) or str(error)
-            raise CheckpointError(f"{path}: is of other networks or observations: {detail}") from None
+            raise CheckpointError(f"{path}: has other networks or observations: {detail}") from None

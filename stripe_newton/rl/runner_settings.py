@@ -1,51 +1,63 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a runner makes of its config: what rsl_rl is told, what can be graphs, what does not fit the environment."""
+"""Settings of a runner: the dict for rsl_rl, which parts can be graphs, and mismatches of config and environment."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
-from .config import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg, RslRlRNNModelCfg
-from .graph_ppo import GraphPPO
-from .graph_rollout import obstacle_to_rollout
-from .vec_env import RslRlVecEnvWrapper
+from .configs import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg, RslRlRNNModelCfg
+from .graphs.ppo import GraphPPO
+from .graphs.rollout import why_no_rollout_graph
+from .torch_vector_env import rl_env_of
+from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
-__all__ = ["misfits", "settings_of", "why_no_graphs"]
+__all__ = ["env_mismatches", "rsl_rl_settings", "why_no_graphs"]
 
 
-def settings_of(cfg: RslRlBaseRunnerCfg) -> dict[str, Any]:
-    """What rsl_rl is told, with the algorithm in its form as graphs if it has one."""
+def rsl_rl_settings(cfg: RslRlBaseRunnerCfg) -> dict[str, object]:
+    """The dict for rsl_rl's runner, with :class:`GraphPPO` in place of PPO if the config wants graphs."""
     settings = cfg.to_rsl_rl()
-    if cfg.runner == "graph" and settings["algorithm"]["class_name"] == "PPO":
-        settings["algorithm"]["class_name"] = f"{GraphPPO.__module__}:{GraphPPO.__qualname__}"
+    algorithm = settings["algorithm"]
+    if cfg.runner == "graph" and isinstance(algorithm, dict) and algorithm["class_name"] == "PPO":
+        algorithm["class_name"] = f"{GraphPPO.__module__}:{GraphPPO.__qualname__}"
     return settings
 
 
-def why_no_graphs(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper, algorithm: Any) -> dict[str, str]:
-    """Why ``"rollout"`` and ``"update"`` are rsl_rl's own and no graphs; empty for none."""
+def why_no_graphs(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper, algorithm: object) -> dict[str, str]:
+    """Why ``"rollout"`` and ``"update"`` run rsl_rl's own code rather than graphs; empty if both are graphs."""
     if cfg.runner != "graph":
         return dict.fromkeys(("rollout", "update"), "runner is 'rsl_rl'")
-    update = algorithm.obstacle if isinstance(algorithm, GraphPPO) else f"the algorithm is {type(algorithm).__name__}"
-    found = {"rollout": obstacle_to_rollout(env, algorithm), "update": update}
+    if isinstance(algorithm, GraphPPO):
+        update = algorithm.why_no_update_graph
+    else:
+        update = f"the algorithm is {type(algorithm).__name__}"
+    found = {"rollout": why_no_rollout_graph(env, algorithm), "update": update}
     return {name: reason for name, reason in found.items() if reason}
 
 
-def misfits(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
-    """Problems of a config that show only beside the environment."""
+def env_mismatches(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
+    """Problems of a config that depend on the environment, each as ``field: what is wrong``."""
     if cfg.regenerate_interval:
-        scene = getattr(env.unwrapped, "scene", None)
-        check = getattr(scene, "obstacle_to_regenerating", None)
-        problem = "the environment has no scene of a specification" if check is None else check()
+        inner = rl_env_of(env.unwrapped)
+        problem = (
+            "the environment has no scene of a specification"
+            if inner is None
+            else inner.scene.obstacle_to_regenerating()
+        )
         if problem:
             yield f"regenerate_interval: is {cfg.regenerate_interval}, but {problem}"
     groups = list(env.get_observations().keys())
     for name, wanted in cfg.obs_groups.items():
         for group in wanted:
             if group not in groups:
-                yield f"obs_groups.{name}: '{group}' is no observation group, the environment has {', '.join(groups)}"
-    if not isinstance(cfg, RslRlOnPolicyRunnerCfg):
-        return
+                there = ", ".join(groups)
+                yield f"obs_groups.{name}: '{group}' is not an observation group; the environment has {there}"
+    if isinstance(cfg, RslRlOnPolicyRunnerCfg):
+        yield from _too_few_samples(cfg, env)
+
+
+def _too_few_samples(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
+    # Minibatches of recurrent networks are whole trajectories, so their number is bounded by that of environments.
     recurrent = isinstance(cfg.actor, RslRlRNNModelCfg) or isinstance(cfg.critic, RslRlRNNModelCfg)
     samples = env.num_envs if recurrent else env.num_envs * cfg.num_steps_per_env
     if samples < cfg.algorithm.num_mini_batches:

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Environment of a command, and the runner or the policy that acts in it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import warp as wp
+
+from stripe_newton.rl import RunFolder, find_checkpoint
+
+from .run_configs import Configs, is_same_task
+from .tasks import make_env
+
+if TYPE_CHECKING:
+    from stripe_newton.rl import OnPolicyRunner, Policy, RslRlVecEnvWrapper
+
+__all__ = ["build", "build_env", "build_policy", "find_policy"]
+
+# rsl_rl takes a second to import and is imported within functions here: `bench` has no use for it.
+
+
+def build(
+    task: str, configs: Configs, log_dir: Path | None = None, render: bool = False, checkpoint: Path | None = None
+) -> OnPolicyRunner:
+    """Build the environment and the runner of a task.
+
+    Args:
+        task: The task.
+        configs: Its configs, with that of the agent.
+        log_dir: The run folder; None writes no files.
+        render: Whether the environment can draw pictures.
+        checkpoint: A checkpoint whose policy is loaded.
+    """
+    from stripe_newton.rl import DistillationRunner, OnPolicyRunner, RslRlDistillationRunnerCfg
+    from stripe_newton.rl.runs.training_state import restore_normalization
+
+    env, agent = build_env(task, configs, render), configs.need_agent()
+    runner: OnPolicyRunner
+    if isinstance(agent, RslRlDistillationRunnerCfg):
+        runner = DistillationRunner(env, agent, log_dir)
+    else:
+        runner = OnPolicyRunner(env, agent, log_dir)
+    if checkpoint is not None:
+        runner.load(checkpoint, load_cfg=runner.parts_to_act)
+        restore_normalization(env.unwrapped, checkpoint)
+    return runner
+
+
+def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvWrapper:
+    """Build the wrapped environment of a task; with ``render`` it can draw pictures."""
+    from stripe_newton.rl import RslRlVecEnvWrapper
+
+    wp.config.log_level = wp.LOG_WARNING  # not a line for every kernel
+    print(
+        f"{task}: building {configs.env.scene.num_envs} environments on {configs.env.sim.device}"
+        " (the first time kernels are compiled, which takes minutes)",
+        file=sys.stderr,
+        flush=True,
+    )
+    clip = None if configs.agent is None else configs.agent.clip_actions
+    return RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), clip)
+
+
+def find_policy(given: str | None, task: str) -> tuple[Path | None, RunFolder | None]:
+    """The checkpoint or exported policy that ``--checkpoint`` stands for, and its run.
+
+    An exported policy may be of a run of another task. Its configs are then not used, and the run is None.
+    """
+    if given is None:
+        return None, None
+    file = find_checkpoint(given)
+    folder = RunFolder.of_checkpoint(file)
+    if folder is not None and file.suffix == ".onnx" and not is_same_task(folder.read_task(), task):
+        folder = None
+    return file, folder
+
+
+def build_policy(
+    task: str, configs: Configs, checkpoint: Path, render: bool = False
+) -> tuple[RslRlVecEnvWrapper, Policy]:
+    """Build the environment of a task, and a trained policy from a checkpoint or an exported file (``.onnx``)."""
+    if checkpoint.suffix != ".onnx":
+        runner = build(task, configs, render=render, checkpoint=checkpoint)
+        return runner.env, runner.get_inference_policy(runner.device)
+    from stripe_newton.rl import OnnxPolicy
+
+    env = build_env(task, configs, render)
+    try:
+        return env, OnnxPolicy(checkpoint, env)
+    except BaseException:
+        env.close()
+        raise

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configs of rsl_rl's networks: multilayer perceptron, recurrent network, convolutional encoders, distributions."""
+
+from __future__ import annotations
+
+from stripe_newton.configclass import configclass
+
+from .field_checks import Problems, at_least, layer_widths, one_of, positive
+
+__all__ = ["ACTIVATIONS", "RslRlCNNModelCfg", "RslRlMLPModelCfg", "RslRlRNNModelCfg"]
+
+ACTIVATIONS = (
+    "elu",
+    "selu",
+    "relu",
+    "crelu",
+    "lrelu",
+    "tanh",
+    "sigmoid",
+    "softplus",
+    "gelu",
+    "swish",
+    "mish",
+    "identity",
+)
+"""Names of the activation functions that rsl_rl knows."""
+
+
+@configclass
+class RslRlMLPModelCfg:
+    """A multilayer perceptron (MLP) over flat observation groups."""
+
+    @configclass
+    class GaussianDistributionCfg:
+        """Gaussian actions with one standard deviation for each action, independent of the state."""
+
+        class_name: str = "GaussianDistribution"
+        """Name of the distribution in rsl_rl, or ``module:Class``."""
+        init_std: float = 1.0
+        """Initial standard deviation, in units of the action."""
+        std_range: tuple[float, float] = (1e-6, 1e6)
+        """Bounds of the standard deviation: smallest, largest."""
+        std_type: str = "scalar"
+        """Parameter that is learned: the deviation itself (``"scalar"``) or its logarithm (``"log"``)."""
+        learn_std: bool = True
+        """Whether the standard deviation is learned. If not, it stays ``init_std``."""
+
+        def problems(self) -> Problems:
+            yield from positive(self, "init_std")
+            yield from one_of(self, "std_type", ("scalar", "log"))
+            if len(self.std_range) != 2 or not self.std_range[0] <= self.std_range[1]:
+                yield "std_range", f"is {self.std_range!r}, must be (smallest, largest)"
+
+    @configclass
+    class HeteroscedasticGaussianDistributionCfg:
+        """Gaussian actions whose standard deviation is a second output of the network."""
+
+        class_name: str = "HeteroscedasticGaussianDistribution"
+        """Name of the distribution in rsl_rl, or ``module:Class``."""
+        init_std: float = 1.0
+        """Initial standard deviation, in units of the action."""
+        std_range: tuple[float, float] = (1e-6, 1e6)
+        """Bounds of the standard deviation: smallest, largest."""
+        std_type: str = "scalar"
+        """Output of the network: the deviation itself (``"scalar"``) or its logarithm (``"log"``)."""
+
+        def problems(self) -> Problems:
+            yield from positive(self, "init_std")
+            yield from one_of(self, "std_type", ("scalar", "log"))
+
+    @configclass
+    class BetaDistributionCfg:
+        """Beta actions, for action spaces with bounds."""
+
+        class_name: str = "BetaDistribution"
+        """Name of the distribution in rsl_rl, or ``module:Class``."""
+        action_range: tuple[float, float] = (-1.0, 1.0)
+        """Lower and upper bound of every action."""
+
+        def problems(self) -> Problems:
+            if len(self.action_range) != 2 or not self.action_range[0] < self.action_range[1]:
+                yield "action_range", f"is {self.action_range!r}, must be (low, high) with low < high"
+
+    class_name: str = "MLPModel"
+    """Name of the model in rsl_rl, or ``module:Class``."""
+    hidden_dims: tuple[int, ...] = (256, 128, 64)
+    """Widths of the hidden layers; -1 is the width of the input."""
+    activation: str = "elu"
+    """elu, selu, relu, crelu, lrelu, tanh, sigmoid, softplus, gelu, swish, mish or identity."""
+    obs_normalization: bool = False
+    """Whether observations are normalised by their running mean and standard deviation."""
+    distribution_cfg: GaussianDistributionCfg | HeteroscedasticGaussianDistributionCfg | BetaDistributionCfg | None = (
+        None
+    )
+    """Distribution that actions are drawn from; ``None`` for a plain output, as a critic has."""
+
+    def problems(self) -> Problems:
+        yield from layer_widths(self, "hidden_dims")
+        yield from one_of(self, "activation", ACTIVATIONS)
+
+
+@configclass
+class RslRlRNNModelCfg(RslRlMLPModelCfg):
+    """A recurrent network (LSTM or GRU) followed by a multilayer perceptron."""
+
+    class_name: str = "RNNModel"
+    """Name of the model in rsl_rl, or ``module:Class``."""
+    rnn_type: str = "lstm"
+    """Kind of recurrent layer: ``"lstm"`` or ``"gru"``."""
+    rnn_hidden_dim: int = 256
+    """Width of the recurrent state."""
+    rnn_num_layers: int = 1
+    """Number of stacked recurrent layers."""
+
+    def problems(self) -> Problems:
+        yield from super().problems()
+        yield from one_of(self, "rnn_type", ("lstm", "gru"))
+        yield from at_least(self, 1, "rnn_hidden_dim", "rnn_num_layers")
+
+
+@configclass
+class RslRlCNNModelCfg(RslRlMLPModelCfg):
+    """Convolutional encoders for image groups (channels, height, width), joined with flat groups before an MLP."""
+
+    @configclass
+    class CNNCfg:
+        """One convolutional encoder. A single value, rather than a tuple, applies to every layer."""
+
+        output_channels: tuple[int, ...] = (16, 32, 32)
+        """Output channels of each layer."""
+        kernel_size: int | tuple[int, ...] = 3
+        """Kernel size in pixels."""
+        stride: int | tuple[int, ...] = 1
+        """Stride in pixels."""
+        dilation: int | tuple[int, ...] = 1
+        """Dilation in pixels."""
+        padding: str = "none"
+        """Padding: none, zeros, reflect, replicate or circular."""
+        norm: str | tuple[str, ...] = "none"
+        """Normalisation after each layer: none, batch or layer."""
+        activation: str = "elu"
+        """Activation function after each layer, as in :class:`RslRlMLPModelCfg`."""
+        max_pool: bool | tuple[bool, ...] = False
+        """Whether max pooling follows each layer."""
+        global_pool: str = "none"
+        """Pooling over the whole image at the end: none, max or avg."""
+        flatten: bool = True
+        """Whether the output is flattened; the MLP that follows needs a flat input."""
+
+        def problems(self) -> Problems:
+            yield from layer_widths(self, "output_channels")
+            yield from one_of(self, "padding", ("none", "zeros", "reflect", "replicate", "circular"))
+            yield from one_of(self, "activation", ACTIVATIONS)
+            yield from one_of(self, "global_pool", ("none", "max", "avg"))
+
+    class_name: str = "CNNModel"
+    """Name of the model in rsl_rl, or ``module:Class``."""
+    cnn_cfg: CNNCfg | dict[str, CNNCfg] = CNNCfg()
+    """The encoder of every image group, or a dict with one encoder for each group."""

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configs of a training run: length, checkpoints, observations, logger, networks and algorithm."""
+
+from __future__ import annotations
+
+from stripe_newton.configclass import configclass
+
+from .field_checks import Problems, at_least, one_of, positive
+from .model_cfg import RslRlMLPModelCfg, RslRlRNNModelCfg
+from .ppo_cfg import RslRlPpoAlgorithmCfg
+
+__all__ = ["RslRlBaseRunnerCfg", "RslRlOnPolicyRunnerCfg"]
+
+COMPILE_MODES = ("default", "max-autotune-no-cudagraphs")
+
+
+@configclass
+class RslRlBaseRunnerCfg:
+    """A training run: the fields that are the same for PPO and distillation."""
+
+    seed: int = 42
+    """Seed of Python, NumPy and torch, and of the environment unless that has a seed of its own."""
+    num_steps_per_env: int = 24
+    """Environment steps in an iteration."""
+    max_iterations: int = 1500
+    """Iterations of the whole run; those before a resume count."""
+    save_interval: int = 50
+    """Iterations between checkpoints."""
+    regenerate_interval: int = 0
+    """Iterations after which the scene is generated anew from its specification, 0 for never. The seed of the new
+    scene is that of the config plus the number of scenes before it."""
+    init_at_random_ep_len: bool = True
+    """Whether the first episodes start at random lengths, so that episodes do not all end in the same step."""
+    experiment_name: str = ""
+    """Name of the folder of all runs of this experiment; empty for the name of the task."""
+    run_name: str = ""
+    """Suffix of the run folder's name."""
+    obs_groups: dict[str, list[str]] = {}
+    """Observation groups that each network reads, concatenated in this order."""
+    clip_actions: float | None = None
+    """Bound of the absolute value of every action, or ``None`` for none."""
+    check_for_nan: bool = True
+    """Whether NaN in observations or rewards ends the run with an error."""
+    runner: str = "graph"
+    """``"graph"``: rollout and update are CUDA graphs where that is possible. Where it is not, rsl_rl's own code runs,
+    and a message says why. ``"rsl_rl"``: rsl_rl's loop and algorithm, unchanged."""
+    matmul_precision: str = "highest"
+    """Precision of float32 matrix products, as in ``torch.set_float32_matmul_precision``: ``"highest"``, ``"high"``
+    (TF32) or ``"medium"`` (bfloat16)."""
+    torch_compile_mode: str | None = None
+    """Mode of ``torch.compile`` for the networks (``"default"`` or ``"max-autotune-no-cudagraphs"``), or ``None``."""
+    logger: str | dict[str, object] = "tensorboard"
+    """``"tensorboard"``, or ``{"class_name": "WandbLogWriter", "project_name": ...}`` for a second writer beside it."""
+
+    def problems(self) -> Problems:
+        yield from at_least(self, 1, "num_steps_per_env", "max_iterations", "save_interval")
+        if not isinstance(self.regenerate_interval, int) or self.regenerate_interval < 0:
+            yield "regenerate_interval", f"is {self.regenerate_interval!r}, must be a whole number, 0 or more"
+        if self.clip_actions is not None:
+            yield from positive(self, "clip_actions")
+        yield from one_of(self, "runner", ("graph", "rsl_rl"))
+        yield from one_of(self, "matmul_precision", ("highest", "high", "medium"))
+        if self.torch_compile_mode is not None:
+            yield from one_of(self, "torch_compile_mode", COMPILE_MODES)
+        for name, groups in self.obs_groups.items():
+            if not isinstance(groups, (list, tuple)) or not groups:
+                yield f"obs_groups.{name}", f"is {groups!r}, must be a list of observation groups"
+        if self.logger != "tensorboard" and not (isinstance(self.logger, dict) and "class_name" in self.logger):
+            yield "logger", f"is {self.logger!r}, must be 'tensorboard' or a dict with a 'class_name'"
+
+    def to_rsl_rl(self) -> dict[str, object]:
+        """The nested dict that rsl_rl's runner expects; functions and classes are named as ``module:name``."""
+        cfg = self.to_dict()
+        for name in _UNKNOWN_TO_RSL_RL:
+            cfg.pop(name, None)
+        return cfg
+
+
+_UNKNOWN_TO_RSL_RL = (
+    "experiment_name",
+    "max_iterations",
+    "init_at_random_ep_len",
+    "regenerate_interval",
+    "runner",
+    "matmul_precision",
+    "teacher_checkpoint",
+)
+"""Fields that rsl_rl's runner does not have."""
+
+
+@configclass
+class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
+    """A training run with PPO."""
+
+    obs_groups: dict[str, list[str]] = {"actor": ["policy"], "critic": ["policy"]}
+    """Observation groups that the actor, the critic and, with RND, ``rnd_state`` read, concatenated in this order."""
+    actor: RslRlMLPModelCfg = RslRlMLPModelCfg(distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg())
+    """Network of the policy."""
+    critic: RslRlMLPModelCfg = RslRlMLPModelCfg()
+    """Network of the value function."""
+    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg()
+    """PPO's hyperparameters."""
+
+    def problems(self) -> Problems:
+        yield from super().problems()
+        if self.actor.distribution_cfg is None:
+            yield "actor.distribution_cfg", "is None, must be a distribution: PPO draws its actions from it"
+        if self.critic.distribution_cfg is not None:
+            yield "critic.distribution_cfg", "must be None: a value is not drawn from a distribution"
+        if self.algorithm.symmetry_cfg is not None:
+            for name in ("actor", "critic"):
+                if isinstance(getattr(self, name), RslRlRNNModelCfg):
+                    yield name, "is recurrent, which algorithm.symmetry_cfg does not support"

@@ -1,0 +1,342 @@
+# SPDX-License-Identifier: Apache-2.0
+"""GraphPPO: rsl_rl's PPO with its update as CUDA graphs and without host synchronisation."""
+
+from __future__ import annotations
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.modules import EmpiricalNormalization
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from .program import Program
+
+__all__ = ["GraphPPO", "update_normalizer_in_place"]
+
+_MIN_RATE, _MAX_RATE = 1.0e-5, 1.0e-2
+"""Bounds of the adaptive learning rate, rsl_rl's."""
+_FUSED = torch.optim.Adam, torch.optim.AdamW
+"""Optimisers that read their learning rate from the device, in their fused form."""
+
+
+class GraphPPO(PPO):
+    """PPO whose update is three CUDA graphs: returns, a minibatch, and the observation normalisers.
+
+    It computes what rsl_rl computes, in the same order. Learning rate, KL divergence and gradient norms stay on the
+    device, so the host never waits for it. Adam is torch's fused form. With several GPUs a minibatch is two graphs,
+    between which its gradients are averaged. Where a graph cannot hold the update (:attr:`why_no_update_graph`),
+    rsl_rl's own update runs.
+
+    Reference:
+        Schulman et al. "Proximal policy optimization algorithms", arXiv:1707.06347 (2017).
+    """
+
+    optimizer: torch.optim.Optimizer
+    _rate: torch.Tensor
+
+    def __init__(
+        self, actor: MLPModel, critic: MLPModel, storage: RolloutStorage, *args: object, **kwargs: object
+    ) -> None:
+        """Take the arguments of rsl_rl's ``PPO``."""
+        super().__init__(actor, critic, storage, *args, **kwargs)
+        self._programs: dict[str, Program] = {}
+        self.why_no_update_graph = self._why_no_update_graph()
+        """Why the update is rsl_rl's own; empty if it is a graph."""
+        if not self.why_no_update_graph:
+            self._make_optimizer()
+
+    # -- learning rate, on the device
+
+    @property
+    def learning_rate(self) -> float:
+        """The learning rate. Reading it synchronises with the device; :attr:`rate` does not."""
+        return float(self._rate)
+
+    @learning_rate.setter
+    def learning_rate(self, value: float) -> None:
+        if "_rate" not in vars(self):  # rsl_rl's constructor is the first to set it
+            # Two copies: in float64 the repeated factors of the schedule round as rsl_rl's Python floats do, and
+            # fused Adam takes float32.
+            self._rate = torch.zeros((), dtype=torch.float64, device=self.device)
+            self._rate32 = torch.zeros((), device=self.device)
+        self._rate.fill_(value)
+        self._rate32.fill_(value)
+
+    @property
+    def rate(self) -> torch.Tensor:
+        """The learning rate on the device, float64, no dimensions. The same memory at all times, so values change."""
+        return self._rate
+
+    @property
+    def std(self) -> torch.Tensor:
+        """Mean standard deviation of the actions in the last minibatch, on the device. The same memory at all times."""
+        return self._std
+
+    # -- interface of rsl_rl's runner
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        """Keep the last observations. Returns and advantages are computed in :meth:`update`."""
+        if self.why_no_update_graph:
+            super().compute_returns(obs)
+            return
+        if not self._programs:
+            self._allocate(obs)
+        for name, value in obs.items():
+            self._last_obs[name].copy_(value)
+
+    def update(self) -> dict[str, float | torch.Tensor]:
+        """Compute returns, run all epochs over the minibatches, update the observation normalisers.
+
+        Returns:
+            Mean losses by name. Where the update is a graph they are tensors without dimensions on the device, in
+            memory of their own, and the host has not waited for them.
+        """
+        if self.why_no_update_graph:
+            return super().update()
+        programs = self._programs
+        # The same permutation for all epochs, as rsl_rl's generator of minibatches has it.
+        indices = torch.randperm(len(self._picked) * self.num_mini_batches, device=self.device)
+        programs["returns"].run()
+        for picked in indices.chunk(self.num_mini_batches) * self.num_learning_epochs:
+            self._picked.copy_(picked)
+            if self.is_multi_gpu:
+                programs["gradients"].run()
+                self._average_over_ranks()
+                programs["step"].run()
+            else:
+                programs["minibatch"].run()
+        if self.is_multi_gpu:
+            self._finish()
+        else:
+            programs["finish"].run()
+        self.storage.clear()
+        # A copy: the next update overwrites the losses while these are on their way to the host.
+        return dict(zip(self._loss_names, self._losses.clone().unbind(), strict=True))
+
+    def save(self) -> dict[str, object]:
+        """The state of networks and optimiser, in a form that rsl_rl's PPO can read too."""
+        saved = super().save()
+        if not self.why_no_update_graph:
+            optimizer = saved["optimizer_state_dict"]
+            plain = {"lr": self.learning_rate, "fused": None, "capturable": False}
+            optimizer["param_groups"] = [
+                g | {k: v for k, v in plain.items() if k in g} for g in optimizer["param_groups"]
+            ]
+        return saved
+
+    def load(self, loaded_dict: dict, load_cfg: dict | None, strict: bool) -> bool:
+        """Load what :meth:`save` or rsl_rl's PPO saved. The graphs are recorded again."""
+        iteration = super().load(loaded_dict, load_cfg, strict)
+        if not self.why_no_update_graph:
+            # Loading replaces the optimiser's state, so the graphs hold addresses of the old one.
+            self._prepare_optimizer()
+            for program in self._programs.values():
+                program.forget()
+        return iteration
+
+    # -- construction
+
+    def _why_no_update_graph(self) -> str:
+        if self.rnd is not None:
+            return "random network distillation reads values on the host"
+        for name, model in (("actor", self._raw_actor), ("critic", self._raw_critic)):
+            if model.is_recurrent:
+                return f"the {name} is recurrent, its minibatches differ in size"
+            # The update calls the parts of `MLPModel.forward` one by one and would skip a subclass's own.
+            if model.forward.__func__ is not MLPModel.forward:
+                return f"the {name}, a {type(model).__name__}, has a forward pass of its own"
+            normalizer = model.obs_normalizer
+            if isinstance(normalizer, EmpiricalNormalization):
+                if normalizer.until is not None:
+                    return f"the {name} stops updating its normaliser after a number of samples"
+            elif not isinstance(normalizer, torch.nn.Identity):
+                return f"the {name} has a {type(normalizer).__name__}"
+        if self.actor is not self._raw_actor:
+            return "the networks are compiled (torch_compile_mode)"
+        if type(self.optimizer) not in _FUSED:
+            return f"{type(self.optimizer).__name__} has no fused form"
+        return ""
+
+    def _parameters(self) -> list[torch.nn.Parameter]:
+        return [*self.actor.parameters(), *self.critic.parameters()]
+
+    def _make_optimizer(self) -> None:
+        kind = next(kind for kind in _FUSED if type(self.optimizer) is kind)
+        self.optimizer = kind(self._parameters(), lr=self._rate32, fused=True)
+        self._prepare_optimizer()
+
+    def _prepare_optimizer(self) -> None:
+        """Let the optimiser read learning rate and step count from the device, also after a state was loaded."""
+        for group in self.optimizer.param_groups:
+            group |= {"lr": self._rate32, "fused": True, "capturable": torch.device(self.device).type == "cuda"}
+        for state in self.optimizer.state.values():
+            state["step"] = torch.as_tensor(state["step"], dtype=torch.float32, device=self.device)
+
+    # rsl_rl's loop runs in inference mode, and a tensor made in it cannot be written outside of it.
+    @torch.inference_mode(False)
+    def _allocate(self, obs: TensorDict) -> None:
+        storage, device = self.storage, self.device
+        samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
+        self._picked = torch.zeros(samples, dtype=torch.int64, device=device)
+        self._last_obs = obs.clone()
+        self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
+        self._losses = torch.zeros(len(self._loss_names), device=device)
+        self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
+        functions = {"returns": self._compute_returns}
+        if self.is_multi_gpu:
+            # Averages over the ranks are collective calls, which stay outside the graphs: between gradients and step,
+            # and within the normalisers' update.
+            functions |= {"gradients": self._compute_gradients, "step": self._take_step}
+        else:
+            functions |= {"minibatch": self._learn_minibatch, "finish": self._finish}
+        self._programs = {name: Program(function, device) for name, function in functions.items()}
+
+    # -- parts of the update, each the function of a program
+
+    @torch.no_grad()
+    def _compute_returns(self) -> None:
+        """Returns and advantages, by generalised advantage estimation (Schulman et al., arXiv:1506.02438)."""
+        st = self.storage
+        next_value: torch.Tensor = self.critic(self._last_obs)
+        advantage = torch.zeros_like(next_value)
+        for step in reversed(range(st.num_transitions_per_env)):
+            not_done = 1.0 - st.dones[step].float()
+            # TD error: r_t + gamma V(s_{t+1}) - V(s_t), then A_t = delta_t + gamma lambda A_{t+1}
+            delta = st.rewards[step] + not_done * self.gamma * next_value - st.values[step]
+            advantage = delta + not_done * self.gamma * self.lam * advantage
+            st.returns[step] = advantage + st.values[step]
+            next_value = st.values[step]
+        advantages = st.returns - st.values
+        if not self.normalize_advantage_per_mini_batch:
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        # Into the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
+        st.advantages.copy_(advantages)
+        self._losses.zero_()
+
+    def _learn_minibatch(self) -> None:
+        self._compute_gradients()
+        self._take_step()
+
+    def _compute_gradients(self) -> None:
+        """Losses, KL divergence and gradients of a minibatch."""
+        batch, count = self._minibatch(), len(self._picked)
+        if self.symmetry:
+            self.symmetry.augment_batch(batch, count)
+        kind = torch.device(self.device).type
+        # torch's cache of weights in bfloat16 must be off where a graph is recorded.
+        with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.use_mixed_precision, cache_enabled=False):
+            actor = self.actor
+            actor.distribution.update(actor.mlp(actor.get_latent(batch.observations)))
+            # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
+            torch.empty_like(actor.output_mean).normal_()
+            log_prob = actor.get_output_log_prob(batch.actions)
+            values = self.critic(batch.observations)
+            # Entropy and KL divergence count the original samples alone, not the mirrored ones behind them.
+            params = tuple(p[:count] for p in actor.output_distribution_params)
+            entropy = actor.output_entropy[:count].mean()
+            with torch.no_grad():
+                self._kl.copy_(actor.get_kl_divergence(batch.old_distribution_params, params).mean())
+            surrogate_loss = self._surrogate_loss(log_prob, batch)
+            value_loss = self._value_loss(values, batch)
+            loss = surrogate_loss + self.value_loss_coef * value_loss - self.entropy_coef * entropy
+            losses = [value_loss, surrogate_loss, entropy]
+            if self.symmetry:
+                losses.append(self.symmetry.compute_loss(actor, batch, count))
+                if self.symmetry.use_mirror_loss:
+                    loss = loss + self.symmetry.mirror_loss_coeff * losses[-1]
+        # Gradients become None. In a graph the backward pass then allocates them from the graph's own pool, at the
+        # same addresses in each replay.
+        self.optimizer.zero_grad()
+        loss.backward()
+        with torch.no_grad():
+            self._losses += torch.stack([value.detach().float() for value in losses])
+            self._std.copy_(actor.output_std.mean())
+
+    def _minibatch(self) -> RolloutStorage.Batch:
+        """The samples that ``_picked`` names."""
+        st, picked = self.storage, self._picked
+        rows = {name: value.flatten(0, 1)[picked] for name, value in st.observations.items()}
+        batch = RolloutStorage.Batch(
+            observations=TensorDict(rows, batch_size=[len(picked)]),
+            old_distribution_params=tuple(p.flatten(0, 1)[picked] for p in st.distribution_params),
+            actions=st.actions.flatten(0, 1)[picked],
+            values=st.values.flatten(0, 1)[picked],
+            advantages=st.advantages.flatten(0, 1)[picked],
+            returns=st.returns.flatten(0, 1)[picked],
+            old_actions_log_prob=st.actions_log_prob.flatten(0, 1)[picked],
+        )
+        if self.normalize_advantage_per_mini_batch:
+            batch.advantages = (batch.advantages - batch.advantages.mean()) / (batch.advantages.std() + 1e-8)
+        return batch
+
+    def _surrogate_loss(self, log_prob: torch.Tensor, batch: RolloutStorage.Batch) -> torch.Tensor:
+        """The clipped surrogate objective, equation 7 of Schulman et al. (2017), with its sign changed."""
+        advantages = -torch.squeeze(batch.advantages)
+        ratio = torch.exp(log_prob - torch.squeeze(batch.old_actions_log_prob))
+        clipped = ratio.clamp(1.0 - self.clip_param, 1.0 + self.clip_param)
+        return torch.max(advantages * ratio, advantages * clipped).mean()
+
+    def _value_loss(self, values: torch.Tensor, batch: RolloutStorage.Batch) -> torch.Tensor:
+        losses = (values - batch.returns).pow(2)
+        if not self.use_clipped_value_loss:
+            return losses.mean()
+        clipped = batch.values + (values - batch.values).clamp(-self.clip_param, self.clip_param)
+        return torch.max(losses, (clipped - batch.returns).pow(2)).mean()
+
+    def _average_over_ranks(self) -> None:
+        """Average KL divergence and gradients over the ranks."""
+        torch.distributed.all_reduce(self._kl)
+        self._kl /= self.gpu_world_size
+        self.reduce_parameters()
+
+    def _take_step(self) -> None:
+        """Adapt the learning rate to the KL divergence, clip the gradients, take a step of the optimiser."""
+        if self.desired_kl is not None and self.schedule == "adaptive":
+            # rsl_rl's rule with `torch.where` in place of branches, which a graph cannot take.
+            rate, kl = self._rate, self._kl
+            slower, faster = (rate / 1.5).clamp(min=_MIN_RATE), (rate * 1.5).clamp(max=_MAX_RATE)
+            rate = torch.where((kl < 0.5 * self.desired_kl) & (kl > 0.0), faster, rate)
+            self._rate.copy_(torch.where(kl > 2.0 * self.desired_kl, slower, rate))
+            self._rate32.copy_(self._rate)
+        for model in (self.actor, self.critic):
+            torch.nn.utils.clip_grad_norm_(model.parameters(), self.max_grad_norm)
+        self.optimizer.step()
+
+    @torch.no_grad()
+    def _finish(self) -> None:
+        """Mean losses, and the observation normalisers' update with all samples of the rollout."""
+        self._losses /= self.num_learning_epochs * self.num_mini_batches
+        for model in (self.actor, self.critic):
+            if isinstance(model.obs_normalizer, EmpiricalNormalization) and model.training and model.obs_groups:
+                flat = self.storage.observations.flatten(0, 1)
+                samples = torch.cat([flat[g] for g in model.obs_groups], dim=-1)
+                update_normalizer_in_place(model.obs_normalizer, samples, self.gpu_world_size)
+
+
+def update_normalizer_in_place(normalizer: EmpiricalNormalization, x: torch.Tensor, ranks: int) -> None:
+    """``normalizer.update(x)`` without new memory and without values from the host (Chan et al. 1979).
+
+    rsl_rl's method binds a new tensor as standard deviation, while recorded graphs go on reading the old one, and it
+    makes its count from a number on the host, which would be copied in each replay.
+
+    Args:
+        normalizer: Normaliser to update.
+        x: Samples, ``(samples, size)``.
+        ranks: Number of ranks. With several the update is over the samples of all; each must have equally many.
+    """
+    variance, mean = torch.var_mean(x, dim=0, unbiased=False, keepdim=True)
+    if ranks > 1:
+        own = mean.clone()
+        torch.distributed.all_reduce(mean)
+        mean /= ranks
+        # The variance about the mean of all is the own one plus the squared distance of the means.
+        variance += (own - mean).square()
+        torch.distributed.all_reduce(variance)
+        variance /= ranks
+    normalizer.count += len(x) * ranks
+    rate = len(x) * ranks / normalizer.count
+    change = mean - normalizer._mean
+    normalizer._mean += rate * change
+    normalizer._var += rate * (variance - normalizer._var + change * (mean - normalizer._mean))
+    normalizer._std.copy_(torch.sqrt(normalizer._var))

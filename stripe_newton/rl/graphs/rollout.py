@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""GraphRollout: collects transitions with one CUDA graph a step, which holds policy, environment and storage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import torch
+from rsl_rl.modules.distribution import GaussianDistribution, HeteroscedasticGaussianDistribution
+from tensordict import TensorDict
+
+from stripe_newton.envs import RLEnv
+from stripe_newton.envs.graph_step import GraphStep, why_not_capturable
+from stripe_newton.rl.torch_vector_env import is_finite_horizon
+from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
+
+from .ppo import GraphPPO
+from .program import Program
+
+__all__ = ["GraphRollout", "Report", "why_no_rollout_graph"]
+
+_NORMAL = GaussianDistribution, HeteroscedasticGaussianDistribution
+
+
+def why_no_rollout_graph(env: RslRlVecEnvWrapper, algorithm: object) -> str:
+    """Why policy and environment step cannot be one graph; empty if they can."""
+    if not isinstance(algorithm, GraphPPO):
+        return f"the algorithm is {type(algorithm).__name__}"
+    if algorithm.why_no_update_graph:
+        return algorithm.why_no_update_graph
+    if not isinstance(algorithm.actor.distribution, _NORMAL):
+        return f"{type(algorithm.actor.distribution).__name__} samples with values from the host"
+    if str(env.device) != str(algorithm.device):
+        return f"the environment is on {env.device}, the networks are on {algorithm.device}"
+    if env.env is not env.unwrapped:
+        return f"the environment is wrapped by {type(env.env).__name__}"
+    return why_not_capturable(env.unwrapped)
+
+
+@dataclass
+class Report:
+    """Log of one rollout, on the host."""
+
+    returns: list[float]
+    """Returns of the episodes that ended, in the order of their ends."""
+    lengths: list[float]
+    """Lengths of the same episodes, in steps."""
+    log: dict[str, float]
+    """Means of the environment's log over the steps, by key."""
+    problem: str
+    """Names of the arrays that contained NaN, as a message; empty for none."""
+    numbers: dict[str, float]
+    """The values that were given to :meth:`GraphRollout.send_report`, by name."""
+
+
+class GraphRollout:
+    """Collects the transitions of a rollout into the storage of PPO, each step one graph launch.
+
+    It computes what the loop of rsl_rl's runner does with ``PPO.act``, ``PPO.process_env_step`` and
+    ``Logger.process_env_step``.
+    """
+
+    def __init__(
+        self,
+        env: RslRlVecEnvWrapper,
+        algorithm: GraphPPO,
+        return_sum: torch.Tensor,
+        length_sum: torch.Tensor,
+        check_for_nan: bool = True,
+        keep: int = 100,
+    ):
+        """Bind to an environment; it is reset if it has not been before.
+
+        Args:
+            env: The wrapped environment.
+            algorithm: PPO, whose storage takes the transitions.
+            return_sum: Returns of the running episodes so far, float ``(num_envs,)``; updated in place.
+            length_sum: Lengths of the running episodes so far, float ``(num_envs,)``; updated in place.
+            check_for_nan: Whether :class:`Report` names arrays that contained NaN.
+            keep: Largest number of ended episodes in a report; the last ones are kept.
+
+        Raises:
+            ValueError: if it cannot be a graph; see :func:`why_no_rollout_graph`.
+        """
+        problem = why_no_rollout_graph(env, algorithm)
+        if problem:
+            raise ValueError(f"the rollout cannot be a graph: {problem}")
+        env.get_observations()
+        inner = env.unwrapped
+        assert isinstance(inner, RLEnv)  # `why_no_rollout_graph` has checked it
+        self._env, self._algorithm, self._check, self._keep = env, algorithm, check_for_nan, keep
+        self._return_sum, self._length_sum = return_sum, length_sum
+        self._pinned: dict[str, torch.Tensor] = {}
+        self._step = GraphStep(inner)
+        self._obs = TensorDict(self._step.observations, batch_size=[env.num_envs])
+        self._finite_horizon = is_finite_horizon(inner)
+        self._allocate()
+        self._program = Program(self._act_and_step, env.device)
+
+    @torch.inference_mode(False)
+    @torch.no_grad()
+    def _allocate(self) -> None:
+        storage, env, device = self._algorithm.storage, self._env, self._env.device
+        steps, count = storage.num_transitions_per_env, env.num_envs
+        # The number of the step, on the device: one graph serves all steps of a rollout, so the row of the storage
+        # that it writes cannot be a number of the host.
+        self._index = torch.zeros(1, dtype=torch.int64, device=device)
+        self._noise = torch.zeros(count, env.num_actions, device=device)
+        self._returns = torch.zeros(steps, count, device=device)
+        self._lengths = torch.zeros(steps, count, device=device)
+        self._log = torch.zeros(steps, len(self._step.log_keys), device=device)
+        self._names = [*self._step.observations, "rewards"]
+        self._nan = torch.zeros(len(self._names), dtype=torch.bool, device=device)
+        if storage.distribution_params is None:
+            # rsl_rl allocates these with the first transition that it stores, which never comes here.
+            actor = self._algorithm.actor
+            actor.distribution.update(actor.mlp(actor.get_latent(self._obs)))
+            shapes = [p.shape for p in actor.output_distribution_params]
+            storage.distribution_params = tuple(torch.zeros(steps, *shape, device=device) for shape in shapes)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether a step is a graph launch."""
+        return self._program.recorded
+
+    @torch.inference_mode(False)
+    @torch.no_grad()
+    def collect(self) -> TensorDict:
+        """Take all steps of a rollout, without host synchronisation. Returns the observations after the last step."""
+        self._index.zero_()
+        self._nan.zero_()
+        storage = self._algorithm.storage
+        for _ in range(storage.num_transitions_per_env):
+            if self._step.before():
+                self._program.forget()
+            self._program.run()
+            # Observations are handed out for hooks alone: within a rollout the graph reads them where they are.
+            if self._env.step_hooks:
+                self._hand_out()
+                for hook in list(self._env.step_hooks):
+                    hook()
+        storage.step = storage.num_transitions_per_env
+        return self._hand_out()
+
+    @torch.inference_mode(False)
+    @torch.no_grad()
+    def send_report(self, numbers: Mapping[str, float | torch.Tensor]) -> Callable[[], Report]:
+        """Start to copy the log of the rollout to the host, without waiting for it.
+
+        Args:
+            numbers: Further values to send by name, tensors without dimensions.
+
+        Returns:
+            A function that waits for the copies and returns the report. Call it before this method is called again,
+            which reuses the memory on the host.
+        """
+        names = list(numbers)
+        values = torch.stack([torch.as_tensor(v, device=self._env.device).detach().float() for v in numbers.values()])
+        # Small values in one tensor: each copy to the host has a latency of its own.
+        packed = torch.cat((values, self._log.mean(dim=0), self._nan.float()))
+        done = self._algorithm.storage.dones.squeeze(-1)
+        sent = [
+            self._copy_to_host(name, value)
+            for name, value in (
+                ("packed", packed),
+                ("done", done),
+                ("returns", self._returns),
+                ("lengths", self._lengths),
+            )
+        ]
+        arrived = torch.cuda.Event() if packed.is_cuda else None
+        if arrived is not None:
+            arrived.record()
+
+        def report() -> Report:
+            if arrived is not None:
+                arrived.synchronize()
+            values, done, returns, lengths = sent[0].tolist(), sent[1] > 0, sent[2], sent[3]
+            log, nan = values[len(names) : -len(self._names)], values[-len(self._names) :]
+            bad = [name for name, is_nan in zip(self._names, nan, strict=True) if is_nan]
+            return Report(
+                returns[done][-self._keep :].tolist(),
+                lengths[done][-self._keep :].tolist(),
+                dict(zip(self._step.log_keys, log, strict=True)),
+                f"the environment returned NaN in {', '.join(bad)}" if bad else "",
+                dict(zip(names, values, strict=False)),
+            )
+
+        return report
+
+    def _copy_to_host(self, name: str, value: torch.Tensor) -> torch.Tensor:
+        """A tensor on the host that will hold ``value`` once the device has copied it."""
+        if not value.is_cuda:
+            return value.clone()
+        if name not in self._pinned or self._pinned[name].shape != value.shape:
+            # Only a copy to page-locked memory runs beside the host.
+            self._pinned[name] = torch.empty_like(value, device="cpu", pin_memory=True)
+        return self._pinned[name].copy_(value, non_blocking=True)
+
+    def _hand_out(self) -> TensorDict:
+        return self._env.set_observations(self._step.after())
+
+    # -- the graph
+
+    def _act_and_step(self) -> None:
+        """One step: act, step the environment, store the transition, update returns and lengths."""
+        algorithm, env, storage, index = self._algorithm, self._env, self._algorithm.storage, self._index
+        actor, obs = algorithm.actor, self._obs
+
+        def store(where: torch.Tensor, value: torch.Tensor) -> None:
+            where.index_copy_(0, index, value.view(1, *where.shape[1:]).to(where.dtype))
+
+        # Observations first: the environment's step below overwrites them in place.
+        for name, value in obs.items():
+            store(storage.observations[name], value)
+        actor.distribution.update(actor.mlp(actor.get_latent(obs)))
+        mean, std = actor.output_mean, actor.output_std
+        # The same random numbers as `Normal.sample()`, which synchronises with the device to check its arguments.
+        actions = self._noise.normal_() * std + mean
+        values = algorithm.critic(obs)
+        store(storage.actions, actions)
+        store(storage.values, values)
+        store(storage.actions_log_prob, actor.get_output_log_prob(actions))
+        for where, value in zip(storage.distribution_params, actor.output_distribution_params, strict=True):
+            store(where, value)
+        # The storage has the actions as drawn, the environment gets them clipped, as in rsl_rl.
+        clip = env.clip_actions
+        self._step.launch(actions if clip is None else actions.clamp(-clip, clip))
+        reward, terminated, truncated = self._step.reward, self._step.terminated, self._step.truncated
+        done = terminated | truncated
+        if self._finite_horizon:
+            store(storage.rewards, reward)
+        else:
+            # An episode that the clock alone cut off would have gone on: the value stands for the rest of its return.
+            timed_out = (truncated & ~terminated)[:, None]
+            store(storage.rewards, reward + algorithm.gamma * torch.squeeze(values * timed_out, 1))
+        store(storage.dones, done)
+        self._update_episodes(reward, done)
+        index += 1
+
+    def _update_episodes(self, reward: torch.Tensor, done: torch.Tensor) -> None:
+        """Update returns and lengths of the running episodes, and keep those of the ones that ended."""
+        self._return_sum += reward
+        self._length_sum += 1.0
+        for where, value in ((self._returns, self._return_sum), (self._lengths, self._length_sum)):
+            # All rows are written in each step. Which of them are ends of episodes is looked up on the host, from
+            # `dones`: picking them here would need their number.
+            where.index_copy_(0, self._index, value.unsqueeze(0))
+            value.masked_fill_(done, 0.0)
+        if self._log.shape[1]:
+            self._log.index_copy_(0, self._index, self._step.log.unsqueeze(0))
+        if self._check:
+            self._nan |= torch.stack([torch.isnan(t).any() for t in (*self._step.observations.values(), reward)])

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Videos of a policy, and of a training while it runs."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from stripe_newton.rl.policies import Policy
+from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
+
+if TYPE_CHECKING:
+    from stripe_newton.viewers import VideoWriter
+
+__all__ = ["TrainingVideo", "record_video", "video_steps", "video_timing"]
+
+MAX_FPS = 60.0
+"""Most frames that a video has in a second."""
+VIDEO_SECONDS = 10.0
+"""Longest video without an explicit length [s]."""
+
+
+def video_timing(step_dt: float) -> tuple[int, float]:
+    """Steps from one frame to the next, and frames a second, for a video in real time of at most ``MAX_FPS``."""
+    # The small number keeps a step of exactly 1 / MAX_FPS from being rounded up to two.
+    stride = max(1, math.ceil(1.0 / (step_dt * MAX_FPS) - 1e-6))
+    return stride, 1.0 / (step_dt * stride)
+
+
+def video_steps(env: RslRlVecEnvWrapper) -> int:
+    """Steps of a video without an explicit length: an episode, but not longer than ``VIDEO_SECONDS``."""
+    return max(1, min(int(env.max_episode_length), round(VIDEO_SECONDS / env.unwrapped.step_dt)))
+
+
+@torch.inference_mode()
+def record_video(
+    env: RslRlVecEnvWrapper, policy: Policy, path: str | os.PathLike, steps: int, seed: int | None = None
+) -> Path:
+    """Reset the environment, run ``policy`` and write what ``env.render()`` shows to a video.
+
+    Args:
+        env: The wrapped environment, made with ``render_mode="rgb_array"``.
+        policy: What chooses the actions.
+        path: The file, ``.mp4``.
+        steps: Number of steps.
+        seed: Seed of the reset.
+
+    Returns:
+        The file.
+    """
+    from stripe_newton.viewers import VideoWriter  # here, as many runs make no video, and it loads a video library
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stride, fps = video_timing(env.unwrapped.step_dt)
+    obs = env.reset(seed=seed)
+    policy.reset()
+    with VideoWriter(path, fps) as video:
+        for step in range(steps):
+            if step % stride == 0:
+                video.add(_picture(env))
+            obs, _, dones, _ = env.step(policy(obs))
+            policy.reset(dones)
+    return path
+
+
+def _picture(env: RslRlVecEnvWrapper) -> np.ndarray:
+    picture = env.render()
+    if picture is None:
+        raise ValueError("the environment draws no pictures; make it with render_mode='rgb_array'")
+    return picture
+
+
+class TrainingVideo:
+    """Videos of a training at intervals. It renders steps that the training takes anyway, so it changes nothing."""
+
+    def __init__(self, env: RslRlVecEnvWrapper, folder: str | os.PathLike, interval: int, steps: int):
+        """Prepare videos; add :meth:`after_iteration` to the logger's ``iteration_hooks``.
+
+        Args:
+            env: The wrapped environment, made with ``render_mode="rgb_array"``.
+            folder: Folder of the videos.
+            interval: Iterations from one video to the next.
+            steps: Steps of a video.
+        """
+        self.env, self.folder, self.interval, self.steps = env, Path(folder), interval, steps
+        self._stride, self._fps = video_timing(env.unwrapped.step_dt)
+        self._path: Path | None = None
+        self._video: VideoWriter | None = None
+        self._taken = 0
+
+    def after_iteration(self, iteration: int) -> None:
+        """Begin a video if one is due and none is running."""
+        if self._path is None and (iteration + 1) % self.interval == 0:
+            self._path = self.folder / f"iteration_{iteration + 1}.mp4"
+            self._taken = 0
+            # A hook only while a video runs: with one, the rollout hands out observations after each step.
+            self.env.step_hooks.append(self._after_step)
+
+    def close(self) -> None:
+        """End the video that is running."""
+        if self._path is not None:
+            self.env.step_hooks.remove(self._after_step)
+            self._path = None
+        if self._video is not None:
+            video, self._video = self._video, None
+            video.close()
+
+    def _after_step(self) -> None:
+        if self._video is None:
+            from stripe_newton.viewers import VideoWriter  # see `record_video`
+
+            assert self._path is not None  # this hook is there only while a video runs
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._video = VideoWriter(self._path, self._fps)
+        if self._taken % self._stride == 0:
+            self._video.add(_picture(self.env))
+        self._taken += 1
+        if self._taken >= self.steps:
+            self.close()
