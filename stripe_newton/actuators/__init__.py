@@ -2,14 +2,14 @@
 """Actuators: what turns the targets of joints into forces."""
 
 from .actuator_cfg import ActuatorCfg, ImplicitActuatorCfg
-from .explicit_cfg import (
+from .explicit_actuators import (
     DCMotorCfg,
     DelayedPDActuatorCfg,
     IdealPDActuatorCfg,
     PIDActuatorCfg,
     RemotizedPDActuatorCfg,
 )
-from .network_cfg import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
+from .network_actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 
 __all__ = [
     "ActuatorCfg",

@@ -15,7 +15,7 @@ from stripe_kernels.actuation import repeat_mask
 from stripe_kernels.actuators import JointDrives, drive_joints, mask_gains, reset_drives
 from stripe_kernels.episode import seed_streams
 
-from .drives import MADE, DriveTable, read_drives
+from .drive_table import MADE, DriveTable, read_drives
 
 if TYPE_CHECKING:
     import newton

@@ -93,9 +93,10 @@ class ManagerContext:
         for name, sensor in scene.sensors.items():
             if sensor.struct is not None:
                 self.provide(sensor.struct, name)
-        if getattr(scene.terrain, "struct", None) is not None:
-            self.provide(scene.terrain.struct, "terrain")
-        self.arrays |= {f"terrain.{k}": v for k, v in getattr(scene.terrain, "arrays", {}).items()}
+        if scene.terrain is not None:
+            if scene.terrain.struct is not None:
+                self.provide(scene.terrain.struct, "terrain")
+            self.arrays |= {f"terrain.{k}": v for k, v in scene.terrain.arrays.items()}
         for name, articulation in scene.articulations.items():
             encoder = EncoderData()
             encoder.bias = wp.zeros((self.num_envs, articulation.num_joints), dtype=float, device=self.device)

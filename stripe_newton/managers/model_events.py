@@ -22,7 +22,7 @@ from stripe_kernels.mdp.randomization import DISTRIBUTIONS, KEEP, OPERATIONS, Ra
 from stripe_kernels.model_data import BodyModelData, EncoderData, JointModelData, ShapeModelData
 from stripe_newton.fusion import Captured, Item, SceneEntityCfg, Section, fields_read
 from stripe_newton.matching import match_names
-from stripe_newton.sim.mass_tree import MassConstants
+from stripe_newton.sim.mass_constants import MassConstants
 from stripe_newton.sim.model_update import ModelUpdate, model_flags
 
 from .event_cfg import EventTermCfg
@@ -206,8 +206,8 @@ class ModelEvents:
             self._constants = update.constants
             self._context.arrays["model.touched"] = self._constants.touched
         title = f"solver told of {', '.join(sorted(names))}"
-        title += f", in all worlds: {update.obstacle}" if update.obstacle else ""
-        tell = Captured(title, partial(update.launch, mask), beside=last and not update.obstacle)
+        title += f", in all worlds: {update.why_all_worlds}" if update.why_all_worlds else ""
+        tell = Captured(title, partial(update.launch, mask), beside=last and not update.why_all_worlds)
         return [Section("events_model", [f"{self._mask()}[env] = False"]), *items, tell]
 
     def _mask(self) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A built scene as a USD file that gives the same model again."""
+"""Scene export: a built scene as a USD file that gives the same model again."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 import newton
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .contents import SceneContents
 from .export_actuators import actuator_dofs, author_actuator
+from .scene_contents import SceneContents
 
 __all__ = ["export_stage"]
 
@@ -21,7 +21,7 @@ _NO_LIMIT = 1.0e9
 
 
 def export_stage(scene: SceneContents, path: Path) -> None:
-    """Write ``scene`` to ``path``: see :meth:`InteractiveScene.export`."""
+    """Write ``scene`` to ``path``; see :meth:`InteractiveScene.export`."""
     sim = scene.sim
     if not scene.built:
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
@@ -40,9 +40,9 @@ def export_stage(scene: SceneContents, path: Path) -> None:
             _author_joint(prim, builder, coord, dof, dims)
             for i in range(dof, dof + sum(dims)):
                 if i in explicit:
-                    author_actuator(prim, sum(dims) == 1, *explicit[i], folder=path.parent)
+                    author_actuator(prim, sum(dims) == 1, explicit[i], folder=path.parent)
     _author_free_roots(stage, builder)
-    if hasattr(scene.terrain, "author"):
+    if scene.terrain is not None:
         scene.terrain.author(stage)
     _author_default_material(stage, scene)
     _author_physics_scene(stage, scene)
@@ -105,7 +105,7 @@ def _axis_token(axis: Sequence[float], angular: bool) -> str:
 
 
 def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
-    """Put the root bodies of floating articulations, and what hangs on them, where the configs say."""
+    """Put the root bodies of floating articulations, and all bodies below them, where the configs say."""
     for joint, kind in enumerate(builder.joint_type):
         label = builder.body_label[builder.joint_child[joint]]
         prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
@@ -126,6 +126,7 @@ def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
 
 
 def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
+    """Move a prim in the world frame; what its parent does to it stays."""
     xform = UsdGeom.Xformable(prim)
     world = xform.ComputeLocalToWorldTransform(Usd.TimeCode.Default()) * moved
     parent = xform.ComputeParentToWorldTransform(Usd.TimeCode.Default())
@@ -136,8 +137,8 @@ def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
 def _author_default_material(stage: Usd.Stage, scene: SceneContents) -> None:
     """Bind the simulation's default material to colliders that have none.
 
-    Its density counts for bodies without MassAPI alone, as it did when the scene was built: a body with one and no
-    mass in it has UsdPhysics' own default density.
+    Its density is for bodies without MassAPI alone, as it was when the scene was built: a body that has the API but no
+    mass gets UsdPhysics' own default density.
     """
     cfg = scene.sim.cfg.physics_material
     materials = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene of many environments."""
+"""Interactive scene: assets and sensors in many environments."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING
 import torch
 from pxr import Sdf, Usd, UsdGeom
 
-from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, RigidObjectCfg
+from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, TerrainBaseCfg
 from stripe_newton.configclass import MISSING
+from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import Simulation, SimulationCfg
-from stripe_newton.sim.stage import ENV_0, authored_path
+from stripe_newton.sim.scene_context import ENV_0, authored_path
 from stripe_newton.usd import open_stage
 
 from .builder import SceneBuilder
-from .contents import SceneContents
 from .controller import SceneController
-from .interactive_scene_cfg import InteractiveSceneCfg
+from .export import export_stage
 from .querier import SceneQuerier
-from .regenerate import obstacle_to_regenerating, regenerate_scene, scene_spawner
+from .regenerate import regenerate_scene, scene_spawner, why_not_regenerable
+from .scene_contents import InteractiveSceneCfg, SceneContents
 
 if TYPE_CHECKING:
     from stripe_newton.assets.asset_base import EnvIds
@@ -36,9 +37,9 @@ class InteractiveScene(SceneContents):
     (``_setup_scene`` of an environment), and then built: ``build`` loads the stage into Newton and replicates it.
 
     Attributes:
-        builder: The constructing face.
-        controller: The changing face.
-        querier: The reading face.
+        builder: Builds the scene: assets, sensors, the model.
+        controller: Changes the scene: targets, resets, dynamics.
+        querier: Reads the scene: states, sensors, contacts.
         scenery_seed: Seed of what a specification made in it; None if none did.
         scenery_paths: Prims below ``/World`` that :meth:`regenerate` put there, once it was called.
     """
@@ -67,13 +68,13 @@ class InteractiveScene(SceneContents):
             value = getattr(self.cfg, name)
             if value is None or value is MISSING:
                 continue
-            if name == "terrain" or hasattr(value, "terrain_type"):
+            if name == "terrain" or isinstance(value, TerrainBaseCfg):
                 self.builder.build_terrain(value)
             elif isinstance(value, ArticulationCfg):
                 self.builder.build_robot(name, value)
-            elif isinstance(value, (RigidObjectCfg, AssetBaseCfg)):
+            elif isinstance(value, AssetBaseCfg):
                 self.builder.build_objects({name: value})
-            elif getattr(value, "class_type", None) is not None:
+            elif isinstance(value, SensorCfg) and value.class_type is not None:
                 self.builder.build_sensors({name: value})
             else:
                 raise ValueError(f"scene.{name}: {type(value).__name__} is no asset or sensor config")
@@ -115,7 +116,7 @@ class InteractiveScene(SceneContents):
         """End the authoring of the environment; the others become copies of it when the scene is built.
 
         Args:
-            copy_from_source: Accepted for compatibility: no prims are copied either way.
+            copy_from_source: Ignored: no prims are copied either way.
         """
         self.cloned = True
 
@@ -137,7 +138,7 @@ class InteractiveScene(SceneContents):
         self.builder.build()
 
     def regenerate(self, seed: int) -> None:
-        """Make another scene of the same specification, without another model: graphs go on as they are.
+        """Make another scene of the same specification in the same model: graphs stay as they are.
 
         Heights, terrain origins, patches, obstacles and the stage become those of the seed; levels and types of the
         environments stay. The robots stay where they were: ``regenerate`` of the environment begins new episodes, too.
@@ -151,15 +152,16 @@ class InteractiveScene(SceneContents):
         regenerate_scene(self, seed)
 
     def obstacle_to_regenerating(self) -> str:
-        """What keeps :meth:`regenerate` from working with any seed, and what to do about it; empty if nothing does."""
-        return obstacle_to_regenerating(self)
+        """Why :meth:`regenerate` cannot work with any seed, and what to do about it; empty if it can."""
+        return why_not_regenerable(self)
 
     # -- what is there
 
     @property
     def first_scenery_seed(self) -> int | None:
         """Seed of the config, which made the first scene; None if it is of no specification."""
-        return getattr(scene_spawner(self), "seed", None)
+        spawner = scene_spawner(self)
+        return None if spawner is None else spawner.seed
 
     @property
     def physics_dt(self) -> float:
@@ -188,17 +190,17 @@ class InteractiveScene(SceneContents):
 
     @property
     def needs_update(self) -> bool:
-        """Whether an asset takes note of the time."""
+        """Whether an asset overrides ``update()``."""
         return any(type(a).update is not AssetBase.update for a in self.assets)
 
     def update(self, dt: float) -> None:
-        """Let assets and sensors take note of ``dt`` seconds of physics."""
+        """Update assets and sensors after ``dt`` seconds of physics."""
         self.update_assets(dt)
         for sensor in self.sensors.values():
             sensor.update(dt)
 
     def update_assets(self, dt: float) -> None:
-        """Let the assets take note of ``dt`` seconds of physics."""
+        """Update the assets after ``dt`` seconds of physics."""
         for asset in self.assets:
             asset.update(dt)
 
@@ -242,8 +244,6 @@ class InteractiveScene(SceneContents):
         Raises:
             RuntimeError: if the scene is not built.
         """
-        from .export import export_stage
-
         export_stage(self, Path(path))
 
     def close(self) -> None:

@@ -1,68 +1,74 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Another scene of the same specification in a scene that is built: all in place, so that graphs go on."""
+"""Scene regeneration: another scene of the same specification in a scene that is built, so that graphs stay valid."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
+import newton
 from pxr import Sdf, Usd
 
+from stripe_newton.assets import AssetBaseCfg
+from stripe_newton.sim import SceneSpawnerCfg
 from stripe_newton.sim.height_field import replace_heights
 from stripe_newton.terrains.exchange import ground_prims, placement, read_ground
 
+from .capsules import Capsules
 from .scenery import Scenery, read_scenery
 
 if TYPE_CHECKING:
+    from stripe_newton.terrains import TerrainImporter
+
     from .interactive_scene import InteractiveScene
 
-__all__ = ["obstacle_to_regenerating", "regenerate_scene", "scene_spawner"]
+__all__ = ["regenerate_scene", "scene_spawner", "why_not_regenerable"]
 
 
-def scene_spawner(scene: InteractiveScene) -> Any:
+def scene_spawner(scene: InteractiveScene) -> SceneSpawnerCfg | None:
     """Config of the spawner that makes a scene from a specification or a file of one; None if there is none."""
-    for name in type(scene.cfg).__dataclass_fields__:
-        spawn = getattr(getattr(scene.cfg, name), "spawn", None)
-        if hasattr(spawn, "made") and hasattr(spawn, "seed"):
-            return spawn
-    return None
+    fields = (getattr(scene.cfg, name) for name in type(scene.cfg).__dataclass_fields__)
+    spawners = (asset.spawn for asset in fields if isinstance(asset, AssetBaseCfg))
+    return next((spawn for spawn in spawners if isinstance(spawn, SceneSpawnerCfg)), None)
 
 
-def obstacle_to_regenerating(scene: InteractiveScene) -> str:
-    """What keeps a scene from being made anew, and what to do about it; empty if nothing does."""
-    from stripe_newton.sensors.camera import Camera
-
+def why_not_regenerable(scene: InteractiveScene) -> str:
+    """Why a scene cannot be made anew with any seed, and what to do about it; empty if it can."""
     spawn = scene_spawner(scene)
     if spawn is None:
         return "the scene is of no specification: make its config by SceneSpec.create_instance() or TrainingSpec"
-    if spawn.spec is None:
-        return f"the scene is of the file '{spawn.usd_path}', of which there is no other; give its specification"
+    if problem := spawn.why_not_regenerable():
+        return problem
     if not scene.built:
         return "the scene is not built yet: set the seed in its config"
     for name, sensor in scene.sensors.items():
-        if isinstance(sensor, Camera):
-            return f"the camera '{name}' sees the meshes of the scene as they were built; leave it out"
-        if hasattr(sensor, "meets") and sensor.meets(_ground_shape(scene)) == "tree":
-            return f"the rays of '{name}' meet the ground as a mesh; leave other height fields out of the scene"
-    fixed = [label for label, body in _shapes(scene.sim.template) if body < 0]
+        if problem := sensor.why_not_regenerable(name, _ground_shape(scene)):
+            return problem
+    template = scene.sim.template
+    fixed = [label for label, body in zip(template.shape_label, template.shape_body, strict=True) if body < 0]
     if fixed:
         return (
             f"'{fixed[0]}' is fixed to the world in each environment, at the height of the ground that was there; "
             "give it a body, or leave it out"
         )
-    return "" if scene.builder.takers else _colliders(read_scenery(scene.stage), scene)
+    if scene.builder.obstacle_sensors:  # first, as reading the scenery of a forest takes a while
+        return ""
+    return _why_colliders_stay(read_scenery(scene.stage))
 
 
-def _shapes(builder: Any) -> list[tuple[str, int]]:
-    return list(zip(builder.shape_label, builder.shape_body, strict=True))
+def _terrain(scene: InteractiveScene) -> TerrainImporter:
+    """The terrain, which in a scene of a specification is a height field."""
+    return cast("TerrainImporter", scene.terrain)
 
 
 def _ground_shape(scene: InteractiveScene) -> int:
-    return list(scene.sim.model.shape_label).index(f"{scene.terrain.path}/terrain")
+    """Shape of the model that is the height field."""
+    return list(scene.sim.model.shape_label).index(f"{_terrain(scene).path}/terrain")
 
 
-def _colliders(scenery: Scenery, scene: InteractiveScene) -> str:
+def _why_colliders_stay(scenery: Scenery) -> str:
+    """Why colliders of a scenery that are shapes of the model cannot be replaced; empty if there are none."""
     touched = [p for i, p in enumerate(scenery.prototypes) if p.shapes and (scenery.which == i).any()]
-    if not touched or scene.builder.takers:
+    if not touched:
         return ""
     return (
         f"assets like '{touched[0].path}' have colliders, which are shapes of the model and cannot move or change in "
@@ -71,42 +77,48 @@ def _colliders(scenery: Scenery, scene: InteractiveScene) -> str:
 
 
 def regenerate_scene(scene: InteractiveScene, seed: int) -> None:
-    """See :meth:`InteractiveScene.regenerate`. Everything is checked before anything is written."""
-    if problem := obstacle_to_regenerating(scene):
-        raise ValueError(f"regenerate: {problem}")
+    """Make a scene anew, see :meth:`InteractiveScene.regenerate`.
+
+    Everything is checked before anything is written: a refused seed leaves the scene as it was. What is written is
+    written in place, as graphs hold the addresses of the arrays.
+    """
     spawn = scene_spawner(scene)
+    problem = why_not_regenerable(scene)
+    if problem or spawn is None:
+        raise ValueError(f"regenerate: {problem}")
     if not scene.scenery_paths:
-        scene.scenery_paths = _paths(spawn.made().stage)
-    new = spawn.replace(seed=seed).made().stage
+        scene.scenery_paths = _paths(spawn.made_stage())
+    new = spawn.replace(seed=seed).made_stage()
     (prim,) = ground_prims(new)
-    terrain, ground, scenery = scene.terrain, read_ground(prim), read_scenery(new)
+    terrain, ground, scenery = _terrain(scene), read_ground(prim), read_scenery(new)
+    obstacle_sensors = scene.builder.obstacle_sensors
     try:
         terrain.check(ground)
-        if problem := _colliders(scenery, scene):
+        if not obstacle_sensors and (problem := _why_colliders_stay(scenery)):
             raise ValueError(problem)
-        capsules = scenery.capsules() if scene.builder.takers else None
-        for obstacles in scene.builder.takers:
-            obstacles.check(capsules)
-        _swap(scene.stage, scene.scenery_paths, new)
+        capsules = scenery.capsules() if obstacle_sensors else Capsules.none()
+        for slots in obstacle_sensors:
+            slots.check(capsules)
+        _swap(scene.stage, scene.scenery_paths, new)  # the last thing that may refuse
     except ValueError as error:
         raise ValueError(f"regenerate: seed {seed}: {error}") from error
     for name, value in placement(prim).items():
         setattr(terrain.cfg, name, value)
     terrain.replace(ground)
-    _surface(scene, _ground_shape(scene))
-    replace_heights(scene.sim, _ground_shape(scene), ground.source)
+    shape = _ground_shape(scene)
+    _write_material(scene.sim.model, shape, terrain)
+    replace_heights(scene.sim, shape, ground.source)
     for sensor in scene.sensors.values():
-        if hasattr(sensor, "meets") and sensor.meets(_ground_shape(scene)):
-            sensor.replace_field(ground.heights)
-    for obstacles in scene.builder.takers:
-        obstacles.replace(capsules)
+        sensor.replace_ground(shape, ground.heights)
+    for slots in obstacle_sensors:
+        slots.replace(capsules)
     scene.builder.rebuild_shared(scenery)
     scene.scenery_seed, scene.scenery_paths = seed, _paths(new)
 
 
-def _surface(scene: InteractiveScene, shape: int) -> None:
+def _write_material(model: newton.Model, shape: int, terrain: TerrainImporter) -> None:
     """Give the ground its friction and restitution."""
-    material, model = scene.terrain.cfg.physics_material, scene.sim.model
+    material = terrain.cfg.physics_material
     if material is None:
         return
     for name, value in (
@@ -117,12 +129,17 @@ def _surface(scene: InteractiveScene, shape: int) -> None:
 
 
 def _paths(made: Usd.Stage) -> list[Sdf.Path]:
-    """What a specification makes below ``/World``."""
+    """Prims that a specification makes below ``/World``."""
     return [child.path for child in made.GetRootLayer().GetPrimAtPath("/World").nameChildren]
 
 
-def _swap(stage: Usd.Stage, mine: list[Sdf.Path], new: Usd.Stage) -> None:
-    """Put the prims of one scene in the place of those of another, which are ``mine``.
+def _swap(stage: Usd.Stage, old: list[Sdf.Path], new: Usd.Stage) -> None:
+    """Put the prims of a new scene in the place of those of the old one.
+
+    Args:
+        stage: The stage.
+        old: Prims of the old scene.
+        new: Stage of the new scene alone.
 
     Raises:
         ValueError: if the stage has something else where the new scene has something.
@@ -130,10 +147,10 @@ def _swap(stage: Usd.Stage, mine: list[Sdf.Path], new: Usd.Stage) -> None:
     target, source = stage.GetRootLayer(), new.GetRootLayer()
     children = _paths(new)
     for path in children:
-        if path not in mine and target.GetPrimAtPath(path):
+        if path not in old and target.GetPrimAtPath(path):
             raise ValueError(f"'{path}': the stage has it already, and the new scene has it too")
     edit = Sdf.BatchNamespaceEdit()
-    for path in [*mine, Sdf.Path("/Prototypes")]:
+    for path in [*old, Sdf.Path("/Prototypes")]:
         if target.GetPrimAtPath(path):
             edit.Add(path, Sdf.Path.emptyPath)
     with Sdf.ChangeBlock():

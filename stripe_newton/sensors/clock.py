@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a sensor measures, for each environment, on the device."""
+"""Sensor clock: when a sensor measures, for each environment, on the device."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def period_steps(sim: Simulation, update_period: float, where: str) -> int:
 
 
 class SensorClock:
-    """Says where a measurement is due, without the host being asked.
+    """Says where a measurement is due, without host synchronisation.
 
     A sensor that measures within the step hands :attr:`due` to its kernels there, ends ``launch_measured`` with
     :meth:`advance`, and in ``launch_observed`` measures where :attr:`restarted`, then calls :meth:`settle`. One that
@@ -44,7 +44,6 @@ class SensorClock:
         period: Environment steps from one measurement to the next.
         due: Where the next measurement is taken, bool, shape ``(num_envs,)``.
         restarted: Where an episode began since the last observations, bool, shape ``(num_envs,)``.
-        arrays: What lasts from step to step, by name.
     """
 
     def __init__(
@@ -64,8 +63,8 @@ class SensorClock:
             where: Path of the sensor's config, for the error.
             observed: Whether it measures before the observations rather than within the step.
             starts_fresh: Whether one that measures within the step measures at the start of an episode too.
-            remembers: Whether a measurement depends on how many there were, by noise or delay: then one before the
-                observations is taken once a step, also where others are reset between two steps.
+            remembers: Whether a measurement depends on those before it, by noise or delay. One before the observations
+                is then taken once a step, even where a reset from outside computes observations between two steps.
 
         Raises:
             ConfigError: if the period is not a whole number of environment steps.
@@ -73,6 +72,7 @@ class SensorClock:
         self.period = period_steps(sim, update_period, where)
         self.observed, self._marks, self._count = observed, starts_fresh and not observed, sim.num_envs
         self._start = self.period if observed else 1
+        # Where every step measures and nothing is remembered, due stays True: no kernel needs to count.
         self._counts = self.period > 1 or (observed and remembers)
         with wp.ScopedDevice(sim.device):
             self._age = wp.full(self._count, value=self._start, dtype=int)
@@ -81,6 +81,7 @@ class SensorClock:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
+        """What lasts from step to step, by name."""
         there = {"clock.age": self._age, "clock.due": self.due} if self._counts else {}
         return there | ({"clock.restarted": self.restarted} if self._marks else {})
 
@@ -90,7 +91,7 @@ class SensorClock:
             wp.launch(kernels.advance, dim=self._count, inputs=[self.period], outputs=[self._age, self.due])
 
     def count(self) -> None:
-        """Take note of a step, before the measurement."""
+        """Count a step, before the measurement."""
         if self._counts:
             wp.launch(kernels.count_step, dim=self._count, inputs=[self.period], outputs=[self._age, self.due])
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Patterns of rays, in the frame of the sensor: x forward, y left, z up. Names as in Isaac Lab."""
+"""Ray patterns, in the frame of the sensor: x forward, y left, z up. Names as in Isaac Lab."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .pinhole import PinholeIntrinsics
 __all__ = ["BpearlPatternCfg", "GridPatternCfg", "LidarPatternCfg", "PatternBaseCfg", "PinholeCameraPatternCfg"]
 
 MOST_RAYS = 10_000_000
-"""Rays of one sensor; more is a mistake in a resolution."""
+"""Limit on the rays of one sensor: more is a mistake in a resolution."""
 
 
 @configclass
 class PatternBaseCfg:
-    """Rays of a sensor."""
+    """Base of the patterns; a subclass says by :meth:`rays` which rays a sensor has."""
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         """Starts [m] and unit directions of the rays in the sensor's frame, float64, each of shape ``(n, 3)``."""

@@ -56,7 +56,7 @@ def spawn_goal_marker(prim_path: str, cfg: GoalMarkerCfg, translation: Any = Non
     from pxr import Gf, UsdGeom, UsdPhysics
 
     from stripe_newton.sim.spawners.spawner_cfg import finish, place
-    from stripe_newton.sim.stage import authored_path, current_stage
+    from stripe_newton.sim.scene_context import authored_path, current_stage
 
     stage, path = current_stage(), authored_path(prim_path)
     root = UsdGeom.Xform.Define(stage, path).GetPrim()

@@ -9,7 +9,7 @@ from typing import Any
 from stripe_newton.configclass import MISSING, configclass
 
 from .actuator_cfg import PerJoint
-from .explicit_cfg import DCMotorCfg, Law
+from .explicit_actuators import DCMotorCfg, Law
 
 __all__ = ["ActuatorNetLSTMCfg", "ActuatorNetMLPCfg"]
 
@@ -40,7 +40,7 @@ class ActuatorNetLSTMCfg(DCMotorCfg):
     def _law(self) -> Law:
         from newton.actuators import DriveNeuralLSTM
 
-        from .networks import prepare_lstm
+        from .network_files import prepare_lstm
 
         arguments = {"model_path": str(prepare_lstm(self.network_file))}
         return lambda joint: (DriveNeuralLSTM, arguments)
@@ -83,7 +83,7 @@ class ActuatorNetMLPCfg(ActuatorNetLSTMCfg):
     def _law(self) -> Law:
         from newton.actuators import DriveNeuralMLP
 
-        from .networks import prepare_mlp
+        from .network_files import prepare_mlp
 
         said: dict[str, Any] = {
             "pos_scale": self.pos_scale, "vel_scale": self.vel_scale, "effort_scale": self.torque_scale,

@@ -42,7 +42,7 @@ class IdealPDActuatorCfg(ActuatorCfg):
     def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
         from newton import JointTargetMode
 
-        from .drives import coordinate
+        from .drive_table import coordinate
 
         numbers = {name: self._by_joint(name, names, _of_file(builder, name, dofs)) for name in self._needs()}
         law = self._law()
