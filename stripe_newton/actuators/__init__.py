@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators: what turns the targets of joints into forces."""
+"""Actuators: turn the targets of joints into efforts."""
 
 from .actuator_cfg import ActuatorCfg, ImplicitActuatorCfg
 from .explicit_actuators import (
