@@ -47,7 +47,7 @@ class Actuation:
             model: The model, on the device.
             num_envs: Number of environments.
             dt: Time step of the physics [s].
-            knows_modes: Whether the solver heeds ``joint_target_mode``, as MuJoCo does. From others the gains of
+            knows_modes: Whether the solver obeys ``joint_target_mode``, as MuJoCo does. From others the gains of
                 explicit actuators are hidden.
             use_graph: Whether it must be possible to record the launches as a CUDA graph.
 
@@ -66,11 +66,13 @@ class Actuation:
                 )
         self.explicit = table.law > 0
         self._delays: list[tuple[int, int]] = []
+        # Delays of a config share one lag: each slot of the history knows its group, -1 where the lag is fixed.
         self._delay_group = np.full(int(table.delay_slot.max(initial=-1)) + 1, -1, dtype=np.int32)
         self.drives = self._make_drives(table, dt, knows_modes)
         self.computed_effort = self.drives.computed_effort.flatten()
         self.rng = wp.zeros(num_envs, dtype=wp.uint32)
         wp.launch(seed_streams, dim=num_envs, inputs=[0], outputs=[self.rng])
+        # Stand-ins for the model's arrays, in which explicit joints have no gains.
         self._hidden = {n: getattr(self.drives, f"solver_{k}").flatten() for n, k in _GAINS} if self._masks else {}
         self._masks_of = [(s, wp.empty(a.num_actuators, dtype=wp.bool)) for a, s, _ in self._stepped if s is not None]
         self._make_groups()
@@ -88,6 +90,7 @@ class Actuation:
             ("effort_limit", "joint_effort_limit"),
         ):  # fmt: skip
             setattr(drives, name, getattr(model, attribute).reshape(shape))
+        # Arrays that only explicit actuators need are empty without one: the kernel then reads none of them.
         explicit = shape if self.explicit.any() else (0, 0)
         for name in ("integral_gain", "integral_limit", "bias_effort", "saturation_effort", "no_load_speed"):
             setattr(drives, name, wp.array(table.floats[name].reshape(shape)) if explicit == shape else None)
@@ -198,7 +201,7 @@ class Actuation:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
+        """Arrays that persist from step to step, by name."""
         found = {n: getattr(self.drives, n) for n in ("integral", "lag", "pushes", "history")}
         found |= {"rng": self.rng} if self._delays else {}
         for i, (_, state, _) in enumerate(self._stepped):

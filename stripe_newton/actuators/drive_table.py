@@ -51,6 +51,7 @@ def coordinate(
         qd_start: First degree of freedom of each.
         dof: The degree of freedom.
     """
+    # The joint is the last one that starts at or before the degree of freedom; joints without any start there too.
     joint = int(np.searchsorted(np.asarray(qd_start)[: len(joint_types)], dof, side="right")) - 1
     if joint_types[joint] in (newton.JointType.BALL, newton.JointType.FREE, newton.JointType.DISTANCE):
         return -1
@@ -95,6 +96,7 @@ class DriveTable:
         Raises:
             ValueError: if another drives the same joint.
         """
+        # An actuator of Newton's covers all environments: its first part is that of the first one.
         rows = actuator.indices.numpy().astype(np.int64)
         dofs = rows[: len(rows) // self.num_envs]
         if self.law[dofs].any():
@@ -110,6 +112,7 @@ class DriveTable:
         else:
             self._add_drive(actuator.drive, rows)
             self._add_delay(actuator.delay, dofs)
+        # Limits that no state changes are one number, the least of them, and lie in the model as an effort limit.
         limit = np.full(len(rows), NO_LIMIT, dtype=np.float32)
         for clamp in actuator.clamping if limited else ():
             limit = np.minimum(limit, self._add_limit(clamp, rows, dofs))

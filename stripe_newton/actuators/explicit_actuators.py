@@ -42,6 +42,7 @@ class IdealPDActuatorCfg(ActuatorCfg):
     """
 
     def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
+        # What the config leaves out is what the file says, read before the loop overwrites it.
         numbers = {name: self._by_joint(name, names, _of_file(builder, name, dofs)) for name in self._needs()}
         law = self._law()
         for i, dof in enumerate(dofs):
@@ -180,7 +181,7 @@ class DelayedPDActuatorCfg(IdealPDActuatorCfg):
             yield "min_delay", f"is {self.min_delay}, must not be larger than max_delay, which is {self.max_delay}"
 
     def _delay(self) -> int:
-        return self.max_delay
+        return self.max_delay  # the depth of the buffer; bind() has lags drawn below it
 
     def bind(self, sim: Simulation, names: Sequence[str], dofs: Sequence[int]) -> None:
         if self.max_delay:

@@ -43,7 +43,9 @@ def prepare_mlp(file: str, **given: object) -> Path:
         if _is_onnx(path):
             model = _load_onnx(path)
             metadata = _metadata(model, path)
+            # Newton's present name of torque_scale, which older files have.
             metadata.setdefault("effort_scale", metadata.pop("torque_scale", 1.0))
+        # Defaults, then the file, then the config.
         metadata = {"input_order": "pos_vel", "input_idx": [0], **metadata, **given, "model_type": "mlp"}
         width = 2 * len(metadata["input_idx"])
         if not _is_onnx(path):

@@ -91,6 +91,8 @@ class Articulation(BoundAsset):
         self.layout = layout = self._find_layout(layouts, cfg.articulation_root_prim_path)
         layout.place_root(builder, cfg.init_state.pos, cfg.init_state.rot)
         problems = [*self._write_joint_state(builder), *self._write_actuators(builder)]
+        # Targets begin at the initial state: a drive would otherwise pull to zero before the first action. The zip ends
+        # with the shorter range, as a ball joint has more coordinates than degrees of freedom.
         for coord, dof in zip(layout.coords, layout.dofs, strict=False):
             builder.joint_target_q[coord] = builder.joint_q[coord]
             builder.joint_target_qd[dof] = builder.joint_qd[dof]
@@ -222,6 +224,7 @@ class Articulation(BoundAsset):
     ) -> None:
         """Set joint velocities [m/s or rad/s], shape ``(n, joints)``; accelerations restart from zero."""
         self._assign(self._data.joint_vel, velocity, joint_ids, env_ids)
+        # Else the next acceleration would be the difference between two episodes.
         self._assign(self._data._previous_vel, velocity, joint_ids, env_ids)
 
     # -- properties
@@ -290,5 +293,5 @@ class Articulation(BoundAsset):
         self, buffer: torch.Tensor, value: JointValues, joint_ids: JointIds, env_ids: EnvIds, flag: str
     ) -> None:
         self._assign(buffer, value, joint_ids, env_ids)
-        self._sim.refresh_drives()
+        self._sim.refresh_drives()  # solvers without drive modes see masked copies of the gains
         self._sim.notify(newton.ModelFlags[flag])

@@ -46,7 +46,7 @@ class AssetBaseCfg:
     """A static asset: ground, light, obstacle. :class:`ArticulationCfg` and :class:`RigidObjectCfg` derive from it."""
 
     prim_path: str = MISSING
-    """Where it is authored: ``/World/envs/env_.*/Name`` or ``{ENV_REGEX_NS}/Name`` for one in every environment."""
+    """Prim path: ``/World/envs/env_.*/Name`` or ``{ENV_REGEX_NS}/Name`` for one in every environment."""
     spawn: SpawnerCfg | None = None
     """Spawner config; ``None`` if the prim is there already."""
     init_state: AssetInitialStateCfg = AssetInitialStateCfg()
@@ -79,6 +79,7 @@ class AssetBase:
     def __init__(self, cfg: AssetBaseCfg):
         cfg.validate()
         self.cfg = cfg.copy()
+        # By the context, not by an argument: so that assets are made as in Isaac Lab, Articulation(cfg).
         scene = current_scene()
         self.path = authored_path(self.cfg.prim_path)
         if self.cfg.spawn is not None:
@@ -255,7 +256,7 @@ class BoundAsset(AssetBase):
         sim.enable_external_wrench()
         ids = self.env_indices(env_ids).unsqueeze(1)
         bodies = self.layout.body_rows(body_ids, self.device).unsqueeze(0)
-        if positions is not None:
+        if positions is not None:  # the wrench is kept about the centre of mass, as Newton's body_f is
             torques = torques + torch.linalg.cross(positions, forces)
         sim.per_env(sim.external_wrench)[ids, bodies] = torch.cat((forces, torques), dim=-1)
         sim.per_env(sim.wrench_in_world)[ids, bodies] = is_global

@@ -140,6 +140,7 @@ def _layout(builder: newton.ModelBuilder, joints: range, label: str) -> Layout:
         name = short[joint - root]
         own = [name] if count == 1 else name.split("+")  # joints of an MJCF file that share a body
         names += own if len(own) == count else [f"{name}:{k}" for k in range(count)]
+    # Bodies in the order of their joints; one on which two joints end, as in a loop, counts once.
     bodies = list(dict.fromkeys(builder.joint_child[j] for j in joints))
     return Layout(
         path=label,

@@ -71,12 +71,13 @@ class RootData:
         self._body_com = sim.per_env(sim.model.body_com)[:, rows]
         self._body_mass = sim.per_env(sim.model.body_mass)[:, rows]
         self._body_inertia = sim.per_env(sim.model.body_inertia)[:, rows]
-        if layout.floating:
+        if layout.floating:  # the coordinates are the state: bodies are computed from them
             coord, dof = layout.root_coord, layout.root_dof
             self._root_pose = sim.per_env(sim.state.joint_q)[:, coord : coord + 7]
             self._root_vel = sim.per_env(sim.state.joint_qd)[:, dof : dof + 6]
-        else:
+        else:  # a fixed root has no coordinates; its body has the pose
             self._root_pose, self._root_vel = self._poses[:, 0], self._velocities[:, 0]
+        # The direction as built: events that change gravity leave what projected_gravity refers to.
         gravity = wp.to_torch(sim.model.gravity)[0]
         down = gravity / gravity.norm() if gravity.norm() > 0 else torch.tensor([0.0, 0.0, -1.0], device=sim.device)
         self.GRAVITY_VEC_W = down.repeat(sim.num_envs, 1)

@@ -15,9 +15,9 @@ __all__ = ["SceneAssets"]
 
 
 class SceneAssets(Protocol):
-    """What :class:`stripe_newton.scene.SceneContents` has of assets.
+    """The part of :class:`stripe_newton.scene.SceneContents` that is about assets.
 
-    Sensors lie below scenes and know this part of them alone.
+    Sensors are below scenes in the layout of the package, and know this part of them alone.
     """
 
     @property
@@ -38,4 +38,4 @@ class SceneAssets(Protocol):
 
     @property
     def terrain(self) -> TerrainBase | None:
-        """What the environments stand on, if the scene names it."""
+        """Ground of the environments, if the scene names it."""

@@ -28,11 +28,11 @@ class TerrainBaseCfg:
     class_type: Callable[..., TerrainBase] | None = None
     """Class that the scene makes of this config."""
     prim_path: str = MISSING
-    """Where it stands in the stage, such as ``/World/ground``; not in an environment."""
+    """Prim path, such as ``/World/ground``; not in an environment."""
 
 
 class TerrainBase:
-    """Base of what environments stand on, ``scene.terrain``.
+    """Base of ``scene.terrain``, the ground of the environments.
 
     The defaults are those of a ground that is nothing but a prim of the stage, such as a plane.
     """
@@ -40,13 +40,13 @@ class TerrainBase:
     path: str
     """Prim path."""
     struct: TerrainData | None = None
-    """What terms and sensors read; None if it offers nothing."""
+    """The ground as terms and sensors read it; None if it offers nothing to them."""
     ground: Ground | None = None
     """The height field on the host; None if there is none."""
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name; none by default."""
+        """Arrays that persist from step to step, by name; none by default."""
         return {}
 
     def add_to(self, static: newton.ModelBuilder) -> None:

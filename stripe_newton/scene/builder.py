@@ -42,8 +42,8 @@ class SceneBuilder:
     """Builds a scene: adds assets while it is under construction, then makes its model.
 
     Attributes:
-        reports: What the importer read and ignored: of one environment, and of what all share.
-        template_root: Prim that is one environment; ``"/"`` for a stage that knows no environments.
+        reports: What the importer read and ignored, of one environment and of what all share.
+        template_root: Prim that is one environment; ``"/"`` for a stage without environments, which is one as a whole.
         adopt: Make assets of the articulations that the stage brings.
     """
 
@@ -56,7 +56,7 @@ class SceneBuilder:
     # -- adding
 
     def build_terrain(self, cfg: TerrainBaseCfg | AssetBaseCfg, name: str = "terrain") -> TerrainBase:
-        """Add what the environments stand on; it becomes ``scene.terrain``."""
+        """Add the ground of the environments; it becomes ``scene.terrain``."""
         make: Callable[..., Any] = cfg.class_type or GroundAsset
         with self._scene.construction():
             self._scene.terrain = make(cfg)
@@ -95,6 +95,7 @@ class SceneBuilder:
         stage = self._scene.stage
         if self._scene.built:
             raise RuntimeError("the scene is built already")
+        # Newton's importer is kept from the instances, which are added from what was read of their prototypes.
         scenery = read_scenery(stage)
         with hidden(stage, scenery_groups(stage)):
             self._build(scenery)
@@ -114,10 +115,12 @@ class SceneBuilder:
         # Sensors that add shapes come before those that count them; the order is otherwise that of the config.
         for sensor in sorted(scene.sensors.values(), key=lambda s: not s.adds_shapes):
             sensor.prepare(sim, template, static)
-        scene.built = True
+        scene.built = True  # from here on nothing can be added: register() refuses it
         sim.lights = read_lights(scene.stage)
+        # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
         sim.build(template, static, scene.env_origins.cpu().numpy().copy())
+        # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.
         for asset in scene.assets:
             asset.initialize(sim)
         for sensor in scene.sensors.values():
@@ -188,6 +191,7 @@ class SceneBuilder:
         self, stage: Usd.Stage, root: str, ignore: tuple[str, ...]
     ) -> list[tuple[Usd.Prim, dict[str, Any]]]:
         prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(FILE_KEY))
+        # Where something is ignored it is what lies in the environments: they are loaded with their own root.
         inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
         return [(p, json.loads(p.GetCustomDataByKey(FILE_KEY))) for p in inside]
 
@@ -205,6 +209,7 @@ class SceneBuilder:
 
 
 def _unique(name: str, taken: list[str]) -> str:
+    """``name``, or the first of ``name_2``, ``name_3``, ... that is free."""
     number = 1
     while (candidate := name if number == 1 else f"{name}_{number}") in taken:
         number += 1
@@ -212,7 +217,7 @@ def _unique(name: str, taken: list[str]) -> str:
 
 
 def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> None:
-    """Import the URDF or MJCF file that ``prim`` stands for, with labels below its path."""
+    """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
     kind, path = options.pop("format"), options.pop("path")
     pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
     position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
@@ -234,6 +239,7 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
         shapes.mu = default_friction
     if builder.body_count == counts[0]:
         raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}' has no bodies")
+    # Newton labels what a file brings by the file's names: below the prim they are paths like those of a USD asset.
     labels = (builder.body_label, builder.joint_label, builder.shape_label, builder.articulation_label)
     for label, start in zip(labels, counts, strict=True):
         label[start:] = [f"{prim.GetPath()}/{name}" for name in label[start:]]

@@ -202,6 +202,7 @@ def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int 
     pad = 1e-4 + 1e-6 * max(np.abs(lower).max(), np.abs(upper).max())  # what float32 on the device may round away
     lower, upper = lower - pad, upper + pad
     corner = lower.min(axis=0)
+    # Cells as wide as the search reaches, so that it looks into few of them; wider if their lists outgrow the room.
     while True:
         first, last = np.floor((lower - corner) / size), np.floor((upper - corner) / size)
         shape, span = last.max(axis=0) + 1.0, last - first + 1.0
@@ -211,6 +212,7 @@ def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int 
     columns, rows = int(shape[0]), int(shape[1])
     first, span = first.astype(np.int64), span.astype(np.int64)
     each = span.prod(axis=1)
+    # An entry for each pair of obstacle and cell, then sorted by cell: the sort is stable, so that lists ascend.
     ids = np.repeat(np.arange(len(capsules)), each)
     within = np.arange(len(ids)) - np.repeat(each.cumsum() - each, each)
     cell = (first[ids, 1] + within // span[ids, 0]) * columns + first[ids, 0] + within % span[ids, 0]

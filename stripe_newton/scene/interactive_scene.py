@@ -102,6 +102,7 @@ class InteractiveScene(SceneContents):
             StageError: if the stage cannot be simulated, with the reason.
         """
         stage = open_stage(stage_or_path)
+        # gravity=None in the settings takes that of the stage.
         cfg = InteractiveSceneCfg(num_envs=num_envs, env_spacing=env_spacing)
         scene = cls(cfg, Simulation(sim_cfg or SimulationCfg(gravity=None)), stage)
         scene.builder.adopt = True
@@ -222,7 +223,7 @@ class InteractiveScene(SceneContents):
             env_ids: Environments, default all.
             is_relative: Whether positions are relative to the environments' origins.
         """
-        self.reset(env_ids)
+        self.reset(env_ids)  # targets, external forces and the solver's memory belong to the state that is left
         for family in state.values():
             for name, values in family.items():
                 asset = self[name]

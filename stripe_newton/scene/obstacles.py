@@ -46,7 +46,7 @@ class ObstaclesCfg(SensorCfg):
     class_type: Callable[..., SensorBase] | None = _obstacles
     """Class that the scene makes of this config."""
     prim_path: str = "/World/obstacles"
-    """Where the labels of the slots lie, for contact sensors that tell them apart; nothing is authored there."""
+    """Path of the slots' labels, for contact sensors that tell them apart; nothing is authored there."""
     positions: ArrayLike | None = None
     """Centres in the world [m], ``(N, 3)``."""
     rotations: ArrayLike = (0.0, 0.0, 0.0, 1.0)
@@ -203,6 +203,7 @@ class Obstacles(SensorBase):
         # Slots without an obstacle wait deep below the ground, small.
         below = wp.transform(wp.vec3(0.0, 0.0, -kernels.PARKED_DEPTH), wp.quat_identity())
         size = kernels.PARKED_SIZE
+        # Shapes of what all environments share: in MuJoCo each world has its own copy, with poses and sizes of its own.
         self._labels = [f"{self.cfg.prim_path}/slot_{i}" for i in range(self.cfg.slots)]
         for label in self._labels:
             static.add_shape_capsule(-1, xform=below, radius=size, half_height=size, cfg=shape, label=label)
@@ -210,7 +211,7 @@ class Obstacles(SensorBase):
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
         model = sim.solver.mjw_model
-        shape_of_geom = sim.solver.mjc_geom_to_newton_shape.numpy()[0]
+        shape_of_geom = sim.solver.mjc_geom_to_newton_shape.numpy()[0]  # geoms are the same in all worlds
         shapes = [sim.model.shape_label.index(label) for label in self._labels]
         geoms = [int(np.flatnonzero(shape_of_geom == shape)[0]) for shape in shapes]
         self._touch_robot_alone(shape_of_geom, geoms)

@@ -68,6 +68,7 @@ class SceneQuerier:
         if not sim.cfg.contact_forces:
             raise RuntimeError("contact forces are not exported: set 'contact_forces=True' in SimulationCfg")
         if self._contact_sensor is None:
+            # One sensor of all bodies, made at the first call: it allocates, and few scenes ask for forces.
             bodies = list(range(sim.model.body_count))
             with wp.ScopedDevice(sim.device):
                 self._contact_sensor = SensorContact(

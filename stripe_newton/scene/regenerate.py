@@ -102,6 +102,7 @@ def regenerate_scene(scene: InteractiveScene, seed: int) -> None:
         _swap(scene.stage, scene.scenery_paths, new)  # the last thing that may refuse
     except ValueError as error:
         raise ValueError(f"regenerate: seed {seed}: {error}") from error
+    # From here on nothing refuses. Terrain, model, solver, sensors and viewers each have a copy of the ground.
     for name, value in placement(prim).items():
         setattr(terrain.cfg, name, value)
     terrain.replace(ground)

@@ -87,7 +87,7 @@ class SceneContents:
     extras: dict[str, AssetBase]
     """Static assets by name."""
     terrain: TerrainBase | None
-    """What the environments stand on, if the scene names it."""
+    """Ground of the environments, if the scene names it."""
     env_origins: torch.Tensor
     """Origins of the environments in the world frame [m], shape ``(num_envs, 3)``."""
     cloned: bool

@@ -136,6 +136,7 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
         for prim in group.GetChildren():
             if not prim.HasAuthoredReferences():
                 raise ValueError(f"'{prim.GetPath()}': must be a reference to a prototype, better an instanceable one")
+            # Instances of one file share a prototype of the stage; what is not instanceable is one by itself.
             key = str((prim.GetPrototype() if prim.IsInstance() else prim).GetPath())
             if key not in prototypes:
                 prototypes[key] = len(made)
@@ -152,6 +153,7 @@ def _places(matrices: np.ndarray, paths: list[str]) -> tuple[np.ndarray, np.ndar
     axes = matrices[:, :3, :3]
     scale = np.linalg.norm(axes, axis=2)
     skewed = np.abs(axes @ axes.transpose(0, 2, 1) - scale[:, :1, None] ** 2 * np.eye(3)).max(axis=(1, 2))
+    # The tolerance is what float32 and a few products of it leave; a mirror has a negative determinant.
     wrong = np.flatnonzero((skewed > 2.0e-5 * scale[:, 0] ** 2) | (np.linalg.det(axes) <= 0.0))
     if len(wrong):
         sizes = tuple(float(round(s, 6)) for s in scale[wrong[0]])
@@ -209,6 +211,7 @@ def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = 
         scenery: The instances.
         touched: Whether colliders become shapes; False where collider slots stand for them.
     """
+    # What is seen and what is touched are shapes of their own: visible meshes without contacts, hidden primitives.
     seen = newton.ModelBuilder.ShapeConfig(density=0.0, has_shape_collision=False, has_particle_collision=False)
     solid = builder.default_shape_cfg.copy()
     solid.density, solid.is_visible = 0.0, False
@@ -239,6 +242,7 @@ def _repeat(
         scales: Factors on its size, ``(N,)``.
         labels: Of the N shapes.
     """
+    # Newton keeps shapes in parallel lists, shape_*, to which its versions add: so by name, not one by one.
     first = builder.shape_count
     lengths = {n: len(v) for n, v in vars(builder).items() if n.startswith("shape_") and isinstance(v, list)}
     add()

@@ -145,13 +145,13 @@ class CameraCfg(SensorBaseCfg):
 
 @configclass
 class TiledCameraCfg(CameraCfg):
-    """The same as :class:`CameraCfg`: every camera is rendered for all environments at once."""
+    """A :class:`CameraCfg` by Isaac Lab's other name: every camera is rendered for all environments at once."""
 
 
 class Camera(SensorBase):
-    """A camera in every environment; it looks after the reset of a step, before the observations.
+    """A camera in every environment; it takes its image after the reset of a step, before the observations.
 
-    Every shape that is visible is seen, of the environment and of what all share, colliders or not.
+    It sees every visible shape of its environment and of what all share, colliders or not.
 
     Attributes:
         clock: Says when it takes an image.
@@ -199,13 +199,15 @@ class Camera(SensorBase):
         cfg = self.cfg
         pixels = cfg.spawn.pixel_directions(cfg.width, cfg.height) * (1.0, -1.0, -1.0)
         length = np.linalg.norm(pixels, axis=-1)
+        # Pairs of start and direction: a ray starts at the near plane, so that nothing before it is seen.
         rays = np.stack([pixels * cfg.spawn.clipping_range[0], pixels / length[..., None]], axis=2)
         self._rays = wp.array(rays[:, :, None].astype(np.float32), dtype=wp.vec3)
+        # The far plane is flat: rays to the corners of the image are longer than the one along the axis.
         self._slant = wp.array((1.0 / length).astype(np.float32), dtype=float)
         self._reach = float(cfg.spawn.clipping_range[1] * length.max())
 
     def _make_images(self, sim: Simulation, shape: tuple[int, int, int]) -> None:
-        """Allocate what is rendered into; data types that nobody asked for are empty arrays."""
+        """Allocate what is rendered into; data types that the config does not ask for are empty arrays."""
         wanted = {DATA_TYPES[name] for name in self.cfg.data_types}
         self._raw = raw = kernels.CameraData()
         raw.pos_w, raw.quat_w_world = (wp.zeros(self.num_envs, dtype=t) for t in (wp.vec3, wp.quat))
@@ -214,6 +216,7 @@ class Camera(SensorBase):
         raw.rgb = wp.from_torch(_bytes(self._color)[..., :3], dtype=wp.uint8)
         for name in (*_IMAGES[1:], *_LABELS):
             kind = wp.vec3 if name == "normals" else wp.int32 if name in _LABELS else wp.float32
+            # Kernels take all of them: what is not wanted is an empty array rather than None.
             array = wp.zeros(shape if name in wanted else (0, 0, 0), dtype=kind)
             if kind is wp.float32:
                 array.fill_(math.inf)
@@ -231,6 +234,7 @@ class Camera(SensorBase):
         self._missing = {"none": math.inf, "max": cfg.spawn.clipping_range[1], "zero": 0.0}[cfg.depth_clipping_behavior]
         self._corruption = corruption = ImageCorruption(self.num_envs, cfg.delay, self.device)
         self.struct = data = kernels.CameraData()
+        # Poses are delayed with the images: a policy is to see from where an image was taken.
         for name in ("pos_w", "quat_w_world", *_IMAGES[1:], *_LABELS):
             array = getattr(raw, name)
             if cfg.noise is not None and name.startswith("distance_to") and array.size:
@@ -243,9 +247,11 @@ class Camera(SensorBase):
     def _make_renderer(self, sim: Simulation) -> SensorCamera:
         cfg = self.cfg
         red, green, blue = (round(255.0 * c) for c in cfg.background_color)
+        # Colours are packed as ABGR; a negative depth, which nothing has, marks pixels that show nothing.
         clear = SensorCamera.ClearData(
             clear_color=0xFF000000 | blue << 16 | green << 8 | red, clear_depth=-1.0, clear_shape_index=_NOTHING
         )
+        # Loading textures takes time and memory, and the kernel is another one: only where a mesh has one.
         textured = any(isinstance(s, newton.Mesh) and s.texture is not None for s in sim.model.shape_source)
         config = SensorCamera.RenderConfig(
             enable_textures=textured,
@@ -285,7 +291,7 @@ class Camera(SensorBase):
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name; images only where some steps take none."""
+        """Arrays that persist from step to step, by name; images only where some steps take none."""
         kept = {"mount": self._setup.mount} | self.clock.arrays | self._corruption.arrays
         if self.clock.period == 1:
             return kept
@@ -316,7 +322,7 @@ class Camera(SensorBase):
         env_ids: Sequence[int] | torch.Tensor | None = None,
         convention: str = "ros",
     ) -> None:
-        """Move a camera that is fixed to the environment; the next picture shows it.
+        """Move a camera that is fixed to the environment; the next image is taken from there.
 
         Args:
             positions: In the world [m], shape ``(n, 3)``; default as they are.
@@ -370,7 +376,7 @@ class Camera(SensorBase):
         # is launched for all in every step, so that one graph serves steps with and without images.
         aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist()), idle]
         wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[raw, self._pose, self._world])
-        model.bvh_refit_shapes(state)
+        model.bvh_refit_shapes(state)  # the bodies have moved since the last image
         self.renderer.update(
             state,
             self._pose,
@@ -383,7 +389,7 @@ class Camera(SensorBase):
             world_indices=self._world,
         )
         dim = (self.num_envs, self.cfg.height, self.cfg.width)
-        # With noise, what stands for nothing is filled in after it: infinity takes no noise.
+        # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
         if raw.distance_to_image_plane.size or raw.distance_to_camera.size:
             near, far = map(float, self.cfg.spawn.clipping_range)
             missing = self._missing if self.cfg.noise is None else math.inf

@@ -17,7 +17,7 @@ __all__ = ["shape_labels"]
 
 
 def shape_labels(scene: SceneAssets, model: newton.Model, kind: str) -> tuple[np.ndarray, dict[int, str]]:
-    """A number for each shape of a model, and what the numbers mean.
+    """A number for each shape of a model, and the names behind the numbers.
 
     Args:
         scene: The scene, for the names of its assets.
@@ -30,6 +30,7 @@ def shape_labels(scene: SceneAssets, model: newton.Model, kind: str) -> tuple[np
     """
     owners = [str(model.body_label[body]) if body >= 0 else "" for body in model.shape_body.numpy()]
     labels, assets = list(zip(map(str, model.shape_label), owners, strict=True)), _assets(scene)
+    # Shapes of all environments have the labels of the first one: each label is named once.
     named = {(label, owner): _name(label, owner, assets, kind) for label, owner in dict.fromkeys(labels)}
     names = [named[label] for label in labels]
     numbers = {name: i + 1 for i, name in enumerate(dict.fromkeys(names))}
@@ -45,7 +46,7 @@ def _assets(scene: SceneAssets) -> dict[str, str]:
 
 
 def _name(label: str, owner: str, assets: dict[str, str], kind: str) -> str:
-    """What a shape is called, by its label and that of its body."""
+    """The name of a shape in a segmentation, from its label and that of its body."""
     path = label if label.startswith(owner) else f"{owner}/{label}"
     if kind == "instance_id_segmentation":
         return path

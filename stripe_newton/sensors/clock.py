@@ -17,13 +17,14 @@ __all__ = ["SensorClock", "period_steps"]
 
 
 def period_steps(sim: Simulation, update_period: float, where: str) -> int:
-    """Environment steps in a period; 1 for a period of 0, or of a physics step at most.
+    """Environment steps in a period; 1 for a period of 0 or of at most a physics step.
 
     Raises:
         ConfigError: if it is not a whole number of steps.
     """
     step_dt = sim.physics_dt * sim.decimation
     steps = round(update_period / step_dt)
+    # Configs of Isaac Lab say "always" by a period of a physics step: it need not be a whole number of steps.
     off = abs(steps * step_dt - update_period) > 1.0e-6 * update_period
     if update_period > 1.000001 * sim.physics_dt and off:
         right = f"must be a multiple of the step of {step_dt:g} s, such as {max(steps, 1) * step_dt:g}"
@@ -81,7 +82,7 @@ class SensorClock:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
+        """Arrays that persist from step to step, by name."""
         there = {"clock.age": self._age, "clock.due": self.due} if self._counts else {}
         return there | ({"clock.restarted": self.restarted} if self._marks else {})
 

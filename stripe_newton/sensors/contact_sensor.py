@@ -100,6 +100,7 @@ class ContactSensor(SensorBase):
         for path in self.cfg.filter_prim_paths_expr:
             for name, shapes in find_colliders(template, static, path, f"{where}.filter_prim_paths_expr").items():
                 self._add_filter(name, shapes, f"{where}.filter_prim_paths_expr: '{path}'")
+        # A contact that lasts less than a step may be missed by one measurement a step: a history asks for all.
         self._period = period_steps(sim, self.cfg.update_period, where)
         substeps = self.cfg.substeps
         if substeps is None:
@@ -126,7 +127,7 @@ class ContactSensor(SensorBase):
                 raise ConfigError(
                     [f"{where}: {solver.solver_class} does not report contact forces, use MuJoCoSolverCfg"]
                 )
-            sim.cfg.contact_forces = True
+            sim.cfg.contact_forces = True  # the simulation allocates for them when it is built, after this
 
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
@@ -182,6 +183,8 @@ class ContactSensor(SensorBase):
         columns = per_shape(own, shared, self.num_envs)
         if self._reads_mujoco:
             shapes = sim.solver.mjc_geom_to_newton_shape.numpy()
+            # In MuJoCo every world has its own geoms, and in Newton every environment its own shapes: rows count from
+            # the start of each world.
             first = count * np.arange(len(shapes))[:, None]
             rows = np.where((shapes >= 0) & (rows[shapes] >= 0), rows[shapes] - first, -1).astype(np.int32)
             columns = np.where(shapes >= 0, columns[shapes], -1)
@@ -218,7 +221,7 @@ class ContactSensor(SensorBase):
         return match_names(name_keys, self._names, preserve_order, f"body of '{self.cfg.prim_path}'")
 
     def compute_first_contact(self, dt: float, abs_tol: float | None = None) -> torch.Tensor:
-        """Which bodies came into contact in the last ``dt`` seconds and still are.
+        """Mask of the bodies that came into contact in the last ``dt`` seconds and still are.
 
         Args:
             dt: The time [s], such as the step of the environment; not less than from one measurement to the next.
@@ -234,7 +237,7 @@ class ContactSensor(SensorBase):
         return self._began(self.data.current_contact_time, dt, abs_tol)
 
     def compute_first_air(self, dt: float, abs_tol: float | None = None) -> torch.Tensor:
-        """Which bodies left the contact in the last ``dt`` seconds; see :meth:`compute_first_contact`."""
+        """Mask of the bodies that left the contact in the last ``dt`` seconds; see :meth:`compute_first_contact`."""
         return self._began(self.data.current_air_time, dt, abs_tol)
 
     def _began(self, time: torch.Tensor | None, dt: float, abs_tol: float | None) -> torch.Tensor:
@@ -244,6 +247,7 @@ class ContactSensor(SensorBase):
         if dt < 0.999 * step:
             where = f"ContactSensor '{self.cfg.prim_path}'"
             raise ValueError(f"dt: is {dt:g} s, but {where} measures every {step:g} s; ask for that time at least")
+        # Times are sums of steps in float32: a time of exactly dt may come out above it.
         tolerance = 0.5 * step if abs_tol is None else abs_tol
         return (time > 0.0) & (time < dt + tolerance)
 
@@ -281,7 +285,7 @@ class ContactSensor(SensorBase):
     def launch_measured(self) -> None:
         if not self.every_substep:
             self._launch_measurement()
-        if self.cfg.track_air_time:
+        if self.cfg.track_air_time:  # the last measurement becomes times, which terms of this step read
             shape = self._pending.shape
             wp.launch(kernels.finish_contacts, shape, [self._elapsed], [self._pending, self._raw])
         self._clock.advance()

@@ -38,13 +38,13 @@ class Corruption:
     """Puts noise on a sensor's floats and delays them: two launches a measurement.
 
     What an environment draws does not depend on the number of environments. A noise model with bias draws it at the
-    start of an episode. The first measurement of an episode stands for those before it.
+    start of an episode. Before an episode is as old as the delay, its first measurement is read.
 
     Attributes:
         raw: What the sensor writes, shape ``(num_envs, size)``.
         out: What is read, same shape.
         delay: Age of what is read, in measurements.
-        arrays: What lasts from step to step, by name; ``rng`` are the random streams.
+        arrays: Arrays that persist from step to step, by name; ``rng`` are the random streams.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Corruption:
             noise: Floats that get noise, and their noise.
             delay: Age of what is read, in measurements.
             where: Path of the config's field, for errors; the random streams are seeded by it too.
-            out: Where to put what is read, same shape as ``raw``; by default an array of its own.
+            out: Array for what is read, same shape as ``raw``; by default a new one.
 
         Raises:
             ConfigError: for noise of an unknown kind, or with numbers that do not fit.
@@ -86,6 +86,7 @@ class Corruption:
             self._rng, self._first = (wp.zeros(self._count, dtype=wp.uint32) for _ in range(2))
             self._measured = wp.zeros(self._count, dtype=int)
             self._bias = wp.zeros(raw.shape, dtype=float)
+            # A ring of the last measurements: delay is an index into it, and the same launch writes and reads.
             self._ring = wp.zeros((self._count, delay + 1, size), dtype=float)
             seed = zlib.crc32(where.encode()) % 2**31
             wp.launch(seed_streams, dim=self._count, inputs=[seed], outputs=[self._rng])
@@ -93,7 +94,7 @@ class Corruption:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
+        """Arrays that persist from step to step, by name."""
         names = {"rng": self._rng, "measured": self._measured, "bias": self._bias, "ring": self._ring, "out": self.out}
         return {f"corruption.{name}" if name != "rng" else name: array for name, array in names.items()}
 

@@ -35,7 +35,7 @@ class FrameCfg:
     prim_path: str = MISSING
     """Body or site; the last part may be an expression."""
     name: str | None = None
-    """What it is called; by default as the body or site."""
+    """Name of the frame; by default that of the body or site."""
     offset: prim_paths.OffsetCfg = prim_paths.OffsetCfg()
     """The frame relative to that of the body or site."""
 
@@ -140,7 +140,7 @@ class FrameTransformer(SensorBase):
             self._inputs = [
                 wp.array([f.body for f in self._frames], dtype=int),
                 wp.array([f.pose for f in self._frames], dtype=wp.transform),
-                wp.array(sim.env_origins, dtype=wp.vec3),
+                wp.array(sim.env_origins, dtype=wp.vec3),  # as built: for sites on no body, which stay there
                 wp.from_torch(sim.per_env(sim.state.body_q), dtype=wp.transform),
             ]
         self.struct = self._outputs.struct

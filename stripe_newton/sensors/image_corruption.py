@@ -21,7 +21,7 @@ class ImageCorruption:
     ring for each.
 
     Attributes:
-        arrays: What lasts from step to step, by name; what ends in ``rng`` are random streams.
+        arrays: Arrays that persist from step to step, by name; what ends in ``rng`` are random streams.
     """
 
     def __init__(self, num_envs: int, delay: int, device: str):
@@ -35,14 +35,14 @@ class ImageCorruption:
         """Put noise on depths.
 
         Args:
-            name: What they are.
+            name: Name of the image.
             raw: Depths, infinite where nothing was seen [m], shape ``(num_envs, height, width)``.
             cfg: The noise.
-            missing: What stands for nothing [m].
+            missing: Depth of what is not seen, as handed out [m].
             where: Path of the config's field.
 
         Returns:
-            Where the noisy depths are, same shape.
+            The noisy depths, same shape.
         """
         flat = raw.reshape((self._num_envs, -1))
         out = wp.zeros(raw.shape, dtype=float, device=self._device)
@@ -54,7 +54,7 @@ class ImageCorruption:
         """Delay an image.
 
         Args:
-            name: What it is.
+            name: Name of the image.
             taken: Array of 4-byte elements or vectors of them, shape ``(num_envs, ...)``.
 
         Returns:
@@ -70,7 +70,7 @@ class ImageCorruption:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
+        """Arrays that persist from step to step, by name."""
         found = {"pictures": self._count} if self._rings else {}
         for name, (corruption, _, out) in self._noisy.items():
             own = {f"{name}.{k.removeprefix('corruption.')}": v for k, v in corruption.arrays.items()}
@@ -96,6 +96,7 @@ class ImageCorruption:
 
 
 def _words(array: wp.array) -> wp.array:
-    """The same memory as int32, shape ``(num_envs, size)``."""
+    """The memory of an array as int32, shape ``(num_envs, size)``."""
+    # torch has no uint32 that it can do much with: colours are taken as int32 from the start.
     values = wp.to_torch(array.view(wp.int32) if array.dtype is wp.uint32 else array)
     return wp.from_torch(values.view(len(values), -1).view(torch.int32), dtype=wp.int32)

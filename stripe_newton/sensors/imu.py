@@ -101,6 +101,7 @@ class Imu(SensorBase):
             where = f"{name} '{self.cfg.prim_path}'.noise"
             fields = {field: (kind, None) for field, kind in _FIELDS.items()}
             self._outputs = SensorOutputs(kernels.ImuData, fields, self.num_envs, self.cfg.noise, self.cfg.delay, where)
+            # On the device: a script's update(dt) changes it under a kernel that may be part of a graph.
             self._elapsed = wp.full(1, value=step, dtype=float)
             self._previous = wp.zeros(self.num_envs, dtype=wp.spatial_vector)
         self.struct = self._outputs.struct

@@ -36,7 +36,7 @@ class GridPatternCfg(PatternBaseCfg):
     resolution: float = MISSING
     """Distance between rays [m]."""
     direction: Sequence[float] = (0.0, 0.0, -1.0)
-    """Where they point."""
+    """Direction of all rays."""
     ordering: str = "xy"
     """``"xy"``: rays in rows along x, one row after the other along y; ``"yx"``: rows along y."""
 
@@ -53,6 +53,7 @@ class GridPatternCfg(PatternBaseCfg):
             yield "ordering", f"is {self.ordering!r}, must be 'xy' or 'yx'"
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        # The tolerance keeps a size that is a multiple of the resolution, but for rounding, from losing its last row.
         x, y = (np.arange(math.floor(s / self.resolution + 1.0e-6) + 1) * self.resolution - 0.5 * s for s in self.size)
         grid = np.meshgrid(x, y, indexing="xy" if self.ordering == "xy" else "ij")
         starts = np.stack([grid[0].ravel(), grid[1].ravel(), np.zeros(grid[0].size)], axis=1)

@@ -28,9 +28,9 @@ class PinholeIntrinsics:
     vertical_aperture: float | None = None
     """Height of the film; ``None`` for square pixels."""
     horizontal_aperture_offset: float = 0.0
-    """How far the optical axis meets the film right of its middle, in the same unit."""
+    """Distance by which the optical axis meets the film to the right of its middle, in the same unit."""
     vertical_aperture_offset: float = 0.0
-    """How far below its middle."""
+    """Distance by which it meets the film below its middle, in the same unit."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         for name in ("focal_length", "horizontal_aperture", "vertical_aperture"):

@@ -36,7 +36,7 @@ class OffsetCfg:
 
     @property
     def transform(self) -> wp.transform:
-        """The same as a Warp transform."""
+        """The offset as a Warp transform."""
         return wp.transform(wp.vec3(*self.pos), wp.normalize(wp.quat(*self.rot)))
 
 
@@ -176,7 +176,8 @@ def _below(parent: str, labels: Sequence[str] | Mapping[int, str]) -> dict[int, 
 
 
 def _named(paths: dict[int, str], expression: str) -> dict[int, str]:
-    """Those whose name, or path, the expression matches; only the one with exactly that path where there is one."""
+    """Paths that the expression matches, or whose last part it matches; a path equal to it comes alone."""
+    # An exact path is no expression: a name with a dot would match others, too.
     exact = {i: p for i, p in paths.items() if p == expression}
     pattern = _compiled(expression)
     return exact or {i: p for i, p in paths.items() if pattern.fullmatch(p.rpartition("/")[2]) or pattern.fullmatch(p)}

@@ -133,9 +133,9 @@ class RayCasterData(SensorData):
 
 
 class RayCaster(SensorBase):
-    """Rays from a body; measured after the reset of a step, before the observations.
+    """Rays from a body, cast after the reset of a step and before the observations.
 
-    How they are cast follows from what they may hit, and :attr:`method` names it:
+    The method follows from what the rays may hit, and is named by :attr:`method`:
 
     * ``"height field, lookup"``: rays that point straight down on a height field read three heights each;
     * ``"height field, march"``: slanted rays go over its cells, exactly;
@@ -152,7 +152,7 @@ class RayCaster(SensorBase):
     data: RayCasterData
     struct: kernels.RayCasterData
     method: str = ""
-    """How the rays are cast."""
+    """Method by which the rays are cast."""
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
@@ -167,6 +167,7 @@ class RayCaster(SensorBase):
         super().initialize(sim)
         cfg, count, rays = self.cfg, self.num_envs, self.num_rays
         own = self._own if cfg.exclude_own else ""
+        # Sensors that add shapes did so in prepare: only now are all shapes known.
         chosen = choose_shapes(sim.model, cfg.mesh_prim_paths, own, self._where)
         with wp.ScopedDevice(sim.device):
             remembers = cfg.noise is not None or cfg.delay > 0
@@ -204,6 +205,8 @@ class RayCaster(SensorBase):
         self._cast, self._placed, self._corruption = self.struct, setup, None
         if cfg.noise is None and not cfg.delay:
             return
+        # Position, orientation and the lengths of the rays are delayed together, so hits lie where they were measured;
+        # place_rays computes the hits from them.
         count, size = self.num_envs, 7 + self.num_rays
         raw = wp.zeros((count, size), dtype=float)
         lengths, columns = slice(7, size), wp.to_torch(raw)
@@ -220,6 +223,7 @@ class RayCaster(SensorBase):
 
     def _aim(self, sim: Simulation, chosen: np.ndarray) -> None:
         """Choose how the rays are cast: by the height field among the chosen shapes, and a tree for the others."""
+        # A field among several shapes is still marched over, and left out of the tree: the nearer of two hits counts.
         self._tree: ShapeTree | None = None
         terrain = self._scene.terrain
         found = field_of(sim.model, chosen, None if terrain is None else terrain.struct)
@@ -229,6 +233,7 @@ class RayCaster(SensorBase):
         if found is not None:
             self._field_shape, self._field = found
             chosen[self._field_shape] = False
+        # Rays straight down in a frame that stays upright need no search: one look-up of the cell below each.
         down = np.allclose(self._directions, (0.0, 0.0, -1.0), atol=1.0e-7) and self.cfg.alignment != "base"
         if chosen.any():
             self._tree = ShapeTree(sim.model, chosen, sim.state)

@@ -20,7 +20,7 @@ from stripe_newton.sim.scene_context import ENV_0
 __all__ = ["ShapeTree", "choose_shapes", "field_of"]
 
 _FAR = 1.0e6
-"""Half the extent of the field that stands for a plane [m]."""
+"""Half the extent of the height field that replaces an infinite plane [m]."""
 _CHOSEN = 1 << 30
 """Bit of the shape flags that marks the shapes of a tree, beyond those that Newton uses."""
 
@@ -73,7 +73,7 @@ def _path(model: newton.Model, shape: int, body: int) -> str:
 
 def _matching(paths: list[str], pattern: str) -> np.ndarray:
     found = re.compile(f"{pattern}(/.*)?")
-    seen: dict[str, bool] = {}
+    seen: dict[str, bool] = {}  # the same paths come again in every environment
     for path in paths:
         if path not in seen:
             seen[path] = found.fullmatch(path) is not None
@@ -109,6 +109,7 @@ def field_of(model: newton.Model, chosen: np.ndarray, terrain: TerrainData | Non
     shape = int(fields[0])
     source, scale = model.shape_source[shape], model.shape_scale.numpy()[shape]
     pose = model.shape_transform.numpy()[shape]
+    # Upright along the axes of the world: a field that is turned is met as a mesh.
     if not np.allclose(np.abs(pose[3:]), (0.0, 0.0, 0.0, 1.0), atol=1.0e-6):
         return None
     half = np.array([source.hx, source.hy]) * scale[:2]
@@ -154,7 +155,7 @@ class ShapeTree:
     """Some shapes of a model in a tree of bounding volumes, made and refitted by Newton.
 
     Attributes:
-        view: The model with this tree instead of its own.
+        view: The model with this tree in place of the one of all its visible shapes.
         moves: Whether a body carries one of the shapes, so that :meth:`refit` is needed.
     """
 

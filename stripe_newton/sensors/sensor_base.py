@@ -27,10 +27,10 @@ __all__ = ["SensorBase", "SensorBaseCfg", "SensorCfg"]
 
 @configclass
 class SensorCfg:
-    """Base of all configs that a scene makes a sensor of."""
+    """Base of all configs that become ``scene.sensors``."""
 
     prim_path: str = MISSING
-    """Body or bodies it measures, such as ``{ENV_REGEX_NS}/Robot/.*_foot``; the last part may be an expression."""
+    """Body or bodies that it measures, such as ``{ENV_REGEX_NS}/Robot/.*_foot``; the last part may be an expression."""
     class_type: Callable[..., SensorBase] | None = None
     """Class that the scene makes of this config."""
 
@@ -66,9 +66,9 @@ class SensorBase(PhysicsHook):
     cfg: SensorCfg
     """The config."""
     data: SensorData
-    """What it measures, as tensors of its own memory."""
+    """Measurements as tensors, which share the memory of the struct."""
     struct: object | None = None
-    """What terms read, a Warp struct of arrays that lead with the environment; None if it offers none."""
+    """Measurements as the Warp struct that terms read; its arrays lead with the environment. None if there is none."""
     unavailable: dict[str, str]
     """Fields of :attr:`struct` that terms may not read, with the reason and what to set; empty by default."""
     every_substep: bool = False
@@ -88,7 +88,9 @@ class SensorBase(PhysicsHook):
     # -- construction
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
-        """Ask for what the solver must report, add sites to the builder of one environment.
+        """Find what it measures in the builders, and ask the solver for what it must report.
+
+        A sensor may add sites to the builder of one environment here.
 
         Args:
             sim: The simulation, before its model is made.
@@ -115,9 +117,9 @@ class SensorBase(PhysicsHook):
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name; none by default.
+        """Arrays that persist from step to step, by name; none by default.
 
-        It is part of an environment's state. Names that end in ``rng`` are random streams, which seeding restarts.
+        They are part of an environment's state. Names that end in ``rng`` are random streams, which seeding restarts.
         """
         return {}
 
@@ -143,14 +145,14 @@ class SensorBase(PhysicsHook):
         """Measure on the state after the physics of a step, before terminations and rewards."""
 
     def launch_reset(self, env_mask: wp.array) -> None:
-        """Forget the past of environments whose episode just ended.
+        """Forget the measurements of environments whose episode just ended.
 
         Args:
             env_mask: bool, shape ``(num_envs,)``.
         """
 
     def launch_observed(self) -> None:
-        """Measure after forward kinematics of the environments that began anew, before the observations."""
+        """Measure after forward kinematics of the environments that were reset, before the observations."""
 
     # -- another ground in the same scene, see InteractiveScene.regenerate
 
@@ -180,7 +182,7 @@ class SensorBase(PhysicsHook):
             self.launch_observed()
 
     def reset(self, env_ids: Sequence[int] | torch.Tensor | slice | None = None) -> None:
-        """Forget the past of some environments, default all."""
+        """Forget the measurements of some environments, default all."""
         mask = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
         mask[slice(None) if env_ids is None else env_ids] = True
         with wp.ScopedDevice(self.device):

@@ -25,7 +25,7 @@ class SensorOutputs(Generic[T]):
     Attributes:
         raw: The struct that the sensor's kernels write.
         struct: The struct that is read; the same one without noise and delay.
-        arrays: What lasts from step to step, by name.
+        arrays: Arrays that persist from step to step, by name.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive limits: effort limits of MuJoCo's drives, set where its implicit integration heeds them."""
+"""Drive limits: effort limits of MuJoCo's drives, set where its implicit integration takes them into account."""
 
 from __future__ import annotations
 

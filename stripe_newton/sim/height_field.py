@@ -11,6 +11,8 @@ import newton
 import numpy as np
 import warp as wp
 
+from .solver_cfg import MuJoCoSolverCfg
+
 if TYPE_CHECKING:
     from .simulation import Simulation
 
@@ -45,7 +47,7 @@ def replace_heights(sim: Simulation, shape: int, source: newton.Heightfield) -> 
         raise ValueError(f"the model has {model.heightfield_count} height fields: only one alone can be replaced")
     with wp.ScopedDevice(sim.device):
         _write_newton(model, shape, source)
-    if not sim.cfg.solver.uses_mujoco_warp:
+    if not isinstance(sim.cfg.solver, MuJoCoSolverCfg):
         sim.notify(newton.ModelFlags.SHAPE_PROPERTIES)
         return
     with wp.ScopedDevice(sim.device):
@@ -76,7 +78,7 @@ class _CompiledField:
     """A height field as MuJoCo compiles it."""
 
     geoms: np.ndarray
-    """Which geom of each world it is, bool, shape ``(num_envs, ngeom)``."""
+    """Whether a geom of a world is the field, bool, shape ``(num_envs, ngeom)``."""
     size: np.ndarray
     """``geom_size``."""
     box: np.ndarray
@@ -103,7 +105,7 @@ def _write_mujoco(solver: newton.solvers.SolverMuJoCo, shape: int, source: newto
     raised = source.min_z - float(offsets[shape])
     offsets[shape] = source.min_z
     solver._shape_hfield_offset.assign(offsets)  # notify_model_changed puts the geoms there
-    # The host's model stays equal to the device's: constants and exports are computed from it.
+    # The host's model stays equal to the device's: exports are written from it, and MuJoCo's C implementation runs it.
     host.hfield_size[field] = size[field]
     host.hfield_data[start : start + heights.size] = heights
     host.geom_aabb[geom], host.geom_rbound[geom] = compiled.box.reshape(-1), compiled.radius
@@ -119,7 +121,7 @@ def _write_rows(array: wp.array, rows: np.ndarray, value: np.ndarray | float) ->
 
 
 def _compile(geoms: np.ndarray, size: np.ndarray) -> _CompiledField:
-    """What MuJoCo makes of a field of this size; its heights do not matter but for the highest and the lowest."""
+    """Compile a field of this size in MuJoCo; of its heights only the highest and the lowest matter."""
     spec = mujoco.MjSpec()
     spec.add_hfield(name="field", nrow=2, ncol=2, size=[float(s) for s in size], userdata=[0.0, 1.0, 0.0, 1.0])
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="field")

@@ -37,6 +37,7 @@ class MassConstants(PhysicsHook):
         longest = int(numbers["row_count"].max(initial=1))  # degrees of freedom from a leaf to its root
         for name, values in numbers.items():
             setattr(tree, name, wp.array(values, dtype=int))
+        # Jacobians at the reference pose: geometry is the same in all worlds, so they are computed once, on the host.
         linear, angular = _velocities(solver)
         tree.linear, tree.angular = wp.array(linear, dtype=wp.vec3), wp.array(angular, dtype=wp.vec3)
         for name in ("body_mass", "body_ipos", "body_inertia", "body_iquat", "dof_armature", "dof_invweight0",
@@ -55,11 +56,13 @@ class MassConstants(PhysicsHook):
         Args:
             mask: Worlds, bool, shape ``(num_envs,)``.
         """
+        # The mass matrix at the reference pose, its factors in place, then the inverse weights from unit loads.
         inputs = [mask, self._tree]
         wp.launch(assemble_mass_matrix, dim=(self._num_envs, self._entries), inputs=inputs)
         wp.launch(factor_mass_matrix, dim=self._num_envs, inputs=inputs)
         wp.launch(write_constants, dim=(self._num_envs, self._threads), inputs=inputs)
         solver, target = self._solver, self._solver.mjw_model
+        # A damping ratio in a file becomes a damping by the inverse weight of its joint: Newton's own kernel does that.
         if solver._dampratio_invweight_ids is not None:
             wp.launch(
                 resolve_actuator_dampratio_invweight_kernel,
@@ -87,6 +90,7 @@ class MassConstants(PhysicsHook):
             return "no degree of freedom"
         if model.ntendon:
             return "tendons"
+        # Constants of bodies that are kinematic for a while are those of infinite masses.
         if solver._kinematic_weld_eq is not None:
             return "bodies that may become kinematic"
         if set(solver._dampratio_actuators or ()) - set(solver._dampratio_invweight_actuators or ()):

@@ -154,6 +154,7 @@ class ModelUpdate:
             if self.constants is not None:
                 self.constants.launch(mask)  # after masses and armatures, which it reads
             if not solver._use_mujoco_contacts:
+                # SolverMuJoCo keeps friction and the like of converted contacts from step to step: they are stale now.
                 solver._invalidate_contact_fast_path()
 
     def _write_shapes(self, mask: wp.array) -> None:

@@ -10,7 +10,7 @@ import newton
 __all__ = ["wanted_observables"]
 
 _ALWAYS = {"qfrc_actuator", "overflow"}
-"""What assets and the overflow report read, where the solver has it."""
+"""Observables that assets and the overflow report read, where the solver has them."""
 
 
 def wanted_observables(

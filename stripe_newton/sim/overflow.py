@@ -45,7 +45,7 @@ class SolverOverflow(PhysicsHook):
 
 
 def overflow_message(bits: int, solver: newton.solvers.SolverMuJoCo) -> str:
-    """Which buffers overflowed and what to set instead; empty for bits that mean no loss (iteration limits).
+    """The buffers that overflowed and what to set instead; empty for bits that mean no loss (iteration limits).
 
     Args:
         bits: Or of ``mujoco_warp.OverflowType`` and ``SolverMuJoCo.OverflowBits``.

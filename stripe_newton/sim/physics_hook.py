@@ -38,7 +38,7 @@ class PhysicsHook:
         """
 
     def report_overflow(self) -> str:
-        """Say which sizes were too small since the last call, and what to set; empty if everything fitted.
+        """Name the sizes that were too small since the last call, and what to set; empty if everything fitted.
 
         It is called on the host before every step, and never recorded. It must not wait for the device: read a
         :class:`stripe_newton.sim.host_flags.HostFlags` that a kernel writes.

@@ -27,7 +27,7 @@ _scene: ContextVar[Any] = ContextVar("stripe_newton_scene", default=None)
 
 @contextmanager
 def scene_context(scene: object) -> Iterator[None]:
-    """Let spawners and the constructors of assets, sensors and terrains add to ``scene``."""
+    """Inside this context spawners and the constructors of assets, sensors and terrains add to ``scene``."""
     token = _scene.set(scene)
     try:
         yield

@@ -88,9 +88,9 @@ class Simulation:
     lights: list[Light]
     """Lights of the scene, for rendering."""
     env_origin: wp.array | None
-    """Where the environments start now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
+    """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
     recaptures: int = 0
-    """How often an array was replaced that graphs read; whoever captured the physics compares."""
+    """Number of times that an array was replaced which graphs read; an environment compares it to record anew."""
     pending: bool = False
     """Whether :meth:`forward_masked` was left for later, see :meth:`flush`."""
     roots_moved: bool = False
@@ -113,7 +113,7 @@ class Simulation:
     contacts: newton.Contacts | None
     """Contacts that the pipeline finds or the solver exports; None if neither does."""
     observables: newton.solvers.SolverBase.Observables | None
-    """What the solver reports beyond the state; see :meth:`reported`."""
+    """Arrays that the solver reports beyond the state; see :meth:`reported`."""
     drive_limits: DriveLimits | None = None
     """Effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` asks for them."""
     template: newton.ModelBuilder
@@ -123,7 +123,7 @@ class Simulation:
     shared_shape_count: int = 0
     """Shapes of the model that all environments share; they come first."""
     env_origins: np.ndarray
-    """Where the environments were built in the world frame [m], shape ``(num_envs, 3)``."""
+    """Origins at which the environments were built, world frame [m], shape ``(num_envs, 3)``."""
     velocity_limit: wp.array
     """Velocity limits that are enforced after each step, shape ``(joint_dof_count,)``; see :meth:`limit_velocities`."""
     external_wrench: wp.array | None = None
@@ -213,7 +213,7 @@ class Simulation:
         """The builder of all environments: what they share, then the copies of the template."""
         gravity = None if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
         builder = self.new_builder()
-        builder.add_builder(self.static)
+        builder.add_builder(self.static)  # first: shared shapes come before those of the environments
         # Newton has a gravity for each world and one for what belongs to none: both builders must say the same.
         builder.gravity = self.static.gravity if gravity is None else gravity
         self.template.gravity = self.template.gravity if gravity is None else gravity
@@ -247,7 +247,7 @@ class Simulation:
             self.add_hook(SolverOverflow(self.solver, self.observables))
 
     def add_hook(self, hook: PhysicsHook) -> None:
-        """Let a hook take part in the physics, after those that were added before it.
+        """Add a hook to the physics, after those that were added before it.
 
         Add hooks before the first step: a graph that was recorded without one does not run it.
         """
@@ -298,7 +298,7 @@ class Simulation:
             last = index == substeps - 1
             if before_each is not None:
                 before_each()
-            if last:
+            if last:  # accelerations are over the last physics step
                 wp.copy(self.previous_joint_qd, self._state.joint_qd)
             self.actuation.launch(index, last=last)
             self._substep()
@@ -317,12 +317,12 @@ class Simulation:
         if self.pipeline is not None:
             self.pipeline.collide(state, self.contacts)
         following = state if self._next is None else self._next
-        with self.actuation.solver_gains():
+        with self.actuation.solver_gains():  # solvers without drive modes read the gains in every step
             self.solver.step(state, following, control, self.contacts, self.physics_dt, observables=self.observables)
         if self._next is not None:
             # The result is copied back rather than the states swapped: views and graphs hold the arrays of one state.
             state.assign(self._next)
-            if not self.cfg.solver.reduced_coordinates:
+            if not self.cfg.solver.reduced_coordinates:  # such solvers move bodies, and leave the joints behind
                 newton.eval_ik(model, state, state.joint_q, state.joint_qd)
         if self._limits_velocity:
             wp.launch(clamp_velocity, dim=model.joint_dof_count, inputs=[self.velocity_limit], outputs=[state.joint_qd])
@@ -369,9 +369,9 @@ class Simulation:
         return self._state
 
     def flush(self) -> None:
-        """Let the bodies follow the joints of the episodes that began in the last step, if that was left for later.
+        """Let bodies follow the joints in environments that were reset in the last step, if that was left for later.
 
-        A step leaves it where nothing in it reads the bodies any more: the next physics step computes them anew.
+        A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
         """
         if self.pending:
             self.pending = False
@@ -403,6 +403,7 @@ class Simulation:
         Args:
             env_mask: bool, shape ``(num_envs,)``.
         """
+        # flags=0: the state stays as it is, nothing but the solver's own memory is cleared.
         wp.to_torch(self._world_mask)[:-1] = env_mask
         with wp.ScopedDevice(self.device):
             self.solver.reset(self._state, world_mask=self._world_mask, flags=0)
@@ -428,7 +429,7 @@ class Simulation:
         return wp.to_torch(array)[shared:].unflatten(0, (self.num_envs, -1))
 
     def reported(self, name: str) -> wp.array | None:
-        """What the solver reports beyond the state, by Newton's name of the observable; None if it does not."""
+        """An array that the solver reports beyond the state, by Newton's name; None if it was not asked for."""
         if self.observables is None or not self.observables.is_requested(name):
             return None
         return getattr(self.observables, name)
@@ -441,7 +442,11 @@ class Simulation:
             self.actuation.hide_gains()
 
     def notify(self, flags: newton.ModelFlags | int) -> None:
-        """Tell the solver which properties of the model were changed in place."""
+        """Tell the solver that properties of the model were changed in place.
+
+        Args:
+            flags: Which properties; :func:`stripe_newton.sim.model_update.model_flags` finds them by name.
+        """
         with wp.ScopedDevice(self.device):
             with self.actuation.solver_gains():
                 self.actuation.hide_gains()
@@ -452,6 +457,6 @@ class Simulation:
     def close(self) -> None:
         """Release graphs, solver and model."""
         self._graphs.clear()
-        self._hooks.clear()
+        self._hooks.clear()  # they hold solver and model, too
         self.__dict__.pop("model", None)
         self.__dict__.pop("solver", None)

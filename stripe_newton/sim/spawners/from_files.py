@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 FILE_KEY = "stripeNewton:file"
-"""Custom data of a prim that stands for a URDF or MJCF file: JSON of ``format``, ``path`` and importer options."""
+"""Custom data of a prim that represents a URDF or MJCF file: JSON of ``format``, ``path`` and importer options."""
 
 
 def _missing(path: str, field: str) -> Iterator[tuple[str, str]]:
@@ -52,7 +52,7 @@ def spawn_from_usd(
     """Reference a USD file at ``prim_path`` and set the properties that ``cfg`` names on the prims it brings."""
     file = _existing(cfg.usd_path, "usd_path")
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
-    asset = si_stage(file)
+    asset = si_stage(file)  # metres, kilograms and z up, whatever the file is in
     prim.GetReferences().AddReference(asset.GetRootLayer().identifier, asset_prim(asset, cfg.source_prim_path))
     for name, variant in (cfg.variants or {}).items():
         variants = prim.GetVariantSets()
@@ -70,7 +70,8 @@ def spawn_from_usd(
 
 
 def _set_properties(prim: Usd.Prim, cfg: UsdFileCfg) -> None:
-    """Modify what is there; instanced subtrees are expanded first, as USD edits no prim inside an instance."""
+    """Set the properties that ``cfg`` names on the prims below ``prim``."""
+    # USD edits no prim inside an instance. Colliders often lie in instances, bodies and joints hardly ever.
     if cfg.collision_props is not None:
         while instances := [p for p in Usd.PrimRange(prim) if p.IsInstance()]:
             for instance in instances:
@@ -101,14 +102,14 @@ def _spawn_file(
 def spawn_from_urdf(
     prim_path: str, cfg: UrdfFileCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
-    """Author a prim that stands for a URDF file, imported when the model is built."""
+    """Author a prim that represents a URDF file, which is imported when the model is built."""
     return _spawn_file(prim_path, cfg, "urdf", translation, orientation)
 
 
 def spawn_from_mjcf(
     prim_path: str, cfg: MjcfFileCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
-    """Author a prim that stands for an MJCF file, imported when the model is built."""
+    """Author a prim that represents an MJCF file, which is imported when the model is built."""
     return _spawn_file(prim_path, cfg, "mjcf", translation, orientation)
 
 

@@ -56,6 +56,7 @@ def spawn_preview_surface(prim_path: str, cfg: PreviewSurfaceCfg) -> Usd.Prim:
 def bind_material(prim: Usd.Prim, material: Usd.Prim, purpose: str = "") -> None:
     """Bind ``material`` to ``prim``; ``purpose`` is ``"physics"`` for a physics material."""
     api = UsdShade.MaterialBindingAPI.Apply(prim)
+    # A physics material overrides those that a referenced asset binds below; a visual one does not repaint its parts.
     strength = (
         UsdShade.Tokens.strongerThanDescendants if purpose == "physics" else UsdShade.Tokens.weakerThanDescendants
     )

@@ -187,6 +187,7 @@ def define_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPro
 
 def modify_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPropertiesCfg) -> None:
     """Set the properties of every articulation root at and below ``prim``."""
+    # A list first: fixing a root adds a prim to the range that is gone through.
     for root in list(_having(prim, UsdPhysics.ArticulationRootAPI)):
         _set_physx(root, cfg, "PhysxArticulationAPI", "physxArticulation")
         if cfg.enabled_self_collisions is not None:
@@ -214,6 +215,7 @@ def _fix_root_link(root: Usd.Prim, fixed: bool) -> None:
     body = next(_having(root, UsdPhysics.RigidBodyAPI), None)
     if body is None:
         raise ValueError(f"fix_root_link: articulation '{root.GetPath()}' has no rigid body to fix")
+    # Fixed where the body stands now, which is why spawners place a prim before they set its properties.
     joint = UsdPhysics.FixedJoint.Define(root.GetStage(), body.GetPath().AppendChild("root_joint"))
     joint.CreateBody1Rel().SetTargets([body.GetPath()])
     pose = UsdGeom.Xformable(body).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
@@ -267,7 +269,7 @@ def modify_joint_drive_properties(prim: Usd.Prim, cfg: JointDrivePropertiesCfg) 
         angular = joint.IsA(UsdPhysics.RevoluteJoint)
         if not angular and not joint.IsA(UsdPhysics.PrismaticJoint):
             continue
-        per_unit = math.pi / 180.0 if angular else 1.0
+        per_unit = math.pi / 180.0 if angular else 1.0  # a gain per radian is this much of it per degree
         drive = UsdPhysics.DriveAPI.Apply(joint, "angular" if angular else "linear")
         if cfg.drive_type is not None:
             drive.CreateTypeAttr(cfg.drive_type)
