@@ -35,6 +35,7 @@ forward_modules(
         "stripe_newton.scene.grid": "stripe_newton.scene.spiral_grid",
         "stripe_newton.scene.interactive_scene_cfg": "stripe_newton.scene.scene_contents",
         "stripe_newton.scene.obstacles_cfg": "stripe_newton.scene.obstacles",
+        "stripe_newton.scene.regenerate": "stripe_newton.scene.regenerator",
         "stripe_newton.sensors.camera_cfg": "stripe_newton.sensors.camera",
         "stripe_newton.sensors.contact_sensor_cfg": "stripe_newton.sensors.contact_sensor",
         "stripe_newton.sensors.frame_transformer_cfg": "stripe_newton.sensors.frame_transformer",

@@ -21,7 +21,7 @@ from .builder import SceneBuilder
 from .controller import SceneController
 from .export import export_stage
 from .querier import SceneQuerier
-from .regenerate import regenerate_scene, scene_spawner, why_not_regenerable
+from .regenerator import SceneRegenerator
 from .scene_contents import InteractiveSceneCfg, SceneContents
 
 if TYPE_CHECKING:
@@ -40,8 +40,6 @@ class InteractiveScene(SceneContents):
         builder: Builds the scene: assets, sensors, the model.
         controller: Changes the scene: targets, resets, dynamics.
         querier: Reads the scene: states, sensors, contacts.
-        scenery_seed: Seed of what a specification made in it; None if none did.
-        scenery_paths: Prims below ``/World`` that :meth:`regenerate` put there, once it was called.
     """
 
     env_regex_ns = "/World/envs/env_.*"
@@ -59,7 +57,7 @@ class InteractiveScene(SceneContents):
         super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or _new_stage())
         self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
         self._add_fields()
-        self.scenery_seed, self.scenery_paths = self.first_scenery_seed, list[Sdf.Path]()
+        self._regenerator = SceneRegenerator(self, self.builder)
 
     def _add_fields(self) -> None:
         for name in type(self.cfg).__dataclass_fields__:
@@ -150,19 +148,28 @@ class InteractiveScene(SceneContents):
         Raises:
             ValueError: if it is of no specification, or something in it cannot follow; nothing has changed then.
         """
-        regenerate_scene(self, seed)
+        self._regenerator.regenerate(seed)
 
     def obstacle_to_regenerating(self) -> str:
         """Why :meth:`regenerate` cannot work with any seed, and what to do about it; empty if it can."""
-        return why_not_regenerable(self)
+        return self._regenerator.why_not()
 
     # -- what is there
 
     @property
     def first_scenery_seed(self) -> int | None:
         """Seed of the config, which made the first scene; None if it is of no specification."""
-        spawner = scene_spawner(self)
-        return None if spawner is None else spawner.seed
+        return self._regenerator.first_seed
+
+    @property
+    def scenery_seed(self) -> int | None:
+        """Seed of what a specification made in the scene; None if it is of no specification."""
+        return self._regenerator.seed
+
+    @property
+    def scenery_paths(self) -> list[Sdf.Path]:
+        """Prims below ``/World`` that a specification made, once :meth:`regenerate` was called."""
+        return self._regenerator.paths
 
     @property
     def physics_dt(self) -> float:
