@@ -100,7 +100,7 @@ def _cached(file: str, make: Callable[[Path], onnx.ModelProto], kind: str, given
         raise ValueError(f"network_file '{file}': '{path.suffix}' is no known format, there are {_FORMATS}")
     digest = hashlib.sha256(path.read_bytes())
     digest.update(json.dumps([kind, path.suffix, dict(sorted(given.items()))]).encode())
-    for source in (__file__, lstm.__file__):  # another version of the conversion converts anew
+    for source in (__file__, lstm.__file__):  # another version of the conversion converts again
         digest.update(Path(source).read_bytes())
     wp.init()  # chooses the folder of the cache
     folder = Path(wp.config.kernel_cache_dir) / "stripe_newton" / "networks"

@@ -112,10 +112,10 @@ class AssetBase:
         """Bind to the built model."""
 
     def reset(self, env_ids: EnvIds = None) -> None:
-        """Forget what belongs to the last episode."""
+        """Clear what belongs to the last episode."""
 
     def write_data_to_sim(self) -> None:
-        """Hand over what was set since the last step."""
+        """Write what was set since the last step to the simulation."""
 
     def update(self, dt: float) -> None:
         """Do what follows ``dt`` seconds of physics; nothing by default, and a step then does not call it."""

@@ -82,7 +82,7 @@ class Layout:
         if self.floating:
             sim.per_env(sim.state.joint_q)[ids, self.root_coord : self.root_coord + 7] = pose
         else:
-            # The joint holds the root where its frame on the root meets its frame in the world, which is moved here.
+            # A fixed joint keeps two frames together, one on the root and one in the world: the latter is moved here.
             anchor = sim.per_env(sim.model.joint_X_c)[ids, self.joints[0]]
             frame = combine_frame_transforms(pose[:, :3], pose[:, 3:7], anchor[:, :3], anchor[:, 3:7])
             sim.per_env(sim.model.joint_X_p)[ids, self.joints[0]] = torch.cat(frame, dim=-1)

@@ -15,7 +15,7 @@ __all__ = ["SceneAssets"]
 
 
 class SceneAssets(Protocol):
-    """The part of :class:`stripe_newton.scene.SceneContents` that is about assets.
+    """The part of :class:`stripe_newton.scene.SceneContents` that has the assets.
 
     Sensors are below scenes in the layout of the package, and know this part of them alone.
     """

@@ -91,7 +91,7 @@ class SceneBuilder:
     # -- making the model
 
     def build(self) -> None:
-        """Load the stage, write configs onto the environment's builder, replicate it, bind the assets."""
+        """Make the model: load the stage, write configs onto one environment, replicate it, bind assets and sensors."""
         stage = self._scene.stage
         if self._scene.built:
             raise RuntimeError("the scene is built already")
@@ -160,9 +160,9 @@ class SceneBuilder:
         return static
 
     def rebuild_shared(self, scenery: Scenery) -> None:
-        """Make what all environments share anew from the stage, for viewers to draw; the model stays."""
+        """Rebuild what all environments share from the stage, for viewers to draw; the model stays."""
         scene, reports = self._scene, self.reports
-        assert scene.terrain is not None  # only a scene with a height field is made anew
+        assert scene.terrain is not None  # only a scene with a height field can be regenerated
         with hidden(scene.stage, scenery_groups(scene.stage)):
             self.reports = reports[:1]
             scene.sim.static = self._shared(scenery, (f"{scene.terrain.path}/terrain",))

@@ -83,9 +83,9 @@ class Capsules:
     def from_colliders(
         cls, colliders: Sequence[ColliderShape], poses: np.ndarray, scales: np.ndarray | float = 1.0
     ) -> Capsules:
-        """The colliders of an asset at each of its instances; spheres, capsules and cylinders.
+        """The spheres, capsules and cylinders of an asset, at each of its instances.
 
-        A cylinder becomes the capsule of its radius and half length, whose caps stand out at its ends.
+        A cylinder becomes the capsule of its radius and half length, whose caps protrude at its ends.
 
         Args:
             colliders: Colliders in the frame of the asset.
@@ -93,7 +93,7 @@ class Capsules:
             scales: Sizes relative to the asset, shape ``(M,)`` or one for all.
 
         Raises:
-            ValueError: for a box, which is no capsule, and for poses of another shape.
+            ValueError: for a box, which no capsule can represent, and for poses of another shape.
         """
         poses = np.asarray(poses, dtype=np.float64).reshape(-1, 7) if np.size(poses) % 7 == 0 else poses
         if np.ndim(poses) != 2 or np.shape(poses)[1] != 7:

@@ -34,7 +34,7 @@ class InteractiveScene(SceneContents):
     """Assets and sensors in many environments, on one USD stage, simulated by one model.
 
     It is authored first, by the fields of its config and by what is created inside :meth:`construction`
-    (``_setup_scene`` of an environment), and then built: ``build`` loads the stage into Newton and replicates it.
+    (``_setup_scene`` of an environment). Then :meth:`build` loads the stage into Newton and replicates it.
 
     Attributes:
         builder: Builds the scene: assets, sensors, the model.
@@ -87,8 +87,8 @@ class InteractiveScene(SceneContents):
     ) -> InteractiveScene:
         """Import a stage as it is, build it, and find its articulations and rigid bodies.
 
-        A stage that :meth:`export` wrote keeps its environments; of any other the whole is one environment.
-        ``scene.builder.reports`` says what was read and what was ignored.
+        A stage that :meth:`export` wrote keeps its environments; any other stage is one environment as a whole.
+        ``scene.builder.reports`` lists what was read and what was ignored.
 
         Args:
             stage_or_path: File or open stage.
@@ -140,13 +140,13 @@ class InteractiveScene(SceneContents):
         """Make another scene of the same specification in the same model: graphs stay as they are.
 
         Heights, terrain origins, patches, obstacles and the stage become those of the seed; levels and types of the
-        environments stay. The robots stay where they were: ``regenerate`` of the environment begins new episodes, too.
+        environments stay. Robots do not move; ``regenerate`` of the environment also begins new episodes.
 
         Args:
             seed: Seed of the scene.
 
         Raises:
-            ValueError: if it is of no specification, or something in it cannot follow; nothing has changed then.
+            ValueError: if no specification made the scene, or something in it cannot change; it is then as it was.
         """
         self._regenerator.regenerate(seed)
 
@@ -154,16 +154,16 @@ class InteractiveScene(SceneContents):
         """Why :meth:`regenerate` cannot work with any seed, and what to do about it; empty if it can."""
         return self._regenerator.why_not()
 
-    # -- what is there
+    # -- names and numbers
 
     @property
     def first_scenery_seed(self) -> int | None:
-        """Seed of the config, which made the first scene; None if it is of no specification."""
+        """Seed in the config, which made the first scene; None if no specification made it."""
         return self._regenerator.first_seed
 
     @property
     def scenery_seed(self) -> int | None:
-        """Seed of what a specification made in the scene; None if it is of no specification."""
+        """Seed that made the present scene; None if no specification made it."""
         return self._regenerator.seed
 
     @property
@@ -193,7 +193,7 @@ class InteractiveScene(SceneContents):
         self.controller.reset_robots(env_ids, to_default=False)
 
     def write_data_to_sim(self) -> None:
-        """Hand over what was set since the last step."""
+        """Write what was set on assets since the last step to the simulation."""
         self.controller.apply_actions()
 
     @property

@@ -67,11 +67,11 @@ class ObstaclesCfg(SensorCfg):
     slots: int = 8
     """Number of obstacles that a robot can touch at a time."""
     reach: float = 1.5
-    """Distance from the robot's root within which no obstacle may be missed [m]: the robot's own reach and what it
-    moves in a step of the environment."""
+    """Distance from the robot's root within which no obstacle may be missed [m]: the robot's extent from its root, and
+    the distance it moves in a step of the environment."""
     sight: float | None = None
-    """Distance from the root up to which obstacles are found, and get slots that nearer ones leave [m], for terms that
-    see them from afar; by default ``reach``. It is the size of a cell of the grid, too."""
+    """Distance from the root up to which obstacles are found [m], for terms that see them from afar; they also get
+    slots that nearer ones leave free. By default ``reach``. It is the size of a cell of the grid, too."""
     directions: int = 32
     """Number of directions about the robot in which ``mdp.obstacle_proximity`` looks."""
     friction: float | None = None
@@ -138,22 +138,22 @@ class ObstaclesCfg(SensorCfg):
 
 
 class Obstacles(SensorBase):
-    """Capsules that stand in the world, which all environments share and one robot of each environment touches.
+    """Static capsules in the world that all environments share, and that one robot of each environment touches.
 
-    Each world has ``slots`` static capsules. Before the physics steps of an environment step they are put where those
-    obstacles are that are nearest to its robot, so that a step costs the same however many there are. It is
-    measured again after the physics, for rewards and terminations, and after resets, for observations: terms take it as
-    :class:`stripe_kernels.obstacles.ObstacleData`.
+    Each world has ``slots`` static capsules. Before the physics steps of an environment step they are moved to the
+    obstacles that are nearest to its robot, so that a step costs the same however many obstacles there are. The nearest
+    obstacles are found again after the physics, for rewards and terminations, and after resets, for observations. Terms
+    read them as :class:`stripe_kernels.obstacles.ObstacleData`.
 
-    Slots touch the bodies of that robot alone. In models of so many geoms that MuJoCo Warp sorts rather than lists
-    their pairs (some hundred) they touch other bodies of their environment too.
+    Slots touch the bodies of that robot alone. In models of so many geoms (some hundred) that MuJoCo Warp sorts them
+    rather than listing their pairs, they touch other bodies of their environment too.
 
-    Obstacles that are in reach and have no slot are an error that names the number of slots to set, as contacts
-    that do not fit are; see ``SimulationCfg.on_overflow``. A robot's own extent counts: ``reach`` is measured from
-    the root, and the robot must not extend farther from its root than that.
+    Obstacles in reach without a slot are an error that names the number of slots to set, like contacts that do not fit;
+    see ``SimulationCfg.on_overflow``. ``reach`` is measured from the root, and the robot must not extend farther from
+    its root than that.
 
     Attributes:
-        capsules: The obstacles that are there now.
+        capsules: The present obstacles.
         capacity: Limit on the obstacles that :meth:`replace` takes.
     """
 
@@ -175,7 +175,7 @@ class Obstacles(SensorBase):
         """Let the colliders of a scene's assets be the obstacles, before the scene is built.
 
         Raises:
-            ValueError: for a box, which no capsule stands for, or more than ``capacity``.
+            ValueError: for a box, which no capsule can represent, or more than ``capacity``.
         """
         self.capsules = scenery.capsules()
         self._count_room()
@@ -262,7 +262,7 @@ class Obstacles(SensorBase):
         return 8 * self.capacity + 64
 
     def check(self, capsules: Capsules) -> None:
-        """Refuse obstacles that cannot take the place of those that are there.
+        """Refuse obstacles that cannot replace the present ones.
 
         Raises:
             ValueError: if there are more than :attr:`capacity`.
@@ -272,7 +272,7 @@ class Obstacles(SensorBase):
             raise ValueError(f"{self._where}: {count} obstacles do not fit, set ObstaclesCfg(capacity={count}) or more")
 
     def replace(self, capsules: Capsules) -> None:
-        """Put other obstacles in the place of those that are there, for all environments; graphs stay as they are.
+        """Replace the obstacles, for all environments; graphs stay as they are.
 
         Raises:
             ValueError: if there are more than :attr:`capacity`.

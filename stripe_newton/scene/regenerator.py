@@ -28,10 +28,10 @@ __all__ = ["SceneRegenerator"]
 
 
 class SceneRegenerator:
-    """Makes a scene anew from other seeds of its specification.
+    """Makes the scenes of other seeds of a specification.
 
     Attributes:
-        seed: Seed of what the specification made in the scene; None if it is of no specification.
+        seed: Seed that made the present scene; None if no specification made it.
         paths: Prims below ``/World`` that the specification made, once :meth:`regenerate` was called.
     """
 
@@ -42,7 +42,7 @@ class SceneRegenerator:
 
     @property
     def first_seed(self) -> int | None:
-        """Seed of the config, which made the first scene; None if it is of no specification."""
+        """Seed in the config, which made the first scene; None if no specification made it."""
         spawner = self._spawner()
         return None if spawner is None else spawner.seed
 
@@ -54,7 +54,7 @@ class SceneRegenerator:
         return next((spawn for spawn in spawners if isinstance(spawn, SceneSpawnerCfg)), None)
 
     def why_not(self) -> str:
-        """Why the scene cannot be made anew with any seed, and what to do about it; empty if it can."""
+        """Why the scene of another seed cannot be made, and what to do about it; empty if it can."""
         scene, spawn = self._scene, self._spawner()
         if spawn is None:
             return "the scene is of no specification: make its config by SceneSpec.create_instance() or TrainingSpec"

@@ -76,8 +76,8 @@ class ContactSensor(SensorBase):
     """Net and filtered contact forces on bodies, their history, and times in contact and in the air.
 
     With MuJoCo Warp forces are read from its contacts and constraints: two launches a measurement, and one more a step
-    for the times. Other solvers must report contact forces, which is switched on. A measurement is of the forces in the
-    last physics step; those of an episode begin with its first.
+    for the times. Other solvers must report contact forces, which the sensor switches on. A measurement is of the
+    forces in the last physics step; the first of an episode is of its first step.
 
     ``data`` has ``net_forces_w``, ``net_forces_w_history``, ``force_matrix_w``, ``current_air_time``,
     ``last_air_time``, ``current_contact_time``, ``last_contact_time`` (see the struct
@@ -85,7 +85,7 @@ class ContactSensor(SensorBase):
     does not ask for.
 
     Attributes:
-        filter_names: Names of the bodies or prims that the columns of ``force_matrix_w`` are about.
+        filter_names: Names of the bodies or prims of the columns of ``force_matrix_w``.
     """
 
     cfg: ContactSensorCfg

@@ -74,9 +74,9 @@ class Imu(SensorBase):
     ``data`` has ``pos_w``, ``quat_w``, ``lin_vel_b``, ``ang_vel_b``, ``lin_acc_b``, ``ang_acc_b`` and
     ``projected_gravity_b``; see the struct :class:`stripe_kernels.sensors.imu.ImuData`.
 
-    Accelerations are differences of velocities, as Isaac Lab has them. Newton's ``SensorIMU`` reads the solver's
-    ``body_qdd`` instead, for which MuJoCo Warp passes over the whole tree in every physics step, which some solvers do
-    not report, and which is of the old episode after a reset; it gives two of the seven outputs.
+    Accelerations are differences of velocities, as in Isaac Lab. Newton's ``SensorIMU`` reads the solver's ``body_qdd``
+    instead and gives two of the seven outputs. MuJoCo Warp computes ``body_qdd`` by a pass over the whole tree in every
+    physics step, some solvers do not report it, and after a reset it is of the old episode.
     """
 
     cfg: ImuCfg

@@ -54,11 +54,11 @@ def model_flags(names: Iterable[str]) -> newton.ModelFlags:
 
 
 class ModelUpdate:
-    """Brings the solver up to date where a mask says so, by launches alone.
+    """Updates the solver in the worlds of a mask, by launches alone.
 
-    With MuJoCo Warp its model's arrays are written in those worlds, and the constants that follow from masses and
-    armatures are computed anew. Where that does not cover a model, and with other solvers,
-    ``solver.notify_model_changed`` is called for all worlds.
+    With MuJoCo Warp the arrays of its model are written in those worlds, and the constants that follow from masses and
+    armatures are computed again. Models that this does not cover, and other solvers, are updated in all worlds by
+    ``solver.notify_model_changed``.
 
     Attributes:
         flags: What the solver is told where all worlds are updated.

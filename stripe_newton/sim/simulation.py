@@ -90,7 +90,7 @@ class Simulation:
     env_origin: wp.array | None
     """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
     recaptures: int = 0
-    """Number of times that an array was replaced which graphs read; an environment compares it to record anew."""
+    """Number of calls of :meth:`recapture`; an environment compares it, to record its own graph again."""
     pending: bool = False
     """Whether :meth:`forward_masked` was left for later, see :meth:`flush`."""
     roots_moved: bool = False
@@ -329,7 +329,7 @@ class Simulation:
             newton.eval_fk(model, state.joint_q, state.joint_qd, state)
 
     def recapture(self) -> None:
-        """Record the graphs anew at the next step; call this after replacing an array that they read."""
+        """Record the graphs again at the next step; call this after replacing an array that they read."""
         self._graphs.clear()
         self.recaptures += 1
 

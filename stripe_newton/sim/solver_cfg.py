@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solver configs: each makes the Newton solver that it names.
 
-Every field is an argument of that solver, and ``None`` leaves Newton's default. Fields that are not say so.
+Every field is an argument of that solver unless it says otherwise, and ``None`` leaves Newton's default.
 """
 
 from __future__ import annotations

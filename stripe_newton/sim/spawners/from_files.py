@@ -177,12 +177,12 @@ class _ImporterCfg(SpawnerCfg):
     articulation_props: schemas.ArticulationRootPropertiesCfg | None = None
     """Only ``enabled_self_collisions`` and ``fix_root_link`` apply; they override the fields above."""
     rigid_props: schemas.RigidBodyPropertiesCfg | None = None
-    """Ignored: the file says what its bodies are."""
+    """Ignored: the bodies are as the file has them."""
     activate_contact_sensors: bool = False
     """Ignored: contacts of every body can be sensed."""
 
     IGNORED: ClassVar[dict[str, str]] = {
-        "rigid_props": "the file says what its bodies are",
+        "rigid_props": "the bodies are as the file has them",
         "activate_contact_sensors": "contacts of every body can be sensed",
     }
 
