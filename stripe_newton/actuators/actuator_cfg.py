@@ -85,6 +85,7 @@ class ActuatorCfg:
         self._set(builder.joint_armature, self.armature, own, ids, dofs)
         self._set(builder.joint_friction, self.friction, own, ids, dofs)
         self._set(builder.joint_damping, self.viscous_friction, own, ids, dofs)
+        # MuJoCo does not enforce the model's limit, which is a report; velocity_limit_sim is enforced after each step.
         limit = self.velocity_limit_sim if self.velocity_limit_sim is not None else self.velocity_limit
         self._set(builder.joint_velocity_limit, limit, own, ids, dofs)
         rows = [dofs[i] for i in ids]
@@ -135,6 +136,7 @@ class ImplicitActuatorCfg(ActuatorCfg):
         self._set(builder.joint_effort_limit, limit, names, list(every), dofs)
         for dof in dofs:
             gains = builder.joint_target_ke[dof], builder.joint_target_kd[dof]
+            # SolverMuJoCo makes the drives of a joint by its mode, and reads the gains afterwards.
             builder.joint_target_mode[dof] = int(newton.JointTargetMode.from_gains(*gains, has_drive=True))
 
 

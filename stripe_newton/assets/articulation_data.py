@@ -70,6 +70,7 @@ class ArticulationData(RootData):
         """Rated speeds [m/s or rad/s] (view), shape ``(num_envs, num_joints)``."""
         self._lower = sim.per_env(model.joint_limit_lower)[:, dofs]
         self._upper = sim.per_env(model.joint_limit_upper)[:, dofs]
+        # Of explicit actuators MuJoCo reports nothing: their efforts are part of joint_f.
         self._explicit = torch.from_numpy(sim.actuation.explicit[dofs]).to(sim.device)
         self._soft = soft_limit_factor
         self._previous_vel = sim.per_env(sim.previous_joint_qd)[:, dofs]

@@ -48,6 +48,7 @@ class SceneController:
                 if kind not in ("position", "velocity", "effort"):
                     raise KeyError(f"no target '{kind}' of '{name}'; there are position, velocity and effort")
                 getattr(self._scene.articulations[name], f"set_joint_{kind}_target")(value)
+        # Targets are written at once, so this does nothing for assets of this package; a subclass may gather its own.
         for asset in self._scene.assets:
             asset.write_data_to_sim()
 
@@ -171,4 +172,5 @@ class SceneController:
         if name == "gravity":  # its last entry is for what belongs to no environment
             array = array[: sim.num_envs]
         field = sim.per_env(array, shared)
+        # Cloned at the first call, before anything changed: what is drawn always starts from the values as built.
         return field, self._defaults.setdefault(name, field.clone())

@@ -61,7 +61,7 @@ class InteractiveScene(SceneContents):
 
     def _add_fields(self) -> None:
         for name in type(self.cfg).__dataclass_fields__:
-            if name in InteractiveSceneCfg.__dataclass_fields__:
+            if name in InteractiveSceneCfg.__dataclass_fields__:  # settings rather than assets
                 continue
             value = getattr(self.cfg, name)
             if value is None or value is MISSING:
@@ -117,7 +117,7 @@ class InteractiveScene(SceneContents):
         Args:
             copy_from_source: Ignored: no prims are copied either way.
         """
-        self.cloned = True
+        self.cloned = True  # Newton replicates the model, so there is nothing to copy in the stage
 
     def filter_collisions(self, global_prim_paths: Sequence[str] | None = None) -> None:
         """Keep environments from colliding with each other, which Newton's worlds never do.
@@ -261,6 +261,7 @@ class InteractiveScene(SceneContents):
 
 def _new_stage() -> Usd.Stage:
     stage = Usd.Stage.CreateInMemory()
+    # USD's own defaults are Y up and centimetres.
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())

@@ -74,6 +74,7 @@ class SceneQuerier:
                 self._contact_sensor = SensorContact(
                     sim.model, sensing_bodies=bodies, measure_total=True, request_contact_attributes=False
                 )
+        # Newton sums the contacts of the last step: it has to be asked after each step that one wants to know of.
         self._contact_sensor.update(sim.state, sim.contacts, observables=sim.observables)
         forces = wp.to_torch(self._contact_sensor.total_force).view(sim.num_envs, -1, 3)
         return forces[:, self._asset(name).layout.bodies].clone()

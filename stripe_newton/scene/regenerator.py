@@ -96,6 +96,8 @@ class SceneRegenerator:
         scene, spawn, problem = self._scene, self._spawner(), self.why_not()
         if problem or spawn is None:
             raise ValueError(f"regenerate: {problem}")
+        # What the first scene put there is known from making it once more, which is cached: the stage may hold prims of
+        # assets beside it.
         if not self.paths:
             self.paths = _paths(spawn.made_stage())
         new = spawn.replace(seed=seed).made_stage()
@@ -171,6 +173,7 @@ def _swap(stage: Usd.Stage, old: list[Sdf.Path], new: Usd.Stage) -> None:
     for path in children:
         if path not in old and target.GetPrimAtPath(path):
             raise ValueError(f"'{path}': the stage has it already, and the new scene has it too")
+    # On layers, in one block: through the stage, USD would compose thousands of prims after every change.
     edit = Sdf.BatchNamespaceEdit()
     for path in [*old, Sdf.Path("/Prototypes")]:
         if target.GetPrimAtPath(path):

@@ -101,6 +101,7 @@ class SceneContents:
         self.assets, self.articulations, self.rigid_objects = [], {}, {}
         self.sensors, self.extras = {}, {}
         self.terrain = None
+        # One tensor for life: a terrain writes into it, and kernels read its memory.
         self.env_origins = torch.from_numpy(spiral_grid(cfg.num_envs, cfg.env_spacing)).to(self.device)
         self.cloned = self.built = False
 

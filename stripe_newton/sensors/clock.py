@@ -72,6 +72,8 @@ class SensorClock:
         """
         self.period = period_steps(sim, update_period, where)
         self.observed, self._marks, self._count = observed, starts_fresh and not observed, sim.num_envs
+        # A measurement before the observations belongs to the step that ends there: the first one is due at once. One
+        # within the step is taken by the reset itself, or, without a fresh start, a period later.
         self._start = self.period if observed else 1
         # Where every step measures and nothing is remembered, due stays True: no kernel needs to count.
         self._counts = self.period > 1 or (observed and remembers)

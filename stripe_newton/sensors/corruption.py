@@ -88,8 +88,10 @@ class Corruption:
             self._bias = wp.zeros(raw.shape, dtype=float)
             # A ring of the last measurements: delay is an index into it, and the same launch writes and reads.
             self._ring = wp.zeros((self._count, delay + 1, size), dtype=float)
+            # Streams of their own: what a sensor draws does not change when another sensor is added.
             seed = zlib.crc32(where.encode()) % 2**31
             wp.launch(seed_streams, dim=self._count, inputs=[seed], outputs=[self._rng])
+            # Biases are drawn for the first episode too, of environments that nobody has reset yet.
             self.restart(wp.full(self._count, value=True, dtype=wp.bool))
 
     @property

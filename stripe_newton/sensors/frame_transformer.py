@@ -112,6 +112,7 @@ class FrameTransformer(SensorBase):
         twice = {n for n in self.target_frame_names if self.target_frame_names.count(n) > 1}
         if twice:
             raise ConfigError([f"{where}.target_frames: {', '.join(sorted(twice))} is there twice, give each its name"])
+        # The source is the first of the frames, which the kernel knows.
         self._frames = [source[0].at(self.cfg.source_frame_offset), *targets]
 
     def _find_targets(self, template: newton.ModelBuilder, where: str) -> list[prim_paths.Frame]:
@@ -173,5 +174,6 @@ class FrameTransformer(SensorBase):
         self._outputs.restart(env_mask)
 
     def launch_observed(self) -> None:
+        # Only environments that were reset: the others have measured this step, and a noise would be drawn twice.
         self._launch_measurement(self._clock.restarted)
         self._clock.settle()

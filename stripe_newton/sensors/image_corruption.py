@@ -44,6 +44,7 @@ class ImageCorruption:
         Returns:
             The noisy depths, same shape.
         """
+        # A pixel is a float of the environment: the same kernels as for any other sensor.
         flat = raw.reshape((self._num_envs, -1))
         out = wp.zeros(raw.shape, dtype=float, device=self._device)
         corruption = Corruption(flat, [(slice(0, flat.shape[1]), cfg)], 0, f"{where}.{name}")
@@ -82,6 +83,7 @@ class ImageCorruption:
         for corruption, missing, out in self._noisy.values():
             corruption.launch(due)
             wp.launch(kernels.fill_missing, dim=out.shape, inputs=[due, missing, corruption.out], outputs=[out])
+        # Noise before delay: a late image is one that was taken, noise included.
         for words, ring, out in self._rings.values():
             wp.launch(kernels.delay_words, dim=out.shape, inputs=[due, self._count, words], outputs=[ring, out])
         if self._rings:

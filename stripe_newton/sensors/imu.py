@@ -108,6 +108,7 @@ class Imu(SensorBase):
         self.data = SensorData(self.struct)
         model, state, bias = sim.model, sim.state, wp.vec3(*self.cfg.gravity_bias)
         self._mounted = [self._frame.body, self._frame.pose, bias]
+        # Views of the model and the state: randomised centres of mass and gravity are read as they are.
         self._state = [
             wp.from_torch(sim.per_env(model.body_com), dtype=wp.vec3),
             model.gravity,
@@ -133,6 +134,7 @@ class Imu(SensorBase):
     def launch_measured(self) -> None:
         if not self.every_substep:
             self._launch_measurement()
+        # Noise and delay once a step, however many physics steps were measured.
         self._outputs.launch(self._clock.due)
         self._clock.advance()
 

@@ -86,6 +86,7 @@ class LidarPatternCfg(PatternBaseCfg):
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         low, high = self.horizontal_fov_range
         count = math.ceil((high - low) / self.horizontal_res - 1.0e-6) + 1
+        # The last ray of a full turn would be the first one again.
         full = abs(high - low - 360.0) < 1.0e-6
         around = np.radians(np.linspace(low, high, count)[: -1 if full else None])
         up = np.radians(np.linspace(*self.vertical_fov_range, self.channels))
@@ -134,6 +135,7 @@ class PinholeCameraPatternCfg(PinholeIntrinsics, PatternBaseCfg):
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         pixels = self.pixel_directions(self.width, self.height).reshape(-1, 3)
+        # From the camera's frame (x right, y down, z ahead) to the sensor's (x ahead, y left, z up).
         directions = np.stack([pixels[:, 2], -pixels[:, 0], -pixels[:, 1]], axis=1)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         return np.zeros_like(directions), directions

@@ -75,6 +75,7 @@ class PinholeIntrinsics:
 
         ``fx = width focal_length / horizontal_aperture``, ``cx = width (1/2 + offset / horizontal_aperture)``.
         """
+        # USD and Isaac Lab keep pixels square unless both sides of the film are given.
         film_y = self.horizontal_aperture * height / width if self.vertical_aperture is None else self.vertical_aperture
         return np.array(
             [

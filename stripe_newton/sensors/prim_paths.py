@@ -101,7 +101,7 @@ def find_frames(builder: newton.ModelBuilder, prim_path: str, where: str) -> lis
     labels = {i: label for i, label in enumerate(builder.shape_label) if builder.shape_flags[i] & is_site}
     bodies, sites = _below(parent, builder.body_label), _below(parent, labels)
     on_bodies, on_sites = _named(bodies, expression), _named(sites, expression)
-    if on_sites and not on_bodies:
+    if on_sites and not on_bodies:  # a site named like a body, such as the frame of a link, gives way to it
         poses = ((builder.shape_body[i], wp.transform(*builder.shape_transform[i])) for i in on_sites)
         return [Frame(name, body, pose) for name, (body, pose) in zip(_names(on_sites), poses)]
     found = on_bodies or _only_inside(bodies, expression)
@@ -133,7 +133,7 @@ def find_colliders(
     builder = template if inside else static
     bodies = _named(_below(parent, builder.body_label), expression)
     shapes = {name: list(builder.body_shapes[body]) for body, name in zip(bodies, _names(bodies))}
-    if not bodies:
+    if not bodies:  # a static prim, or one with bodies below it that count as one filter
         shapes = _shapes_below(builder, parent, expression)
     flags, collides = builder.shape_flags, newton.ShapeFlags.COLLIDE_SHAPES
     colliders = {name: [i for i in found if flags[i] & collides] for name, found in shapes.items()}
@@ -158,6 +158,7 @@ def _shapes_below(builder: newton.ModelBuilder, parent: str, expression: str) ->
 
 def per_shape(template: np.ndarray, static: np.ndarray, num_envs: int) -> np.ndarray:
     """A value for each shape of the model, from those of the shapes in one environment and of the shared ones."""
+    # Newton adds what is shared first, then one environment after the other.
     return np.concatenate((static, np.tile(template, num_envs))).astype(np.int32)
 
 

@@ -56,6 +56,7 @@ def choose_shapes(model: newton.Model, expressions: Sequence[str], own: str, whe
             )
     if problems:
         raise ConfigError(problems)
+    # After the paths were checked: a path that names the robot's own parts is no mistake, they are passed through.
     if own:
         chosen &= ~_matching(paths, re.escape(own))
     if not chosen.any():
@@ -142,6 +143,7 @@ def _plane_field(model: newton.Model, planes: np.ndarray, shared: np.ndarray) ->
     shape = int(planes[0])
     pose, scale = model.shape_transform.numpy()[shape], model.shape_scale.numpy()[shape]
     up = wp.quat_rotate(wp.quat(*map(float, pose[3:])), wp.vec3(0.0, 0.0, 1.0))
+    # A plane with a width and a length ends, and a tilted one has no height field.
     if scale[:2].any() or not up[2] > 1.0 - 1.0e-7:
         return None
     field, height = RayField(), float(pose[2])

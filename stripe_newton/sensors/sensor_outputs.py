@@ -68,6 +68,7 @@ class SensorOutputs(Generic[T]):
     def _views(self, block: wp.array) -> T:
         made, values = self._struct(), wp.to_torch(block)
         for field, (kind, count) in self._fields.items():
+            # Warp takes strided views of torch's: the columns stay where they are.
             part = values[:, self._columns[field]]
             part = part if count is None else part.unflatten(1, (count, -1))
             setattr(made, field, wp.from_torch(part, dtype=kind))

@@ -103,14 +103,16 @@ class ModelUpdate:
             return f"{type(solver).__name__} tells no worlds apart"
         if solver.use_mujoco_cpu or solver.mjw_data.nworld != sim.num_envs:
             return "not one MuJoCo Warp world for each environment"
-        if solver.enable_sleeping:
+        if solver.enable_sleeping:  # what a change does to them is left to notify_model_changed
             return "bodies may sleep"
         return MassConstants.why_unsupported(solver) if self._needs_constants else ""
 
     def _map_joints(self) -> MuJoCoJoints:
+        # Names with an underscore are Newton's own. It has no update by mask, and pyproject.toml holds Newton to the
+        # minor series in which these were checked.
         solver, model, joints = self._sim.solver, self._sim.model, MuJoCoJoints()
         joints.dof_map, joints.joint_map = solver.mjc_dof_to_newton_dof, solver.mjc_jnt_to_newton_dof
-        none = wp.empty(0, dtype=int)
+        none = wp.empty(0, dtype=int)  # a model without actuators: a kernel cannot take None in a struct
         joints.actuator_source = none if solver.mjc_actuator_ctrl_source is None else solver.mjc_actuator_ctrl_source
         joints.actuator_map = none if solver.mjc_actuator_to_newton_idx is None else solver.mjc_actuator_to_newton_idx
         joints.dofs_per_world = model.joint_dof_count // self._sim.num_envs
@@ -133,6 +135,7 @@ class ModelUpdate:
             return
         with wp.ScopedDevice(sim.device):
             solver, model, target, worlds = sim.solver, sim.model, sim.solver.mjw_model, sim.num_envs
+            # What is given comes before what is computed from it: limits of joints, masses and shapes, then constants.
             if "gravity" in self._names:
                 wp.launch(write_gravity, dim=worlds, inputs=[mask, model.gravity], outputs=[target.opt.gravity])
             if self._joints is not None:

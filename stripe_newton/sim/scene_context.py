@@ -20,6 +20,7 @@ __all__ = ["ENV_0", "authored_path", "current_scene", "current_stage", "is_env_p
 ENV_0 = "/World/envs/env_0"
 """Prim of the template environment; all others are copies of it."""
 
+# The spellings of "in every environment" that Isaac Lab's configs have, and the template environment itself.
 _ENV_PATTERN = re.compile(r"^(\{ENV_REGEX_NS\}|/World/envs/env_(\.\*|\*|\[0-9\]\+|\\d\+|0))(?=/|$)")
 # It holds a SceneContents. ``sim`` lies below ``scene`` and cannot name that class, not even for type checkers.
 _scene: ContextVar[Any] = ContextVar("stripe_newton_scene", default=None)

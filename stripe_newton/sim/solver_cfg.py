@@ -195,7 +195,7 @@ class MuJoCoSolverCfg(SolverCfg):
                 "give each asset its own 'init_state.pos'"
             ) from error
         if self.triangle_contacts and self.uses_mujoco_warp and self.use_mujoco_contacts:
-            use_triangles(solver.mjw_model)
+            use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
         return solver
 
     @property

@@ -56,6 +56,7 @@ def spawn_from_usd(
     prim.GetReferences().AddReference(asset.GetRootLayer().identifier, asset_prim(asset, cfg.source_prim_path))
     for name, variant in (cfg.variants or {}).items():
         variants = prim.GetVariantSets()
+        # USD selects a variant that does not exist without a word.
         if not variants.HasVariantSet(name) or variant not in variants.GetVariantSet(name).GetVariantNames():
             known = {n: variants.GetVariantSet(n).GetVariantNames() for n in variants.GetNames()}
             raise ValueError(f"'{file}' has no variant {name}={variant}; it has {known or 'no variants'}")
@@ -94,6 +95,7 @@ def _spawn_file(
 
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
     options = {"format": kind, "path": str(_existing(cfg.asset_path, "asset_path")), **cfg.importer_options()}
+    # Custom data, so that an exported stage refers to the file and a scene that opens it imports it again.
     prim.SetCustomDataByKey(FILE_KEY, json.dumps(options))
     place(prim, translation, orientation)
     return finish(prim, cfg)

@@ -28,6 +28,7 @@ def spawn_light(
     prim_path: str, cfg: LightCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
     """Author a UsdLux light of the kind that ``cfg`` names."""
+    # UsdLux has a class for each type, all with the inputs of LightAPI.
     light = getattr(UsdLux, cfg.prim_type).Define(current_stage(), authored_path(prim_path))
     light.CreateColorAttr(Gf.Vec3f(*cfg.color))
     light.CreateIntensityAttr(cfg.intensity)

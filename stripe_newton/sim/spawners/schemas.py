@@ -301,9 +301,10 @@ def _set_physx(
         value = getattr(cfg, name)
         usd_name = _PHYSX_NAMES.get(name)
         if usd_name is None and name.startswith(("solver_", "sleep_", "stabilization_")):
+            # Names that bodies and articulations share, each in its own schema: physxRigidBody:sleepThreshold.
             head, *rest = name.split("_")
             usd_name = f"{prefix}:{head}{''.join(map(str.capitalize, rest))}"
-        if value is None or usd_name is None:
+        if value is None or usd_name is None:  # left as the prim says, or a UsdPhysics attribute
             continue
         prim.AddAppliedSchema(schema)
         prim.CreateAttribute(usd_name, types[type(value)]).Set(value)

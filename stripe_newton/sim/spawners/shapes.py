@@ -113,6 +113,8 @@ class CuboidCfg(ShapeCfg):
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
         cube = UsdGeom.Cube.Define(stage, path)
+        # UsdGeom.Cube has one edge length, so a box is a unit cube with a scale; the geometry prim has no children that
+        # would be scaled with it.
         cube.CreateSizeAttr(1.0)
         cube.AddScaleOp().Set(Gf.Vec3f(*map(float, self.size)))
         return cube.GetPrim()
@@ -173,6 +175,7 @@ def _author_mesh(stage: Usd.Stage, path: str, mesh: newton.Mesh, approximation: 
     geometry.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.asarray(mesh.vertices, dtype=np.float32)))
     geometry.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(indices))
     geometry.CreateFaceVertexCountsAttr(Vt.IntArray([3] * (len(indices) // 3)))
+    # USD's default is Catmull-Clark, which would round the edges.
     geometry.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     UsdPhysics.MeshCollisionAPI.Apply(geometry.GetPrim()).CreateApproximationAttr(approximation)
     return geometry.GetPrim()
