@@ -87,7 +87,7 @@ def configclass(cls: type[T]) -> type[T]:
     if not hasattr(cls, "__post_init__"):  # so that a subclass may call super().__post_init__()
         setattr(cls, "__post_init__", _nothing)  # noqa: B010
     new = dataclasses.dataclass(cls)
-    # Without class variables such as IGNORED, which whoever goes through the fields by name would take for values.
+    # Without class variables such as IGNORED: code that goes through the fields by name would take them for values.
     setattr(new, "__dataclass_fields__", {f.name: f for f in dataclasses.fields(new)})  # type: ignore[arg-type]  # noqa: B010
     methods = {"replace": _replace, "copy": _copy_config, "to_dict": to_dict, "from_dict": from_dict}
     methods |= {"validate": validate, "__setattr__": _setattr, "__init__": _refuse_unknown(new.__init__)}
