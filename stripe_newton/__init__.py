@@ -24,6 +24,13 @@ except PackageNotFoundError:  # run from a source tree that is not installed
 # Old module paths. What moved in 0.2 goes with 0.3; the CHANGELOG lists each.
 forward_modules(
     {
+        "stripe_newton.actuators.drives": "stripe_newton.actuators.drive_table",
+        "stripe_newton.actuators.explicit_cfg": "stripe_newton.actuators.explicit_actuators",
+        "stripe_newton.actuators.network_cfg": "stripe_newton.actuators.network_actuators",
+        "stripe_newton.actuators.networks": "stripe_newton.actuators.network_files",
+        "stripe_newton.assets.binding": "stripe_newton.assets.layout",
+        "stripe_newton.assets.library": "stripe_newton.assets.robot_library",
+        "stripe_newton.assets.structs": "stripe_newton.assets.root_data",
         "stripe_newton.cli.errors": "stripe_newton.cli.user_error",
         "stripe_newton.cli.fields": "stripe_newton.cli.field_options",
         "stripe_newton.cli.ranks": "stripe_newton.cli.train_ranks",
@@ -73,5 +80,23 @@ forward_modules(
         "stripe_newton.rl.tables": "stripe_newton.rl.experiments.text_tables",
         "stripe_newton.rl.training_state": "stripe_newton.rl.runs.training_state",
         "stripe_newton.rl.vec_env": "stripe_newton.rl.wrappers.rsl_rl",
+        "stripe_newton.scene.contents": "stripe_newton.scene.scene_contents",
+        "stripe_newton.scene.grid": "stripe_newton.scene.spiral_grid",
+        "stripe_newton.scene.interactive_scene_cfg": "stripe_newton.scene.scene_contents",
+        "stripe_newton.scene.obstacles_cfg": "stripe_newton.scene.obstacles",
+        "stripe_newton.scene.regenerate": "stripe_newton.scene.regenerator",
+        "stripe_newton.sensors.camera_cfg": "stripe_newton.sensors.camera",
+        "stripe_newton.sensors.contact_sensor_cfg": "stripe_newton.sensors.contact_sensor",
+        "stripe_newton.sensors.frame_transformer_cfg": "stripe_newton.sensors.frame_transformer",
+        "stripe_newton.sensors.imu_cfg": "stripe_newton.sensors.imu",
+        "stripe_newton.sensors.outputs": "stripe_newton.sensors.sensor_outputs",
+        "stripe_newton.sensors.picture_chain": "stripe_newton.sensors.image_corruption",
+        "stripe_newton.sensors.prims": "stripe_newton.sensors.prim_paths",
+        "stripe_newton.sensors.ray_caster_cfg": "stripe_newton.sensors.ray_caster",
+        "stripe_newton.sensors.ray_caster_mount": "stripe_newton.sensors.sensor_mount",
+        "stripe_newton.sim.flags": "stripe_newton.sim.host_flags",
+        "stripe_newton.sim.mass_tree": "stripe_newton.sim.mass_constants",
+        "stripe_newton.sim.simulation_cfg": "stripe_newton.sim.simulation",
+        "stripe_newton.sim.stage": "stripe_newton.sim.scene_context",
     }
 )

@@ -24,17 +24,23 @@ import re
 import typing
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, ClassVar, NoReturn, Protocol, TypeVar
 
 from typing_extensions import TypeIs, dataclass_transform
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-__all__ = ["MISSING", "ConfigError", "configclass", "from_dict", "is_config", "resolve_name", "to_dict", "validate"]
+__all__ = [
+    "MISSING",
+    "Config",
+    "ConfigError",
+    "configclass",
+    "from_dict",
+    "is_config",
+    "resolve_name",
+    "to_dict",
+    "validate",
+]
 
 T = TypeVar("T")
-Config = TypeVar("Config", bound="DataclassInstance")
 _SAME_IN_YAML = ({"bool"}, {"int", "float"}, {"str"}, {"list", "tuple"}, {"dict"})
 _PLAIN_TYPES = set().union(*_SAME_IN_YAML)
 _SCALARS = (bool, int, float, complex, str, bytes, frozenset, type(None))
@@ -59,7 +65,28 @@ class ConfigError(ValueError):
         return type(self), (self.problems,)
 
 
-def is_config(value: object) -> TypeIs[DataclassInstance]:
+class Config(Protocol):
+    """A config of any class made with :func:`configclass`."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
+
+    def to_dict(self) -> dict[str, object]:
+        """Nested dicts of plain values, fit for YAML."""
+        ...
+
+    def validate(self) -> None:
+        """Check all fields.
+
+        Raises:
+            ConfigError: with all problems.
+        """
+        ...
+
+
+AnyConfig = TypeVar("AnyConfig", bound=Config)
+
+
+def is_config(value: object) -> TypeIs[Config]:
     """Whether ``value`` is an instance of a config class."""
     return getattr(type(value), "__is_configclass__", False)
 
@@ -91,6 +118,8 @@ def configclass(cls: type[T]) -> type[T]:
     if not hasattr(cls, "__post_init__"):  # so that a subclass may call super().__post_init__()
         setattr(cls, "__post_init__", _nothing)  # noqa: B010
     new = dataclasses.dataclass(cls)
+    # Without class variables such as IGNORED: code that goes through the fields by name would take them for values.
+    setattr(new, "__dataclass_fields__", {f.name: f for f in dataclasses.fields(new)})  # type: ignore[arg-type]  # noqa: B010
     methods = {"replace": _replace, "copy": _copy_config, "to_dict": to_dict, "from_dict": from_dict}
     methods |= {"validate": validate, "__setattr__": _setattr, "__init__": _refuse_unknown(new.__init__)}
     for name, value in {**methods, "__is_configclass__": True}.items():
@@ -151,7 +180,7 @@ def _nothing(self: object) -> None:
 
 def _refuse_unknown(init: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(init)
-    def __init__(self: DataclassInstance, *args: object, **kwargs: object) -> None:
+    def __init__(self: Config, *args: object, **kwargs: object) -> None:
         unknown = [_unknown(self, name) for name in kwargs if name not in type(self).__dataclass_fields__]
         if unknown:
             raise TypeError("; ".join(unknown))
@@ -160,24 +189,24 @@ def _refuse_unknown(init: Callable[..., None]) -> Callable[..., None]:
     return __init__
 
 
-def _field_names(obj: DataclassInstance) -> list[str]:
+def _field_names(obj: Config) -> list[str]:
     return [f.name for f in dataclasses.fields(obj)]
 
 
-def _unknown(obj: DataclassInstance, name: str) -> str:
+def _unknown(obj: Config, name: str) -> str:
     near = difflib.get_close_matches(name, _field_names(obj), n=1)
     hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(_field_names(obj)) or 'none'}"
     return f"{type(obj).__name__} has no field '{name}'; {hint}"
 
 
-def _setattr(self: DataclassInstance, name: str, value: object) -> None:
+def _setattr(self: Config, name: str, value: object) -> None:
     known = name.startswith("_") or name in type(self).__dataclass_fields__
     if not known and not isinstance(getattr(type(self), name, None), property):
         raise AttributeError(_unknown(self, name))
     object.__setattr__(self, name, value)
 
 
-def _replace(self: Config, **changes: object) -> Config:
+def _replace(self: AnyConfig, **changes: object) -> AnyConfig:
     """A copy with the named fields changed."""
     unknown = [_unknown(self, name) for name in changes if name not in _field_names(self)]
     if unknown:
@@ -193,7 +222,7 @@ def _copy_config(self: T) -> T:
     return _clone(self)
 
 
-def to_dict(self: DataclassInstance) -> dict[str, object]:
+def to_dict(self: Config) -> dict[str, object]:
     """Nested dicts of plain values, fit for YAML: functions and classes become ``module:name``."""
     return {name: _plain(getattr(self, name)) for name in _field_names(self)}
 
@@ -222,7 +251,7 @@ def _plain(value: object) -> object:
     return repr(value)
 
 
-def from_dict(self: DataclassInstance, data: Mapping[str, object]) -> None:
+def from_dict(self: Config, data: Mapping[str, object]) -> None:
     """Set fields from nested dicts, in place. Fields that ``data`` does not name are not changed.
 
     Configs are merged, also those inside lists and dicts; other lists and dicts are replaced. ``from_dict(to_dict())``
@@ -237,7 +266,7 @@ def from_dict(self: DataclassInstance, data: Mapping[str, object]) -> None:
         raise ConfigError(problems)
 
 
-def _load(obj: DataclassInstance, data: Mapping[str, object], path: str, problems: list[str]) -> None:
+def _load(obj: Config, data: Mapping[str, object], path: str, problems: list[str]) -> None:
     for name, value in data.items():
         where = f"{path}{name}"
         if name not in type(obj).__dataclass_fields__:
@@ -329,7 +358,7 @@ def _refuse(value: object, expected: str) -> NoReturn:
     raise ValueError(f"got {value!r} ({type(value).__name__}), expected {expected}")
 
 
-def _new_config(obj: DataclassInstance, name: str) -> DataclassInstance | None:
+def _new_config(obj: Config, name: str) -> Config | None:
     """A default config of the class that the annotation of a field names; None if it does not name exactly one."""
     try:
         hint = typing.get_type_hints(type(obj))[name]
@@ -350,7 +379,7 @@ def resolve_name(name: str) -> Any:
     return value
 
 
-def validate(self: DataclassInstance) -> None:
+def validate(self: Config) -> None:
     """Check a config and all configs in it.
 
     A field without effect whose value is not the default gives a warning with its name.
@@ -363,7 +392,7 @@ def validate(self: DataclassInstance) -> None:
         raise ConfigError(problems)
 
 
-def _warn_of_ignored(config: DataclassInstance) -> None:
+def _warn_of_ignored(config: Config) -> None:
     """Warn of each field that has been set and has no effect. Python shows equal warnings from one place once."""
     for cls in type(config).__mro__:
         for name, reason in vars(cls).get("IGNORED", {}).items():

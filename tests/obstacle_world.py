@@ -12,7 +12,7 @@ import warp as wp
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import configclass
 from stripe_newton.scene import Capsules, InteractiveScene, InteractiveSceneCfg, ObstaclesCfg
-from stripe_newton.sensors.sensor_base import SensorBase
+from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim import (
     CollisionPropertiesCfg,
     GroundPlaneCfg,
@@ -57,7 +57,7 @@ class StaticCapsules(SensorBase):
 
 
 @configclass
-class StaticCapsulesCfg:
+class StaticCapsulesCfg(SensorCfg):
     """Config of them."""
 
     class_type: Any = StaticCapsules

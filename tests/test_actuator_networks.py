@@ -13,7 +13,7 @@ import torch
 from onnx import TensorProto, helper
 
 from stripe_newton.actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
-from stripe_newton.actuators.networks import prepare_lstm, prepare_mlp
+from stripe_newton.actuators.network_files import prepare_lstm, prepare_mlp
 from stripe_newton.configclass import ConfigError
 from tests.actuator_world import Drill, actuator_scene, world_mask
 from tests.worlds import numpy

@@ -29,6 +29,7 @@ from stripe_newton.sim import (
     SphereCfg,
     XPBDSolverCfg,
 )
+from stripe_newton.sim.overflow import SolverOverflow
 from stripe_tasks.robots import ANT_CFG
 from tests.manager_world import manager_context, plan, run, set_reset
 
@@ -279,7 +280,8 @@ def test_active_objects_alone_have_contacts_and_retired_ones_wait_for_300_steps(
     assert contacts > 1000
     assert retired > 500
     assert 0.0 < drift < FALL
-    assert int(world.sim._overflow.numpy()[0]) == 0
+    (overflow,) = (hook for hook in world.sim._hooks if isinstance(hook, SolverOverflow))
+    assert int(overflow.seen.numpy()[0]) == 0
 
 
 def test_retired_objects_do_not_leave_their_place_over_500_steps():

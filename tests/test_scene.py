@@ -11,7 +11,7 @@ from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import Articulation, ArticulationCfg, AssetBaseCfg, RigidObject, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
-from stripe_newton.scene.grid import spiral_grid
+from stripe_newton.scene.spiral_grid import spiral_grid
 from stripe_newton.sim import (
     CollisionPropertiesCfg,
     CuboidCfg,

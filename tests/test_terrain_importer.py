@@ -10,7 +10,7 @@ import torch
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.scene.grid import spiral_grid
+from stripe_newton.scene.spiral_grid import spiral_grid
 from stripe_newton.sim import GroundPlaneCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg, Simulation, SimulationCfg
 from stripe_newton.terrains import (
     MeshPyramidStairsTerrainCfg,

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators: what turns the targets of joints into forces."""
+"""Actuators: turn the targets of joints into efforts."""
 
 from .actuator_cfg import ActuatorCfg, ImplicitActuatorCfg
-from .explicit_cfg import (
+from .explicit_actuators import (
     DCMotorCfg,
     DelayedPDActuatorCfg,
     IdealPDActuatorCfg,
     PIDActuatorCfg,
     RemotizedPDActuatorCfg,
 )
-from .network_cfg import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
+from .network_actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 
 __all__ = [
     "ActuatorCfg",

@@ -1,42 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All actuators of a model at work: what runs before each physics step."""
+"""Actuation: all actuators of a model, which turn targets into efforts before each physics step."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
 
+import newton
 import numpy as np
 import warp as wp
+from newton.actuators import Actuator, DriveNeuralGRU, DriveNeuralLSTM
 
 from stripe_kernels.actuation import repeat_mask
 from stripe_kernels.actuators import JointDrives, drive_joints, mask_gains, reset_drives
 from stripe_kernels.episode import seed_streams
 
-from .drives import MADE, DriveTable, read_drives
-
-if TYPE_CHECKING:
-    import newton
-    from newton.actuators import Actuator
+from .drive_table import MADE, DriveTable, read_drives
 
 __all__ = ["Actuation"]
 
+_GAINS = ("joint_target_ke", "stiffness"), ("joint_target_kd", "damping")
+"""Arrays of the model with gains, and what ``JointDrives`` calls them."""
+
 
 class Actuation:
-    """Turns the targets of joints into efforts, and keeps what actuators remember.
+    """Turns the targets of joints into efforts, and keeps the memory of actuators.
 
     Newton's actuators of the laws in :mod:`stripe_kernels.actuators` are computed by one launch, together with what
     accompanies the solver's own drives. Others, the networks, are stepped by Newton and limited in that same launch.
-    ``model.joint_target_ke``, ``joint_target_kd`` and ``joint_effort_limit`` hold gains and limits of both kinds; the
-    actuators of the model keep the numbers they were made with, which nothing reads any more.
+    ``model.joint_target_ke``, ``joint_target_kd`` and ``joint_effort_limit`` hold gains and limits of both kinds, so
+    that events and writers need not know which kind a joint has; the actuators of the model keep the numbers they were
+    made with, which nothing reads any more.
 
     Attributes:
         drives: Arrays of all joints, ``stripe_kernels.actuators.JointDrives``.
         explicit: Degrees of freedom of an environment that an explicit actuator drives, bool, shape ``(dofs,)``.
-        computed_effort: What the laws asked for in the last physics step, before any limit, shape
-            ``(joint_dof_count,)``.
+        computed_effort: Efforts of the laws in the last physics step, before any limit, shape ``(joint_dof_count,)``.
         rng: Random streams that lags are drawn from, uint32, shape ``(num_envs,)``.
     """
 
@@ -47,9 +47,12 @@ class Actuation:
             model: The model, on the device.
             num_envs: Number of environments.
             dt: Time step of the physics [s].
-            knows_modes: Whether the solver heeds ``joint_target_mode``, as MuJoCo does. From others the gains of
+            knows_modes: Whether the solver obeys ``joint_target_mode``, as MuJoCo does. From others the gains of
                 explicit actuators are hidden.
-            use_graph: Whether what runs has to fit into a CUDA graph.
+            use_graph: Whether it must be possible to record the launches as a CUDA graph.
+
+        Raises:
+            ValueError: for actuators that do not fit, or cannot be part of a graph.
         """
         self._model, self._num_envs = model, num_envs
         self._dofs = model.joint_dof_count // num_envs
@@ -63,16 +66,18 @@ class Actuation:
                 )
         self.explicit = table.law > 0
         self._delays: list[tuple[int, int]] = []
+        # Delays of a config share one lag: each slot of the history knows its group, -1 where the lag is fixed.
         self._delay_group = np.full(int(table.delay_slot.max(initial=-1)) + 1, -1, dtype=np.int32)
         self.drives = self._make_drives(table, dt, knows_modes)
         self.computed_effort = self.drives.computed_effort.flatten()
         self.rng = wp.zeros(num_envs, dtype=wp.uint32)
         wp.launch(seed_streams, dim=num_envs, inputs=[0], outputs=[self.rng])
+        # Stand-ins for the model's arrays, in which explicit joints have no gains.
         self._hidden = {n: getattr(self.drives, f"solver_{k}").flatten() for n, k in _GAINS} if self._masks else {}
         self._masks_of = [(s, wp.empty(a.num_actuators, dtype=wp.bool)) for a, s, _ in self._stepped if s is not None]
         self._make_groups()
 
-    def _make_drives(self, table: DriveTable, dt: float, knows_modes: bool) -> Any:
+    def _make_drives(self, table: DriveTable, dt: float, knows_modes: bool) -> JointDrives:
         model, drives, shape = self._model, JointDrives(), (self._num_envs, self._dofs)
         drives.dt, drives.feeds_velocity = dt, knows_modes
         drives.masks_gains = self._masks = bool(self.explicit.any()) and not knows_modes
@@ -85,6 +90,7 @@ class Actuation:
             ("effort_limit", "joint_effort_limit"),
         ):  # fmt: skip
             setattr(drives, name, getattr(model, attribute).reshape(shape))
+        # Arrays that only explicit actuators need are empty without one: the kernel then reads none of them.
         explicit = shape if self.explicit.any() else (0, 0)
         for name in ("integral_gain", "integral_limit", "bias_effort", "saturation_effort", "no_load_speed"):
             setattr(drives, name, wp.array(table.floats[name].reshape(shape)) if explicit == shape else None)
@@ -96,14 +102,14 @@ class Actuation:
         self._allocate_delays(drives, table.lag.reshape(self._num_envs, -1), table.depth)
         return drives
 
-    def _allocate_delays(self, drives: Any, lag: np.ndarray, depth: int) -> None:
+    def _allocate_delays(self, drives: JointDrives, lag: np.ndarray, depth: int) -> None:
         slots = lag.shape[1]
         drives.lag = wp.array(np.ascontiguousarray(lag, dtype=np.int32), ndim=2)
         drives.pushes = wp.zeros((self._num_envs, slots), dtype=int)
         drives.history = wp.zeros((depth, self._num_envs, slots), dtype=wp.vec3)
 
     def bind(self, state: newton.State, control: newton.Control) -> None:
-        """Read the joints from ``state`` and the targets from ``control`` for good, and write its ``joint_f``."""
+        """Read the joints from ``state`` and the targets from ``control`` from now on, and write its ``joint_f``."""
         drives, shape = self.drives, (self._num_envs, -1)
         self._state, self._control = state, control
         if not self._dofs:
@@ -121,7 +127,7 @@ class Actuation:
         return any(low < high for low, high in self._delays)
 
     def delay(self, dofs: Sequence[int], low: int, high: int) -> None:
-        """Let targets be late by a lag drawn for each environment when it begins an episode, the same for all ``dofs``.
+        """Delay targets by a lag that is drawn for each environment when an episode begins, the same for all ``dofs``.
 
         Args:
             dofs: Degrees of freedom of an environment; their actuators have a delay.
@@ -145,13 +151,15 @@ class Actuation:
         """Compute the efforts of a physics step; may be captured.
 
         Args:
-            index: Physics steps before it in a row of them; networks change between two states along it.
-            last: Whether it ends the row.
+            index: Physics steps before it among those that are launched together.
+            last: Whether it is the last of them.
         """
+        # Newton's networks read one state and write another. The two take turns, without copies, and the next launch
+        # must find the newest in the first one again: after an odd number of steps it is copied there.
         for actuator, first, second in self._stepped:
             now, following = (first, second) if index % 2 == 0 else (second, first)
             actuator.step(self._state, self._control, now, following, dt=self.drives.dt)
-            if last and first is not second and index % 2 == 0:
+            if last and first is not None and first is not second and index % 2 == 0:
                 first.assign(second)
         self._launch(drive_joints)
 
@@ -170,13 +178,16 @@ class Actuation:
             state.reset(mask)
 
     def hide_gains(self) -> None:
-        """Bring what :meth:`solver_gains` shows up to date."""
+        """Bring the gains that :meth:`solver_gains` shows up to date."""
         if self._masks:
             self._launch(mask_gains)
 
     @contextlib.contextmanager
     def solver_gains(self) -> Iterator[None]:
-        """Show the solver the gains of its own drives alone, if it would take those of explicit actuators for them."""
+        """Show the solver the gains of its own drives alone, if it would take those of explicit actuators for them.
+
+        The model's arrays are swapped for masked copies while the solver looks, which launches nothing.
+        """
         shown = {name: getattr(self._model, name) for name in self._hidden}
         vars(self._model).update(self._hidden)
         try:
@@ -184,13 +195,13 @@ class Actuation:
         finally:
             vars(self._model).update(shown)
 
-    def _launch(self, kernel: Any) -> None:
+    def _launch(self, kernel: wp.Kernel) -> None:
         if self._dofs:
             wp.launch(kernel, dim=(self._num_envs, self._dofs), inputs=[self.drives], device=self._model.device)
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
+        """Arrays that persist from step to step, by name."""
         found = {n: getattr(self.drives, n) for n in ("integral", "lag", "pushes", "history")}
         found |= {"rng": self.rng} if self._delays else {}
         for i, (_, state, _) in enumerate(self._stepped):
@@ -201,13 +212,8 @@ class Actuation:
         return {n: a for n, a in found.items() if isinstance(a, wp.array) and a.size}
 
 
-_GAINS = ("joint_target_ke", "stiffness"), ("joint_target_kd", "damping")
-
-
-def _states(actuator: Actuator) -> tuple[Any, Any]:
-    """Its states before and after a step: one and the same where each number is read before it is written."""
-    from newton.actuators import DriveNeuralGRU, DriveNeuralLSTM
-
+def _states(actuator: Actuator) -> tuple[Actuator.State | None, Actuator.State | None]:
+    """States before and after a step: one and the same where each number is read before it is written."""
     first = actuator.state()
     alone = type(actuator.drive) in (DriveNeuralGRU, DriveNeuralLSTM) and actuator.delay is None
     return first, first if alone or first is None else actuator.state()

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuator configs, written onto the joints of a Newton model builder before it is replicated."""
+"""Actuator configs: the base of all, and the drive inside the solver.
+
+A config writes its group of joints onto the builder of one environment, before that is replicated.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +10,23 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+import newton
+
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.matching import match_names, match_values
 
 if TYPE_CHECKING:
-    import newton
-
     from stripe_newton.sim import Simulation
 
 __all__ = ["ActuatorCfg", "ImplicitActuatorCfg", "PerJoint"]
 
 PerJoint = float | dict[str, float] | None
-"""One number for all joints of the group, or numbers by joint-name expression; ``None`` keeps what the file says."""
+"""One number for all joints of the group, or numbers by joint-name expression; ``None`` keeps those of the file."""
 
 
 @configclass
 class ActuatorCfg:
-    """Base of the actuators: which joints, their limits and their passive properties."""
+    """Base of the actuators: a group of joints, their limits and their passive properties."""
 
     joint_names_expr: list[str] = MISSING
     """Regular expressions of the joints in this group."""
@@ -34,8 +37,8 @@ class ActuatorCfg:
     effort_limit: PerJoint = None
     """Largest effort [N or N m]."""
     effort_limit_sim: PerJoint = None
-    """Largest effort the solver lets the drive apply [N or N m]; default: ``effort_limit``, which goes before it where
-    the actuator is explicit."""
+    """Limit of the solver's drive [N or N m]. It defaults to ``effort_limit``. An explicit actuator uses it only where
+    ``effort_limit`` is ``None``."""
     velocity_limit: PerJoint = None
     """Speed the actuator is rated for [m/s or rad/s]; reported as ``joint_vel_limits``."""
     velocity_limit_sim: PerJoint = None
@@ -82,9 +85,11 @@ class ActuatorCfg:
         self._set(builder.joint_armature, self.armature, own, ids, dofs)
         self._set(builder.joint_friction, self.friction, own, ids, dofs)
         self._set(builder.joint_damping, self.viscous_friction, own, ids, dofs)
+        # MuJoCo does not enforce the model's limit, which is a report; velocity_limit_sim is enforced after each step.
         limit = self.velocity_limit_sim if self.velocity_limit_sim is not None else self.velocity_limit
         self._set(builder.joint_velocity_limit, limit, own, ids, dofs)
         rows = [dofs[i] for i in ids]
+        # The gains of an actuator of the file stay, for a config that leaves its own None.
         for row, gains in remove_actuators(builder, rows).items():
             builder.joint_target_ke[row], builder.joint_target_kd[row] = gains
         self._drive(builder, own, rows)
@@ -96,10 +101,11 @@ class ActuatorCfg:
                 array[dofs[ids[i]]] = value
 
     def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
+        """Write the law of the joints, named ``names``, of the degrees of freedom ``dofs``."""
         raise NotImplementedError
 
     def bind(self, sim: Simulation, names: Sequence[str], dofs: Sequence[int]) -> None:
-        """What is left to do once the model is there.
+        """Finish what needs the model, once it is there.
 
         Args:
             sim: The simulation.
@@ -123,8 +129,6 @@ class ImplicitActuatorCfg(ActuatorCfg):
     """
 
     def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
-        import newton
-
         every = range(len(names))
         self._set(builder.joint_target_ke, self.stiffness, names, list(every), dofs)
         self._set(builder.joint_target_kd, self.damping, names, list(every), dofs)
@@ -132,18 +136,23 @@ class ImplicitActuatorCfg(ActuatorCfg):
         self._set(builder.joint_effort_limit, limit, names, list(every), dofs)
         for dof in dofs:
             gains = builder.joint_target_ke[dof], builder.joint_target_kd[dof]
+            # SolverMuJoCo makes the drives of a joint by its mode, and reads the gains afterwards.
             builder.joint_target_mode[dof] = int(newton.JointTargetMode.from_gains(*gains, has_drive=True))
 
 
 def remove_actuators(builder: newton.ModelBuilder, dofs: Sequence[int]) -> dict[int, tuple[float, float]]:
-    """Take the explicit actuators of some degrees of freedom off a builder; returns the position and velocity gains
-    they had."""
+    """Take the explicit actuators of some degrees of freedom off a builder.
+
+    Returns:
+        The position and velocity gains that they had, by degree of freedom.
+    """
     gains = {}
     for key, entry in list(builder.actuator_entries.items()):
         kept = [k for k, dof in enumerate(entry.indices) if dof not in dofs]
         for dof, arguments in zip(entry.indices, entry.drive_args, strict=True):
             if dof in dofs:
                 gains[dof] = arguments.get("kp", 0.0), arguments.get("kd", 0.0)
+        # An entry is one of lists side by side; those that do not apply, such as the delays, are empty.
         for name in ("indices", "pos_indices", "drive_args", "delay_args", "clamping_args"):
             values = getattr(entry, name)
             values[:] = [values[k] for k in kept] if values else []

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assets: what stands in a scene and has state."""
+"""Assets: articulations, rigid objects and static assets of a scene."""
 
 from .articulation import Articulation, ArticulationCfg
 from .articulation_data import ArticulationData
-from .asset_base import AssetBase, AssetBaseCfg
+from .asset_base import AssetBase, AssetBaseCfg, BoundAsset
 from .layout import Layout, articulation_layouts
-from .library import ROBOT_SOURCES, file_spawner, find_robot
 from .rigid_object import RigidObject, RigidObjectCfg
+from .robot_library import ROBOT_SOURCES, file_spawner, find_robot
 from .root_data import RootData
+from .terrain_base import TerrainBase, TerrainBaseCfg
 
 __all__ = [
     "ROBOT_SOURCES",
@@ -16,10 +17,13 @@ __all__ = [
     "ArticulationData",
     "AssetBase",
     "AssetBaseCfg",
+    "BoundAsset",
     "Layout",
     "RigidObject",
     "RigidObjectCfg",
     "RootData",
+    "TerrainBase",
+    "TerrainBaseCfg",
     "articulation_layouts",
     "file_spawner",
     "find_robot",

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots, and whatever else has joints."""
+"""Articulation: a robot, or anything else with joints, in every environment."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import newton
 import torch
@@ -15,8 +15,8 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.matching import match_names, match_values
 
 from .articulation_data import ArticulationData
-from .asset_base import AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
-from .binding import place_root, select_layout
+from .asset_base import AssetBase, AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
+from .layout import Layout
 from .rigid_object import RigidObjectCfg
 
 if TYPE_CHECKING:
@@ -27,8 +27,11 @@ __all__ = ["Articulation", "ArticulationCfg"]
 JointIds = Sequence[int] | torch.Tensor | slice | None
 """Joints by index; ``None`` means all."""
 
+JointValues = torch.Tensor | float
+"""A number for all, or numbers of shape ``(n, joints)``."""
 
-def _articulation(cfg: ArticulationCfg) -> Any:
+
+def _articulation(cfg: ArticulationCfg) -> Articulation:
     return Articulation(cfg)
 
 
@@ -52,7 +55,7 @@ class ArticulationCfg(AssetBaseCfg):
                     if not math.isfinite(value):
                         yield f"{name}[{key!r}]", f"is {value}, must be finite"
 
-    class_type: Callable[..., Any] | None = _articulation
+    class_type: Callable[..., AssetBase] | None = _articulation
     """Class that the scene makes of this config."""
     init_state: InitialStateCfg = InitialStateCfg()
     """State at the start of an episode."""
@@ -78,51 +81,63 @@ class Articulation(BoundAsset):
     cfg: ArticulationCfg
     _data: ArticulationData
 
-    def prepare(self, layouts: Any, builder: newton.ModelBuilder) -> None:
+    def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
         """Find the articulation and write initial state and actuators onto the builder of one environment.
 
         Raises:
-            ValueError: everything in the config that does not fit the articulation, at once.
+            ConfigError: everything in the config that does not fit the articulation, at once.
         """
         cfg = self.cfg
-        self.layout = layout = select_layout(self, layouts, cfg.articulation_root_prim_path)
-        place_root(builder, layout, cfg.init_state)
-        names, problems = layout.joint_names, []
-        for field, array, rows in (
-            ("joint_pos", builder.joint_q, layout.coords),
-            ("joint_vel", builder.joint_qd, layout.dofs),
-        ):
-            values = getattr(cfg.init_state, field)
-            if not values or not names or (len(rows) != len(names) and set(values) == {".*"}):
-                continue
-            try:
-                for i, value in match_values(values, names, what="joint").items():
-                    array[rows[i]] = value
-            except ValueError as error:
-                problems.append(f"init_state.{field}: {error}")
-        owners: dict[int, str] = {}
-        self._velocity_limits: dict[int, float] = {}
-        for group, actuator in cfg.actuators.items():
-            try:
-                ids = actuator.apply(builder, names, layout.dofs)
-                self._velocity_limits |= actuator.limited_velocities(names)
-            except ValueError as error:
-                problems.append(f"actuators.{group}: {error}")
-                continue
-            twice = next((i for i in ids if i in owners), None)
-            if twice is not None:
-                problems.append(f"actuators.{group}: joint '{names[twice]}' is in group '{owners[twice]}' too")
-            owners.update(dict.fromkeys(ids, group))
+        self.layout = layout = self._find_layout(layouts, cfg.articulation_root_prim_path)
+        layout.place_root(builder, cfg.init_state.pos, cfg.init_state.rot)
+        problems = [*self._write_joint_state(builder), *self._write_actuators(builder)]
+        # Targets begin at the initial state: a drive would otherwise pull to zero before the first action. The zip ends
+        # with the shorter range, as a ball joint has more coordinates than degrees of freedom.
         for coord, dof in zip(layout.coords, layout.dofs, strict=False):
             builder.joint_target_q[coord] = builder.joint_q[coord]
             builder.joint_target_qd[dof] = builder.joint_qd[dof]
         if problems:
             raise ConfigError([f"articulation '{cfg.prim_path}': {p}" for p in problems])
 
+    def _write_joint_state(self, builder: newton.ModelBuilder) -> Iterator[str]:
+        """Write initial positions and velocities; yields what does not fit."""
+        layout, names = self.layout, self.layout.joint_names
+        for field, array, rows in (
+            ("joint_pos", builder.joint_q, layout.coords),
+            ("joint_vel", builder.joint_qd, layout.dofs),
+        ):
+            values = getattr(self.cfg.init_state, field)
+            # A ball joint has more coordinates than names: the default for all joints then leaves the file's.
+            if not values or not names or (len(rows) != len(names) and set(values) == {".*"}):
+                continue
+            try:
+                for i, value in match_values(values, names, what="joint").items():
+                    array[rows[i]] = value
+            except ValueError as error:
+                yield f"init_state.{field}: {error}"
+
+    def _write_actuators(self, builder: newton.ModelBuilder) -> Iterator[str]:
+        """Write the actuator groups; yields what does not fit."""
+        layout, names = self.layout, self.layout.joint_names
+        owners: dict[int, str] = {}
+        self._velocity_limits: dict[int, float] = {}
+        for group, actuator in self.cfg.actuators.items():
+            try:
+                ids = actuator.apply(builder, names, layout.dofs)
+                self._velocity_limits |= actuator.limited_velocities(names)
+            except ValueError as error:
+                yield f"actuators.{group}: {error}"
+                continue
+            twice = next((i for i in ids if i in owners), None)
+            if twice is not None:
+                yield f"actuators.{group}: joint '{names[twice]}' is in group '{owners[twice]}' too"
+            owners.update(dict.fromkeys(ids, group))
+
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
         self._data = ArticulationData(sim, self.layout, self.cfg.soft_joint_pos_limit_factor)
-        self._data.set_defaults(self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device))
+        start, origins = self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device)
+        self._data.set_defaults(start.lin_vel, start.ang_vel, origins)
         self._data.default_joint_pos = self._data.joint_pos.clone()
         self._data.default_joint_vel = self._data.joint_vel.clone()
         for actuator in self.cfg.actuators.values():
@@ -209,28 +224,37 @@ class Articulation(BoundAsset):
     ) -> None:
         """Set joint velocities [m/s or rad/s], shape ``(n, joints)``; accelerations restart from zero."""
         self._assign(self._data.joint_vel, velocity, joint_ids, env_ids)
+        # Else the next acceleration would be the difference between two episodes.
         self._assign(self._data._previous_vel, velocity, joint_ids, env_ids)
 
     # -- properties
 
-    def write_joint_stiffness_to_sim(self, stiffness: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_stiffness_to_sim(
+        self, stiffness: JointValues, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set the position gains, implicit or explicit [N/m or N m/rad]."""
         self._change(self._data.joint_stiffness, stiffness, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
 
-    def write_joint_damping_to_sim(self, damping: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_damping_to_sim(
+        self, damping: JointValues, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set the velocity gains, implicit or explicit [N s/m or N m s/rad]."""
         self._change(self._data.joint_damping, damping, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
 
-    def write_joint_effort_limit_to_sim(self, limits: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_effort_limit_to_sim(
+        self, limits: JointValues, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set the largest efforts [N or N m]."""
         self._change(self._data.joint_effort_limits, limits, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
 
-    def write_joint_armature_to_sim(self, armature: Any, joint_ids: JointIds = None, env_ids: EnvIds = None) -> None:
+    def write_joint_armature_to_sim(
+        self, armature: JointValues, joint_ids: JointIds = None, env_ids: EnvIds = None
+    ) -> None:
         """Set the inertia added to the joints [kg or kg m^2]."""
         self._change(self._data.joint_armature, armature, joint_ids, env_ids, "JOINT_DOF_INERTIAL_PROPERTIES")
 
     def write_joint_friction_coefficient_to_sim(
-        self, friction: Any, joint_ids: JointIds = None, env_ids: EnvIds = None
+        self, friction: JointValues, joint_ids: JointIds = None, env_ids: EnvIds = None
     ) -> None:
         """Set the Coulomb friction of the joints [N or N m]."""
         self._change(self._data.joint_friction_coeff, friction, joint_ids, env_ids, "JOINT_DOF_FORCE_PROPERTIES")
@@ -253,7 +277,7 @@ class Articulation(BoundAsset):
         data.joint_effort_target[ids] = 0.0
         self._clear_wrench(ids)
 
-    def _assign(self, buffer: torch.Tensor, value: Any, joint_ids: JointIds, env_ids: EnvIds) -> None:
+    def _assign(self, buffer: torch.Tensor, value: JointValues, joint_ids: JointIds, env_ids: EnvIds) -> None:
         """``buffer[env_ids, joint_ids] = value``; without ids a plain copy."""
         if joint_ids is None and env_ids is None:
             buffer[:] = value
@@ -265,7 +289,9 @@ class Articulation(BoundAsset):
             columns = torch.arange(buffer.shape[1], device=self.device)[joint_ids]
             buffer[self.env_indices(env_ids).unsqueeze(1), columns] = value
 
-    def _change(self, buffer: torch.Tensor, value: Any, joint_ids: JointIds, env_ids: EnvIds, flag: str) -> None:
+    def _change(
+        self, buffer: torch.Tensor, value: JointValues, joint_ids: JointIds, env_ids: EnvIds, flag: str
+    ) -> None:
         self._assign(buffer, value, joint_ids, env_ids)
-        self._sim.refresh_drives()
+        self._sim.refresh_drives()  # solvers without drive modes see masked copies of the gains
         self._sim.notify(newton.ModelFlags[flag])

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of an articulation."""
+"""Articulation data: state of an articulation."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import torch
+import warp as wp
+
+import stripe_kernels.data as kernels
 
 from .root_data import RootData
 
@@ -15,6 +18,16 @@ if TYPE_CHECKING:
     from .layout import Layout
 
 __all__ = ["ArticulationData"]
+
+_MODEL_FIELDS = {
+    "joint_stiffness": "joint_target_ke",
+    "joint_damping": "joint_target_kd",
+    "joint_pos_lower": "joint_limit_lower",
+    "joint_pos_upper": "joint_limit_upper",
+    "joint_vel_limit": "joint_velocity_limit",
+    "joint_effort_limit": "joint_effort_limit",
+}
+"""Fields of the struct, and the arrays of the model that they show."""
 
 
 class ArticulationData(RootData):
@@ -30,7 +43,7 @@ class ArticulationData(RootData):
 
     def __init__(self, sim: Simulation, layout: Layout, soft_limit_factor: float):
         super().__init__(sim, layout)
-        coords = slice(layout.coords.start, layout.coords.stop)
+        self._coords = coords = slice(layout.coords.start, layout.coords.stop)
         self._dofs = dofs = slice(layout.dofs.start, layout.dofs.stop)
         state, model, control = sim.state, sim.model, sim.control
         self.joint_pos = sim.per_env(state.joint_q)[:, coords]
@@ -57,6 +70,7 @@ class ArticulationData(RootData):
         """Rated speeds [m/s or rad/s] (view), shape ``(num_envs, num_joints)``."""
         self._lower = sim.per_env(model.joint_limit_lower)[:, dofs]
         self._upper = sim.per_env(model.joint_limit_upper)[:, dofs]
+        # Of explicit actuators MuJoCo reports nothing: their efforts are part of joint_f.
         self._explicit = torch.from_numpy(sim.actuation.explicit[dofs]).to(sim.device)
         self._soft = soft_limit_factor
         self._previous_vel = sim.per_env(sim.previous_joint_qd)[:, dofs]
@@ -105,7 +119,31 @@ class ArticulationData(RootData):
         """
         sim = self._sim
         other = sim.per_env(sim.control.joint_f)[:, self._dofs]
-        if sim.observables is not None and getattr(sim.observables, "qfrc_actuator", None) is not None:
-            return sim.per_env(sim.observables.qfrc_actuator)[:, self._dofs] + other
+        reported = sim.reported("qfrc_actuator")
+        if reported is not None:
+            return sim.per_env(reported)[:, self._dofs] + other
         law = self.computed_torque.clamp(-self.joint_effort_limits, self.joint_effort_limits)
         return torch.where(self._explicit, other, law)
+
+    def _fill_joints(self, struct: kernels.ArticulationData, unavailable: dict[str, str]) -> None:
+        super()._fill_joints(struct, unavailable)
+        struct.soft_limit_factor = self._soft
+        if not self.joint_names:
+            return
+        sim, coords, dofs = self._sim, self._coords, self._dofs
+        struct.joint_pos = self._warp_view(sim.state.joint_q, coords, wp.float32)
+        struct.joint_vel = self._warp_view(sim.state.joint_qd, dofs, wp.float32)
+        struct.previous_joint_vel = self._warp_view(sim.previous_joint_qd, dofs, wp.float32)
+        struct.default_joint_pos = wp.from_torch(self.default_joint_pos)
+        struct.default_joint_vel = wp.from_torch(self.default_joint_vel)
+        struct.joint_pos_target = self._warp_view(sim.control.joint_target_q, coords, wp.float32)
+        struct.joint_vel_target = self._warp_view(sim.control.joint_target_qd, dofs, wp.float32)
+        struct.joint_effort_target = self._warp_view(sim.control.joint_act, dofs, wp.float32)
+        struct.joint_other_effort = self._warp_view(sim.control.joint_f, dofs, wp.float32)
+        for name, array in _MODEL_FIELDS.items():
+            setattr(struct, name, self._warp_view(getattr(sim.model, array), dofs, wp.float32))
+        effort = sim.reported("qfrc_actuator")
+        if effort is None:
+            unavailable["joint_drive_effort"] = f"{type(sim.solver).__name__} does not report it, use MuJoCoSolverCfg"
+        else:
+            struct.joint_drive_effort = self._warp_view(effort, dofs, wp.float32)

@@ -1,22 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What articulations, rigid objects and static assets share."""
+"""Asset bases: of all assets, and of those that have bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
+import newton
 import torch
 
-from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.sim.stage import authored_path, current_scene, is_env_path
+from stripe_newton.configclass import MISSING, ConfigError, configclass
+from stripe_newton.matching import match_names
+from stripe_newton.math import quat_apply
+from stripe_newton.sim import SpawnerCfg
+from stripe_newton.sim.scene_context import authored_path, current_scene, is_env_path
+
+from .layout import Layout, select_layout
+from .root_data import RootData
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-    from .layout import Layout
-
-__all__ = ["AssetBase", "AssetBaseCfg", "AssetInitialStateCfg"]
+__all__ = ["AssetBase", "AssetBaseCfg", "AssetInitialStateCfg", "BoundAsset"]
 
 EnvIds = Sequence[int] | torch.Tensor | slice | None
 """Environments by index; ``None`` means all."""
@@ -41,17 +46,22 @@ class AssetBaseCfg:
     """A static asset: ground, light, obstacle. :class:`ArticulationCfg` and :class:`RigidObjectCfg` derive from it."""
 
     prim_path: str = MISSING
-    """Where it is authored: ``/World/envs/env_.*/Name`` or ``{ENV_REGEX_NS}/Name`` for one in every environment."""
-    spawn: Any = None
+    """Prim path: ``/World/envs/env_.*/Name`` or ``{ENV_REGEX_NS}/Name`` for one in every environment."""
+    spawn: SpawnerCfg | None = None
     """Spawner config; ``None`` if the prim is there already."""
     init_state: AssetInitialStateCfg = AssetInitialStateCfg()
     """Pose at the start of an episode."""
-    class_type: Callable[..., Any] | None = None
+    class_type: Callable[..., AssetBase] | None = None
     """Class that the scene makes of this config."""
     collision_group: int = 0
-    """Accepted for compatibility: Newton keeps environments apart, shared assets collide with all."""
+    """Ignored: environments never collide with each other, and shared assets collide with all."""
     debug_vis: bool = False
-    """Accepted for compatibility."""
+    """Ignored: assets draw no markers."""
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "collision_group": "environments never collide with each other, and shared assets collide with all",
+        "debug_vis": "assets draw no markers",
+    }
 
 
 class AssetBase:
@@ -62,10 +72,14 @@ class AssetBase:
     """
 
     cfg: AssetBaseCfg
+    """The config."""
+    path: str
+    """Prim path in the first environment, or in what all share."""
 
-    def __init__(self, cfg: Any):
+    def __init__(self, cfg: AssetBaseCfg):
         cfg.validate()
         self.cfg = cfg.copy()
+        # By the context, not by an argument: so that assets are made as in Isaac Lab, Articulation(cfg).
         scene = current_scene()
         self.path = authored_path(self.cfg.prim_path)
         if self.cfg.spawn is not None:
@@ -82,31 +96,41 @@ class AssetBase:
         """Whether each environment has one."""
         return is_env_path(self.path)
 
-    def prepare(self, layouts: Any, builder: Any) -> None:
-        """Write what the config says onto the builder of one environment, before it is replicated."""
+    def names_of(self, kind: str) -> list[str] | None:
+        """Names among which terms choose joints (``kind="joint"``) or bodies (``"body"``); None if it has no such."""
+        return None
+
+    def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
+        """Write the config onto the builder of one environment, before it is replicated.
+
+        Args:
+            layouts: Articulations of an environment; a free rigid body is one of them.
+            builder: Builder of one environment.
+        """
 
     def initialize(self, sim: Simulation) -> None:
         """Bind to the built model."""
 
     def reset(self, env_ids: EnvIds = None) -> None:
-        """Forget what belongs to the last episode."""
+        """Clear what belongs to the last episode."""
 
     def write_data_to_sim(self) -> None:
-        """Hand over what was set since the last step."""
+        """Write what was set since the last step to the simulation."""
 
     def update(self, dt: float) -> None:
-        """Take note of a step of ``dt`` seconds."""
+        """Do what follows ``dt`` seconds of physics; nothing by default, and a step then does not call it."""
 
 
 class BoundAsset(AssetBase):
     """An asset with bodies, bound to its rows in the model's arrays."""
 
     layout: Layout
+    """Its rows in the arrays of the model, once it is prepared."""
     _sim: Simulation
-    _data: Any
+    _data: RootData
 
     @property
-    def data(self) -> Any:
+    def data(self) -> RootData:
         """State of the asset."""
         return self._data
 
@@ -128,6 +152,20 @@ class BoundAsset(AssetBase):
             return self._ALL_INDICES[env_ids]
         ids = torch.as_tensor(env_ids, device=self.device)
         return ids.nonzero().squeeze(-1) if ids.dtype == torch.bool else ids.long()
+
+    def names_of(self, kind: str) -> list[str] | None:
+        return list(self.layout.joint_names if kind == "joint" else self.layout.body_names)
+
+    def _find_layout(self, layouts: Sequence[Layout], root_path: str | None = None) -> Layout:
+        """The one articulation at or below the asset's prim.
+
+        Raises:
+            ConfigError: if there is none, or several and ``root_path`` chooses none of them.
+        """
+        where = f"{type(self).__name__} '{self.cfg.prim_path}'"
+        if not self.in_every_env:
+            raise ConfigError([f"{where}: bodies belong in environments, put it below '/World/envs/env_.*'"])
+        return select_layout(layouts, self.path, root_path, where)
 
     def initialize(self, sim: Simulation) -> None:
         self._sim = sim
@@ -170,8 +208,6 @@ class BoundAsset(AssetBase):
             root_velocity: Linear [m/s] and angular [rad/s], shape ``(n, 6)``.
             env_ids: Environments, default all.
         """
-        from stripe_newton.math import quat_apply
-
         ids = self.env_indices(env_ids)
         offset = quat_apply(self.data.root_quat_w[ids], self.data.root_com_offset_b[ids])
         linear = root_velocity[:, :3] + torch.linalg.cross(root_velocity[:, 3:], offset)
@@ -195,8 +231,6 @@ class BoundAsset(AssetBase):
         Raises:
             ValueError: if an expression matches nothing.
         """
-        from stripe_newton.matching import match_names
-
         return match_names(name_keys, self.layout.body_names, preserve_order, f"body of '{self.cfg.prim_path}'")
 
     def set_external_force_and_torque(
@@ -208,7 +242,7 @@ class BoundAsset(AssetBase):
         env_ids: EnvIds = None,
         is_global: bool = False,
     ) -> None:
-        """Set the wrench that acts on bodies from the next step until the reset or the next call.
+        """Set the wrench that acts on bodies from the next step on, until a reset or the next call.
 
         Args:
             forces: Forces at the centre of mass, or at ``positions`` [N], shape ``(n, bodies, 3)``.
@@ -222,7 +256,7 @@ class BoundAsset(AssetBase):
         sim.enable_external_wrench()
         ids = self.env_indices(env_ids).unsqueeze(1)
         bodies = self.layout.body_rows(body_ids, self.device).unsqueeze(0)
-        if positions is not None:
+        if positions is not None:  # the wrench is kept about the centre of mass, as Newton's body_f is
             torques = torques + torch.linalg.cross(positions, forces)
         sim.per_env(sim.external_wrench)[ids, bodies] = torch.cat((forces, torques), dim=-1)
         sim.per_env(sim.wrench_in_world)[ids, bodies] = is_global

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where an asset lies in the arrays of a model: found once in the builder of one environment."""
+"""Layout: the rows of an asset in the arrays of a model, found once in the builder of one environment."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING
 
 import newton
 import torch
+import warp as wp
+
+from stripe_newton.configclass import ConfigError
+from stripe_newton.math import combine_frame_transforms
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-__all__ = ["Layout", "articulation_layouts"]
+__all__ = ["Layout", "articulation_layouts", "select_layout"]
 
 
 @dataclass
@@ -54,22 +58,67 @@ class Layout:
             return rows
         return rows[body_ids if isinstance(body_ids, slice) else torch.as_tensor(body_ids, device=device)]
 
+    def place_root(
+        self, builder: newton.ModelBuilder, pos: Sequence[float] | None, rot: Sequence[float] | None
+    ) -> None:
+        """Put a free root at its initial pose; a fixed one stands where it was spawned.
+
+        Args:
+            builder: Builder of one environment.
+            pos: Position [m]; None keeps the file's.
+            rot: Orientation (x, y, z, w); None keeps the file's.
+        """
+        if not self.floating:
+            return
+        start = self.root_coord
+        if pos is not None:
+            builder.joint_q[start : start + 3] = [float(x) for x in pos]
+        if rot is not None:
+            builder.joint_q[start + 3 : start + 7] = [float(x) for x in rot]
+        builder.body_q[self.bodies[0]] = wp.transform(*builder.joint_q[start : start + 7])
+
     def write_root_pose(self, sim: Simulation, pose: torch.Tensor, ids: torch.Tensor) -> None:
         """Set root poses; a fixed root moves with the frame it is fixed to."""
         if self.floating:
             sim.per_env(sim.state.joint_q)[ids, self.root_coord : self.root_coord + 7] = pose
         else:
-            from stripe_newton.math import combine_frame_transforms
-
+            # A fixed joint keeps two frames together, one on the root and one in the world: the latter is moved here.
             anchor = sim.per_env(sim.model.joint_X_c)[ids, self.joints[0]]
             frame = combine_frame_transforms(pose[:, :3], pose[:, 3:7], anchor[:, :3], anchor[:, 3:7])
             sim.per_env(sim.model.joint_X_p)[ids, self.joints[0]] = torch.cat(frame, dim=-1)
-            sim.roots_moved = True
+            sim.roots_moved = True  # the solver has its own copy of the frames, which the next step brings up to date
 
     def write_root_velocity(self, sim: Simulation, velocity: torch.Tensor, ids: torch.Tensor) -> None:
         """Set root velocities; a fixed root has none."""
         if self.floating:
             sim.per_env(sim.state.joint_qd)[ids, self.root_dof : self.root_dof + 6] = velocity
+
+
+def select_layout(layouts: Sequence[Layout], path: str, root_path: str | None, where: str) -> Layout:
+    """The one articulation at or below a prim.
+
+    Args:
+        layouts: All articulations.
+        path: Path of the prim.
+        root_path: Path of the articulation's root below it; None for the only one that there is.
+        where: The asset, for errors.
+
+    Raises:
+        ConfigError: if there is none, or several and ``root_path`` chooses none of them.
+    """
+    inside = [x for x in layouts if x.path == path or x.path.startswith(path + "/")]
+    if root_path is not None:
+        inside = [x for x in inside if x.path == path + root_path]
+    if not inside:
+        there = ", ".join(x.path for x in layouts) or "none"
+        wanted = f"{path}{root_path or ''}"
+        hint = "check prim_path, and that the file applies PhysicsArticulationRootAPI"
+        raise ConfigError([f"{where}: no articulation or rigid body at '{wanted}', there is {there}; {hint}"])
+    if len(inside) > 1:
+        roots = ", ".join(x.path[len(path) :] or "/" for x in inside)
+        hint = "choose one by articulation_root_prim_path"
+        raise ConfigError([f"{where}: {len(inside)} articulations below it ({roots}); {hint}"])
+    return inside[0]
 
 
 def articulation_layouts(builder: newton.ModelBuilder) -> list[Layout]:
@@ -79,15 +128,11 @@ def articulation_layouts(builder: newton.ModelBuilder) -> list[Layout]:
 
 
 def _layout(builder: newton.ModelBuilder, joints: range, label: str) -> Layout:
-    ends = (
-        builder.joint_q_start[1:] + [builder.joint_coord_count],
-        builder.joint_qd_start[1:] + [builder.joint_dof_count],
-    )
+    coord_starts = [*builder.joint_q_start, builder.joint_coord_count]
+    dof_starts = [*builder.joint_qd_start, builder.joint_dof_count]
     root = joints[0]
     floating = builder.joint_type[root] == newton.JointType.FREE and builder.joint_parent[root] == -1
     first = root + 1 if floating else root
-    coord_start = ends[0][root] if floating else builder.joint_q_start[root]
-    dof_start = ends[1][root] if floating else builder.joint_qd_start[root]
     names = []
     short = _short_names([builder.joint_label[j] for j in joints])
     for joint in range(first, joints.stop):
@@ -95,18 +140,19 @@ def _layout(builder: newton.ModelBuilder, joints: range, label: str) -> Layout:
         name = short[joint - root]
         own = [name] if count == 1 else name.split("+")  # joints of an MJCF file that share a body
         names += own if len(own) == count else [f"{name}:{k}" for k in range(count)]
+    # Bodies in the order of their joints; one on which two joints end, as in a loop, counts once.
     bodies = list(dict.fromkeys(builder.joint_child[j] for j in joints))
     return Layout(
         path=label,
         joints=joints,
         bodies=bodies,
         body_names=_short_names([builder.body_label[b] for b in bodies]),
-        coords=range(coord_start, ends[0][joints[-1]]),
-        dofs=range(dof_start, ends[1][joints[-1]]),
+        coords=range(coord_starts[first], coord_starts[joints.stop]),
+        dofs=range(dof_starts[first], dof_starts[joints.stop]),
         joint_names=names,
         floating=floating,
-        root_coord=builder.joint_q_start[root] if floating else -1,
-        root_dof=builder.joint_qd_start[root] if floating else -1,
+        root_coord=coord_starts[root] if floating else -1,
+        root_dof=dof_starts[root] if floating else -1,
     )
 
 

@@ -1,27 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single rigid bodies."""
+"""Rigid object: a single rigid body in every environment."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
+import newton
 import torch
 
 from stripe_newton.configclass import ConfigError, configclass
 
-from .asset_base import AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
-from .binding import place_root, select_layout
+from .asset_base import AssetBase, AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
+from .layout import Layout
+from .root_data import RootData
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-    from .root_data import RootData
-
 __all__ = ["RigidObject", "RigidObjectCfg"]
 
 
-def _rigid_object(cfg: RigidObjectCfg) -> Any:
+def _rigid_object(cfg: RigidObjectCfg) -> RigidObject:
     return RigidObject(cfg)
 
 
@@ -38,7 +38,7 @@ class RigidObjectCfg(AssetBaseCfg):
         ang_vel: tuple[float, float, float] = (0.0, 0.0, 0.0)
         """Angular velocity, world frame [rad/s]."""
 
-    class_type: Callable[..., Any] | None = _rigid_object
+    class_type: Callable[..., AssetBase] | None = _rigid_object
     """Class that the scene makes of this config."""
     init_state: InitialStateCfg = InitialStateCfg()
     """State at the start of an episode."""
@@ -48,27 +48,20 @@ class RigidObject(BoundAsset):
     """A rigid body in every environment; its state is in :attr:`data`."""
 
     cfg: RigidObjectCfg
-    _data: RootData
 
-    @property
-    def data(self) -> RootData:
-        """State of the body."""
-        return self._data
-
-    def prepare(self, layouts: Any, builder: Any) -> None:
-        self.layout = select_layout(self, layouts, None)
+    def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
+        self.layout = self._find_layout(layouts)
         if len(self.layout.bodies) != 1:
             names = ", ".join(self.layout.body_names)
             problem = f"holds {len(self.layout.bodies)} bodies ({names}); use ArticulationCfg"
             raise ConfigError([f"RigidObject '{self.cfg.prim_path}': {problem}"])
-        place_root(builder, self.layout, self.cfg.init_state)
+        self.layout.place_root(builder, self.cfg.init_state.pos, self.cfg.init_state.rot)
 
     def initialize(self, sim: Simulation) -> None:
-        from .root_data import RootData
-
         super().initialize(sim)
         self._data = RootData(sim, self.layout)
-        self._data.set_defaults(self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device))
+        start, origins = self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device)
+        self._data.set_defaults(start.lin_vel, start.ang_vel, origins)
 
     def reset(self, env_ids: EnvIds = None) -> None:
         """Remove external forces."""

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of the root and the bodies of an asset, in world and body frames."""
+"""Root data: state of the root and the bodies of an asset, in world and body frames."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import torch
 import warp as wp
 
+import stripe_kernels.data as kernels
 from stripe_newton.math import quat_apply, quat_apply_inverse
 
 if TYPE_CHECKING:
@@ -17,13 +19,20 @@ if TYPE_CHECKING:
 
 __all__ = ["RootData", "WarpView"]
 
+_JOINT_FIELDS = (
+    "joint_pos", "joint_vel", "previous_joint_vel", "default_joint_pos", "default_joint_vel", "joint_pos_target",
+    "joint_vel_target", "joint_effort_target", "joint_drive_effort", "joint_other_effort", "joint_stiffness",
+    "joint_damping", "joint_pos_lower", "joint_pos_upper", "joint_vel_limit", "joint_effort_limit",
+)  # fmt: skip
+"""Fields of the struct about joints, all float32."""
+
 
 class WarpView:
     """The zero-copy buffers of a data object as Warp arrays, by the same names."""
 
     _TYPES = {"quat_w": wp.quat, "pose_w": wp.transform, "pos_w": wp.vec3, "vel_w": wp.vec3}
 
-    def __init__(self, data: Any):
+    def __init__(self, data: RootData):
         self._data = data
 
     def __getattr__(self, name: str) -> wp.array:
@@ -37,8 +46,10 @@ class WarpView:
 
 
 class RootData:
-    """Tensors lead with the environment: ``(num_envs, ...)``. Those marked *view* share memory with the simulation:
-    writing them writes its state. The others are computed from the state when asked for, and so never go stale.
+    """State of an asset as tensors that lead with the environment: ``(num_envs, ...)``.
+
+    Those marked *view* share memory with the simulation: writing them writes its state. The others are computed from
+    the state when asked for, and so never go stale.
 
     Frames: ``_w`` world, ``_b`` root body. Quaternions are (x, y, z, w). The linear velocity of ``root_lin_vel_*`` and
     ``body_lin_vel_w`` is that of the centre of mass, of ``*_link_lin_vel_*`` that of the link's origin.
@@ -60,12 +71,13 @@ class RootData:
         self._body_com = sim.per_env(sim.model.body_com)[:, rows]
         self._body_mass = sim.per_env(sim.model.body_mass)[:, rows]
         self._body_inertia = sim.per_env(sim.model.body_inertia)[:, rows]
-        if layout.floating:
+        if layout.floating:  # the coordinates are the state: bodies are computed from them
             coord, dof = layout.root_coord, layout.root_dof
             self._root_pose = sim.per_env(sim.state.joint_q)[:, coord : coord + 7]
             self._root_vel = sim.per_env(sim.state.joint_qd)[:, dof : dof + 6]
-        else:
+        else:  # a fixed root has no coordinates; its body has the pose
             self._root_pose, self._root_vel = self._poses[:, 0], self._velocities[:, 0]
+        # The direction as built: events that change gravity leave what projected_gravity refers to.
         gravity = wp.to_torch(sim.model.gravity)[0]
         down = gravity / gravity.norm() if gravity.norm() > 0 else torch.tensor([0.0, 0.0, -1.0], device=sim.device)
         self.GRAVITY_VEC_W = down.repeat(sim.num_envs, 1)
@@ -73,6 +85,7 @@ class RootData:
         self.FORWARD_VEC_B = torch.tensor([1.0, 0.0, 0.0], device=sim.device).repeat(sim.num_envs, 1)
         """The x axis, shape ``(num_envs, 3)``."""
         state, model, control = sim.state, sim.model, sim.control
+        # WarpView tells views from computed tensors by the memory they lie in.
         shared = (state.joint_q, state.joint_qd, state.body_q, state.body_qd, model.body_com, model.body_mass,
                   control.joint_target_q, control.joint_target_qd, control.joint_act, model.joint_target_ke,
                   model.joint_target_kd, model.joint_armature, model.joint_friction, model.joint_effort_limit,
@@ -83,7 +96,7 @@ class RootData:
 
     @property
     def _body_q(self) -> torch.Tensor:
-        self._sim.flush()
+        self._sim.flush()  # bodies of a new episode may not follow its joints yet
         return self._poses
 
     @property
@@ -243,33 +256,79 @@ class RootData:
         """Inertia about the centres of mass, link frames [kg m^2] (view), shape ``(num_envs, num_bodies, 3, 3)``."""
         return self._body_inertia
 
+    def set_defaults(self, lin_vel: Sequence[float], ang_vel: Sequence[float], origins: torch.Tensor) -> None:
+        """Fill the defaults from the state as built and the config's initial velocities.
+
+        Args:
+            lin_vel: Velocity of the root's centre of mass, world frame [m/s].
+            ang_vel: Angular velocity of the root, world frame [rad/s].
+            origins: Origins of the environments [m], shape ``(num_envs, 3)``.
+        """
+        self._default_mass = self._body_mass.clone()
+        self.default_root_state = self.root_state_w.clone()
+        self.default_root_state[:, :3] -= origins
+        for columns, velocity in ((slice(7, 10), lin_vel), (slice(10, 13), ang_vel)):
+            self.default_root_state[:, columns] = torch.tensor(velocity, device=origins.device)
+
+    # -- for terms
+
     @property
-    def struct(self) -> Any:
-        """The state as the struct that Warp terms read, ``stripe_kernels.data.ArticulationData``; same memory."""
+    def struct(self) -> kernels.ArticulationData:
+        """The state as the struct that Warp terms read; its arrays are the simulation's own memory."""
         return self._made_struct()[0]
 
     @property
     def unavailable(self) -> dict[str, str]:
-        """Fields of :attr:`struct` that may not be read, and why."""
+        """Fields of :attr:`struct` that may not be read, with the reason and what to set."""
         return self._made_struct()[1]
 
-    def _made_struct(self) -> tuple[Any, dict[str, str]]:
-        from .structs import make_struct
+    _struct: tuple[kernels.ArticulationData, dict[str, str]] | None = None
+    _struct_has_wrench = False
 
-        wrench = self._sim.external_wrench is not None
-        if self._struct is None or self._struct_has_wrench != wrench:
-            self._struct = make_struct(self._sim, self._layout, self, self._soft)
-            self._struct_has_wrench = wrench
+    def _made_struct(self) -> tuple[kernels.ArticulationData, dict[str, str]]:
+        has_wrench = self._sim.external_wrench is not None
+        if self._struct is None or self._struct_has_wrench != has_wrench:  # wrenches may be enabled at any time
+            struct, unavailable = kernels.ArticulationData(), dict[str, str]()
+            self._fill_struct(struct, unavailable)
+            self._struct, self._struct_has_wrench = (struct, unavailable), has_wrench
         return self._struct
 
-    _struct: tuple[Any, dict[str, str]] | None = None
-    _struct_has_wrench = False
-    _soft = 1.0
+    def _fill_struct(self, struct: kernels.ArticulationData, unavailable: dict[str, str]) -> None:
+        """Fill the struct with views of the simulation's arrays, and note which of its fields are not there."""
+        sim, bodies = self._sim, self._layout.body_slice
+        if not isinstance(bodies, slice):
+            path = self._layout.path
+            raise RuntimeError(f"'{path}': its bodies are not contiguous in the model, terms cannot read them")
+        struct.root_pose = wp.from_torch(self.root_pose_w, dtype=wp.transform)
+        struct.root_vel = wp.from_torch(self.root_vel_w, dtype=wp.spatial_vector)
+        struct.default_root_pose = wp.from_torch(self.default_root_state[:, :7], dtype=wp.transform)
+        struct.default_root_vel = wp.from_torch(self.default_root_state[:, 7:], dtype=wp.spatial_vector)
+        struct.body_pose = self._warp_view(sim.state.body_q, bodies, wp.transform)
+        struct.body_vel = self._warp_view(sim.state.body_qd, bodies, wp.spatial_vector)
+        for name, observable in (("body_acc", "body_qdd"), ("body_parent_wrench", "body_parent_f")):
+            array = sim.reported(observable)
+            if array is None:
+                unavailable[name] = f"not computed; set SimulationCfg(observables=('{observable}',))"
+            else:
+                setattr(struct, name, self._warp_view(array, bodies, wp.spatial_vector))
+        if sim.external_wrench is None:
+            unavailable["external_wrench"] = "not enabled; call sim.enable_external_wrench() first"
+        else:
+            struct.external_wrench = self._warp_view(sim.external_wrench, bodies, wp.spatial_vector)
+        self._fill_joints(struct, unavailable)
+        struct.physics_dt = sim.physics_dt
+        struct.env_origin = sim.env_origin
+        struct.gravity_dir = wp.vec3(*self.GRAVITY_VEC_W[0].tolist())
 
-    def set_defaults(self, cfg: object, origins: torch.Tensor) -> None:
-        """Fill the defaults from the state as built and the config's initial velocities."""
-        self._default_mass = self._body_mass.clone()
-        self.default_root_state = self.root_state_w.clone()
-        self.default_root_state[:, :3] -= origins
-        for columns, name in ((slice(7, 10), "lin_vel"), (slice(10, 13), "ang_vel")):
-            self.default_root_state[:, columns] = torch.tensor(getattr(cfg, name), device=origins.device)
+    def _fill_joints(self, struct: kernels.ArticulationData, unavailable: dict[str, str]) -> None:
+        """Fill the fields about joints; without any they are empty."""
+        empty = wp.zeros((self._sim.num_envs, 0), dtype=wp.float32, device=self._sim.device)
+        for name in _JOINT_FIELDS:
+            setattr(struct, name, empty)
+        struct.soft_limit_factor = 1.0
+
+    def _warp_view(self, array: wp.array | None, rows: slice, dtype: type) -> wp.array:
+        """Some rows of each environment's part of a flat array; None for what the model has not."""
+        if array is None or not array.size:
+            return None
+        return wp.from_torch(self._sim.per_env(array)[:, rows], dtype=dtype)

@@ -23,8 +23,7 @@ from typing import Annotated, Any, TypeAlias, TypeGuard
 
 import tyro
 
-from stripe_newton.configclass import MISSING, is_config, to_dict
-from stripe_newton.rl.configs import Config
+from stripe_newton.configclass import MISSING, Config, is_config, to_dict
 
 __all__ = ["Node", "Options", "TypeForm", "apply_options", "apply_saved", "options_of"]
 
@@ -62,7 +61,7 @@ def apply_options(cfg: Node, options: Options) -> None:
             _put(cfg, name, new)
 
 
-def apply_saved(cfg: Node, saved: Mapping[str, object], path: str) -> list[str]:
+def apply_saved(cfg: Config, saved: Mapping[str, object], path: str) -> list[str]:
     """Write the values of a saved config into ``cfg``.
 
     Values that are equal are left as they are. So is the path of a file that exists here, if the saved config has a
@@ -105,7 +104,7 @@ def _items(cfg: Node) -> list[tuple[str, object]]:
     """Names and values of the fields of a config, or keys and values of a dict."""
     if isinstance(cfg, Mapping):
         return list(cfg.items())
-    return [(field.name, getattr(cfg, field.name)) for field in dataclasses.fields(cfg)]  # type: ignore[arg-type]
+    return [(field.name, getattr(cfg, field.name)) for field in dataclasses.fields(cfg)]
 
 
 def _put(cfg: Node, name: str, value: object) -> None:

@@ -18,7 +18,7 @@ from stripe_kernels.episode import (
 from stripe_newton.fusion import Captured, Code, Item, Name, Section, block, code
 from stripe_newton.managers import ManagerContext
 from stripe_newton.sim import Simulation
-from stripe_newton.sim.flags import HostFlags
+from stripe_newton.sim.host_flags import HostFlags
 
 __all__ = ["Safety"]
 

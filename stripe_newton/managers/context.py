@@ -155,7 +155,8 @@ class ManagerContext:
     def _add_arrays_of_others(self) -> None:
         """Add the arrays of terrain, actuators and sensors, so that they are saved and their random streams seeded."""
         scene = self.scene
-        self.arrays |= {f"terrain.{k}": v for k, v in getattr(scene.terrain, "arrays", {}).items()}
+        if scene.terrain is not None:
+            self.arrays |= {f"terrain.{k}": v for k, v in scene.terrain.arrays.items()}
         self.arrays |= {
             "log": self.log.values,
             "parameters": self.parameters.floats,

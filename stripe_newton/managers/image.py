@@ -45,9 +45,12 @@ def image(
         data_type: One of the camera's ``data_types``, except ``rgba``.
         normalize: Apply the formula above.
     """
-    sensor = env.scene.sensors[sensor_cfg.name if isinstance(sensor_cfg, SceneEntityCfg) else sensor_cfg]
-    sensor.image(data_type)
-    values: torch.Tensor = sensor.data.output[data_type].float()
+    name = sensor_cfg.name if isinstance(sensor_cfg, SceneEntityCfg) else sensor_cfg
+    camera = env.scene.sensors[name]
+    if not isinstance(camera, Camera):
+        raise TypeError(f"sensor_cfg names '{name}', a {type(camera).__name__}, must name a camera")
+    camera.image(data_type)
+    values: torch.Tensor = camera.data.output[data_type].float()
     if normalize and data_type == "rgb":
         values = (values - values.mean(dim=(1, 2), keepdim=True)) / 255.0
     elif normalize and data_type in ("depth", "distance_to_image_plane", "distance_to_camera"):

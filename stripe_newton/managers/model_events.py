@@ -9,7 +9,7 @@ from functools import partial
 import warp as wp
 
 from stripe_newton.fusion import Captured, Code, Item, Section, code
-from stripe_newton.sim.mass_tree import MassConstants
+from stripe_newton.sim.mass_constants import MassConstants
 from stripe_newton.sim.model_update import ModelUpdate, model_flags
 
 from .context import ManagerContext
@@ -82,10 +82,10 @@ class ModelEvents:
             self._constants = update.constants
             self._context.arrays["model.touched"] = self._constants.touched
         title = f"solver told of {', '.join(sorted(names))}"
-        title += f", in all worlds: {update.obstacle}" if update.obstacle else ""
+        title += f", in all worlds: {update.why_all_worlds}" if update.why_all_worlds else ""
         # It may run beside the items that follow: only the physics of the next step, or the next mode that changes the
         # model, uses the solver's copy.
-        beside = last and not update.obstacle
+        beside = last and not update.why_all_worlds
         tell = Captured(title, partial(update.launch, self._mask()), beside=beside, fields=frozenset())
         return [Section("events_model", [code("{}[env] = False", self._mask_name())]), *items, tell]
 

@@ -65,7 +65,7 @@ class ModelTerm:
         return SceneEntityCfg(given if isinstance(given, str) else default)
 
     def without_effect(self) -> list[str]:
-        """Parameters that are accepted so that configs of Isaac Lab load, each as ``parameter has no effect: reason``."""
+        """Parameters accepted only so that configs of Isaac Lab load, as ``parameter has no effect: reason``."""
         return [f"{name} has no effect: {self._info.ignored[name]}" for name in self._ignored]
 
     def problems(self) -> list[str]:

@@ -11,10 +11,9 @@ import numpy as np
 import torch
 
 if TYPE_CHECKING:
+    from stripe_newton.configclass import Config
     from stripe_newton.envs import RLEnv
     from stripe_newton.sim import Simulation
-
-    from .configs.config import Config
 
 __all__ = [
     "EnvState",

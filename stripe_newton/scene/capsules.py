@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Capsules that stand in the world, and a grid of lists of those that touch each of its cells."""
+"""Capsules in the world frame, and a grid of cells that lists those that touch each of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 __all__ = ["Capsules", "CellLists", "list_cells"]
 
@@ -15,7 +16,27 @@ _SHAPES = {"positions": (3,), "rotations": (4,), "radius": (), "half_length": ()
 SHORTEST = 1.0e-4
 """Half length that shorter capsules, such as spheres, get [m]: an axis needs a direction."""
 MAX_CELLS = 1 << 20
-"""Most cells of a grid; where they would be more they are larger."""
+"""Limit on the cells of a grid; where there would be more they are made larger."""
+
+
+class ColliderShape(Protocol):
+    """A collider in the frame of its asset, such as ``spec.Collider``."""
+
+    @property
+    def kind(self) -> str:
+        """``"sphere"``, ``"capsule"``, ``"cylinder"`` or ``"box"``."""
+
+    @property
+    def size(self) -> Sequence[float]:
+        """Radius, and half length of the axis [m]; half extents of a box."""
+
+    @property
+    def pos(self) -> Sequence[float] | np.ndarray:
+        """Position [m]."""
+
+    @property
+    def rot(self) -> Sequence[float] | np.ndarray:
+        """Orientation (x, y, z, w)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,16 +59,7 @@ class Capsules:
         count = len(np.atleast_2d(np.asarray(self.positions, dtype=np.float32)))
         count = 0 if np.size(self.positions) == 0 else count
         for name, shape in _SHAPES.items():
-            value, wanted = np.asarray(getattr(self, name), dtype=np.float32), (count, *shape)
-            if count == 0 and value.size == 0:
-                value = value.reshape(wanted)
-            try:
-                value = np.ascontiguousarray(np.broadcast_to(value, wanted))
-            except ValueError:
-                raise ValueError(f"{name}: has shape {value.shape}, must have {wanted} as positions has") from None
-            if not np.isfinite(value).all():
-                raise ValueError(f"{name}: number {np.flatnonzero(~np.isfinite(value))[0]} of them is not finite")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, _for_each(name, getattr(self, name), (count, *shape)))
         for name, wrong in (("radius", self.radius <= 0.0), ("half_length", self.half_length < 0.0)):
             if wrong.any():
                 i = int(np.flatnonzero(wrong)[0])
@@ -63,18 +75,25 @@ class Capsules:
         return len(self.positions)
 
     @classmethod
-    def from_colliders(cls, colliders: Sequence[Any], poses: np.ndarray, scales: np.ndarray | float = 1.0) -> Capsules:
-        """The colliders of an asset at each of its instances; spheres, capsules and cylinders.
+    def none(cls) -> Capsules:
+        """No capsules."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
-        A cylinder becomes the capsule of its radius and half length, whose caps stand out at its ends.
+    @classmethod
+    def from_colliders(
+        cls, colliders: Sequence[ColliderShape], poses: np.ndarray, scales: np.ndarray | float = 1.0
+    ) -> Capsules:
+        """The spheres, capsules and cylinders of an asset, at each of its instances.
+
+        A cylinder becomes the capsule of its radius and half length, whose caps protrude at its ends.
 
         Args:
-            colliders: Colliders in the frame of the asset, with kind, size, pos and rot as of ``spec.Collider``.
+            colliders: Colliders in the frame of the asset.
             poses: Position [m] and orientation, xyzw, of each instance in the world, shape ``(M, 7)``.
             scales: Sizes relative to the asset, shape ``(M,)`` or one for all.
 
         Raises:
-            ValueError: for a box, which is no capsule, and for poses of another shape.
+            ValueError: for a box, which no capsule can represent, and for poses of another shape.
         """
         poses = np.asarray(poses, dtype=np.float64).reshape(-1, 7) if np.size(poses) % 7 == 0 else poses
         if np.ndim(poses) != 2 or np.shape(poses)[1] != 7:
@@ -93,7 +112,7 @@ class Capsules:
             radius.append(scales * collider.size[0])
             half.append(scales * (0.0 if collider.kind == "sphere" else collider.size[1]))
         if not position:
-            return cls(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+            return cls.none()
         return cls(*(np.concatenate(values) for values in (position, rotation, radius, half)))
 
     @property
@@ -103,6 +122,20 @@ class Capsules:
         axis = np.column_stack([2.0 * (x * z + y * w), 2.0 * (y * z - x * w)])  # the rotated z axis, in the plane
         extent = np.abs(axis) * self.half_length[:, None] + self.radius[:, None]
         return self.positions[:, :2] - extent, self.positions[:, :2] + extent
+
+
+def _for_each(name: str, given: ArrayLike, wanted: tuple[int, ...]) -> np.ndarray:
+    """Numbers of the shape ``wanted``, repeated where they were given once for all; ``name`` is for errors."""
+    value = np.asarray(given, dtype=np.float32)
+    if value.size == 0 and wanted[0] == 0:
+        value = value.reshape(wanted)
+    try:
+        value = np.ascontiguousarray(np.broadcast_to(value, wanted))
+    except ValueError:
+        raise ValueError(f"{name}: has shape {value.shape}, must have {wanted} as positions has") from None
+    if not np.isfinite(value).all():
+        raise ValueError(f"{name}: number {np.flatnonzero(~np.isfinite(value))[0]} of them is not finite")
+    return value
 
 
 def _multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -120,7 +153,7 @@ def _rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class CellLists:
-    """A grid in the plane and what each of its cells lists.
+    """A grid in the plane and the obstacles that each of its cells lists.
 
     Attributes:
         lower: World x and y of its corner [m], ``(2,)``.
@@ -141,9 +174,11 @@ class CellLists:
     listed: np.ndarray
 
     def ends(self, capsules: Capsules) -> tuple[np.ndarray, np.ndarray]:
-        """What the search reads of each entry: ``low_end`` and ``high_end`` of ``ObstacleData``, ``(K, 4)`` each."""
+        """Ends of the axes by entry of the lists: ``low_end`` and ``high_end`` of ``ObstacleData``, ``(K, 4)`` each."""
         axis = capsules.half_length[:, None] * _rotate(capsules.rotations.astype(np.float64), np.array([0.0, 0.0, 1.0]))
         first = self.cell == self.first[self.listed]
+        # The fourth number says whether an entry is in the first column and row of its obstacle, so that a search over
+        # several cells counts an obstacle once, without a memory of those that it has seen.
         code = 4 * self.cell[:, 0] + 2 * first[:, 0] + first[:, 1]
         low = np.column_stack([(capsules.positions - axis)[self.listed], capsules.radius[self.listed]])
         high = np.column_stack([(capsules.positions + axis)[self.listed], code])
@@ -167,6 +202,7 @@ def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int 
     pad = 1e-4 + 1e-6 * max(np.abs(lower).max(), np.abs(upper).max())  # what float32 on the device may round away
     lower, upper = lower - pad, upper + pad
     corner = lower.min(axis=0)
+    # Cells as wide as the search reaches, so that it looks into few of them; wider if their lists outgrow the room.
     while True:
         first, last = np.floor((lower - corner) / size), np.floor((upper - corner) / size)
         shape, span = last.max(axis=0) + 1.0, last - first + 1.0
@@ -176,6 +212,7 @@ def list_cells(capsules: Capsules, size: float, max_listed: int, max_cells: int 
     columns, rows = int(shape[0]), int(shape[1])
     first, span = first.astype(np.int64), span.astype(np.int64)
     each = span.prod(axis=1)
+    # An entry for each pair of obstacle and cell, then sorted by cell: the sort is stable, so that lists ascend.
     ids = np.repeat(np.arange(len(capsules)), each)
     within = np.arange(len(ids)) - np.repeat(each.cumsum() - each, each)
     cell = (first[ids, 1] + within // span[ids, 0]) * columns + first[ids, 0] + within % span[ids, 0]

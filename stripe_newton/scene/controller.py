@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The changing face of a scene: targets, resets, dynamics."""
+"""Scene controller: changes a built scene, by targets, resets and dynamics."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import newton
 import torch
 
-from .contents import SceneContents
+from stripe_newton.assets import Articulation, BoundAsset
+
+from .scene_contents import SceneContents
 
 if TYPE_CHECKING:
     from stripe_newton.assets.asset_base import EnvIds
@@ -46,6 +48,7 @@ class SceneController:
                 if kind not in ("position", "velocity", "effort"):
                     raise KeyError(f"no target '{kind}' of '{name}'; there are position, velocity and effort")
                 getattr(self._scene.articulations[name], f"set_joint_{kind}_target")(value)
+        # Targets are written at once, so this does nothing for assets of this package; a subclass may gather its own.
         for asset in self._scene.assets:
             asset.write_data_to_sim()
 
@@ -59,16 +62,18 @@ class SceneController:
         scene, sim = self._scene, self._scene.sim
         mask = self.mask(env_ids)
         ids = mask.nonzero().squeeze(-1) if env_ids is not None else None
-        for asset in [*scene.assets, *scene.sensors.values()]:
+        for asset in scene.assets:
             asset.reset(ids)
+        for sensor in scene.sensors.values():
+            sensor.reset(ids)
         if to_default:
-            assets: list[Any] = [*scene.articulations.values(), *scene.rigid_objects.values()]
-            for asset in assets:
+            bound: list[BoundAsset] = [*scene.articulations.values(), *scene.rigid_objects.values()]
+            for asset in bound:
                 rows = asset.env_indices(ids)
                 state = asset.data.default_root_state[rows].clone()
                 state[:, :3] += scene.env_origins[rows]
                 asset.write_root_state_to_sim(state, rows)
-                if asset in scene.articulations.values():
+                if isinstance(asset, Articulation):
                     joints = asset.data.default_joint_pos[rows], asset.data.default_joint_vel[rows]
                     asset.write_joint_state_to_sim(*joints, env_ids=rows)
         sim.clear_solver(mask)
@@ -149,7 +154,7 @@ class SceneController:
         return list(self._defaults)
 
     def track(self, name: str) -> None:
-        """Remember a field of the model as it was built, before somebody else changes it."""
+        """Remember a field of the model as it was built, before it is changed elsewhere."""
         self._field(name)
 
     def field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
@@ -167,4 +172,5 @@ class SceneController:
         if name == "gravity":  # its last entry is for what belongs to no environment
             array = array[: sim.num_envs]
         field = sim.per_env(array, shared)
+        # Cloned at the first call, before anything changed: what is drawn always starts from the values as built.
         return field, self._defaults.setdefault(name, field.clone())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A built scene as a USD file that gives the same model again."""
+"""Scene export: a built scene as a USD file that gives the same model again."""
 
 from __future__ import annotations
 
@@ -11,24 +11,27 @@ from pathlib import Path
 import newton
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .contents import SceneContents
 from .export_actuators import actuator_dofs, author_actuator
+from .scene_contents import SceneContents
 
 __all__ = ["export_stage"]
 
 _NO_LIMIT = 1.0e9
-"""Efforts and speeds above this are unlimited."""
+"""Efforts and speeds above this are unlimited; Newton writes 1e10 where a file gives none."""
 
 
 def export_stage(scene: SceneContents, path: Path) -> None:
-    """Write ``scene`` to ``path``: see :meth:`InteractiveScene.export`."""
+    """Write ``scene`` to ``path``; see :meth:`InteractiveScene.export`."""
     sim = scene.sim
     if not scene.built:
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
+    # Flattened for a file that refers to no other. Flattening keeps instances as references to prototypes, whose prims
+    # cannot be edited, and drives and materials are authored on the prims themselves: so without instances, once more.
     stage = Usd.Stage.Open(scene.stage.Flatten())
     for prim in [p for p in stage.Traverse() if p.IsInstance()]:
-        prim.SetInstanceable(False)  # drives and materials are authored on the prims themselves
+        prim.SetInstanceable(False)
     stage = Usd.Stage.Open(stage.Flatten())
+    # The builder of one environment holds what configs made of the stage: drives, limits, initial state.
     builder = sim.template
     starts = zip(builder.joint_label, builder.joint_type, builder.joint_q_start, builder.joint_qd_start, strict=True)
     explicit = actuator_dofs(builder)
@@ -40,9 +43,9 @@ def export_stage(scene: SceneContents, path: Path) -> None:
             _author_joint(prim, builder, coord, dof, dims)
             for i in range(dof, dof + sum(dims)):
                 if i in explicit:
-                    author_actuator(prim, sum(dims) == 1, *explicit[i], folder=path.parent)
+                    author_actuator(prim, sum(dims) == 1, explicit[i], folder=path.parent)
     _author_free_roots(stage, builder)
-    if hasattr(scene.terrain, "author"):
+    if scene.terrain is not None:
         scene.terrain.author(stage)
     _author_default_material(stage, scene)
     _author_physics_scene(stage, scene)
@@ -63,6 +66,7 @@ def _author_joint(
     for k in range(linear + angular):
         i, q = dof + k, coord + k
         degrees = 180.0 / math.pi if k >= linear else 1.0
+        # The drive of a joint with one axis is named by the kind of joint, of one with several by the axis.
         axis = ("angular" if k >= linear else "linear") if single else _axis_token(builder.joint_axis[i], k >= linear)
         if builder.joint_target_mode[i] != newton.JointTargetMode.NONE:
             drive = UsdPhysics.DriveAPI.Apply(prim, axis)
@@ -79,6 +83,7 @@ def _author_joint(
         prim.CreateAttribute(f"state:{axis}:physics:velocity", Sdf.ValueTypeNames.Float).Set(
             builder.joint_qd[i] * degrees
         )
+    # Newton's own schema has these for the joint as a whole.
     degrees = 180.0 / math.pi if angular else 1.0
     prim.AddAppliedSchema("NewtonJointAPI")
     for name, values, factor in (
@@ -105,7 +110,7 @@ def _axis_token(axis: Sequence[float], angular: bool) -> str:
 
 
 def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
-    """Put the root bodies of floating articulations, and what hangs on them, where the configs say."""
+    """Put the root bodies of floating articulations, and all bodies below them, where the configs say."""
     for joint, kind in enumerate(builder.joint_type):
         label = builder.body_label[builder.joint_child[joint]]
         prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
@@ -117,7 +122,9 @@ def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
         old = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
         if Gf.IsClose(new, old, 1.0e-6):
             continue
+        # USD's matrices act on rows: first back from the old pose, then on to the new one.
         moved = old.GetInverse() * new
+        # Bodies lie side by side below the articulation or below each other: each is moved by itself, in the world.
         bodies = [p for p in stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI)]
         family = builder.articulation_label[builder.joint_articulation[joint]]
         for body in bodies:
@@ -126,9 +133,11 @@ def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
 
 
 def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
+    """Move a prim in the world frame; what its parent does to it stays."""
     xform = UsdGeom.Xformable(prim)
     world = xform.ComputeLocalToWorldTransform(Usd.TimeCode.Default()) * moved
     parent = xform.ComputeParentToWorldTransform(Usd.TimeCode.Default())
+    # A suffix of its own, as an operation without one may exist with another type or precision.
     xform.ClearXformOpOrder()
     xform.AddTransformOp(UsdGeom.XformOp.PrecisionDouble, "start").Set(world * parent.GetInverse())
 
@@ -136,8 +145,8 @@ def _move(prim: Usd.Prim, moved: Gf.Matrix4d) -> None:
 def _author_default_material(stage: Usd.Stage, scene: SceneContents) -> None:
     """Bind the simulation's default material to colliders that have none.
 
-    Its density counts for bodies without MassAPI alone, as it did when the scene was built: a body with one and no
-    mass in it has UsdPhysics' own default density.
+    Its density is for bodies without MassAPI alone, as it was when the scene was built: a body that has the API but no
+    mass gets UsdPhysics' own default density.
     """
     cfg = scene.sim.cfg.physics_material
     materials = {}
@@ -151,6 +160,7 @@ def _author_default_material(stage: Usd.Stage, scene: SceneContents) -> None:
         api.CreateRestitutionAttr(cfg.restitution)
         if density is not None:
             api.CreateDensityAttr(density)
+    # The default material is a setting of the simulation and no prim: colliders would get that of whoever imports them.
     for prim in stage.Traverse():
         bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]
         if prim.HasAPI(UsdPhysics.CollisionAPI) and not bound:

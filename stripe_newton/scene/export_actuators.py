@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Explicit actuators as USD prims, by the schemas that Newton reads."""
+"""Actuator export: explicit actuators as USD prims, by the schemas that Newton reads."""
 
 from __future__ import annotations
 
 import math
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import newton
 from newton import actuators
 from pxr import Sdf, Usd
 
-__all__ = ["actuator_dofs", "author_actuator"]
+__all__ = ["BuilderActuator", "actuator_dofs", "author_actuator"]
 
 _SCHEMAS = {
     actuators.DrivePD: "NewtonPDControlAPI",
@@ -26,19 +27,29 @@ _SCHEMAS = {
 }
 
 
-def actuator_dofs(builder: newton.ModelBuilder) -> dict[int, tuple[Any, int]]:
-    """Where the explicit actuator of a degree of freedom is found: its entry in the builder, and its place in that."""
-    return {dof: (entry, k) for entry in builder.actuator_entries.values() for k, dof in enumerate(entry.indices)}
+@dataclass(frozen=True)
+class BuilderActuator:
+    """An explicit actuator in a builder, which keeps actuators of one kind in one entry."""
+
+    entry: newton.ModelBuilder.ActuatorEntry
+    """Entry of the builder that holds the actuator."""
+    index: int
+    """Its place in the entry."""
 
 
-def author_actuator(joint: Usd.Prim, single: bool, entry: Any, index: int, folder: Path) -> None:
+def actuator_dofs(builder: newton.ModelBuilder) -> dict[int, BuilderActuator]:
+    """Explicit actuators by degree of freedom."""
+    entries = builder.actuator_entries.values()
+    return {dof: BuilderActuator(entry, k) for entry in entries for k, dof in enumerate(entry.indices)}
+
+
+def author_actuator(joint: Usd.Prim, single: bool, actuator: BuilderActuator, folder: Path) -> None:
     """Author an actuator below its joint.
 
     Args:
         joint: The joint.
         single: Whether it has one axis alone.
-        entry: Entry of the builder that holds the actuator.
-        index: Its place in that.
+        actuator: The actuator.
         folder: Folder of the stage, where networks are copied to.
 
     Raises:
@@ -46,6 +57,7 @@ def author_actuator(joint: Usd.Prim, single: bool, entry: Any, index: int, folde
     """
     if not single:
         raise ValueError(f"'{joint.GetPath()}' has an explicit actuator and several axes, which USD cannot say")
+    entry, index = actuator.entry, actuator.index
     prim = joint.GetStage().DefinePrim(joint.GetPath().AppendChild("actuator"), "NewtonActuator")
     prim.CreateRelationship("newton:targets").SetTargets([joint.GetPath()])
     parts = [(entry.drive_class, {**entry.drive_shared_kwargs, **entry.drive_args[index]})]
@@ -66,6 +78,7 @@ def author_actuator(joint: Usd.Prim, single: bool, entry: Any, index: int, folde
 
 
 def _author(prim: Usd.Prim, name: str, value: Any, folder: Path) -> None:
+    """Author an argument of Newton's as the attribute of that name."""
     first, *others = name.split("_")
     name = "newton:" + first + "".join(part.capitalize() for part in others)
     if name == "newton:modelPath":

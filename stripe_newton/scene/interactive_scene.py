@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene of many environments."""
+"""Interactive scene: assets and sensors in many environments."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING
 import torch
 from pxr import Sdf, Usd, UsdGeom
 
-from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, RigidObjectCfg
+from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, TerrainBaseCfg
 from stripe_newton.configclass import MISSING
+from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import Simulation, SimulationCfg
-from stripe_newton.sim.stage import ENV_0, authored_path
+from stripe_newton.sim.scene_context import ENV_0, authored_path
 from stripe_newton.usd import open_stage
 
 from .builder import SceneBuilder
-from .contents import SceneContents
 from .controller import SceneController
-from .interactive_scene_cfg import InteractiveSceneCfg
+from .export import export_stage
 from .querier import SceneQuerier
-from .regenerate import obstacle_to_regenerating, regenerate_scene, scene_spawner
+from .regenerator import SceneRegenerator
+from .scene_contents import InteractiveSceneCfg, SceneContents
 
 if TYPE_CHECKING:
     from stripe_newton.assets.asset_base import EnvIds
@@ -33,14 +34,12 @@ class InteractiveScene(SceneContents):
     """Assets and sensors in many environments, on one USD stage, simulated by one model.
 
     It is authored first, by the fields of its config and by what is created inside :meth:`construction`
-    (``_setup_scene`` of an environment), and then built: ``build`` loads the stage into Newton and replicates it.
+    (``_setup_scene`` of an environment). Then :meth:`build` loads the stage into Newton and replicates it.
 
     Attributes:
-        builder: The constructing face.
-        controller: The changing face.
-        querier: The reading face.
-        scenery_seed: Seed of what a specification made in it; None if none did.
-        scenery_paths: Prims below ``/World`` that :meth:`regenerate` put there, once it was called.
+        builder: Builds the scene: assets, sensors, the model.
+        controller: Changes the scene: targets, resets, dynamics.
+        querier: Reads the scene: states, sensors, contacts.
     """
 
     env_regex_ns = "/World/envs/env_.*"
@@ -58,22 +57,22 @@ class InteractiveScene(SceneContents):
         super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or _new_stage())
         self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
         self._add_fields()
-        self.scenery_seed, self.scenery_paths = self.first_scenery_seed, list[Sdf.Path]()
+        self._regenerator = SceneRegenerator(self, self.builder)
 
     def _add_fields(self) -> None:
         for name in type(self.cfg).__dataclass_fields__:
-            if name in InteractiveSceneCfg.__dataclass_fields__:
+            if name in InteractiveSceneCfg.__dataclass_fields__:  # settings rather than assets
                 continue
             value = getattr(self.cfg, name)
             if value is None or value is MISSING:
                 continue
-            if name == "terrain" or hasattr(value, "terrain_type"):
+            if name == "terrain" or isinstance(value, TerrainBaseCfg):
                 self.builder.build_terrain(value)
             elif isinstance(value, ArticulationCfg):
                 self.builder.build_robot(name, value)
-            elif isinstance(value, (RigidObjectCfg, AssetBaseCfg)):
+            elif isinstance(value, AssetBaseCfg):
                 self.builder.build_objects({name: value})
-            elif getattr(value, "class_type", None) is not None:
+            elif isinstance(value, SensorCfg) and value.class_type is not None:
                 self.builder.build_sensors({name: value})
             else:
                 raise ValueError(f"scene.{name}: {type(value).__name__} is no asset or sensor config")
@@ -88,8 +87,8 @@ class InteractiveScene(SceneContents):
     ) -> InteractiveScene:
         """Import a stage as it is, build it, and find its articulations and rigid bodies.
 
-        A stage that :meth:`export` wrote keeps its environments; of any other the whole is one environment.
-        ``scene.builder.reports`` says what was read and what was ignored.
+        A stage that :meth:`export` wrote keeps its environments; any other stage is one environment as a whole.
+        ``scene.builder.reports`` lists what was read and what was ignored.
 
         Args:
             stage_or_path: File or open stage.
@@ -101,6 +100,7 @@ class InteractiveScene(SceneContents):
             StageError: if the stage cannot be simulated, with the reason.
         """
         stage = open_stage(stage_or_path)
+        # gravity=None in the settings takes that of the stage.
         cfg = InteractiveSceneCfg(num_envs=num_envs, env_spacing=env_spacing)
         scene = cls(cfg, Simulation(sim_cfg or SimulationCfg(gravity=None)), stage)
         scene.builder.adopt = True
@@ -115,9 +115,9 @@ class InteractiveScene(SceneContents):
         """End the authoring of the environment; the others become copies of it when the scene is built.
 
         Args:
-            copy_from_source: Accepted for compatibility: no prims are copied either way.
+            copy_from_source: Ignored: no prims are copied either way.
         """
-        self.cloned = True
+        self.cloned = True  # Newton replicates the model, so there is nothing to copy in the stage
 
     def filter_collisions(self, global_prim_paths: Sequence[str] | None = None) -> None:
         """Keep environments from colliding with each other, which Newton's worlds never do.
@@ -137,29 +137,39 @@ class InteractiveScene(SceneContents):
         self.builder.build()
 
     def regenerate(self, seed: int) -> None:
-        """Make another scene of the same specification, without another model: graphs go on as they are.
+        """Make another scene of the same specification in the same model: graphs stay as they are.
 
         Heights, terrain origins, patches, obstacles and the stage become those of the seed; levels and types of the
-        environments stay. The robots stay where they were: ``regenerate`` of the environment begins new episodes, too.
+        environments stay. Robots do not move; ``regenerate`` of the environment also begins new episodes.
 
         Args:
             seed: Seed of the scene.
 
         Raises:
-            ValueError: if it is of no specification, or something in it cannot follow; nothing has changed then.
+            ValueError: if no specification made the scene, or something in it cannot change; it is then as it was.
         """
-        regenerate_scene(self, seed)
+        self._regenerator.regenerate(seed)
 
     def obstacle_to_regenerating(self) -> str:
-        """What keeps :meth:`regenerate` from working with any seed, and what to do about it; empty if nothing does."""
-        return obstacle_to_regenerating(self)
+        """Why :meth:`regenerate` cannot work with any seed, and what to do about it; empty if it can."""
+        return self._regenerator.why_not()
 
-    # -- what is there
+    # -- names and numbers
 
     @property
     def first_scenery_seed(self) -> int | None:
-        """Seed of the config, which made the first scene; None if it is of no specification."""
-        return getattr(scene_spawner(self), "seed", None)
+        """Seed in the config, which made the first scene; None if no specification made it."""
+        return self._regenerator.first_seed
+
+    @property
+    def scenery_seed(self) -> int | None:
+        """Seed that made the present scene; None if no specification made it."""
+        return self._regenerator.seed
+
+    @property
+    def scenery_paths(self) -> list[Sdf.Path]:
+        """Prims below ``/World`` that a specification made, once :meth:`regenerate` was called."""
+        return self._regenerator.paths
 
     @property
     def physics_dt(self) -> float:
@@ -183,22 +193,22 @@ class InteractiveScene(SceneContents):
         self.controller.reset_robots(env_ids, to_default=False)
 
     def write_data_to_sim(self) -> None:
-        """Hand over what was set since the last step."""
+        """Write what was set on assets since the last step to the simulation."""
         self.controller.apply_actions()
 
     @property
     def needs_update(self) -> bool:
-        """Whether an asset takes note of the time."""
+        """Whether an asset overrides ``update()``."""
         return any(type(a).update is not AssetBase.update for a in self.assets)
 
     def update(self, dt: float) -> None:
-        """Let assets and sensors take note of ``dt`` seconds of physics."""
+        """Update assets and sensors after ``dt`` seconds of physics."""
         self.update_assets(dt)
         for sensor in self.sensors.values():
             sensor.update(dt)
 
     def update_assets(self, dt: float) -> None:
-        """Let the assets take note of ``dt`` seconds of physics."""
+        """Update the assets after ``dt`` seconds of physics."""
         for asset in self.assets:
             asset.update(dt)
 
@@ -220,7 +230,7 @@ class InteractiveScene(SceneContents):
             env_ids: Environments, default all.
             is_relative: Whether positions are relative to the environments' origins.
         """
-        self.reset(env_ids)
+        self.reset(env_ids)  # targets, external forces and the solver's memory belong to the state that is left
         for family in state.values():
             for name, values in family.items():
                 asset = self[name]
@@ -242,8 +252,6 @@ class InteractiveScene(SceneContents):
         Raises:
             RuntimeError: if the scene is not built.
         """
-        from .export import export_stage
-
         export_stage(self, Path(path))
 
     def close(self) -> None:
@@ -253,6 +261,7 @@ class InteractiveScene(SceneContents):
 
 def _new_stage() -> Usd.Stage:
     stage = Usd.Stage.CreateInMemory()
+    # USD's own defaults are Y up and centimetres.
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())

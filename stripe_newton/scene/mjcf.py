@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an MJCF file says of its joints that Newton's importer reads in another way than MuJoCo means it."""
+"""MJCF completion: joint names, servos, effort limits and keyframes that Newton's importer reads otherwise."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from newton.solvers import SolverMuJoCo
 
 __all__ = ["complete_mjcf", "count_actuators"]
 
-_HINGES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
-
 
 def count_actuators(builder: newton.ModelBuilder) -> int:
-    """How many actuators of MJCF files the builder holds."""
+    """Number of actuators of MJCF files in the builder."""
     return len(_rows(builder, "ctrl_source"))
 
 
@@ -42,42 +40,50 @@ def complete_mjcf(
     * The positions of ``keyframe`` become the initial ones.
 
     Args:
-        builder: Where to.
+        builder: The builder that the file was added to.
         path: The file.
         first_joint: Number of joints before the file was added.
         first_actuator: :func:`count_actuators` before the file was added.
         keyframe: Name of a keyframe of the file.
-        xform: Where the file's world frame stands.
+        xform: Pose of the file's world frame.
         scale: Scale of lengths.
 
     Raises:
         ValueError: there is no such keyframe; the message lists what there is.
     """
     _servos_to_drives(builder, first_actuator)
-    shared = [j for j in range(first_joint, builder.joint_count) if sum(builder.joint_dof_dim[j]) > 1]
-    shared = [j for j in shared if builder.joint_type[j] == newton.JointType.D6]
-    if not shared and keyframe is None:
+    added = range(first_joint, builder.joint_count)
+    merged = [j for j in added if builder.joint_type[j] == newton.JointType.D6 and sum(builder.joint_dof_dim[j]) > 1]
+    if not merged and keyframe is None:
         return
+    # MuJoCo reads the file once more: Newton's importer keeps neither the names of merged joints nor keyframes.
     spec = mujoco.MjSpec.from_file(path)
     bodies = {_sanitized(body.name): body for body in spec.bodies if body.name}
-    for joint in shared:
-        parent, _, own = builder.joint_label[joint].rpartition("/")
-        names = [_sanitized(j.name) for j in _joints(bodies.get(_body_name(builder, joint)))]
-        if len(names) == sum(builder.joint_dof_dim[joint]) and all(names) and sorted(own) == sorted("_".join(names)):
-            builder.joint_label[joint] = f"{parent}/{'+'.join(names)}"
+    for joint in merged:
+        _restore_names(builder, joint, bodies.get(_body_name(builder, joint)))
     if keyframe is not None:
         _set_keyframe(builder, spec, bodies, first_joint, keyframe, xform, scale)
 
 
+def _restore_names(builder: newton.ModelBuilder, joint: int, body: mujoco.MjsBody | None) -> None:
+    """Label a merged joint by the names of the joints of its body."""
+    parent, _, own = builder.joint_label[joint].rpartition("/")
+    names = [_sanitized(j.name) for j in _joints(body)]
+    # Newton joins the names by "_", in an order of its own: the letters tell whether these are its joints.
+    if len(names) == sum(builder.joint_dof_dim[joint]) and all(names) and sorted(own) == sorted("_".join(names)):
+        builder.joint_label[joint] = f"{parent}/{'+'.join(names)}"
+
+
 def _set_keyframe(
     builder: newton.ModelBuilder,
-    spec: Any,
-    bodies: dict[str, Any],
+    spec: mujoco.MjSpec,
+    bodies: dict[str, mujoco.MjsBody],
     first_joint: int,
     keyframe: str,
     xform: wp.transform | None,
     scale: float,
 ) -> None:
+    """Write the positions of a keyframe as the initial ones; MuJoCo's quaternions begin with w."""
     names = [key.name for key in spec.keys]
     if keyframe not in names:
         raise ValueError(f"there is no keyframe '{keyframe}', it has {', '.join(names) or 'none'}")
@@ -94,14 +100,15 @@ def _set_keyframe(
             elif own.type == mujoco.mjtJoint.mjJNT_BALL:
                 values = [*qpos[at + 1 : at + 4], qpos[at]]
             else:
+                # MuJoCo counts from the joint's "ref", Newton from the pose in the file.
                 offset = qpos[at] - model.qpos0[at]
                 values = [offset * (scale if own.type == mujoco.mjtJoint.mjJNT_SLIDE else 1.0)]
             builder.joint_q[start : start + len(values)] = [float(v) for v in values]
             start += len(values)
 
 
-def _joints(body: Any) -> list[Any]:
-    """The joints of an MJCF body in Newton's order: what slides comes first."""
+def _joints(body: mujoco.MjsBody | None) -> list[mujoco.MjsJoint]:
+    """The joints of an MJCF body in Newton's order: slides come first."""
     joints = list(body.joints) if body is not None else []
     return sorted(joints, key=lambda j: j.type == mujoco.mjtJoint.mjJNT_HINGE)
 
@@ -116,6 +123,7 @@ def _sanitized(name: str) -> str:
 
 
 def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
+    """Turn servos among the actuators from ``first`` on into drives, and force ranges into effort limits."""
     source, kind = _rows(builder, "ctrl_source"), _rows(builder, "ctrl_type")
     for row in range(first, len(source)):
         if _value(builder, "actuator_trntype", row) != SolverMuJoCo.TrnType.JOINT:
@@ -125,7 +133,7 @@ def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
             continue
         if source[row] == SolverMuJoCo.CtrlSource.CTRL_DIRECT:
             gains = _servo_gains(builder, row)
-            if gains is None:
+            if gains is None:  # a motor, or something else that stays an actuator with a control of its own
                 _limit_effort(builder, dof, _motor_range(builder, row))
                 continue
             builder.joint_target_ke[dof], builder.joint_target_kd[dof] = gains
@@ -133,6 +141,7 @@ def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
             builder.joint_target_mode[dof] = int(follows)
             source[row] = int(SolverMuJoCo.CtrlSource.JOINT_TARGET)
             kind[row] = int(SolverMuJoCo.CtrlType.POSITION if gains[0] > 0.0 else SolverMuJoCo.CtrlType.VELOCITY)
+        # A range of the drive would hold beside the joint's limit, and an actuator config could not raise it.
         if _limit_effort(builder, dof, _force_range(builder, row)):
             _rows(builder, "actuator_has_forcerange")[row] = 0
             limited = _rows(builder, "actuator_forcelimited")
@@ -142,6 +151,7 @@ def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
 
 def _servo_gains(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:
     """Stiffness and damping of a ``<general>`` actuator that is a servo; ``None`` if it is something else."""
+    # A position servo is force = kp (control - q) - kd qd: gainprm (kp, 0, 0) and biasprm (0, -kp, -kd).
     affine = _value(builder, "actuator_biastype", row) == 1
     static = _value(builder, "actuator_dyntype", row) == 0 and _value(builder, "actuator_gaintype", row) == 0
     if not (affine and static and _gear(builder, row) == 1.0):
@@ -149,13 +159,14 @@ def _servo_gains(builder: newton.ModelBuilder, row: int) -> tuple[float, float] 
     gain, (offset, stiffness, damping) = _value(builder, "actuator_gainprm", row)[0], _bias(builder, row)
     if offset != 0.0 or gain <= 0.0 or stiffness > 0.0 or damping > 0.0:
         return None  # a positive bias[2] is a damping ratio, which Newton resolves itself
+    # Without stiffness it is a velocity servo, whose control is a velocity: gainprm (kd, 0, 0).
     if np.isclose(gain, -stiffness) or (stiffness == 0.0 and np.isclose(gain, -damping)):
         return -stiffness, -damping
     return None
 
 
 def _motor_range(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:
-    """Efforts that a ``<motor>`` can be told; ``None`` if they have no end or it is no motor."""
+    """Least and largest effort that a ``<motor>`` can be commanded; ``None`` if unbounded, or if it is no motor."""
     plain = not any(_value(builder, f"actuator_{t}type", row) for t in ("dyn", "gain", "bias"))
     if not plain or not _value(builder, "actuator_has_ctrlrange", row):
         return _force_range(builder, row)
@@ -165,6 +176,7 @@ def _motor_range(builder: newton.ModelBuilder, row: int) -> tuple[float, float] 
 
 
 def _force_range(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:
+    """Least and largest effort of an actuator at its joint; ``None`` if unbounded."""
     if not _value(builder, "actuator_has_forcerange", row) or _value(builder, "actuator_forcelimited", row) == 0:
         return None
     low, high = _value(builder, "actuator_forcerange", row)
@@ -173,7 +185,7 @@ def _force_range(builder: newton.ModelBuilder, row: int) -> tuple[float, float] 
 
 
 def _limit_effort(builder: newton.ModelBuilder, dof: int, bounds: tuple[float, float] | None) -> bool:
-    """Lower the effort limit of a joint to symmetric bounds [N or N m]; whether they are that."""
+    """Lower the effort limit of a joint to symmetric bounds [N or N m]; returns whether they are symmetric."""
     if bounds is None or not np.isclose(bounds[0], -bounds[1]) or bounds[1] <= 0.0:
         return False
     builder.joint_effort_limit[dof] = min(builder.joint_effort_limit[dof], float(bounds[1]))
@@ -189,6 +201,7 @@ def _bias(builder: newton.ModelBuilder, row: int) -> Iterator[float]:
 
 
 def _rows(builder: newton.ModelBuilder, name: str) -> list[Any]:
+    """Values of an attribute of MuJoCo's by actuator, which may be fewer than there are actuators."""
     attribute = builder.custom_attributes.get(f"mujoco:{name}")
     return attribute.values if attribute is not None and isinstance(attribute.values, list) else []
 

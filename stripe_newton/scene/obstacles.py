@@ -1,61 +1,165 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collider slots: a forest of any size, of which each robot touches the few obstacles that are nearest to it."""
+"""Collider slots: obstacles of any number, of which each robot touches the few that are nearest to it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import newton
 import numpy as np
 import warp as wp
+from mujoco_warp._src.types import BroadphaseType
+from numpy.typing import ArrayLike
 
 from stripe_kernels import obstacles as kernels
-from stripe_newton.configclass import ConfigError
-from stripe_newton.sensors.sensor_base import SensorBase
+from stripe_newton.assets import BoundAsset
+from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.sensors.sensor_base import SensorBase, SensorCfg
 from stripe_newton.sensors.sensor_data import SensorData
-from stripe_newton.sim.flags import HostFlags
+from stripe_newton.sim.ground_contacts import remove_geom_pairs
+from stripe_newton.sim.host_flags import HostFlags
+from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
 
 from .capsules import MAX_CELLS, Capsules, list_cells
+from .scenery import Scenery
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-    from .obstacles_cfg import ObstaclesCfg
-    from .scenery import Scenery
+__all__ = ["Obstacles", "ObstaclesCfg"]
 
-__all__ = ["Obstacles"]
-
+_SIZE_FIELDS = "positions", "rotations", "radius", "half_length"
 _BLOCK = 32
 """Threads a block: so few that a few thousand worlds are spread over a whole GPU."""
 
 
+def _obstacles(cfg: ObstaclesCfg) -> Obstacles:
+    return Obstacles(cfg)
+
+
+@configclass
+class ObstaclesCfg(SensorCfg):
+    """Capsules in the world frame, as arrays or from a function; a field of the scene's config."""
+
+    class_type: Callable[..., SensorBase] | None = _obstacles
+    """Class that the scene makes of this config."""
+    prim_path: str = "/World/obstacles"
+    """Path of the slots' labels, for contact sensors that tell them apart; nothing is authored there."""
+    positions: ArrayLike | None = None
+    """Centres in the world [m], ``(N, 3)``."""
+    rotations: ArrayLike = (0.0, 0.0, 0.0, 1.0)
+    """Orientations, xyzw, ``(N, 4)`` or one for all; the axis of a capsule is z."""
+    radius: ArrayLike | None = None
+    """Radii [m], ``(N,)`` or one for all."""
+    half_length: ArrayLike = 0.0
+    """Half lengths of the axes, without the caps [m], ``(N,)`` or one for all; 0 for spheres."""
+    source: Callable[[], Capsules] | None = None
+    """Function that returns the obstacles instead, such as with :meth:`Capsules.from_colliders`."""
+    of_scenery: bool = False
+    """Whether the obstacles are the colliders of the assets of the scene's specification, which then are no shapes."""
+    capacity: int | None = None
+    """Limit on the obstacles that may take their place later; by default as many as there are, a quarter more with
+    ``of_scenery``."""
+    asset_name: str = "robot"
+    """The asset that touches them, by its name in the scene."""
+    slots: int = 8
+    """Number of obstacles that a robot can touch at a time."""
+    reach: float = 1.5
+    """Distance from the robot's root within which no obstacle may be missed [m]: the robot's extent from its root, and
+    the distance it moves in a step of the environment."""
+    sight: float | None = None
+    """Distance from the root up to which obstacles are found [m], for terms that see them from afar; they also get
+    slots that nearer ones leave free. By default ``reach``. It is the size of a cell of the grid, too."""
+    directions: int = 32
+    """Number of directions about the robot in which ``mdp.obstacle_proximity`` looks."""
+    friction: float | None = None
+    """Coefficient of friction; by default that of ``SimulationCfg.physics_material``."""
+
+    @property
+    def farthest(self) -> float:
+        """Distance up to which obstacles are looked for [m]."""
+        return self.reach if self.sight is None else self.sight
+
+    def capsules(self) -> Capsules:
+        """The obstacles; none with ``of_scenery``, as the scene brings them.
+
+        Raises:
+            ConfigError: if they are not all there, or not capsules.
+        """
+        if self.of_scenery:
+            return Capsules.none()
+        if self.source is not None:
+            found = self.source()
+            if not isinstance(found, Capsules):
+                raise ConfigError([f"source: returned a {type(found).__name__}, must return Capsules"])
+            return found
+        try:
+            return Capsules(*(getattr(self, name) for name in _SIZE_FIELDS))
+        except ValueError as error:
+            raise ConfigError([str(error)]) from error
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from self._source_problems()
+        for name in ("slots", "directions"):
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
+                yield name, f"is {getattr(self, name)!r}, must be a whole number, 1 or more"
+        if not (math.isfinite(self.reach) and self.reach > 0.0):
+            yield "reach", f"is {self.reach}, must be a distance above 0 [m]"
+        if self.sight is not None and not (math.isfinite(self.sight) and self.sight >= self.reach):
+            yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"
+        if self.friction is not None and not (math.isfinite(self.friction) and self.friction >= 0.0):
+            yield "friction", f"is {self.friction}, must be 0 or more"
+        if self.capacity is not None and (not isinstance(self.capacity, int) or self.capacity < 1):
+            yield "capacity", f"is {self.capacity!r}, must be a whole number, 1 or more"
+        elif self.capacity is not None and self.positions is not None:
+            given = np.asarray(self.positions)
+            if given.ndim == 2 and len(given) > self.capacity:
+                yield "capacity", f"is {self.capacity}, but there are {len(given)} obstacles"
+
+    def _source_problems(self) -> Iterator[tuple[str, str]]:
+        """Problems of the fields that say which obstacles there are."""
+        given = [self.source is not None, self.positions is not None, self.of_scenery]
+        if sum(given) > 1:
+            yield "source", "is one of source, positions and of_scenery that are set; set one of them"
+        if self.source is not None:
+            return
+        if not self.of_scenery:
+            for name in ("positions", "radius"):
+                if getattr(self, name) is None:
+                    yield name, "is missing; give arrays of positions and radius, a source, or of_scenery=True"
+        if self.positions is not None and self.radius is not None:
+            try:
+                self.capsules()
+            except ConfigError as error:
+                name, _, text = error.problems[0].partition(": ")
+                yield name, text
+
+
 class Obstacles(SensorBase):
-    """Capsules that stand in the world, which all environments share and one robot of each environment touches.
+    """Static capsules in the world that all environments share, and that one robot of each environment touches.
 
-    Each world has ``slots`` static capsules. Before the physics steps of an environment step they are put where those
-    obstacles are that are nearest to its robot, so that a step costs the same however many there are. It is
-    measured again after the physics, for rewards and terminations, and after resets, for observations: terms take it as
-    :class:`stripe_kernels.obstacles.ObstacleData`.
+    Each world has ``slots`` static capsules. Before the physics steps of an environment step they are moved to the
+    obstacles that are nearest to its robot, so that a step costs the same however many obstacles there are. The nearest
+    obstacles are found again after the physics, for rewards and terminations, and after resets, for observations. Terms
+    read them as :class:`stripe_kernels.obstacles.ObstacleData`.
 
-    Slots touch the bodies of that robot alone. In models of so many geoms that MuJoCo Warp sorts rather than lists
-    their pairs (some hundred) they touch other bodies of their environment too.
+    Slots touch the bodies of that robot alone. In models of so many geoms (some hundred) that MuJoCo Warp sorts them
+    rather than listing their pairs, they touch other bodies of their environment too.
 
-    Obstacles that are in reach and have no slot are an error that names the number of slots to set, as contacts
-    that do not fit are; see ``SimulationCfg.on_overflow``. A robot's own extent counts: ``reach`` is measured from
-    the root, and the robot must not extend farther from its root than that.
+    Obstacles in reach without a slot are an error that names the number of slots to set, like contacts that do not fit;
+    see ``SimulationCfg.on_overflow``. ``reach`` is measured from the root, and the robot must not extend farther from
+    its root than that.
 
     Attributes:
-        cfg: The config.
-        struct: What terms read, an ``ObstacleData``.
-        capsules: The obstacles that are there now.
-        capacity: Most obstacles that :meth:`replace` takes.
+        capsules: The present obstacles.
+        capacity: Limit on the obstacles that :meth:`replace` takes.
     """
 
     adds_shapes = True
-    """Whether it adds colliders, which other sensors count."""
-
     cfg: ObstaclesCfg
-    struct: Any
+    struct: kernels.ObstacleData
 
     def __init__(self, cfg: ObstaclesCfg):
         super().__init__(cfg)
@@ -64,14 +168,14 @@ class Obstacles(SensorBase):
 
     def _count_room(self) -> None:
         count = len(self.capsules)
-        spare = count // 4 + 16 if self.cfg.of_scenery else 0  # another seed may make more of them
+        spare = count // 4 + 16 if self.cfg.of_scenery else 0  # the scene of another seed may have more of them
         self.capacity = max(1, count + spare if self.cfg.capacity is None else self.cfg.capacity)
 
-    def take(self, scenery: Scenery) -> None:
+    def use_scenery(self, scenery: Scenery) -> None:
         """Let the colliders of a scene's assets be the obstacles, before the scene is built.
 
         Raises:
-            ValueError: for a box, which no capsule stands for, or more than ``capacity``.
+            ValueError: for a box, which no capsule can represent, or more than ``capacity``.
         """
         self.capsules = scenery.capsules()
         self._count_room()
@@ -81,13 +185,13 @@ class Obstacles(SensorBase):
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = where = f"Obstacles '{self.cfg.prim_path}'"
-        solver: Any = sim.cfg.solver
-        if solver.kind != "mujoco" or solver.use_mujoco_cpu or not solver.use_mujoco_contacts:
+        solver = sim.cfg.solver
+        if not isinstance(solver, MuJoCoSolverCfg) or solver.use_mujoco_cpu or not solver.use_mujoco_contacts:
             raise ConfigError(
                 [f"{where}: slots are geoms of MuJoCo Warp that differ from world to world, use MuJoCoSolverCfg() "
                  "with use_mujoco_contacts=True and use_mujoco_cpu=False"]
             )  # fmt: skip
-        there = {**self._scene.articulations, **self._scene.rigid_objects}
+        there: dict[str, BoundAsset] = {**self._scene.articulations, **self._scene.rigid_objects}
         if self.cfg.asset_name not in there:
             names = ", ".join(there) or "none"
             raise ConfigError([f"{where}.asset_name: is '{self.cfg.asset_name}', the scene has {names}"])
@@ -96,8 +200,10 @@ class Obstacles(SensorBase):
         shape.is_visible = False
         if self.cfg.friction is not None:
             shape.mu = self.cfg.friction
+        # Slots without an obstacle wait deep below the ground, small.
         below = wp.transform(wp.vec3(0.0, 0.0, -kernels.PARKED_DEPTH), wp.quat_identity())
         size = kernels.PARKED_SIZE
+        # Shapes of what all environments share: in MuJoCo each world has its own copy, with poses and sizes of its own.
         self._labels = [f"{self.cfg.prim_path}/slot_{i}" for i in range(self.cfg.slots)]
         for label in self._labels:
             static.add_shape_capsule(-1, xform=below, radius=size, half_height=size, cfg=shape, label=label)
@@ -105,7 +211,7 @@ class Obstacles(SensorBase):
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
         model = sim.solver.mjw_model
-        shape_of_geom = sim.solver.mjc_geom_to_newton_shape.numpy()[0]
+        shape_of_geom = sim.solver.mjc_geom_to_newton_shape.numpy()[0]  # geoms are the same in all worlds
         shapes = [sim.model.shape_label.index(label) for label in self._labels]
         geoms = [int(np.flatnonzero(shape_of_geom == shape)[0]) for shape in shapes]
         self._touch_robot_alone(shape_of_geom, geoms)
@@ -119,30 +225,19 @@ class Obstacles(SensorBase):
             data = sim.solver.mjw_data
             self._outputs = [data.geom_xpos, data.geom_xmat, *targets]
         self.replace(self.capsules)
-        sim.before_steps.append(self.launch)
-        sim.losses.append(self._lost)
 
     def _touch_robot_alone(self, shape_of_geom: np.ndarray, geoms: list[int]) -> None:
         """Take pairs of a slot and a body that is not the robot's from MuJoCo Warp's list of pairs."""
-        from mujoco_warp._src.math import upper_trid_index
-        from mujoco_warp._src.types import BroadphaseType, GeomType
-
         sim, model = self._sim, self._sim.solver.mjw_model
-        if model.opt.broadphase != BroadphaseType.NXN:
+        if model.opt.broadphase != BroadphaseType.NXN:  # MuJoCo Warp sorts many geoms and has no list of pairs
             return
         bodies = np.arange(sim.model.body_count // sim.num_envs)[self._asset.layout.body_slice]
         body = np.where(shape_of_geom >= 0, sim.model.shape_body.numpy()[shape_of_geom], -1)
         of_robot, is_slot = np.isin(body, bodies), np.isin(np.arange(len(body)), geoms)
-        pairs, ids = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()
+        pairs = model.nxn_geom_pair_filtered.numpy()
         other = is_slot[pairs].any(axis=1) & ~of_robot[pairs].any(axis=1)
-        if not other.any():
-            return
-        counts, kinds = list(model.geom_pair_type_count), np.sort(model.geom_type.numpy()[pairs[other]], axis=1)
-        for low, high in kinds.tolist():
-            counts[upper_trid_index(len(GeomType), low, high)] -= 1
-        model.geom_pair_type_count = tuple(counts)
-        model.nxn_geom_pair_filtered = wp.array(pairs[~other], dtype=wp.vec2i, device=self.device)
-        model.nxn_pairid_filtered = wp.array(ids[~other], dtype=wp.vec2i, device=self.device)
+        if other.any():
+            remove_geom_pairs(model, other)
 
     def _make_struct(self, root_pose: wp.array) -> None:
         count, slots, envs = self.capacity, self.cfg.slots, self.num_envs
@@ -159,7 +254,7 @@ class Obstacles(SensorBase):
         data.found, data.directions = wp.zeros(envs, dtype=int), self.cfg.directions
         data.count, data.overflow = wp.zeros(envs, dtype=int), wp.zeros(envs, dtype=wp.bool)
         data.reach, data.sight = self.cfg.reach, self.cfg.farthest
-        self.struct, self._data = data, SensorData(data)
+        self.struct, self.data = data, SensorData(data)
 
     @property
     def _room(self) -> int:
@@ -167,7 +262,7 @@ class Obstacles(SensorBase):
         return 8 * self.capacity + 64
 
     def check(self, capsules: Capsules) -> None:
-        """Whether obstacles can take the place of those that are there.
+        """Refuse obstacles that cannot replace the present ones.
 
         Raises:
             ValueError: if there are more than :attr:`capacity`.
@@ -177,7 +272,7 @@ class Obstacles(SensorBase):
             raise ValueError(f"{self._where}: {count} obstacles do not fit, set ObstaclesCfg(capacity={count}) or more")
 
     def replace(self, capsules: Capsules) -> None:
-        """Put other obstacles in the place of those that are there, for all environments; graphs stay as they are.
+        """Replace the obstacles, for all environments; graphs stay as they are.
 
         Raises:
             ValueError: if there are more than :attr:`capacity`.
@@ -197,6 +292,12 @@ class Obstacles(SensorBase):
         self.capsules = capsules
         self.launch()
 
+    # -- what is known of it
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {"num_slots": self.cfg.slots, "num_directions": self.cfg.directions}
+
     # -- what a step launches
 
     def launch(self) -> None:
@@ -211,16 +312,20 @@ class Obstacles(SensorBase):
         inputs = [self.struct, where, everywhere, self._seen, self._told.array]
         wp.launch(kernels.find_obstacles, self.num_envs, inputs=inputs, device=self.device, block_dim=_BLOCK)
 
+    def launch_before_steps(self) -> None:
+        # Once for all physics steps of an environment step: reach covers what the robot moves in it.
+        self.launch()
+
     def launch_measured(self) -> None:
         self._find(self._mask, True)
 
     def launch_reset(self, env_mask: wp.array) -> None:
-        self._mask = env_mask
+        self._mask = env_mask  # launch_observed looks there: the roots of other environments are where they were
 
     def launch_observed(self) -> None:
         self._find(self._mask, False)
 
-    def _lost(self) -> str:
+    def report_overflow(self) -> str:
         most, slots = self._told[0], self.cfg.slots
         if not most:
             return ""
@@ -230,14 +335,3 @@ class Obstacles(SensorBase):
             f"{self._where}: {most} obstacles lay within {self.cfg.reach:g} m of a robot, slots is {slots}, so that it "
             f"went through some of them; set ObstaclesCfg(slots={max(most, slots + slots // 2)}) or a shorter reach"
         )
-
-    # -- reading
-
-    @property
-    def data(self) -> Any:
-        """What it found, as tensors by the names of the struct: ``index``, ``distance``, ``count``, ``overflow``."""
-        return self._data
-
-    @property
-    def counts(self) -> dict[str, int]:
-        return {"num_slots": self.cfg.slots, "num_directions": self.cfg.directions}

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reading face of a scene: states, sensors, contacts."""
+"""Scene querier: reads a built scene, its states, sensors and contacts."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import torch
 import warp as wp
+from newton.sensors import SensorContact
 
-from .contents import SceneContents
+from stripe_newton.assets import BoundAsset
+from stripe_newton.sensors.sensor_data import SensorData
 
-if TYPE_CHECKING:
-    from stripe_newton.assets import Articulation, RigidObject
+from .scene_contents import SceneContents
 
 __all__ = ["SceneQuerier"]
 
@@ -21,7 +20,7 @@ class SceneQuerier:
 
     def __init__(self, scene: SceneContents):
         self._scene = scene
-        self._contact_sensor: Any = None
+        self._contact_sensor: SensorContact | None = None
 
     def get_robot_state(self, name: str, is_relative: bool = False) -> dict[str, torch.Tensor]:
         """State of an articulation or rigid object.
@@ -34,16 +33,17 @@ class SceneQuerier:
             ``root_pose`` (num_envs, 7), ``root_velocity`` (num_envs, 6), and for an articulation ``joint_position`` and
             ``joint_velocity`` (num_envs, num_joints); world frame, SI units.
         """
-        data: Any = self._asset(name).data
+        data = self._asset(name).data
         state = {"root_pose": data.root_pose_w.clone(), "root_velocity": data.root_vel_w.clone()}
         if is_relative:
             state["root_pose"][:, :3] -= self._scene.env_origins
         if name in self._scene.articulations:
-            state["joint_position"] = data.joint_pos.clone()
-            state["joint_velocity"] = data.joint_vel.clone()
+            joints = self._scene.articulations[name].data
+            state["joint_position"] = joints.joint_pos.clone()
+            state["joint_velocity"] = joints.joint_vel.clone()
         return state
 
-    def get_sensor_data(self, name: str) -> Any:
+    def get_sensor_data(self, name: str) -> SensorData:
         """Data of a sensor, as the sensor hands it out.
 
         Raises:
@@ -68,19 +68,19 @@ class SceneQuerier:
         if not sim.cfg.contact_forces:
             raise RuntimeError("contact forces are not exported: set 'contact_forces=True' in SimulationCfg")
         if self._contact_sensor is None:
-            from newton.sensors import SensorContact
-
+            # One sensor of all bodies, made at the first call: it allocates, and few scenes ask for forces.
             bodies = list(range(sim.model.body_count))
             with wp.ScopedDevice(sim.device):
                 self._contact_sensor = SensorContact(
                     sim.model, sensing_bodies=bodies, measure_total=True, request_contact_attributes=False
                 )
+        # Newton sums the contacts of the last step: it has to be asked after each step that one wants to know of.
         self._contact_sensor.update(sim.state, sim.contacts, observables=sim.observables)
         forces = wp.to_torch(self._contact_sensor.total_force).view(sim.num_envs, -1, 3)
         return forces[:, self._asset(name).layout.bodies].clone()
 
-    def _asset(self, name: str) -> Articulation | RigidObject:
-        assets: dict[str, Any] = {**self._scene.articulations, **self._scene.rigid_objects}
+    def _asset(self, name: str) -> BoundAsset:
+        assets: dict[str, BoundAsset] = {**self._scene.articulations, **self._scene.rigid_objects}
         if name not in assets:
             raise KeyError(f"no articulation or rigid object '{name}'; the scene has {', '.join(assets) or 'none'}")
         return assets[name]

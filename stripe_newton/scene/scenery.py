@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Static assets that occur many times: instances of prototypes in USD, read a prototype at a time.
+"""Scenery: static assets that occur many times, as instances of prototypes in USD.
 
-Newton's importer visits every prim of every instance. A forest has tens of thousands, of which a prototype says all but
-where they stand.
+Newton's importer visits every prim of every instance, of which a forest has tens of thousands. Here a prototype is read
+once, and of its instances their transforms alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import newton
 import numpy as np
@@ -39,12 +38,12 @@ class Shape:
 
 @dataclass
 class Prototype:
-    """What the instances of one prototype are made of.
+    """Meshes and colliders of the instances of one prototype.
 
     Attributes:
-        path: Where it is in the stage.
-        meshes: What is seen, with colours.
-        shapes: What is touched.
+        path: Prim path in the stage.
+        meshes: Visible meshes, with their colours.
+        shapes: Colliders.
     """
 
     path: str
@@ -57,7 +56,7 @@ class Scenery:
     """Instances in the order of the stage.
 
     Attributes:
-        prototypes: What they are made of.
+        prototypes: The prototypes.
         paths: Path of each instance.
         which: Index of its prototype, int ``(N,)``.
         pos: Position [m], ``(N, 3)``.
@@ -89,7 +88,7 @@ class Scenery:
                     raise ValueError(f"assets like '{prototype.path}': {error}") from error
         names = "positions", "rotations", "radius", "half_length"
         if not found:
-            return Capsules(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+            return Capsules.none()
         return Capsules(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
     def _poses(self, own: np.ndarray, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +98,7 @@ class Scenery:
 
 
 def scenery_groups(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Prims that say that their children are such instances."""
+    """Prims whose children are all instances of static prototypes, as their :data:`SCENERY_KEY` says."""
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
     found = [p for p in root.GetChildren() if p.GetAttribute(SCENERY_KEY) and p.GetAttribute(SCENERY_KEY).Get()]
     return [p for p in found if p.GetChildren()]
@@ -107,7 +106,8 @@ def scenery_groups(stage: Usd.Stage) -> list[Usd.Prim]:
 
 @contextmanager
 def hidden(stage: Usd.Stage, prims: list[Usd.Prim]) -> Iterator[None]:
-    """Nobody who walks through the stage meets these prims meanwhile, nor the thousands below them."""
+    """Deactivate prims meanwhile, so that importers do not visit them, nor the thousands below them."""
+    # In the session layer, which no export writes: the stage itself does not change.
     session = Usd.EditContext(stage, stage.GetSessionLayer())
     with session, Sdf.ChangeBlock():
         for prim in prims:
@@ -136,6 +136,7 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
         for prim in group.GetChildren():
             if not prim.HasAuthoredReferences():
                 raise ValueError(f"'{prim.GetPath()}': must be a reference to a prototype, better an instanceable one")
+            # Instances of one file share a prototype of the stage; what is not instanceable is one by itself.
             key = str((prim.GetPrototype() if prim.IsInstance() else prim).GetPath())
             if key not in prototypes:
                 prototypes[key] = len(made)
@@ -152,6 +153,7 @@ def _places(matrices: np.ndarray, paths: list[str]) -> tuple[np.ndarray, np.ndar
     axes = matrices[:, :3, :3]
     scale = np.linalg.norm(axes, axis=2)
     skewed = np.abs(axes @ axes.transpose(0, 2, 1) - scale[:, :1, None] ** 2 * np.eye(3)).max(axis=(1, 2))
+    # The tolerance is what float32 and a few products of it leave; a mirror has a negative determinant.
     wrong = np.flatnonzero((skewed > 2.0e-5 * scale[:, 0] ** 2) | (np.linalg.det(axes) <= 0.0))
     if len(wrong):
         sizes = tuple(float(round(s, 6)) for s in scale[wrong[0]])
@@ -175,13 +177,14 @@ def _prototype(instance: Usd.Prim) -> Prototype:
             colors = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
             red, green, blue = map(float, colors[0]) if colors else (0.5, 0.5, 0.5)
             mesh = newton.Mesh(points.astype(np.float32), read.indices, compute_inertia=False)
-            mesh.two_sided = bool(UsdGeom.Mesh(prim).GetDoubleSidedAttr().Get())  # leaves, for what draws them
+            # No attribute of Newton's: viewers draw both sides of meshes that have it, such as leaves.
+            mesh.two_sided = bool(UsdGeom.Mesh(prim).GetDoubleSidedAttr().Get())
             found.meshes.append((mesh, newton.utils.color_linear_to_srgb((red, green, blue))))
     return found
 
 
 def _shape(prim: Usd.Prim, matrix: Gf.Matrix4d) -> Shape:
-    """A collider's primitive, with the scale of its own transform in its size.
+    """The primitive of a collider, with the scale of its transform in its size.
 
     Raises:
         ValueError: for a collider that is no sphere, capsule, cylinder or box along z.
@@ -206,8 +209,9 @@ def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = 
     Args:
         builder: Of the static scene.
         scenery: The instances.
-        touched: Whether colliders become shapes; False where something else stands for them.
+        touched: Whether colliders become shapes; False where collider slots stand for them.
     """
+    # What is seen and what is touched are shapes of their own: visible meshes without contacts, hidden primitives.
     seen = newton.ModelBuilder.ShapeConfig(density=0.0, has_shape_collision=False, has_particle_collision=False)
     solid = builder.default_shape_cfg.copy()
     solid.density, solid.is_visible = 0.0, False
@@ -224,9 +228,12 @@ def add_scenery(builder: newton.ModelBuilder, scenery: Scenery, touched: bool = 
 
 
 def _repeat(
-    builder: newton.ModelBuilder, add: Callable[[], Any], poses: np.ndarray, scales: np.ndarray, labels: list[str]
+    builder: newton.ModelBuilder, add: Callable[[], object], poses: np.ndarray, scales: np.ndarray, labels: list[str]
 ) -> None:
     """Add a static shape at many poses; one by one Newton takes 30 us for each.
+
+    The shape is added once by Newton. Every list of the builder that this made longer is then filled up with copies of
+    its last entry, and what differs between instances is written over them.
 
     Args:
         builder: Of the static scene.
@@ -235,6 +242,7 @@ def _repeat(
         scales: Factors on its size, ``(N,)``.
         labels: Of the N shapes.
     """
+    # Newton keeps shapes in parallel lists, shape_*, to which its versions add: so by name, not one by one.
     first = builder.shape_count
     lengths = {n: len(v) for n, v in vars(builder).items() if n.startswith("shape_") and isinstance(v, list)}
     add()

@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors: what the robots of a scene measure."""
+"""Sensors: contacts, inertial measurements, frames, rays and cameras."""
 
-from .camera import Camera
-from .camera_cfg import CameraCfg, PinholeCameraCfg, TiledCameraCfg
+from .camera import Camera, CameraCfg, PinholeCameraCfg, TiledCameraCfg
 from .camera_data import CameraData
-from .contact_sensor import ContactSensor
-from .contact_sensor_cfg import ContactSensorCfg
-from .frame_transformer import FrameTransformer
-from .frame_transformer_cfg import FrameCfg, FrameTransformerCfg
-from .imu import Imu
-from .imu_cfg import ImuCfg
+from .contact_sensor import ContactSensor, ContactSensorCfg
+from .frame_transformer import FrameCfg, FrameTransformer, FrameTransformerCfg
+from .imu import Imu, ImuCfg
 from .patterns import BpearlPatternCfg, GridPatternCfg, LidarPatternCfg, PatternBaseCfg, PinholeCameraPatternCfg
-from .prims import OffsetCfg
-from .ray_caster import RayCaster, RayCasterData
-from .ray_caster_cfg import RayCasterCfg
-from .sensor_base import SensorBase, SensorBaseCfg
+from .prim_paths import OffsetCfg
+from .ray_caster import RayCaster, RayCasterCfg, RayCasterData
+from .sensor_base import SensorBase, SensorBaseCfg, SensorCfg
 
 __all__ = [
     "BpearlPatternCfg",
@@ -39,5 +34,6 @@ __all__ = [
     "RayCasterData",
     "SensorBase",
     "SensorBaseCfg",
+    "SensorCfg",
     "TiledCameraCfg",
 ]

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras: colour, depth, normals and segmentation of every environment, by Newton's camera sensor."""
+"""Camera: colour, depth, normals and segmentation of every environment, by Newton's camera sensor."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, ClassVar
 
 import newton
 import numpy as np
@@ -15,38 +15,152 @@ from newton.sensors import SensorCamera
 from scipy.spatial.transform import Rotation
 
 from stripe_kernels.sensors import camera as kernels
-from stripe_newton.configclass import ConfigError
+from stripe_newton.configclass import MISSING, ConfigError, configclass
+from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+from stripe_newton.viewers.lighting import lighting_from
 
-from .camera_cfg import DATA_TYPES, CameraCfg
 from .camera_data import FROM_WORLD, CameraData
 from .camera_labels import shape_labels
 from .clock import SensorClock
-from .picture_chain import PictureChain
-from .prims import Frame
-from .ray_caster_mount import find_mount
-from .sensor_base import SensorBase
+from .image_corruption import ImageCorruption
+from .pinhole import PinholeIntrinsics
+from .prim_paths import Frame
+from .prim_paths import OffsetCfg as FrameOffsetCfg
+from .sensor_base import SensorBase, SensorBaseCfg
+from .sensor_mount import find_mount
+from .warp_struct import struct_fields
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-__all__ = ["Camera"]
+__all__ = ["DATA_TYPES", "Camera", "CameraCfg", "PinholeCameraCfg", "TiledCameraCfg"]
 
 _IMAGES = ("rgb", "distance_to_image_plane", "distance_to_camera", "normals")
 _LABELS = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
 _NOTHING = 0xFFFFFFFF
+"""Shape index of a pixel that shows no shape."""
+
+DATA_TYPES = {
+    "rgb": "rgb",
+    "rgba": "rgb",
+    "depth": "distance_to_image_plane",
+    "distance_to_image_plane": "distance_to_image_plane",
+    "distance_to_camera": "distance_to_camera",
+    "normals": "normals",
+    "semantic_segmentation": "semantic_segmentation",
+    "instance_segmentation": "instance_segmentation",
+    "instance_segmentation_fast": "instance_segmentation",
+    "instance_id_segmentation": "instance_id_segmentation",
+    "instance_id_segmentation_fast": "instance_id_segmentation",
+}
+"""Data types that a config may ask for, and the field of ``CameraData`` that holds each."""
+
+
+@configclass
+class PinholeCameraCfg(PinholeIntrinsics):
+    """Lens, film, and the depths that are seen. Everything is in focus."""
+
+    clipping_range: tuple[float, float] = (0.01, 1.0e3)
+    """Depths along the optical axis between which things are seen [m]."""
+    focus_distance: float = 400.0
+    """Ignored: everything is in focus."""
+    f_stop: float = 0.0
+    """Ignored: everything is in focus."""
+
+    IGNORED: ClassVar[dict[str, str]] = dict.fromkeys(("focus_distance", "f_stop"), "everything is in focus")
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        bounds = self.clipping_range
+        if len(bounds) != 2 or not 0.0 <= bounds[0] < bounds[1] or not math.isfinite(bounds[1]):
+            yield "clipping_range", f"is {bounds}, must be (near, far) with 0 <= near < far, both finite [m]"
+
+
+def _camera(cfg: CameraCfg) -> Camera:
+    return Camera(cfg)
+
+
+@configclass
+class CameraCfg(SensorBaseCfg):
+    """A pinhole camera in every environment, rendered for all of them at once by Newton's camera sensor.
+
+    ``prim_path`` names a body, or a name of the camera's own below a body or below the environment, such as
+    ``{ENV_REGEX_NS}/Robot/head/camera`` or ``{ENV_REGEX_NS}/Camera``.
+    """
+
+    @configclass
+    class OffsetCfg(FrameOffsetCfg):
+        """Pose of the camera in the frame of its body, or of the environment."""
+
+        convention: str = "ros"
+        """Frame that ``rot`` turns: ``"ros"`` looks along z with y down, ``"opengl"`` along -z with y up,
+        ``"world"`` along x with z up."""
+
+        def problems(self) -> Iterator[tuple[str, str]]:
+            yield from super().problems()
+            if self.convention not in ("ros", "opengl", "world"):
+                yield "convention", f"is {self.convention!r}, must be 'ros', 'opengl' or 'world'"
+
+    class_type: Callable[..., SensorBase] | None = _camera
+    """Class that the scene makes of this config."""
+    offset: OffsetCfg = OffsetCfg()
+    """Pose of the camera in the frame of its body, or of the environment."""
+    spawn: PinholeCameraCfg = PinholeCameraCfg()
+    """Lens and film."""
+    width: int = MISSING
+    """Pixels in a row."""
+    height: int = MISSING
+    """Pixels in a column."""
+    data_types: Sequence[str] = ("rgb",)
+    """Images that are rendered, of :data:`DATA_TYPES`."""
+    depth_clipping_behavior: str = "none"
+    """Depth of what is not seen: ``"none"`` infinity, ``"max"`` the far bound, ``"zero"`` 0."""
+    background_color: tuple[float, float, float] = (0.66, 0.77, 0.88)
+    """Colour where there is nothing, sRGB, each from 0 to 1."""
+    shadows: bool = False
+    """Whether the sun casts shadows: a second ray a pixel."""
+    noise: NoiseCfg | NoiseModelCfg | None = None
+    """Noise of depths and distances [m]; of colours, put it on the observations. What is not seen stays so."""
+    delay: int = 0
+    """Age of pose and images, in images."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                yield name, f"is {value!r}, must be a whole number of pixels above 0"
+        wrong = [t for t in self.data_types if t not in DATA_TYPES]
+        if wrong or not self.data_types:
+            yield "data_types", f"has {', '.join(map(repr, wrong)) or 'none'}, must be of {', '.join(DATA_TYPES)}"
+        if self.depth_clipping_behavior not in ("none", "max", "zero"):
+            yield "depth_clipping_behavior", f"is {self.depth_clipping_behavior!r}, must be 'none', 'max' or 'zero'"
+        if len(self.background_color) != 3 or not all(0.0 <= c <= 1.0 for c in self.background_color):
+            yield "background_color", f"is {self.background_color}, must be three numbers from 0 to 1"
+        if not isinstance(self.delay, int) or self.delay < 0:
+            yield "delay", f"is {self.delay!r}, must be a whole number of pictures, 0 or more"
+        if self.history_length:
+            yield "history_length", "is not kept by cameras"
+
+
+@configclass
+class TiledCameraCfg(CameraCfg):
+    """A :class:`CameraCfg` by Isaac Lab's other name: every camera is rendered for all environments at once."""
 
 
 class Camera(SensorBase):
-    """A camera in every environment; it looks after the reset of a step, before the observations.
+    """A camera in every environment; it takes its image after the reset of a step, before the observations.
 
-    Every shape that is visible is seen, of the environment and of what all share, colliders or not.
+    It sees every visible shape of its environment and of what all share, colliders or not.
 
     Attributes:
-        data: What it saw, :class:`CameraData`.
+        clock: Says when it takes an image.
         renderer: Newton's sensor.
     """
 
     cfg: CameraCfg
+    data: CameraData
+    struct: kernels.CameraData
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
@@ -85,13 +199,15 @@ class Camera(SensorBase):
         cfg = self.cfg
         pixels = cfg.spawn.pixel_directions(cfg.width, cfg.height) * (1.0, -1.0, -1.0)
         length = np.linalg.norm(pixels, axis=-1)
+        # Pairs of start and direction: a ray starts at the near plane, so that nothing before it is seen.
         rays = np.stack([pixels * cfg.spawn.clipping_range[0], pixels / length[..., None]], axis=2)
         self._rays = wp.array(rays[:, :, None].astype(np.float32), dtype=wp.vec3)
+        # The far plane is flat: rays to the corners of the image are longer than the one along the axis.
         self._slant = wp.array((1.0 / length).astype(np.float32), dtype=float)
         self._reach = float(cfg.spawn.clipping_range[1] * length.max())
 
     def _make_images(self, sim: Simulation, shape: tuple[int, int, int]) -> None:
-        """What is rendered into."""
+        """Allocate what is rendered into; data types that the config does not ask for are empty arrays."""
         wanted = {DATA_TYPES[name] for name in self.cfg.data_types}
         self._raw = raw = kernels.CameraData()
         raw.pos_w, raw.quat_w_world = (wp.zeros(self.num_envs, dtype=t) for t in (wp.vec3, wp.quat))
@@ -100,6 +216,7 @@ class Camera(SensorBase):
         raw.rgb = wp.from_torch(_bytes(self._color)[..., :3], dtype=wp.uint8)
         for name in (*_IMAGES[1:], *_LABELS):
             kind = wp.vec3 if name == "normals" else wp.int32 if name in _LABELS else wp.float32
+            # Kernels take all of them: what is not wanted is an empty array rather than None.
             array = wp.zeros(shape if name in wanted else (0, 0, 0), dtype=kind)
             if kind is wp.float32:
                 array.fill_(math.inf)
@@ -112,28 +229,29 @@ class Camera(SensorBase):
         self._shapes = wp.full(shape if self._labels else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
 
     def _hand_out(self) -> None:
-        """What terms and users read: the same arrays, unless noise or delay lies between."""
+        """Make what terms and users read: the same arrays, unless noise or delay lies between."""
         cfg, raw = self.cfg, self._raw
         self._missing = {"none": math.inf, "max": cfg.spawn.clipping_range[1], "zero": 0.0}[cfg.depth_clipping_behavior]
-        self._chain = chain = PictureChain(self.num_envs, cfg.delay, self.device)
+        self._corruption = corruption = ImageCorruption(self.num_envs, cfg.delay, self.device)
         self.struct = data = kernels.CameraData()
+        # Poses are delayed with the images: a policy is to see from where an image was taken.
         for name in ("pos_w", "quat_w_world", *_IMAGES[1:], *_LABELS):
             array = getattr(raw, name)
             if cfg.noise is not None and name.startswith("distance_to") and array.size:
-                array = chain.noise(name, array, cfg.noise, self._missing, f"{self._where}.noise")
-            setattr(data, name, chain.lag(name, array))
-        self._seen_color = chain.lag("color", self._color)
+                array = corruption.noise(name, array, cfg.noise, self._missing, f"{self._where}.noise")
+            setattr(data, name, corruption.lag(name, array))
+        self._seen_color = corruption.lag("color", self._color)
         self._rgba = _bytes(self._seen_color)
         data.rgb = wp.from_torch(self._rgba[..., :3], dtype=wp.uint8)
 
     def _make_renderer(self, sim: Simulation) -> SensorCamera:
-        from stripe_newton.viewers.lighting import lighting_from
-
         cfg = self.cfg
         red, green, blue = (round(255.0 * c) for c in cfg.background_color)
+        # Colours are packed as ABGR; a negative depth, which nothing has, marks pixels that show nothing.
         clear = SensorCamera.ClearData(
             clear_color=0xFF000000 | blue << 16 | green << 8 | red, clear_depth=-1.0, clear_shape_index=_NOTHING
         )
+        # Loading textures takes time and memory, and the kernel is another one: only where a mesh has one.
         textured = any(isinstance(s, newton.Mesh) and s.texture is not None for s in sim.model.shape_source)
         config = SensorCamera.RenderConfig(
             enable_textures=textured,
@@ -164,17 +282,20 @@ class Camera(SensorBase):
 
     # -- what is known of it
 
+    def why_not_regenerable(self, name: str, ground: int) -> str:
+        return f"the camera '{name}' sees the meshes of the scene as they were built; leave it out"
+
     @property
     def body_names(self) -> list[str]:
         return [self._mount.name]
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name; pictures only where some steps make none."""
-        kept = {"mount": self._setup.mount} | self.clock.arrays | self._chain.arrays
+        """Arrays that persist from step to step, by name; images only where some steps take none."""
+        kept = {"mount": self._setup.mount} | self.clock.arrays | self._corruption.arrays
         if self.clock.period == 1:
             return kept
-        seen = {name: getattr(self.struct, name) for name in self.struct._cls.vars if name != "rgb"}
+        seen = {name: value for name, value in struct_fields(self.struct).items() if name != "rgb"}
         return kept | seen | ({"color": self._seen_color.view(wp.int32)} if self._seen_color.size else {})
 
     def describe(self) -> str:
@@ -201,7 +322,7 @@ class Camera(SensorBase):
         env_ids: Sequence[int] | torch.Tensor | None = None,
         convention: str = "ros",
     ) -> None:
-        """Move a camera that is fixed to the environment; the next picture shows it.
+        """Move a camera that is fixed to the environment; the next image is taken from there.
 
         Args:
             positions: In the world [m], shape ``(n, 3)``; default as they are.
@@ -217,7 +338,7 @@ class Camera(SensorBase):
         if convention not in FROM_WORLD:
             raise ConfigError([f"convention: is {convention!r}, must be one of {', '.join(FROM_WORLD)}"])
         mount, origins = wp.to_torch(self._setup.mount), wp.to_torch(self._setup.env_origin)
-        rows: Any = slice(None) if env_ids is None else env_ids
+        rows = slice(None) if env_ids is None else env_ids
         if positions is not None:
             mount[rows, :3] = torch.as_tensor(positions, dtype=torch.float32, device=self.device) - origins[rows]
         if orientations is not None:
@@ -231,7 +352,7 @@ class Camera(SensorBase):
 
         Args:
             eyes: Positions in the world [m], shape ``(n, 3)``.
-            targets: What is in the middle of the picture [m], shape ``(n, 3)``.
+            targets: Points in the middle of the picture [m], shape ``(n, 3)``.
             env_ids: Environments, default all.
         """
         forward = (torch.as_tensor(targets) - torch.as_tensor(eyes)).double().cpu().numpy()
@@ -246,14 +367,16 @@ class Camera(SensorBase):
 
     def launch_reset(self, env_mask: wp.array) -> None:
         self.clock.restart(env_mask)
-        self._chain.restart(env_mask)
+        self._corruption.restart(env_mask)
 
     def launch_observed(self) -> None:
         state, model, raw = self._sim.state, self._sim.model, self._raw
         idle = int(SensorCamera.WorldRenderFlag.DISABLE_PRESERVE)
+        # Environments whose image is not due are switched off by their world index, and keep their pixels: the renderer
+        # is launched for all in every step, so that one graph serves steps with and without images.
         aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist()), idle]
         wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[raw, self._pose, self._world])
-        model.bvh_refit_shapes(state)
+        model.bvh_refit_shapes(state)  # the bodies have moved since the last image
         self.renderer.update(
             state,
             self._pose,
@@ -266,6 +389,7 @@ class Camera(SensorBase):
             world_indices=self._world,
         )
         dim = (self.num_envs, self.cfg.height, self.cfg.width)
+        # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
         if raw.distance_to_image_plane.size or raw.distance_to_camera.size:
             near, far = map(float, self.cfg.spawn.clipping_range)
             missing = self._missing if self.cfg.noise is None else math.inf
@@ -275,7 +399,7 @@ class Camera(SensorBase):
         for name, labels in self._labels.items():
             inputs = [self.clock.due, self._shapes, labels]
             wp.launch(kernels.label_shapes, dim=dim, inputs=inputs, outputs=[getattr(raw, name)])
-        self._chain.launch(self.clock.due)
+        self._corruption.launch(self.clock.due)
         self.clock.settle()
 
 

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What cameras hand out, and how their frames are called."""
+"""Camera data: images and poses as tensors, and the conventions of camera frames."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import torch
 from scipy.spatial.transform import Rotation
@@ -19,7 +17,7 @@ FROM_WORLD = {"world": Rotation.identity(), "opengl": _TO_OPENGL, "ros": _TO_ROS
 
 
 class CameraData(SensorData):
-    """What a camera saw: torch views of the memory that is rendered into.
+    """Images and pose of a camera: torch views of the memory that is rendered into.
 
     Attributes:
         pos_w: Position [m], shape ``(num_envs, 3)``.
@@ -36,7 +34,7 @@ class CameraData(SensorData):
     intrinsic_matrices: torch.Tensor
     image_shape: tuple[int, int]
     output: dict[str, torch.Tensor]
-    info: dict[str, Any]
+    info: dict[str, dict[str, dict[int, str]]]
 
     @property
     def quat_w_ros(self) -> torch.Tensor:

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the pixels of a camera show: numbers for assets, bodies and shapes, the same in every environment."""
+"""Segmentation labels: numbers for assets, bodies and shapes, the same in every environment."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
+import newton
 import numpy as np
 
-from stripe_newton.sim.stage import ENV_0
+from stripe_newton.sim.scene_context import ENV_0
+
+if TYPE_CHECKING:
+    from stripe_newton.assets.scene_assets import SceneAssets
 
 __all__ = ["shape_labels"]
 
 
-def shape_labels(scene: Any, model: Any, kind: str) -> tuple[np.ndarray, dict[int, str]]:
-    """A number for each shape of a model, and what the numbers mean.
+def shape_labels(scene: SceneAssets, model: newton.Model, kind: str) -> tuple[np.ndarray, dict[int, str]]:
+    """A number for each shape of a model, and the names behind the numbers.
 
     Args:
         scene: The scene, for the names of its assets.
@@ -26,6 +30,7 @@ def shape_labels(scene: Any, model: Any, kind: str) -> tuple[np.ndarray, dict[in
     """
     owners = [str(model.body_label[body]) if body >= 0 else "" for body in model.shape_body.numpy()]
     labels, assets = list(zip(map(str, model.shape_label), owners, strict=True)), _assets(scene)
+    # Shapes of all environments have the labels of the first one: each label is named once.
     named = {(label, owner): _name(label, owner, assets, kind) for label, owner in dict.fromkeys(labels)}
     names = [named[label] for label in labels]
     numbers = {name: i + 1 for i, name in enumerate(dict.fromkeys(names))}
@@ -33,16 +38,15 @@ def shape_labels(scene: Any, model: Any, kind: str) -> tuple[np.ndarray, dict[in
     return np.array([numbers[name] for name in names], dtype=np.int32), meaning
 
 
-def _assets(scene: Any) -> dict[str, str]:
+def _assets(scene: SceneAssets) -> dict[str, str]:
     """Names of the assets by path."""
     families = {**scene.articulations, **scene.rigid_objects, **scene.extras}
-    found = {asset.path: name for name, asset in families.items() if getattr(asset, "path", None)}
-    path = getattr(scene.terrain, "path", None) or getattr(getattr(scene.terrain, "cfg", None), "prim_path", None)
-    return found | ({str(path): "terrain"} if path else {})
+    found = {asset.path: name for name, asset in families.items()}
+    return found if scene.terrain is None else {**found, scene.terrain.path: "terrain"}
 
 
 def _name(label: str, owner: str, assets: dict[str, str], kind: str) -> str:
-    """What a shape is called, by its label and that of its body."""
+    """The name of a shape in a segmentation, from its label and that of its body."""
     path = label if label.startswith(owner) else f"{owner}/{label}"
     if kind == "instance_id_segmentation":
         return path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a sensor measures, for each environment, on the device."""
+"""Sensor clock: when a sensor measures, for each environment, on the device."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ __all__ = ["SensorClock", "period_steps"]
 
 
 def period_steps(sim: Simulation, update_period: float, where: str) -> int:
-    """Environment steps in a period; 1 for a period of 0, or of a physics step at most.
+    """Environment steps in a period; 1 for a period of 0 or of at most a physics step.
 
     Raises:
         ConfigError: if it is not a whole number of steps.
     """
     step_dt = sim.physics_dt * sim.decimation
     steps = round(update_period / step_dt)
+    # Configs of Isaac Lab say "always" by a period of a physics step: it need not be a whole number of steps.
     off = abs(steps * step_dt - update_period) > 1.0e-6 * update_period
     if update_period > 1.000001 * sim.physics_dt and off:
         right = f"must be a multiple of the step of {step_dt:g} s, such as {max(steps, 1) * step_dt:g}"
@@ -32,7 +33,7 @@ def period_steps(sim: Simulation, update_period: float, where: str) -> int:
 
 
 class SensorClock:
-    """Says where a measurement is due, without the host being asked.
+    """Says where a measurement is due, without host synchronisation.
 
     A sensor that measures within the step hands :attr:`due` to its kernels there, ends ``launch_measured`` with
     :meth:`advance`, and in ``launch_observed`` measures where :attr:`restarted`, then calls :meth:`settle`. One that
@@ -44,7 +45,6 @@ class SensorClock:
         period: Environment steps from one measurement to the next.
         due: Where the next measurement is taken, bool, shape ``(num_envs,)``.
         restarted: Where an episode began since the last observations, bool, shape ``(num_envs,)``.
-        arrays: What lasts from step to step, by name.
     """
 
     def __init__(
@@ -64,15 +64,18 @@ class SensorClock:
             where: Path of the sensor's config, for the error.
             observed: Whether it measures before the observations rather than within the step.
             starts_fresh: Whether one that measures within the step measures at the start of an episode too.
-            remembers: Whether a measurement depends on how many there were, by noise or delay: then one before the
-                observations is taken once a step, also where others are reset between two steps.
+            remembers: Whether a measurement depends on those before it, by noise or delay. One before the observations
+                is then taken once a step, even where a reset from outside computes observations between two steps.
 
         Raises:
             ConfigError: if the period is not a whole number of environment steps.
         """
         self.period = period_steps(sim, update_period, where)
         self.observed, self._marks, self._count = observed, starts_fresh and not observed, sim.num_envs
+        # A measurement before the observations belongs to the step that ends there: the first one is due at once. One
+        # within the step is taken by the reset itself, or, without a fresh start, a period later.
         self._start = self.period if observed else 1
+        # Where every step measures and nothing is remembered, due stays True: no kernel needs to count.
         self._counts = self.period > 1 or (observed and remembers)
         with wp.ScopedDevice(sim.device):
             self._age = wp.full(self._count, value=self._start, dtype=int)
@@ -81,6 +84,7 @@ class SensorClock:
 
     @property
     def arrays(self) -> dict[str, wp.array]:
+        """Arrays that persist from step to step, by name."""
         there = {"clock.age": self._age, "clock.due": self.due} if self._counts else {}
         return there | ({"clock.restarted": self.restarted} if self._marks else {})
 
@@ -90,7 +94,7 @@ class SensorClock:
             wp.launch(kernels.advance, dim=self._count, inputs=[self.period], outputs=[self._age, self.due])
 
     def count(self) -> None:
-        """Take note of a step, before the measurement."""
+        """Count a step, before the measurement."""
         if self._counts:
             wp.launch(kernels.count_step, dim=self._count, inputs=[self.period], outputs=[self._age, self.due])
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact forces on bodies."""
+"""Contact sensor: net forces and contact times of bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import newton
 import numpy as np
@@ -12,31 +13,71 @@ import torch
 import warp as wp
 
 from stripe_kernels.sensors import contact as kernels
-from stripe_newton.configclass import ConfigError
+from stripe_kernels.sensors.contact_mujoco import CONTACT_FIELDS, add_mujoco_contacts
+from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.matching import match_names
+from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
 
 from .clock import SensorClock, period_steps
 from .corruption import Corruption
-from .prims import find_bodies, find_colliders, per_shape
-from .sensor_base import SensorBase
+from .prim_paths import find_bodies, find_colliders, per_shape
+from .sensor_base import SensorBase, SensorBaseCfg
 from .sensor_data import SensorData
+from .warp_struct import copy_struct
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-    from .contact_sensor_cfg import ContactSensorCfg
-
-__all__ = ["ContactSensor"]
+__all__ = ["ContactSensor", "ContactSensorCfg"]
 
 _TIMES = "current_air_time", "last_air_time", "current_contact_time", "last_contact_time"
+
+
+def _contact_sensor(cfg: ContactSensorCfg) -> ContactSensor:
+    return ContactSensor(cfg)
+
+
+@configclass
+class ContactSensorCfg(SensorBaseCfg):
+    """Contact forces on bodies; ``prim_path`` names the bodies."""
+
+    class_type: Callable[..., SensorBase] | None = _contact_sensor
+    """Class that the scene makes of this config."""
+    filter_prim_paths_expr: Sequence[str] = ()
+    """Sources of the forces in ``force_matrix_w``: bodies, or prims with all colliders below them, such as
+    ``/World/ground`` or ``{ENV_REGEX_NS}/Ball``. Each that matches is one filter."""
+    track_air_time: bool = False
+    """Whether times in the air and in contact are kept."""
+    track_pose: bool = False
+    """Whether ``pos_w`` and ``quat_w`` are handed out."""
+    force_threshold: float = 1.0
+    """Force above which a body is in contact [N]."""
+    substeps: bool | None = None
+    """Measure after every physics step, so that the history holds physics steps and times are as fine; otherwise once,
+    at the end of the environment's step. By default where a history is kept, or ``update_period`` is a physics step."""
+    noise: NoiseCfg | NoiseModelCfg | None = None
+    """Noise on ``net_forces_w`` and its history; times and ``force_matrix_w`` have none. A noise model draws its bias
+    at the start of an episode."""
+    delay: int = 0
+    """Age of ``net_forces_w`` and its history, in measurements; times and ``force_matrix_w`` are not late."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if not (math.isfinite(self.force_threshold) and self.force_threshold >= 0.0):
+            yield "force_threshold", f"is {self.force_threshold}, must be a force, 0 or more [N]"
+        if not isinstance(self.delay, int) or self.delay < 0:
+            yield "delay", f"is {self.delay!r}, must be a whole number of measurements, 0 or more"
+        if isinstance(self.filter_prim_paths_expr, str):
+            yield "filter_prim_paths_expr", f"is the text '{self.filter_prim_paths_expr}', must be a list of paths"
 
 
 class ContactSensor(SensorBase):
     """Net and filtered contact forces on bodies, their history, and times in contact and in the air.
 
     With MuJoCo Warp forces are read from its contacts and constraints: two launches a measurement, and one more a step
-    for the times. Other solvers must report contact forces, which is switched on. A measurement is of the forces in the
-    last physics step; those of an episode begin with its first.
+    for the times. Other solvers must report contact forces, which the sensor switches on. A measurement is of the
+    forces in the last physics step; the first of an episode is of its first step.
 
     ``data`` has ``net_forces_w``, ``net_forces_w_history``, ``force_matrix_w``, ``current_air_time``,
     ``last_air_time``, ``current_contact_time``, ``last_contact_time`` (see the struct
@@ -44,14 +85,12 @@ class ContactSensor(SensorBase):
     does not ask for.
 
     Attributes:
-        cfg: The config.
-        struct: What terms read.
-        filter_names: Names of the bodies or prims that the columns of ``force_matrix_w`` are about.
-        unavailable: Fields of the struct that terms may not read, with the reason.
+        filter_names: Names of the bodies or prims of the columns of ``force_matrix_w``.
     """
 
     cfg: ContactSensorCfg
-    struct: Any
+    data: _ContactData
+    struct: kernels.ContactSensorData
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         where = f"{type(self).__name__} '{self.cfg.prim_path}'"
@@ -61,21 +100,13 @@ class ContactSensor(SensorBase):
         for path in self.cfg.filter_prim_paths_expr:
             for name, shapes in find_colliders(template, static, path, f"{where}.filter_prim_paths_expr").items():
                 self._add_filter(name, shapes, f"{where}.filter_prim_paths_expr: '{path}'")
+        # A contact that lasts less than a step may be missed by one measurement a step: a history asks for all.
         self._period = period_steps(sim, self.cfg.update_period, where)
         substeps = self.cfg.substeps
         if substeps is None:
             substeps = self.cfg.history_length > 0 or 0.0 < self.cfg.update_period < sim.physics_dt * sim.decimation
         self.every_substep = bool(substeps) and self._period == 1
-        solver: Any = sim.cfg.solver
-        if getattr(solver, "disable_contacts", None):
-            raise ConfigError([f"{where}: the solver computes no contacts, set disable_contacts=False"])
-        self._native = solver.kind == "mujoco" and not solver.use_mujoco_cpu
-        if not self._native:
-            if "contact_f" not in getattr(newton.solvers, solver.solver_class).SUPPORTED_OBSERVABLES:
-                raise ConfigError(
-                    [f"{where}: {solver.solver_class} does not report contact forces, use MuJoCoSolverCfg"]
-                )
-            sim.cfg.contact_forces = True
+        self._require_forces(sim, where)
 
     def _add_filter(self, name: str, shapes: tuple[list[int], list[int]], where: str) -> None:
         for column, indices in zip(self._columns, shapes):
@@ -85,6 +116,19 @@ class ContactSensor(SensorBase):
             column[indices] = len(self.filter_names)
         self.filter_names.append(name)
 
+    def _require_forces(self, sim: Simulation, where: str) -> None:
+        """Find out how the solver gives its contact forces, and ask for them."""
+        solver = sim.cfg.solver
+        if isinstance(solver, MuJoCoSolverCfg) and solver.disable_contacts:
+            raise ConfigError([f"{where}: the solver computes no contacts, set disable_contacts=False"])
+        self._reads_mujoco = solver.uses_mujoco_warp
+        if not self._reads_mujoco:
+            if "contact_f" not in solver.newton_class.SUPPORTED_OBSERVABLES:
+                raise ConfigError(
+                    [f"{where}: {solver.solver_class} does not report contact forces, use MuJoCoSolverCfg"]
+                )
+            sim.cfg.contact_forces = True  # the simulation allocates for them when it is built, after this
+
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
         self._clock = SensorClock(sim, self.cfg.update_period, type(self).__name__, starts_fresh=False)
@@ -93,7 +137,7 @@ class ContactSensor(SensorBase):
         shape = self.num_envs, len(self._bodies)
         with wp.ScopedDevice(self.device):
             struct.net_forces_w_history = wp.zeros((shape[0], max(1, self.cfg.history_length), shape[1]), dtype=wp.vec3)
-            struct.net_forces_w = struct.net_forces_w_history[:, 0]
+            struct.net_forces_w = struct.net_forces_w_history[:, 0]  # the newest one is the first of the history
             struct.force_matrix_w = wp.zeros((*shape, len(self.filter_names)), dtype=wp.vec3)
             for name in _TIMES:
                 setattr(struct, name, wp.zeros(shape, dtype=float))
@@ -107,18 +151,16 @@ class ContactSensor(SensorBase):
             self._make_tables(sim)
         missing = [] if self.cfg.track_air_time else list(_TIMES)
         self.unavailable = dict.fromkeys(missing, "not kept; set track_air_time=True in the sensor's config")
-        if self._period > 1:  # what tells terms that a foot landed in the last step
+        if self._period > 1:  # from measurement_dt terms tell that a foot landed in the last step
             why = f"it measures in every {self._period}. step, which hides what began in the last one"
             self.unavailable["measurement_dt"] = f"{why}; leave out update_period in the sensor's config"
-        self._data = _Data(struct, [*missing, *([] if self.filter_names else ["force_matrix_w"])])
+        self.data = _ContactData(struct, [*missing, *([] if self.filter_names else ["force_matrix_w"])])
         if self.cfg.track_pose:
-            self._data.track(sim, self._bodies)
+            self.data.track(sim, self._bodies)
 
-    def _corrupt(self, struct: Any) -> None:
+    def _corrupt(self, struct: kernels.ContactSensorData) -> None:
         """Keep the net forces that are measured apart from those that are read."""
-        self._raw = kernels.ContactSensorData()
-        for name in struct._cls.vars:
-            setattr(self._raw, name, getattr(struct, name))
+        self._raw = copy_struct(struct, kernels.ContactSensorData)
         bodies = len(self._bodies)
         block, out = wp.zeros((self.num_envs, 3 * bodies), dtype=float), wp.to_torch(struct.net_forces_w).flatten(1)
         self._raw.net_forces_w = wp.from_torch(wp.to_torch(block).unflatten(1, (bodies, 3)), dtype=wp.vec3)
@@ -127,33 +169,30 @@ class ContactSensor(SensorBase):
         self._corruption = Corruption(block, noise, self.cfg.delay, where, wp.from_torch(out))
 
     def _make_tables(self, sim: Simulation) -> None:
-        """Which shape, or which of MuJoCo's geoms, is of which body and which filter."""
+        """Find the body and the filter of each shape, or of each of MuJoCo's geoms."""
         template, static, count = sim.template, sim.static, len(self._bodies)
-        place = np.full(template.body_count + 1, -1)  # the last one for what has no body
+        place = np.full(template.body_count + 1, -1)  # the last one for shapes without a body, whose index is -1
         place[self._bodies] = np.arange(count)
         here = place[np.array(template.shape_body, dtype=int)]
         rows = per_shape(here, np.full(static.shape_count, -1), self.num_envs)
         env = np.arange(self.num_envs).repeat(template.shape_count)
         rows[static.shape_count :] += np.where(rows[static.shape_count :] >= 0, env * count, 0).astype(np.int32)
-        there = template.shape_count, static.shape_count  # perhaps more than there were: sensors may add sites
+        # There may be more shapes than when the filters were found: other sensors add sites.
+        there = template.shape_count, static.shape_count
         own, shared = (np.append(c, [-1] * (n - len(c))) for c, n in zip(self._columns, there))
         columns = per_shape(own, shared, self.num_envs)
-        if self._native:
-            solver: Any = sim.solver
-            shapes = solver.mjc_geom_to_newton_shape.numpy()
+        if self._reads_mujoco:
+            shapes = sim.solver.mjc_geom_to_newton_shape.numpy()
+            # In MuJoCo every world has its own geoms, and in Newton every environment its own shapes: rows count from
+            # the start of each world.
             first = count * np.arange(len(shapes))[:, None]
             rows = np.where((shapes >= 0) & (rows[shapes] >= 0), rows[shapes] - first, -1).astype(np.int32)
             columns = np.where(shapes >= 0, columns[shapes], -1)
-            if (rows == rows[0]).all() and (columns == columns[0]).all():
+            if (rows == rows[0]).all() and (columns == columns[0]).all():  # one row serves all worlds
                 rows, columns = rows[:1], columns[:1]
         self._rows, self._filters = wp.array(rows, dtype=int), wp.array(columns, dtype=int)
 
-    # -- what it is about
-
-    @property
-    def data(self) -> Any:
-        """Forces [N] and times [s], as tensors."""
-        return self._data
+    # -- what is known of it
 
     @property
     def body_names(self) -> list[str]:
@@ -168,6 +207,11 @@ class ContactSensor(SensorBase):
     def counts(self) -> dict[str, int]:
         return {"num_filters": len(self.filter_names)}
 
+    @property
+    def arrays(self) -> dict[str, wp.array]:
+        kept = {name: getattr(self.struct, name) for name in ("net_forces_w_history", "force_matrix_w", *_TIMES)}
+        return kept | self._clock.arrays | (self._corruption.arrays if self._corruption else {})
+
     def find_bodies(self, name_keys: str | Sequence[str], preserve_order: bool = False) -> tuple[list[int], list[str]]:
         """Indices and names of the bodies that match regular expressions.
 
@@ -177,7 +221,7 @@ class ContactSensor(SensorBase):
         return match_names(name_keys, self._names, preserve_order, f"body of '{self.cfg.prim_path}'")
 
     def compute_first_contact(self, dt: float, abs_tol: float | None = None) -> torch.Tensor:
-        """Which bodies came into contact in the last ``dt`` seconds and still are.
+        """Mask of the bodies that came into contact in the last ``dt`` seconds and still are.
 
         Args:
             dt: The time [s], such as the step of the environment; not less than from one measurement to the next.
@@ -190,11 +234,11 @@ class ContactSensor(SensorBase):
             RuntimeError: if the sensor keeps no times.
             ValueError: if ``dt`` is shorter than the time between two measurements.
         """
-        return self._began(self._data.current_contact_time, dt, abs_tol)
+        return self._began(self.data.current_contact_time, dt, abs_tol)
 
     def compute_first_air(self, dt: float, abs_tol: float | None = None) -> torch.Tensor:
-        """Which bodies left the contact in the last ``dt`` seconds; see :meth:`compute_first_contact`."""
-        return self._began(self._data.current_air_time, dt, abs_tol)
+        """Mask of the bodies that left the contact in the last ``dt`` seconds; see :meth:`compute_first_contact`."""
+        return self._began(self.data.current_air_time, dt, abs_tol)
 
     def _began(self, time: torch.Tensor | None, dt: float, abs_tol: float | None) -> torch.Tensor:
         if time is None:
@@ -203,33 +247,37 @@ class ContactSensor(SensorBase):
         if dt < 0.999 * step:
             where = f"ContactSensor '{self.cfg.prim_path}'"
             raise ValueError(f"dt: is {dt:g} s, but {where} measures every {step:g} s; ask for that time at least")
+        # Times are sums of steps in float32: a time of exactly dt may come out above it.
         tolerance = 0.5 * step if abs_tol is None else abs_tol
         return (time > 0.0) & (time < dt + tolerance)
 
     # -- what a step launches
 
     def _launch_measurement(self) -> None:
-        sim, struct, due = self._sim, self._raw, self._clock.due
-        keep = self.cfg.track_air_time
-        shape = struct.net_forces_w.shape
-        wp.launch(kernels.begin_contacts, shape, [due, self._elapsed, keep], [self._pending, struct])
-        if self._native:
-            from stripe_kernels.sensors.contact_mujoco import CONTACT_FIELDS, add_mujoco_contacts
-
-            solver: Any = sim.solver
-            data, contact = solver.mjw_data, solver.mjw_data.contact
-            fields = [getattr(contact, name) for name in CONTACT_FIELDS]
-            tables = [due, self._rows, self._filters, solver.mjw_model.opt.cone]
-            inputs = [*tables, *fields, data.efc.force, data.njmax, data.nacon]
-            wp.launch(add_mujoco_contacts, data.naconmax, inputs, [struct])
+        struct, due = self._raw, self._clock.due
+        begin = [due, self._elapsed, self.cfg.track_air_time]
+        wp.launch(kernels.begin_contacts, struct.net_forces_w.shape, begin, [self._pending, struct])
+        if self._reads_mujoco:
+            self._add_mujoco_contacts()
         else:
-            contacts: Any = sim.contacts
-            observables: Any = sim.observables
-            found = [contacts.rigid_contact_count, contacts.rigid_contact_shape0, contacts.rigid_contact_shape1]
-            inputs = [due, *found, observables.contact_f, self._rows, self._filters]
-            wp.launch(kernels.add_newton_contacts, contacts.rigid_contact_max, inputs, [struct])
+            self._add_newton_contacts()
         if self._corruption is not None:
             self._corruption.launch(due)
+
+    def _add_mujoco_contacts(self) -> None:
+        """Read the forces of MuJoCo Warp's constraints; its contacts of all worlds lie in one buffer."""
+        data, model = self._sim.solver.mjw_data, self._sim.solver.mjw_model
+        fields = [getattr(data.contact, name) for name in CONTACT_FIELDS]
+        tables = [self._clock.due, self._rows, self._filters, model.opt.cone]
+        inputs = [*tables, *fields, data.efc.force, data.njmax, data.nacon]
+        wp.launch(add_mujoco_contacts, data.naconmax, inputs, [self._raw])
+
+    def _add_newton_contacts(self) -> None:
+        contacts, forces = self._sim.contacts, self._sim.reported("contact_f")
+        assert contacts is not None  # as _require_forces asked for them
+        found = [contacts.rigid_contact_count, contacts.rigid_contact_shape0, contacts.rigid_contact_shape1]
+        inputs = [self._clock.due, *found, forces, self._rows, self._filters]
+        wp.launch(kernels.add_newton_contacts, contacts.rigid_contact_max, inputs, [self._raw])
 
     def launch_substep(self) -> None:
         self._launch_measurement()
@@ -237,7 +285,7 @@ class ContactSensor(SensorBase):
     def launch_measured(self) -> None:
         if not self.every_substep:
             self._launch_measurement()
-        if self.cfg.track_air_time:
+        if self.cfg.track_air_time:  # the last measurement becomes times, which terms of this step read
             shape = self._pending.shape
             wp.launch(kernels.finish_contacts, shape, [self._elapsed], [self._pending, self._raw])
         self._clock.advance()
@@ -249,21 +297,13 @@ class ContactSensor(SensorBase):
             self._corruption.restart(env_mask)
 
     def update(self, dt: float) -> None:
-        """Measure, after ``dt`` seconds of physics; for scripts and environments with torch hooks."""
         if not self.every_substep:
             self._elapsed.fill_(dt * self._period)
             self.struct.measurement_dt = dt * self._period
         super().update(dt)
 
-    @property
-    def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
-        struct = self.struct
-        kept = {name: getattr(struct, name) for name in ("net_forces_w_history", "force_matrix_w", *_TIMES)}
-        return kept | self._clock.arrays | (self._corruption.arrays if self._corruption else {})
 
-
-class _Data(SensorData):
+class _ContactData(SensorData):
     """The arrays, and the poses of the bodies."""
 
     _sim: Simulation | None = None

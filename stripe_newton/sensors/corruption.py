@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise, bias and delay of a sensor, on the device."""
+"""Corruption: noise, bias and delay of a sensor, on the device."""
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import torch
@@ -26,25 +25,26 @@ from stripe_newton.noise import (
 
 __all__ = ["Corruption"]
 
-_KINDS: dict[type, tuple[int, str, str | None]] = {
+_KINDS: dict[type[NoiseCfg], tuple[int, str, str | None]] = {
     ConstantNoiseCfg: (int(kernels.NOISE_CONSTANT), "bias", None),
     UniformNoiseCfg: (int(kernels.NOISE_UNIFORM), "n_min", "n_max"),
     GaussianNoiseCfg: (int(kernels.NOISE_GAUSSIAN), "mean", "std"),
 }
+"""Number of each kind of noise in the kernels, and its fields."""
 _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOISE_ABS)}
 
 
 class Corruption:
     """Puts noise on a sensor's floats and delays them: two launches a measurement.
 
-    What an environment draws does not depend on how many others there are. A noise model with bias draws it at the
-    start of an episode. The first measurement of an episode stands for those before it.
+    What an environment draws does not depend on the number of environments. A noise model with bias draws it at the
+    start of an episode. Before an episode is as old as the delay, its first measurement is read.
 
     Attributes:
         raw: What the sensor writes, shape ``(num_envs, size)``.
         out: What is read, same shape.
-        delay: Measurements between the two.
-        arrays: What lasts from step to step, by name; ``rng`` are the random streams.
+        delay: Age of what is read, in measurements.
+        arrays: Arrays that persist from step to step, by name; ``rng`` are the random streams.
     """
 
     def __init__(
@@ -59,10 +59,10 @@ class Corruption:
 
         Args:
             raw: float, shape ``(num_envs, size)``.
-            noise: Which of the floats get which noise.
-            delay: How many measurements old what is read is.
+            noise: Floats that get noise, and their noise.
+            delay: Age of what is read, in measurements.
             where: Path of the config's field, for errors; the random streams are seeded by it too.
-            out: Where to put what is read, same shape as ``raw``; by default an array of its own.
+            out: Array for what is read, same shape as ``raw``; by default a new one.
 
         Raises:
             ConfigError: for noise of an unknown kind, or with numbers that do not fit.
@@ -74,8 +74,9 @@ class Corruption:
             steps.add(part, cfg.noise_cfg if isinstance(cfg, NoiseModelCfg) else cfg)
             if isinstance(cfg, NoiseModelWithAdditiveBiasCfg):
                 biases.add(part, cfg.bias_noise_cfg)
-                if not cfg.sample_bias_per_component:
+                if not cfg.sample_bias_per_component:  # all floats but the first take the bias of the one before
                     self._shared[part.start + 1 : part.stop] = True
+        # Two numbers for each float, whatever its kind: what a float draws stays the same when noise is put on another.
         self._draws = 2 * size if steps.kind.any() else 0
         with wp.ScopedDevice(raw.device):
             self.out = wp.zeros(raw.shape, dtype=float) if out is None else out
@@ -85,13 +86,17 @@ class Corruption:
             self._rng, self._first = (wp.zeros(self._count, dtype=wp.uint32) for _ in range(2))
             self._measured = wp.zeros(self._count, dtype=int)
             self._bias = wp.zeros(raw.shape, dtype=float)
+            # A ring of the last measurements: delay is an index into it, and the same launch writes and reads.
             self._ring = wp.zeros((self._count, delay + 1, size), dtype=float)
+            # Streams of their own: what a sensor draws does not change when another sensor is added.
             seed = zlib.crc32(where.encode()) % 2**31
             wp.launch(seed_streams, dim=self._count, inputs=[seed], outputs=[self._rng])
+            # Biases are drawn for the first episode too, of environments that nobody has reset yet.
             self.restart(wp.full(self._count, value=True, dtype=wp.bool))
 
     @property
     def arrays(self) -> dict[str, wp.array]:
+        """Arrays that persist from step to step, by name."""
         names = {"rng": self._rng, "measured": self._measured, "bias": self._bias, "ring": self._ring, "out": self.out}
         return {f"corruption.{name}" if name != "rng" else name: array for name, array in names.items()}
 
@@ -118,7 +123,7 @@ class Corruption:
 
 
 class _Table:
-    """What is drawn for each float."""
+    """Kind, operation and numbers of the noise of each float."""
 
     def __init__(self, size: int, where: str):
         self.where = where
@@ -140,7 +145,7 @@ class _Table:
                 raise ConfigError([f"{self.where}.{field}: {have}"])
             column[part] = value
 
-    def struct(self) -> Any:
+    def struct(self) -> kernels.Noise:
         noise = kernels.Noise()
         noise.kind, noise.operation = wp.array(self.kind, dtype=int), wp.array(self.operation, dtype=int)
         noise.a, noise.b = wp.array(self.a, dtype=float), wp.array(self.b, dtype=float)

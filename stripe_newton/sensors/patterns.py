@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Patterns of rays, in the frame of the sensor: x forward, y left, z up. Names as in Isaac Lab."""
+"""Ray patterns, in the frame of the sensor: x forward, y left, z up. Names as in Isaac Lab."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .pinhole import PinholeIntrinsics
 __all__ = ["BpearlPatternCfg", "GridPatternCfg", "LidarPatternCfg", "PatternBaseCfg", "PinholeCameraPatternCfg"]
 
 MOST_RAYS = 10_000_000
-"""Rays of one sensor; more is a mistake in a resolution."""
+"""Limit on the rays of one sensor: more is a mistake in a resolution."""
 
 
 @configclass
 class PatternBaseCfg:
-    """Rays of a sensor."""
+    """Base of the patterns; a subclass says by :meth:`rays` which rays a sensor has."""
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         """Starts [m] and unit directions of the rays in the sensor's frame, float64, each of shape ``(n, 3)``."""
@@ -36,7 +36,7 @@ class GridPatternCfg(PatternBaseCfg):
     resolution: float = MISSING
     """Distance between rays [m]."""
     direction: Sequence[float] = (0.0, 0.0, -1.0)
-    """Where they point."""
+    """Direction of all rays."""
     ordering: str = "xy"
     """``"xy"``: rays in rows along x, one row after the other along y; ``"yx"``: rows along y."""
 
@@ -53,6 +53,7 @@ class GridPatternCfg(PatternBaseCfg):
             yield "ordering", f"is {self.ordering!r}, must be 'xy' or 'yx'"
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        # The tolerance keeps a size that is a multiple of the resolution, but for rounding, from losing its last row.
         x, y = (np.arange(math.floor(s / self.resolution + 1.0e-6) + 1) * self.resolution - 0.5 * s for s in self.size)
         grid = np.meshgrid(x, y, indexing="xy" if self.ordering == "xy" else "ij")
         starts = np.stack([grid[0].ravel(), grid[1].ravel(), np.zeros(grid[0].size)], axis=1)
@@ -85,6 +86,7 @@ class LidarPatternCfg(PatternBaseCfg):
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         low, high = self.horizontal_fov_range
         count = math.ceil((high - low) / self.horizontal_res - 1.0e-6) + 1
+        # The last ray of a full turn would be the first one again.
         full = abs(high - low - 360.0) < 1.0e-6
         around = np.radians(np.linspace(low, high, count)[: -1 if full else None])
         up = np.radians(np.linspace(*self.vertical_fov_range, self.channels))
@@ -133,6 +135,7 @@ class PinholeCameraPatternCfg(PinholeIntrinsics, PatternBaseCfg):
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         pixels = self.pixel_directions(self.width, self.height).reshape(-1, 3)
+        # From the camera's frame (x right, y down, z ahead) to the sensor's (x ahead, y left, z up).
         directions = np.stack([pixels[:, 2], -pixels[:, 0], -pixels[:, 1]], axis=1)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         return np.zeros_like(directions), directions

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pinhole camera: from lens and film, as USD and Isaac Lab describe them, to pixels."""
+"""Pinhole intrinsics: from lens and film, as USD and Isaac Lab describe them, to pixels."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from stripe_newton.configclass import configclass
 
 __all__ = ["PinholeIntrinsics"]
+
+T = TypeVar("T", bound="PinholeIntrinsics")
 
 
 @configclass
@@ -25,9 +28,9 @@ class PinholeIntrinsics:
     vertical_aperture: float | None = None
     """Height of the film; ``None`` for square pixels."""
     horizontal_aperture_offset: float = 0.0
-    """How far the optical axis meets the film right of its middle, in the same unit."""
+    """Distance by which the optical axis meets the film to the right of its middle, in the same unit."""
     vertical_aperture_offset: float = 0.0
-    """How far below its middle."""
+    """Distance by which it meets the film below its middle, in the same unit."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         for name in ("focal_length", "horizontal_aperture", "vertical_aperture"):
@@ -37,9 +40,14 @@ class PinholeIntrinsics:
 
     @classmethod
     def from_intrinsic_matrix(
-        cls, intrinsic_matrix: Sequence[float], width: int, height: int, focal_length: float = 24.0, **others: Any
-    ) -> Any:
-        """The config of a camera whose matrix is known, from a calibration say.
+        cls: type[T],
+        intrinsic_matrix: Sequence[float],
+        width: int,
+        height: int,
+        focal_length: float = 24.0,
+        **others: Any,
+    ) -> T:
+        """The config of a camera whose matrix is known, such as from a calibration.
 
         Args:
             intrinsic_matrix: ``[fx, 0, cx, 0, fy, cy, 0, 0, 1]`` [px].
@@ -50,7 +58,8 @@ class PinholeIntrinsics:
         """
         fx, _, cx, _, fy, cy = (float(x) for x in list(np.ravel(intrinsic_matrix))[:6])
         film = focal_length * width / fx, focal_length * height / fy
-        pixels = {"width": width, "height": height} if "width" in getattr(cls, "__dataclass_fields__", {}) else {}
+        # Patterns of rays have the number of pixels themselves, cameras beside their lens.
+        pixels = {"width": width, "height": height} if "width" in {f.name for f in dataclasses.fields(cls)} else {}
         return cls(
             focal_length=focal_length,
             horizontal_aperture=film[0],
@@ -66,6 +75,7 @@ class PinholeIntrinsics:
 
         ``fx = width focal_length / horizontal_aperture``, ``cx = width (1/2 + offset / horizontal_aperture)``.
         """
+        # USD and Isaac Lab keep pixels square unless both sides of the film are given.
         film_y = self.horizontal_aperture * height / width if self.vertical_aperture is None else self.vertical_aperture
         return np.array(
             [

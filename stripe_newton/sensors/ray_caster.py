@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays from a body: height scanners, lidars, distance sensors."""
+"""Ray caster: rays from a body, for height scanners, lidars and distance sensors."""
 
 from __future__ import annotations
 
+import math
+import re
 import zlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
+import newton
 import numpy as np
 import torch
 import warp as wp
@@ -15,27 +19,105 @@ from stripe_kernels.episode import seed_streams
 from stripe_kernels.sensors import ray as kernels
 from stripe_kernels.sensors.ray_drift import reset_rays
 from stripe_kernels.sensors.ray_field import RayField
+from stripe_kernels.sensors.ray_shapes import cast_rays
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 
 from .clock import SensorClock
 from .corruption import Corruption
-from .ray_caster_cfg import RayCasterCfg
-from .ray_caster_mount import carrying_asset, find_mount
+from .patterns import PatternBaseCfg
+from .prim_paths import OffsetCfg as FrameOffsetCfg
 from .ray_caster_targets import ShapeTree, choose_shapes, field_of
-from .sensor_base import SensorBase
+from .sensor_base import SensorBase, SensorBaseCfg
 from .sensor_data import SensorData
+from .sensor_mount import carrying_asset, find_mount
+from .warp_struct import copy_struct, struct_fields
 
 if TYPE_CHECKING:
-    import newton
-
     from stripe_newton.sim import Simulation
 
-__all__ = ["RayCaster", "RayCasterData"]
+__all__ = ["RayCaster", "RayCasterCfg", "RayCasterData"]
 
 _ALIGNMENTS = {"base": kernels.ALIGN_BASE, "yaw": kernels.ALIGN_YAW, "world": kernels.ALIGN_WORLD}
 
 
+def _ray_caster(cfg: RayCasterCfg) -> RayCaster:
+    return RayCaster(cfg)
+
+
+@configclass
+class RayCasterCfg(SensorBaseCfg):
+    """Rays from a body to the ground or to any collider; with a :class:`GridPatternCfg` a height scanner."""
+
+    @configclass
+    class OffsetCfg(FrameOffsetCfg):
+        """Pose of the sensor in the frame of its body; a height scanner stands well above all ground."""
+
+    class_type: Callable[..., SensorBase] | None = _ray_caster
+    """Class that the scene makes of this config."""
+    offset: OffsetCfg = OffsetCfg()
+    """Pose of the sensor in the frame of its body."""
+    pattern_cfg: PatternBaseCfg = MISSING
+    """The rays, such as :class:`GridPatternCfg`."""
+    ray_alignment: str = "base"
+    """Frame that the rays follow: ``"base"`` the body's, ``"yaw"`` its position and heading alone, so that they stay
+    upright, ``"world"`` its position alone."""
+    attach_yaw_only: bool | None = None
+    """Former spelling: True is ``ray_alignment="yaw"``."""
+    max_distance: float = 1.0e6
+    """Length of the rays [m]; nothing beyond it is hit."""
+    mesh_prim_paths: Sequence[str] = ()
+    """Prims that the rays hit, with all below them, such as ``/World/ground`` or ``{ENV_REGEX_NS}/Box_.*``; expressions
+    are allowed. Empty for every collider. Visuals that collide with nothing are never hit."""
+    exclude_own: bool = True
+    """Let the rays pass through the asset that carries the sensor."""
+    drift_range: tuple[float, float] = (0.0, 0.0)
+    """Bounds of an error of the body's position along x, y and z, drawn for each episode [m]."""
+    ray_cast_drift_range: Mapping[str, tuple[float, float]] = {}
+    """Bounds of a shift of the rays along their own ``x`` and ``y``, and of the hits along ``z``, drawn for each
+    episode [m]."""
+    noise: NoiseCfg | NoiseModelCfg | None = None
+    """Noise of the lengths of the rays [m]; rays that hit nothing have none. A noise model draws its bias for an
+    episode."""
+    delay: int = 0
+    """Age of pose and hits, in measurements."""
+
+    @property
+    def alignment(self) -> str:
+        """:attr:`ray_alignment`, with the former spelling taken into account."""
+        return "yaw" if self.attach_yaw_only else self.ray_alignment
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if self.ray_alignment not in _ALIGNMENTS:
+            yield "ray_alignment", f"is {self.ray_alignment!r}, must be 'base', 'yaw' or 'world'"
+        if not self.max_distance > 0.0:
+            yield "max_distance", f"is {self.max_distance}, must be a distance above 0 [m]"
+        yield from self._path_problems()
+        wrong = set(self.ray_cast_drift_range) - {"x", "y", "z"}
+        if wrong:
+            yield "ray_cast_drift_range", f"has {', '.join(sorted(wrong))}, its keys are x, y and z"
+        for name, bounds in (("drift_range", self.drift_range), *self.ray_cast_drift_range.items()):
+            if len(bounds) != 2 or not all(math.isfinite(b) for b in bounds):
+                yield name, f"is {bounds}, must be two finite lengths [m]"
+        if not isinstance(self.delay, int) or self.delay < 0:
+            yield "delay", f"is {self.delay!r}, must be a whole number of measurements, 0 or more"
+        if self.history_length:
+            yield "history_length", "is not kept by ray casters; set it on the observation term"
+
+    def _path_problems(self) -> Iterator[tuple[str, str]]:
+        if isinstance(self.mesh_prim_paths, str):
+            yield "mesh_prim_paths", f"is {self.mesh_prim_paths!r}, must be a sequence: [{self.mesh_prim_paths!r}]"
+            return
+        for i, path in enumerate(self.mesh_prim_paths):
+            try:
+                re.compile(path)
+            except re.error as error:
+                yield f"mesh_prim_paths[{i}]", f"is {path!r}, which is no regular expression: {error}"
+
+
 class RayCasterData(SensorData):
-    """What a ray caster measured: torch views of the memory that terms read.
+    """Pose, hits and lengths of the rays: torch views of the memory that terms read.
 
     Attributes:
         pos_w: Position of the body that carries it, with its drift [m], shape ``(num_envs, 3)``.
@@ -51,9 +133,9 @@ class RayCasterData(SensorData):
 
 
 class RayCaster(SensorBase):
-    """Rays from a body; measured after the reset of a step, before the observations.
+    """Rays from a body, cast after the reset of a step and before the observations.
 
-    How they are cast follows from what they may hit, and :attr:`method` says so:
+    The method follows from what the rays may hit, and is named by :attr:`method`:
 
     * ``"height field, lookup"``: rays that point straight down on a height field read three heights each;
     * ``"height field, march"``: slanted rays go over its cells, exactly;
@@ -62,12 +144,15 @@ class RayCaster(SensorBase):
     * ``"height field, march, and shapes"``: both, the nearer hit counts.
 
     Attributes:
-        method: How the rays are cast.
-        data: The measurement, :class:`RayCasterData`.
+        clock: Says when it measures.
+        rng: Random streams that drifts are drawn from, uint32, shape ``(num_envs,)``.
     """
 
     cfg: RayCasterCfg
-    method = ""
+    data: RayCasterData
+    struct: kernels.RayCasterData
+    method: str = ""
+    """Method by which the rays are cast."""
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
@@ -82,6 +167,7 @@ class RayCaster(SensorBase):
         super().initialize(sim)
         cfg, count, rays = self.cfg, self.num_envs, self.num_rays
         own = self._own if cfg.exclude_own else ""
+        # Sensors that add shapes did so in prepare: only now are all shapes known.
         chosen = choose_shapes(sim.model, cfg.mesh_prim_paths, own, self._where)
         with wp.ScopedDevice(sim.device):
             remembers = cfg.noise is not None or cfg.delay > 0
@@ -114,11 +200,13 @@ class RayCaster(SensorBase):
         return setup
 
     def _corrupt(self) -> None:
-        """Let what is cast pass through noise and delay, if there is any, on its way to :attr:`data`."""
+        """Put noise and delay between the casting kernels and :attr:`data`, if the config asks for them."""
         cfg, setup = self.cfg, self._setup
         self._cast, self._placed, self._corruption = self.struct, setup, None
         if cfg.noise is None and not cfg.delay:
             return
+        # Position, orientation and the lengths of the rays are delayed together, so hits lie where they were measured;
+        # place_rays computes the hits from them.
         count, size = self.num_envs, 7 + self.num_rays
         raw = wp.zeros((count, size), dtype=float)
         lengths, columns = slice(7, size), wp.to_torch(raw)
@@ -129,19 +217,23 @@ class RayCaster(SensorBase):
         cast.quat_w = wp.from_torch(columns[:, 3:7], dtype=wp.quat)
         cast.distances = wp.from_torch(columns[:, lengths])
         cast.ray_hits_w = wp.zeros((count, self.num_rays), dtype=wp.vec3)
-        self._placed = _copy(setup)
-        setup.missed = float("inf")
+        self._placed = copy_struct(setup, kernels.RaySetup)
+        # A miss is infinite until noise was added, which leaves it so; max_distance takes its place afterwards.
+        setup.missed = math.inf
 
     def _aim(self, sim: Simulation, chosen: np.ndarray) -> None:
-        """Find how the rays are to be cast."""
+        """Choose how the rays are cast: by the height field among the chosen shapes, and a tree for the others."""
+        # A field among several shapes is still marched over, and left out of the tree: the nearer of two hits counts.
         self._tree: ShapeTree | None = None
-        found = field_of(sim.model, chosen, getattr(self._scene.terrain, "struct", None))
+        terrain = self._scene.terrain
+        found = field_of(sim.model, chosen, None if terrain is None else terrain.struct)
         self._field = RayField()
         self._field.heights, self._field.bounds = wp.zeros((0, 0), dtype=float), wp.zeros(2, dtype=float)
         self._chosen, self._field_shape = chosen.copy(), -1
         if found is not None:
             self._field_shape, self._field = found
             chosen[self._field_shape] = False
+        # Rays straight down in a frame that stays upright need no search: one look-up of the cell below each.
         down = np.allclose(self._directions, (0.0, 0.0, -1.0), atol=1.0e-7) and self.cfg.alignment != "base"
         if chosen.any():
             self._tree = ShapeTree(sim.model, chosen, sim.state)
@@ -150,16 +242,17 @@ class RayCaster(SensorBase):
         else:
             self.method = "height field, lookup" if down else "height field, march"
 
-    # -- another height field in the place of the one that there is
+    # -- another ground in the same scene
 
-    def meets(self, shape: int) -> str:
-        """How rays find a shape of the model: ``"field"``, ``"tree"``, or ``""`` if they do not hit it."""
-        return "field" if shape == self._field_shape else "tree" if self._chosen[shape] else ""
+    def why_not_regenerable(self, name: str, ground: int) -> str:
+        if ground == self._field_shape or not self._chosen[ground]:
+            return ""
+        return f"the rays of '{name}' meet the ground as a mesh; leave other height fields out of the scene"
 
-    def replace_field(self, heights: np.ndarray) -> None:
-        """Let rays meet other heights [m], as many as there are; graphs stay as they are."""
-        self._field.heights.assign(heights)
-        self._field.bounds.assign(np.array([heights.min(), heights.max()], dtype=np.float32))
+    def replace_ground(self, ground: int, heights: np.ndarray) -> None:
+        if ground == self._field_shape:
+            self._field.heights.assign(heights)
+            self._field.bounds.assign(np.array([heights.min(), heights.max()], dtype=np.float32))
 
     # -- what is known of it
 
@@ -178,9 +271,8 @@ class RayCaster(SensorBase):
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name; what ends in ``rng`` are random streams."""
         drift = {"drift": self._setup.drift, "ray_drift": self._setup.ray_drift, "rng": self.rng}
-        measured = {name: getattr(self.struct, name) for name in self.struct._cls.vars} if self.clock.period > 1 else {}
+        measured = struct_fields(self.struct) if self.clock.period > 1 else {}
         corruption = {}
         if self._corruption is not None:
             corruption = {f"corruption.{k.removeprefix('corruption.')}": v for k, v in self._corruption.arrays.items()}
@@ -198,16 +290,13 @@ class RayCaster(SensorBase):
     def launch_reset(self, env_mask: wp.array) -> None:
         self.clock.restart(env_mask)
         if self._drifts:
-            inputs: list[Any] = [env_mask, self._bounds, self._setup, self.rng]
-            wp.launch(reset_rays, dim=self.num_envs, inputs=inputs)
+            wp.launch(reset_rays, dim=self.num_envs, inputs=[env_mask, self._bounds, self._setup, self.rng])
         if self._corruption is not None:
             self._corruption.restart(env_mask)
 
     def launch_observed(self) -> None:
         dim = (self.num_envs, self.num_rays)
         if self._tree is not None:
-            from stripe_kernels.sensors.ray_shapes import cast_rays
-
             self._tree.refit(self._sim.state)
             wp.launch(cast_rays, dim=dim, inputs=[self._setup, self._field, self._targets], outputs=[self._cast])
         else:
@@ -217,10 +306,3 @@ class RayCaster(SensorBase):
             self._corruption.launch(self.clock.due)
             wp.launch(kernels.place_rays, dim=dim, inputs=[self._placed, self._corruption.out], outputs=[self.struct])
         self.clock.settle()
-
-
-def _copy(setup: Any) -> Any:
-    made = kernels.RaySetup()
-    for name in setup._cls.vars:
-        setattr(made, name, getattr(setup, name))
-    return made

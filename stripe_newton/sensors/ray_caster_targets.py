@@ -1,30 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the rays of a sensor may hit: a height field that is read directly, and shapes in a tree of their bounds."""
+"""Ray targets: what the rays of a sensor may hit, a height field that is read directly and shapes in a tree."""
 
 from __future__ import annotations
 
 import copy
 import re
-from typing import Any
+from collections.abc import Sequence
 
 import newton
 import numpy as np
 import warp as wp
 
 from stripe_kernels.sensors.ray_field import RayField
+from stripe_kernels.sensors.ray_shapes import RayTargets
+from stripe_kernels.terrain import TerrainData
 from stripe_newton.configclass import ConfigError
-from stripe_newton.sim.stage import ENV_0
+from stripe_newton.sim.scene_context import ENV_0
 
 __all__ = ["ShapeTree", "choose_shapes", "field_of"]
 
 _FAR = 1.0e6
-"""Half the extent of the field that stands for a plane [m]."""
+"""Half the extent of the height field that replaces an infinite plane [m]."""
 _CHOSEN = 1 << 30
-"""Bit of the shape flags that stands for a shape of the tree."""
+"""Bit of the shape flags that marks the shapes of a tree, beyond those that Newton uses."""
 
 
-def choose_shapes(model: newton.Model, expressions: Any, own: str, where: str) -> np.ndarray:
-    """Which colliders the rays hit.
+def choose_shapes(model: newton.Model, expressions: Sequence[str], own: str, where: str) -> np.ndarray:
+    """Choose the colliders that the rays hit.
 
     Args:
         model: The model.
@@ -54,6 +56,7 @@ def choose_shapes(model: newton.Model, expressions: Any, own: str, where: str) -
             )
     if problems:
         raise ConfigError(problems)
+    # After the paths were checked: a path that names the robot's own parts is no mistake, they are passed through.
     if own:
         chosen &= ~_matching(paths, re.escape(own))
     if not chosen.any():
@@ -71,7 +74,7 @@ def _path(model: newton.Model, shape: int, body: int) -> str:
 
 def _matching(paths: list[str], pattern: str) -> np.ndarray:
     found = re.compile(f"{pattern}(/.*)?")
-    seen: dict[str, bool] = {}
+    seen: dict[str, bool] = {}  # the same paths come again in every environment
     for path in paths:
         if path not in seen:
             seen[path] = found.fullmatch(path) is not None
@@ -84,7 +87,7 @@ def _short(path: str) -> str:
     return "/".join(path.split("/")[:depth]).replace(ENV_0, "{ENV_REGEX_NS}")
 
 
-def field_of(model: newton.Model, chosen: np.ndarray, terrain: Any) -> tuple[int, RayField] | None:
+def field_of(model: newton.Model, chosen: np.ndarray, terrain: TerrainData | None) -> tuple[int, RayField] | None:
     """The height field among the chosen shapes that rays look up directly.
 
     It is the only one, is shared by all environments and stands upright along the world's axes. If there is none, the
@@ -93,7 +96,7 @@ def field_of(model: newton.Model, chosen: np.ndarray, terrain: Any) -> tuple[int
     Args:
         model: The model.
         chosen: Shapes, bool, shape ``(shape_count,)``.
-        terrain: Struct with ``heights``, ``lower`` and ``cell`` whose memory is used if it is that field, or None.
+        terrain: Terrain of the scene, whose memory is used if it is that field; None without one.
 
     Returns:
         The shape's index and the field, or None if there is no such field.
@@ -107,6 +110,7 @@ def field_of(model: newton.Model, chosen: np.ndarray, terrain: Any) -> tuple[int
     shape = int(fields[0])
     source, scale = model.shape_source[shape], model.shape_scale.numpy()[shape]
     pose = model.shape_transform.numpy()[shape]
+    # Upright along the axes of the world: a field that is turned is met as a mesh.
     if not np.allclose(np.abs(pose[3:]), (0.0, 0.0, 0.0, 1.0), atol=1.0e-6):
         return None
     half = np.array([source.hx, source.hy]) * scale[:2]
@@ -116,15 +120,20 @@ def field_of(model: newton.Model, chosen: np.ndarray, terrain: Any) -> tuple[int
     field.lower, field.cell = wp.vec2(*map(float, lower)), wp.vec2(*map(float, cell))
     bounds = [float(heights.min()), float(heights.max())]
     field.bounds = wp.array(bounds, dtype=float, device=model.device)
-    known = getattr(terrain, "heights", None)
-    same = (
-        known is not None
-        and tuple(known.shape) == heights.shape
-        and np.allclose([*terrain.lower, *terrain.cell], [*lower, *cell], rtol=1.0e-5, atol=1.0e-5)
-        and np.allclose(known.numpy(), heights, atol=1.0e-4)
-    )
-    field.heights = known if same else wp.array(heights.astype(np.float32), dtype=float, device=model.device)
+    if terrain is not None and _is_same(terrain, heights, lower, cell):
+        field.heights = terrain.heights
+    else:
+        field.heights = wp.array(heights.astype(np.float32), dtype=float, device=model.device)
     return shape, field
+
+
+def _is_same(terrain: TerrainData, heights: np.ndarray, lower: np.ndarray, cell: np.ndarray) -> bool:
+    """Whether a terrain has the heights of a field, on the same grid."""
+    return (
+        tuple(terrain.heights.shape) == heights.shape
+        and np.allclose([*terrain.lower, *terrain.cell], [*lower, *cell], rtol=1.0e-5, atol=1.0e-5)
+        and np.allclose(terrain.heights.numpy(), heights, atol=1.0e-4)
+    )
 
 
 def _plane_field(model: newton.Model, planes: np.ndarray, shared: np.ndarray) -> tuple[int, RayField] | None:
@@ -134,6 +143,7 @@ def _plane_field(model: newton.Model, planes: np.ndarray, shared: np.ndarray) ->
     shape = int(planes[0])
     pose, scale = model.shape_transform.numpy()[shape], model.shape_scale.numpy()[shape]
     up = wp.quat_rotate(wp.quat(*map(float, pose[3:])), wp.vec3(0.0, 0.0, 1.0))
+    # A plane with a width and a length ends, and a tilted one has no height field.
     if scale[:2].any() or not up[2] > 1.0 - 1.0e-7:
         return None
     field, height = RayField(), float(pose[2])
@@ -147,12 +157,19 @@ class ShapeTree:
     """Some shapes of a model in a tree of bounding volumes, made and refitted by Newton.
 
     Attributes:
-        view: The model with this tree instead of its own.
+        view: The model with this tree in place of the one of all its visible shapes.
         moves: Whether a body carries one of the shapes, so that :meth:`refit` is needed.
     """
 
     def __init__(self, model: newton.Model, chosen: np.ndarray, state: newton.State):
-        """``chosen`` are the shapes, bool, shape ``(shape_count,)``."""
+        """Build the tree.
+
+        Args:
+            model: The model.
+            chosen: The shapes, bool, shape ``(shape_count,)``.
+            state: Where the bodies are now.
+        """
+        # A shallow copy: it shares every array with the model but has a tree and flags of its own.
         self.view = copy.copy(model)
         flags = np.where(chosen, model.shape_flags.numpy() | _CHOSEN, model.shape_flags.numpy() & ~_CHOSEN)
         self.view.shape_flags = wp.array(flags.astype(np.int32), dtype=int, device=model.device)
@@ -164,10 +181,8 @@ class ShapeTree:
         if self.moves:
             self.view.bvh_refit_shapes(state)
 
-    def targets(self) -> Any:
+    def targets(self) -> RayTargets:
         """The struct that ``stripe_kernels.sensors.ray_shapes`` reads."""
-        from stripe_kernels.sensors.ray_shapes import RayTargets
-
         view, made = self.view, RayTargets()
         made.tree, made.roots, made.leaves = view.bvh_shapes.id, view.bvh_shapes_group_roots, view.bvh_shape_enabled
         made.pose, made.kind, made.scale = view.bvh_shape_world_transforms, view.shape_type, view.shape_scale

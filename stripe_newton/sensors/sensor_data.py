@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sensor hands out to torch."""
+"""Sensor data: the arrays of a sensor as torch tensors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import warp as wp
+
+from .warp_struct import struct_fields
 
 __all__ = ["SensorData"]
 
@@ -18,7 +20,7 @@ class SensorData:
         warp: The struct.
     """
 
-    def __init__(self, struct: Any, absent: Iterable[str] = ()):
+    def __init__(self, struct: object, absent: Iterable[str] = ()):
         """Make the tensors.
 
         Args:
@@ -26,11 +28,12 @@ class SensorData:
             absent: Fields that were not asked for; they are ``None``.
         """
         self.warp = struct
-        fields = {name: getattr(struct, name) for name in struct._cls.vars}
-        self._tensors = {name: wp.to_torch(value) for name, value in fields.items() if isinstance(value, wp.array)}
+        arrays = {name: value for name, value in struct_fields(struct).items() if isinstance(value, wp.array)}
+        self._tensors = {name: wp.to_torch(array) for name, array in arrays.items()}
         self._tensors |= dict.fromkeys(absent)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # a tensor, or None for what is absent
+        # Copying and unpickling ask for attributes before __init__ has run: hence no self._tensors here.
         tensors = self.__dict__.get("_tensors", {})
         if name not in tensors:
             raise AttributeError(f"no '{name}' in the data of this sensor; there is {', '.join(tensors) or 'nothing'}")

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulation, solvers, and the spawners that author a scene."""
+"""Simulation, solver configs, and the spawners that author a scene."""
 
-from .simulation import Simulation, resolve_device
-from .simulation_cfg import SimulationCfg
+from .device import resolve_device
+from .physics_hook import PhysicsHook
+from .scene_context import authored_path, current_scene, current_stage, scene_context
+from .simulation import Simulation, SimulationCfg
 from .solver_cfg import (
     FeatherstoneSolverCfg,
     KaminoSolverCfg,
@@ -67,8 +69,7 @@ from .spawners.shapes import (
     SphereCfg,
     spawn_shape,
 )
-from .spawners.spawner_cfg import RigidObjectSpawnerCfg, SpawnerCfg
-from .stage import authored_path, current_scene, current_stage, scene_context
+from .spawners.spawner_cfg import RigidObjectSpawnerCfg, SceneSpawnerCfg, SpawnerCfg
 
 __all__ = [
     "ArticulationRootPropertiesCfg",
@@ -94,10 +95,12 @@ __all__ = [
     "MeshSphereCfg",
     "MjcfFileCfg",
     "MuJoCoSolverCfg",
+    "PhysicsHook",
     "PreviewSurfaceCfg",
     "RigidBodyMaterialCfg",
     "RigidBodyPropertiesCfg",
     "RigidObjectSpawnerCfg",
+    "SceneSpawnerCfg",
     "SemiImplicitSolverCfg",
     "ShapeCfg",
     "Simulation",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording work as a CUDA graph."""
+"""Graph capture: records launches as a CUDA graph."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def capture_graph(device: str, function: Callable[[], None]) -> wp.Graph:
     """Record what ``function`` launches; nothing of it runs now.
 
     Raises:
-        Exception: what CUDA or the function says if it does something that cannot be recorded.
+        Exception: what CUDA or the function raises if it does something that cannot be recorded.
     """
     collecting = gc.isenabled()
     gc.disable()  # a collection during capture may free device memory, which breaks the capture

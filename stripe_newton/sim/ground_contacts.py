@@ -1,38 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts with height fields, found by their triangles rather than by MuJoCo Warp's general convex routine."""
+"""Ground contacts: contacts with height fields from their triangles, in place of MuJoCo Warp's convex routine."""
 
 from __future__ import annotations
 
 import warnings
 from functools import partial
-from typing import Any
 
+import mujoco_warp
 import numpy as np
 import warp as wp
+from mujoco_warp._src.math import upper_trid_index
+from mujoco_warp._src.types import BroadphaseType, GeomType
 
-__all__ = ["use_triangles"]
+from stripe_kernels.mujoco_ground import CONTACT_FIELDS, MODEL_FIELDS, add_ground_contacts
+
+__all__ = ["remove_geom_pairs", "use_triangles"]
+
+_FIELD = int(GeomType.HFIELD)
+_TOUCHING = int(GeomType.SPHERE), int(GeomType.CAPSULE), int(GeomType.BOX)
+"""Geoms whose contacts with triangles ``stripe_kernels.mujoco_ground`` finds."""
 
 
-def use_triangles(model: Any) -> int:
+def use_triangles(model: mujoco_warp.Model) -> int:
     """Take the pairs of a height field and a sphere, capsule or box from MuJoCo Warp's collision detection.
 
     Their contacts are found by ``stripe_kernels.mujoco_ground`` instead, after MuJoCo Warp's own. All other pairs stay
     as they are, such as those of height fields with meshes, cylinders and ellipsoids.
 
     Args:
-        model: ``mujoco_warp.Model``, before anything is captured.
+        model: The model, before anything is captured.
 
     Returns:
         Pairs that were taken; 0 where there is no height field, or too many geoms for an explicit list of pairs.
     """
-    from mujoco_warp._src.math import upper_trid_index
-    from mujoco_warp._src.types import BroadphaseType, GeomType
-
-    taken_kinds = (int(GeomType.SPHERE), int(GeomType.CAPSULE), int(GeomType.BOX))
     kinds = model.geom_type.numpy()
-    if not (kinds == int(GeomType.HFIELD)).any():
+    if not (kinds == _FIELD).any():
         return 0
     if model.opt.broadphase != BroadphaseType.NXN:
+        # Above some number of geoms MuJoCo Warp sorts them along an axis, and there is no list to take pairs from.
         warnings.warn(
             f"{len(kinds)} geoms are too many for MuJoCo Warp to list their pairs: contacts with height fields are "
             "found by its general routine, which is slower and feels inner edges; use fewer colliders an environment",
@@ -40,29 +45,41 @@ def use_triangles(model: Any) -> int:
         )
         return 0
     pairs, ids = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()
-    first_is_field = kinds[pairs[:, 0]] == int(GeomType.HFIELD)
+    first_is_field = kinds[pairs[:, 0]] == _FIELD
     ordered = np.where(first_is_field[:, None], pairs, pairs[:, ::-1])
     field, other = kinds[ordered[:, 0]], kinds[ordered[:, 1]]
-    take = (field == int(GeomType.HFIELD)) & np.isin(other, taken_kinds) & (ids == -1).all(axis=1)
+    # A pair with an id has contact parameters of its own in the file, which the general routine reads.
+    take = (field == _FIELD) & np.isin(other, _TOUCHING) & (ids == -1).all(axis=1)
     if not take.any():
         return 0
-    counts = list(model.geom_pair_type_count)
-    for kind in other[take]:
-        counts[upper_trid_index(len(GeomType), int(GeomType.HFIELD), int(kind))] -= 1
-    model.geom_pair_type_count = tuple(counts)  # without pairs of a kind its kernels are neither compiled nor launched
-    device = model.geom_type.device
-    model.nxn_geom_pair_filtered = wp.array(pairs[~take], dtype=wp.vec2i, device=device)
-    model.nxn_pairid_filtered = wp.array(ids[~take], dtype=wp.vec2i, device=device)
-    ours = ordered[take][np.argsort(other[take], kind="stable")]  # neighbouring threads take the same way
-    ours = wp.array(ours, dtype=wp.vec2i, device=device)
-    model.callback.contactfilter = partial(_add, ours)
+    remove_geom_pairs(model, take)
+    # Sorted by kind, so that neighbouring threads take the same branch.
+    taken = ordered[take][np.argsort(other[take], kind="stable")]
+    model.callback.contactfilter = partial(_add, wp.array(taken, dtype=wp.vec2i, device=model.geom_type.device))
     return int(take.sum())
 
 
-def _add(pairs: wp.array, model: Any, data: Any) -> None:
-    """Launch the kernel; MuJoCo Warp calls this when its own collision detection is done."""
-    from stripe_kernels.mujoco_ground import CONTACT_FIELDS, MODEL_FIELDS, add_ground_contacts
+def remove_geom_pairs(model: mujoco_warp.Model, remove: np.ndarray) -> None:
+    """Take pairs of geoms out of MuJoCo Warp's list of pairs that may collide.
 
+    Args:
+        model: The model, before anything is captured, with ``BroadphaseType.NXN``.
+        remove: Which pairs of ``nxn_geom_pair_filtered``, bool, shape ``(pairs,)``.
+    """
+    pairs, ids = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()
+    counts = list(model.geom_pair_type_count)
+    for low, high in np.sort(model.geom_type.numpy()[pairs[remove]], axis=1).tolist():
+        counts[upper_trid_index(len(GeomType), low, high)] -= 1
+    # The list says which pairs may collide, the counts which kinds of pairs there are at all: without pairs of a kind
+    # its kernels are neither compiled nor launched. Nothing else in the model counts pairs.
+    model.geom_pair_type_count = tuple(counts)
+    device = model.geom_type.device
+    model.nxn_geom_pair_filtered = wp.array(pairs[~remove], dtype=wp.vec2i, device=device)
+    model.nxn_pairid_filtered = wp.array(ids[~remove], dtype=wp.vec2i, device=device)
+
+
+def _add(pairs: wp.array, model: mujoco_warp.Model, data: mujoco_warp.Data) -> None:
+    """Launch the kernel; MuJoCo Warp calls this when its own collision detection is done."""
     wp.launch(
         add_ground_contacts,
         dim=(len(pairs), data.nworld),

@@ -1,27 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to say when a solver's buffers were too small."""
+"""Solver overflow: contacts and constraints that did not fit into the solver's buffers."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import newton
+import warp as wp
 
-__all__ = ["overflow_message"]
+from stripe_kernels.actuation import note_overflow
+
+from .host_flags import HostFlags
+from .physics_hook import PhysicsHook
+
+__all__ = ["SolverOverflow", "overflow_message"]
 
 
-def overflow_message(bits: int, solver: Any) -> str:
-    """Which buffers overflowed and what to set instead; empty for bits that mean no loss (iteration limits).
+class SolverOverflow(PhysicsHook):
+    """Collects the overflow bits that MuJoCo Warp reports for each world and each step.
+
+    MuJoCo Warp drops what does not fit and goes on. Its own warning is a print for every world in every step, so it is
+    switched off, and the bits are read here instead.
+
+    Attributes:
+        seen: Bits that are known already and not reported again, int32, shape ``(1,)``.
+    """
+
+    def __init__(self, solver: newton.solvers.SolverMuJoCo, observables: newton.solvers.SolverBase.Observables):
+        """Read the ``overflow`` of ``observables``, on the current device, after every physics step."""
+        self._solver, self._observables = solver, observables
+        self.seen = wp.zeros(1, dtype=wp.int32)
+        self._told = HostFlags(1, str(self.seen.device))
+        solver.mjw_model.opt.warn_overflow = 0
+
+    def launch_after_step(self) -> None:
+        bits = self._observables.overflow
+        wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[self.seen, self._told.array])
+
+    def report_overflow(self) -> str:
+        bits = self._told[0]
+        if not bits:
+            return ""
+        self._told[0] = 0
+        self.seen.zero_()
+        return overflow_message(bits, self._solver)
+
+
+def overflow_message(bits: int, solver: newton.solvers.SolverMuJoCo) -> str:
+    """The buffers that overflowed and what to set instead; empty for bits that mean no loss (iteration limits).
 
     Args:
         bits: Or of ``mujoco_warp.OverflowType`` and ``SolverMuJoCo.OverflowBits``.
         solver: The MuJoCo solver.
     """
-    import mujoco_warp
+    import mujoco_warp  # other solvers run without it, and it takes a while to load
 
     kinds, own = mujoco_warp.OverflowType, newton.solvers.SolverMuJoCo.OverflowBits
     data = solver.mjw_data
-    nconmax = max(1, data.naconmax // data.nworld)
+    nconmax = max(1, data.naconmax // data.nworld)  # MuJoCo Warp has one buffer for the contacts of all worlds
     lost = []
     if bits & kinds.NEFC:
         lost.append(f"constraints: njmax is {data.njmax}, set MuJoCoSolverCfg(njmax={2 * data.njmax})")

@@ -1,69 +1,141 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulation: Newton's model, states and solver, stepped as a CUDA graph."""
+"""Simulation: Newton's model, state and solver, stepped as a CUDA graph."""
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
 
 import newton
 import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.actuation import apply_external_wrench, clamp_velocity, note_overflow
+from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
 from stripe_newton.actuators.actuation import Actuation
+from stripe_newton.configclass import configclass
+from stripe_newton.usd import Light
 
 from .capture import capture_graph
+from .device import resolve_device
 from .drive_limits import DriveLimits
-from .flags import HostFlags
-from .overflow import overflow_message
-from .simulation_cfg import SimulationCfg
+from .observables import wanted_observables
+from .overflow import SolverOverflow
+from .physics_hook import PhysicsHook
+from .solver_cfg import MuJoCoSolverCfg, SolverCfg
+from .spawners.materials import RigidBodyMaterialCfg
 
-if TYPE_CHECKING:
-    from stripe_newton.usd import Light
-
-__all__ = ["Simulation", "resolve_device"]
+__all__ = ["Simulation", "SimulationCfg"]
 
 
-def resolve_device(name: str | None) -> str:
-    """``"cpu"`` or ``"cuda:N"`` for a device as a config names it.
+@configclass
+class SimulationCfg:
+    """Settings of a :class:`Simulation`: time step, gravity, device, solver."""
 
-    Raises:
-        ValueError: for a device that this machine does not have.
-    """
-    count = wp.get_cuda_device_count()
-    if name is None:
-        return "cuda:0" if count else "cpu"
-    if name == "cpu":
-        return name
-    index = int(name.partition(":")[2] or 0)
-    if index >= count:
-        have = ", ".join(["cpu", *(f"cuda:{i}" for i in range(count))])
-        raise ValueError(f"device '{name}': this machine has {have}")
-    return f"cuda:{index}"
+    device: str | None = None
+    """``"cpu"``, ``"cuda"`` or ``"cuda:N"``. Default: the first GPU where there is one, else the CPU."""
+    dt: float = 1.0 / 60.0
+    """Time step of the physics [s]."""
+    render_interval: int = 1
+    """Physics steps between updates of the live viewer of ``stripe-newton play``."""
+    gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81)
+    """Gravity in the world frame [m/s^2]. ``None`` takes the stage's own."""
+    physics_material: RigidBodyMaterialCfg = RigidBodyMaterialCfg()
+    """Material of colliders that have none of their own."""
+    solver: SolverCfg = MuJoCoSolverCfg()
+    """The solver and its options."""
+    contact_forces: bool = False
+    """Export contact forces in every step, for :meth:`SceneQuerier.get_contact_forces`."""
+    observables: Sequence[str] = ()
+    """Arrays that the solver reports beyond the state, by Newton's names: ``"body_qdd"`` for accelerations of bodies,
+    ``"body_parent_f"`` for the wrenches of their joints."""
+    on_overflow: str = "raise"
+    """When contacts or constraints did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, naming the size to
+    set. It is reported without host synchronisation, so on a GPU the message may come some steps late."""
+    use_cuda_graph: bool = True
+    """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if not (isinstance(self.dt, (int, float)) and math.isfinite(self.dt) and self.dt > 0):
+            yield "dt", f"is {self.dt!r}, must be a positive number of seconds"
+        if not isinstance(self.render_interval, int) or self.render_interval < 1:
+            yield "render_interval", f"is {self.render_interval!r}, must be a whole number of steps, 1 or more"
+        if self.gravity is not None and not (len(self.gravity) == 3 and all(map(math.isfinite, self.gravity))):
+            yield "gravity", f"is {self.gravity!r}, must be three finite numbers [m/s^2] or None"
+        if self.on_overflow not in ("raise", "warn"):
+            yield "on_overflow", f"is '{self.on_overflow}', must be 'raise' or 'warn'"
+        if self.device is not None and self.device.split(":")[0] not in ("cpu", "cuda"):
+            yield "device", f"is '{self.device}', must be 'cpu', 'cuda' or 'cuda:N'"
 
 
 class Simulation:
     """Owns model, state, control, contacts and solver, and the graph that steps them.
 
-    A scene builds it by :meth:`build`; several may live in one process, on different devices. ``state`` is one
+    A scene builds it by :meth:`build`; several may live in one process, on different devices. :attr:`state` is one
     object for life: every view of its arrays stays valid.
-
-    Attributes:
-        cfg: The settings.
-        device: ``"cpu"`` or ``"cuda:N"``.
-        num_envs: Number of environments, each a Newton world.
-        template: Builder of one environment, at the origin.
-        static: Builder of what all environments share, as it is now: another scene may have come since.
-        shared_shape_count: Shapes of the model that all environments share; they come first.
-        env_origins: Where the environments were built in the world frame [m], shape ``(num_envs, 3)``.
-        env_origin: Where they start now, on the device [m], shape ``(num_envs,)``: a terrain moves them.
-        lights: Lights of the scene, for rendering.
-        build_s: Seconds that :meth:`build` took.
     """
+
+    # -- there from the start
+
+    cfg: SimulationCfg
+    """The settings."""
+    device: str
+    """``"cpu"`` or ``"cuda:N"``."""
+    decimation: int = 1
+    """Physics steps in a step of the environment, in which sensors count their periods."""
+    lights: list[Light]
+    """Lights of the scene, for rendering."""
+    env_origin: wp.array | None
+    """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
+    recaptures: int = 0
+    """Number of calls of :meth:`recapture`; an environment compares it, to record its own graph again."""
+    pending: bool = False
+    """Whether :meth:`forward_masked` was left for later, see :meth:`flush`."""
+    roots_moved: bool = False
+    """Set it after moving the frame that a fixed base is fixed to; the solver is told before the next step."""
+
+    # -- there once it is built
+
+    num_envs: int = 0
+    """Number of environments, each a Newton world."""
+    model: newton.Model
+    """The model of all environments."""
+    solver: newton.solvers.SolverBase
+    """The solver."""
+    actuation: Actuation
+    """All actuators of the model."""
+    control: newton.Control
+    """Targets and efforts of the joints."""
+    pipeline: newton.CollisionPipeline | None
+    """Newton's collision detection; None where the solver finds contacts itself."""
+    contacts: newton.Contacts | None
+    """Contacts that the pipeline finds or the solver exports; None if neither does."""
+    observables: newton.solvers.SolverBase.Observables | None
+    """Arrays that the solver reports beyond the state; see :meth:`reported`."""
+    drive_limits: DriveLimits | None = None
+    """Effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` asks for them."""
+    template: newton.ModelBuilder
+    """Builder of one environment, at the origin."""
+    static: newton.ModelBuilder
+    """Builder of what all environments share, as it is now: ``scene.regenerate`` may have replaced it."""
+    shared_shape_count: int = 0
+    """Shapes of the model that all environments share; they come first."""
+    env_origins: np.ndarray
+    """Origins at which the environments were built, world frame [m], shape ``(num_envs, 3)``."""
+    velocity_limit: wp.array
+    """Velocity limits that are enforced after each step, shape ``(joint_dof_count,)``; see :meth:`limit_velocities`."""
+    external_wrench: wp.array | None = None
+    """External wrenches about the centres of mass, shape ``(body_count,)``, after :meth:`enable_external_wrench`."""
+    wrench_in_world: wp.array
+    """Whether each external wrench is in the world frame or in its body's, bool, shape ``(body_count,)``."""
+    previous_joint_qd: wp.array
+    """Joint velocities before the last physics step, for accelerations, shape ``(joint_dof_count,)``."""
+    articulation_mask: wp.array
+    """Articulations that :meth:`forward_masked` updates, bool, shape ``(articulation_count,)``."""
+    build_s: float = 0.0
+    """Seconds that :meth:`build` took."""
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
@@ -71,50 +143,18 @@ class Simulation:
             wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
-        self.num_envs = self.shared_shape_count = 0
-        self.lights: list[Light] = []
-        self.env_origin: wp.array | None = None
-        self.model: newton.Model
-        self.build_s = 0.0
-        self.pending = False
-        """Whether :meth:`forward_masked` was left for later."""
-        self.roots_moved = False
-        """Set by whoever moved the frame that a fixed base is fixed to; the solver is told before the next step."""
-        self.recaptures = 0
-        """How often an array was replaced that graphs read; whoever captured the physics compares."""
+        self.lights = []
+        self.env_origin = None
+        self._hooks: list[PhysicsHook] = []
         self._graphs: dict[int, wp.Graph] = {}
-        self.decimation = 1
-        """Physics steps in a step of the environment, in which sensors count their periods."""
-        self.after_each: list[Callable[[], None]] = []
-        """What launches kernels after every physics step."""
-        self.before_steps: list[Callable[[], None]] = []
-        """What launches kernels before the physics steps that are launched together."""
-        self.losses: list[Callable[[], str]] = []
-        """What says which sizes were too small since it was asked last, empty for none; see :meth:`check_overflow`."""
-        self.drive_limits: DriveLimits | None = None
-        """The effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` wants them."""
-        self.after_notify: list[Callable[[], None]] = []
-        """What launches kernels after the solver was told of changes, see :meth:`notify`."""
-
-    @property
-    def state(self) -> newton.State:
-        """The state, one object for life; asking for it completes what a step left for later."""
-        self.flush()
-        return self._state
-
-    def flush(self) -> None:
-        """Let the bodies follow the joints of the episodes that began in the last step, if that was left for later.
-
-        A step leaves it where nothing in it reads the bodies any more: the next physics step computes them anew.
-        """
-        if self.pending:
-            self.pending = False
-            self.forward_masked()
+        self._limits_velocity = False
 
     @property
     def physics_dt(self) -> float:
         """Time step of the physics [s]."""
         return float(self.cfg.dt)
+
+    # -- building
 
     def new_builder(self) -> newton.ModelBuilder:
         """An empty builder with the solver's attributes and the default material of the settings."""
@@ -136,6 +176,9 @@ class Simulation:
             template: One environment at the origin.
             static: What all environments share; it may hold no bodies.
             env_origins: Origins in the world frame [m], shape ``(num_envs, 3)``.
+
+        Raises:
+            ValueError: if nothing can move, or what is shared could.
         """
         start = time.perf_counter()
         if static.body_count:
@@ -149,39 +192,34 @@ class Simulation:
         self.num_envs, self.shared_shape_count = len(env_origins), static.shape_count
         if self.env_origin is None:
             self.env_origin = wp.array(self.env_origins, dtype=wp.vec3, device=self.device)
-        builder = self.new_builder()
-        builder.add_builder(static)
-        builder.gravity = static.gravity if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
-        template.gravity = template.gravity if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
-        identity = wp.quat_identity()
-        builder.replicate(
-            template, self.num_envs, xforms=[wp.transform(wp.vec3(*map(float, o)), identity) for o in self.env_origins]
-        )
+        builder = self._replicate()
         with wp.ScopedDevice(self.device):
             self.model = builder.finalize(device=self.device)
-            knows_modes = self.cfg.solver.kind == "mujoco"
+            # The actuators take over the gains first: the solver must be made from those of its own drives alone.
+            has_modes = self.cfg.solver.kind == "mujoco"
             self.actuation = Actuation(
-                self.model, self.num_envs, self.physics_dt, knows_modes, use_graph=self.cfg.use_cuda_graph
+                self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
             )
             with self.actuation.solver_gains():
-                self.solver = self._create_solver()
-            if getattr(self.cfg.solver, "drive_limits", False):
+                self.solver = self.cfg.solver.create(self.model)
+            if self.cfg.solver.limits_drives:
                 self.drive_limits = DriveLimits(self.solver)
-                self.after_notify.append(self.drive_limits.launch)
+                self.add_hook(self.drive_limits)
             self._allocate()
         self.forward()
         self.build_s = time.perf_counter() - start
 
-    def _create_solver(self) -> newton.solvers.SolverBase:
-        try:
-            return self.cfg.solver.create(self.model)
-        except Exception as error:
-            if "stackAlloc" not in str(error):  # MuJoCo's own, when the contacts of the start do not fit its memory
-                raise
-            raise RuntimeError(
-                "MuJoCo ran out of memory for the contacts at the start: bodies overlap there; "
-                "give each asset its own 'init_state.pos'"
-            ) from error
+    def _replicate(self) -> newton.ModelBuilder:
+        """The builder of all environments: what they share, then the copies of the template."""
+        gravity = None if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
+        builder = self.new_builder()
+        builder.add_builder(self.static)  # first: shared shapes come before those of the environments
+        # Newton has a gravity for each world and one for what belongs to none: both builders must say the same.
+        builder.gravity = self.static.gravity if gravity is None else gravity
+        self.template.gravity = self.template.gravity if gravity is None else gravity
+        origins = [wp.transform(wp.vec3(*map(float, o)), wp.quat_identity()) for o in self.env_origins]
+        builder.replicate(self.template, self.num_envs, xforms=origins)
+        return builder
 
     def _allocate(self) -> None:
         model = self.model
@@ -190,44 +228,30 @@ class Simulation:
         self.control = model.control()
         self.actuation.bind(self._state, self.control)
         self.velocity_limit = wp.full(model.joint_dof_count, value=float("inf"), dtype=float)
-        """Velocity limits that are enforced after each step, shape ``(joint_dof_count,)``."""
-        self.external_wrench: wp.array | None = None
-        """External wrenches about the centres of mass, shape ``(body_count,)``, once one was set."""
         self.previous_joint_qd = wp.clone(self._state.joint_qd)
-        """Joint velocities before the last step, for accelerations."""
+        # One entry more than there are environments: the last world of Newton is what belongs to none of them.
         self._world_mask = wp.zeros(self.num_envs + 1, dtype=wp.bool)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
-        """Articulations that :meth:`forward_masked` is about, shape ``(articulation_count,)``."""
-        self._collide()
-        self._observe()
-
-    def _collide(self) -> None:
-        self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(self.model)
+        self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(model)
         self.contacts = self.pipeline.contacts() if self.pipeline else None
+        self._allocate_observables()
 
-    def _observe(self) -> None:
+    def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""
-        supported = {str(getattr(o, "value", o)) for o in self.solver.supported_observables}
-        wanted = {"qfrc_actuator", "overflow"} & supported
-        missing = [name for name in self.cfg.observables if name not in supported]
-        if missing:
-            raise ValueError(
-                f"observables: {type(self.solver).__name__} does not report {', '.join(missing)}; "
-                f"it has {', '.join(sorted(supported)) or 'none'}"
-            )
-        wanted |= set(self.cfg.observables)
-        if self.cfg.contact_forces:
-            if "contact_f" not in self.solver.supported_observables:
-                raise ValueError(
-                    f"contact_forces: {type(self.solver).__name__} does not report them, use MuJoCoSolverCfg"
-                )
-            wanted.add("contact_f")
-            if self.contacts is None:
-                self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
+        wanted = wanted_observables(self.solver, self.cfg.observables, self.cfg.contact_forces)
+        if self.cfg.contact_forces and self.contacts is None:
+            # The solver writes its own contacts there, for the forces to refer to.
+            self.contacts = newton.Contacts(self.solver.get_max_contact_count(), 0, device=self.device)
         self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
-        self._overflow, self._told = wp.zeros(1, dtype=wp.int32), HostFlags(1, self.device)
-        if getattr(self.solver, "mjw_model", None) is not None:
-            self.solver.mjw_model.opt.warn_overflow = 0  # else every world prints in every step
+        if self.observables is not None and "overflow" in wanted:
+            self.add_hook(SolverOverflow(self.solver, self.observables))
+
+    def add_hook(self, hook: PhysicsHook) -> None:
+        """Add a hook to the physics, after those that were added before it.
+
+        Add hooks before the first step: a graph that was recorded without one does not run it.
+        """
+        self._hooks.append(hook)
 
     # -- stepping
 
@@ -242,28 +266,24 @@ class Simulation:
             wp.capture_launch(graph)
             return
         with wp.ScopedDevice(self.device):
+            # Eagerly first: what kernels compile and solvers allocate on first use cannot be part of a recording.
             self.launch(substeps)
             if self.device != "cpu" and self.cfg.use_cuda_graph:
                 self._graphs[substeps] = capture_graph(self.device, lambda: self.launch(substeps))
 
     def begin_step(self) -> None:
-        """What the host does before the physics: tell the solver of roots that were moved, report an overflow.
+        """Do the host's part of a step, before the physics: tell the solver of moved roots, report an overflow.
 
         Raises:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
         """
         if self.external_wrench is not None:
-            self.flush()  # its frame is the body's
-        self.pending = False
+            self.flush()  # wrenches in the frame of a body are turned by its pose before the solver has computed it
+        self.pending = False  # the solver computes the bodies from the joints
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
         self.check_overflow()
-
-    def recapture(self) -> None:
-        """Record the graphs anew at the next step; for whoever replaced an array that they read."""
-        self._graphs.clear()
-        self.recaptures += 1
 
     def launch(self, substeps: int, before_each: Callable[[], None] | None = None) -> None:
         """Launch the kernels of some time steps, as :meth:`step` does but without a graph of its own.
@@ -272,20 +292,21 @@ class Simulation:
             substeps: Number of time steps.
             before_each: Launches what is to run before each of them.
         """
-        for function in self.before_steps:
-            function()
+        for hook in self._hooks:
+            hook.launch_before_steps()
         for index in range(substeps):
+            last = index == substeps - 1
             if before_each is not None:
                 before_each()
-            if index == substeps - 1:
+            if last:  # accelerations are over the last physics step
                 wp.copy(self.previous_joint_qd, self._state.joint_qd)
-            self.actuation.launch(index, last=index == substeps - 1)
+            self.actuation.launch(index, last=last)
             self._substep()
-            for function in self.after_each:
-                function()
+            for hook in self._hooks:
+                hook.launch_after_step()
 
     def _substep(self) -> None:
-        model, state, control, dt = self.model, self._state, self.control, self.physics_dt
+        model, state, control = self.model, self._state, self.control
         if self.external_wrench is not None:
             wp.launch(
                 apply_external_wrench,
@@ -295,25 +316,22 @@ class Simulation:
             )
         if self.pipeline is not None:
             self.pipeline.collide(state, self.contacts)
-        following_state = state if self._next is None else self._next
-        with self.actuation.solver_gains():
-            self.solver.step(state, following_state, control, self.contacts, dt, observables=self.observables)
-        if self.observables is not None and self.observables.is_requested("overflow"):
-            wp.launch(
-                note_overflow,
-                dim=self.num_envs,
-                inputs=[self.observables.overflow],
-                outputs=[self._overflow, self._told.array],
-            )
+        following = state if self._next is None else self._next
+        with self.actuation.solver_gains():  # solvers without drive modes read the gains in every step
+            self.solver.step(state, following, control, self.contacts, self.physics_dt, observables=self.observables)
         if self._next is not None:
+            # The result is copied back rather than the states swapped: views and graphs hold the arrays of one state.
             state.assign(self._next)
-            if not self.cfg.solver.reduced_coordinates:
+            if not self.cfg.solver.reduced_coordinates:  # such solvers move bodies, and leave the joints behind
                 newton.eval_ik(model, state, state.joint_q, state.joint_qd)
         if self._limits_velocity:
             wp.launch(clamp_velocity, dim=model.joint_dof_count, inputs=[self.velocity_limit], outputs=[state.joint_qd])
             newton.eval_fk(model, state.joint_q, state.joint_qd, state)
 
-    _limits_velocity = False
+    def recapture(self) -> None:
+        """Record the graphs again at the next step; call this after replacing an array that they read."""
+        self._graphs.clear()
+        self.recaptures += 1
 
     def limit_velocities(self) -> None:
         """Enforce :attr:`velocity_limit` from the next step on."""
@@ -328,7 +346,36 @@ class Simulation:
                 self.wrench_in_world = wp.zeros(self.model.body_count, dtype=wp.bool)
             self.recapture()
 
+    def check_overflow(self) -> None:
+        """Raise, or warn, if contacts or constraints were dropped since the last call.
+
+        It looks at what the device has reported so far, without host synchronisation.
+
+        Raises:
+            RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
+        """
+        message = "; ".join(filter(None, [hook.report_overflow() for hook in self._hooks]))
+        if message and self.cfg.on_overflow == "raise":
+            raise RuntimeError(message)
+        if message:
+            warnings.warn(message, stacklevel=2)
+
     # -- state
+
+    @property
+    def state(self) -> newton.State:
+        """The state, one object for life; asking for it completes what a step left for later."""
+        self.flush()
+        return self._state
+
+    def flush(self) -> None:
+        """Let bodies follow the joints in environments that were reset in the last step, if that was left for later.
+
+        A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
+        """
+        if self.pending:
+            self.pending = False
+            self.forward_masked()
 
     def forward(self, env_mask: torch.Tensor | None = None) -> None:
         """Make body poses and velocities follow the joints.
@@ -343,6 +390,11 @@ class Simulation:
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
         newton.eval_fk(self.model, self._state.joint_q, self._state.joint_qd, self._state, mask=mask)
 
+    def forward_masked(self) -> None:
+        """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
+        state = self._state
+        newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, mask=self.articulation_mask)
+
     def clear_solver(self, env_mask: torch.Tensor) -> None:
         """Forget what the solver carries from step to step (warm start, activations) in the given environments.
 
@@ -351,15 +403,11 @@ class Simulation:
         Args:
             env_mask: bool, shape ``(num_envs,)``.
         """
+        # flags=0: the state stays as it is, nothing but the solver's own memory is cleared.
         wp.to_torch(self._world_mask)[:-1] = env_mask
         with wp.ScopedDevice(self.device):
             self.solver.reset(self._state, world_mask=self._world_mask, flags=0)
             self.actuation.reset(wp.from_torch(env_mask.contiguous(), dtype=wp.bool))
-
-    def forward_masked(self) -> None:
-        """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
-        state = self._state
-        newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, mask=self.articulation_mask)
 
     def clear_masked(self, world_mask: wp.array, env_mask: wp.array) -> None:
         """:meth:`clear_solver` for masks on the device; may be captured.
@@ -371,20 +419,6 @@ class Simulation:
         self.solver.reset(self._state, world_mask=world_mask, flags=0)
         self.actuation.reset(env_mask)
 
-    def refresh_drives(self) -> None:
-        """Take over changed drive gains; :meth:`notify` and every physics step do so too."""
-        with wp.ScopedDevice(self.device):
-            self.actuation.hide_gains()
-
-    def notify(self, flags: newton.ModelFlags | int) -> None:
-        """Tell the solver which properties of the model were changed in place."""
-        with wp.ScopedDevice(self.device), self.actuation.solver_gains():
-            self.actuation.hide_gains()
-            self.solver.notify_model_changed(flags)
-        with wp.ScopedDevice(self.device):
-            for function in self.after_notify:
-                function()
-
     def per_env(self, array: wp.array, shared: int = 0) -> torch.Tensor:
         """A zero-copy view of a flat array, one row an environment: shape ``(num_envs, count, ...)``.
 
@@ -394,25 +428,35 @@ class Simulation:
         """
         return wp.to_torch(array)[shared:].unflatten(0, (self.num_envs, -1))
 
-    def check_overflow(self) -> None:
-        """Raise, or warn, if contacts or constraints were dropped since the last call, as far as the device has got.
+    def reported(self, name: str) -> wp.array | None:
+        """An array that the solver reports beyond the state, by Newton's name; None if it was not asked for."""
+        if self.observables is None or not self.observables.is_requested(name):
+            return None
+        return getattr(self.observables, name)
 
-        Raises:
-            RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
+    # -- the model
+
+    def refresh_drives(self) -> None:
+        """Take over changed drive gains; :meth:`notify` and every physics step do so too."""
+        with wp.ScopedDevice(self.device):
+            self.actuation.hide_gains()
+
+    def notify(self, flags: newton.ModelFlags | int) -> None:
+        """Tell the solver that properties of the model were changed in place.
+
+        Args:
+            flags: Which properties; :func:`stripe_newton.sim.model_update.model_flags` finds them by name.
         """
-        messages = [lost() for lost in self.losses]
-        if bits := self._told[0]:
-            self._told[0] = 0
-            self._overflow.zero_()
-            messages.append(overflow_message(bits, self.solver))
-        message = "; ".join(filter(None, messages))
-        if message and self.cfg.on_overflow == "raise":
-            raise RuntimeError(message)
-        if message:
-            warnings.warn(message, stacklevel=2)
+        with wp.ScopedDevice(self.device):
+            with self.actuation.solver_gains():
+                self.actuation.hide_gains()
+                self.solver.notify_model_changed(flags)
+            for hook in self._hooks:
+                hook.launch_after_notify()
 
     def close(self) -> None:
         """Release graphs, solver and model."""
         self._graphs.clear()
+        self._hooks.clear()  # they hold solver and model, too
         self.__dict__.pop("model", None)
         self.__dict__.pop("solver", None)

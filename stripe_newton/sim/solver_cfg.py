@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solvers by configuration. Every field is an argument of the Newton solver it names; ``None`` leaves its default."""
+"""Solver configs: each makes the Newton solver that it names.
+
+Every field is an argument of that solver unless it says otherwise, and ``None`` leaves Newton's default.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
+
+import newton
 
 from stripe_newton.configclass import configclass
 
-if TYPE_CHECKING:
-    import newton
+from .ground_contacts import use_triangles
 
 __all__ = [
     "FeatherstoneSolverCfg",
@@ -34,21 +38,27 @@ class SolverCfg:
     """Whether a step writes ``joint_q`` and ``joint_qd``; if not they are recovered from the bodies after it."""
 
     in_place: ClassVar[bool] = False
-    """Whether ``step(state, state, ...)`` is sound, so that no second state is needed."""
+    """Whether ``step(state, state, ...)`` gives the same result as two states do, so that no second one is needed."""
+
+    own_fields: ClassVar[frozenset[str]] = frozenset()
+    """Fields that are no arguments of the solver."""
+
+    @property
+    def newton_class(self) -> type[newton.solvers.SolverBase]:
+        """The solver's class."""
+        return getattr(newton.solvers, self.solver_class)
 
     def register(self, builder: newton.ModelBuilder) -> None:
         """Declare the solver's custom attributes, so that importers fill them."""
-        solver = self._class()
-        if hasattr(solver, "register_custom_attributes"):
-            solver.register_custom_attributes(builder)
+        self.newton_class.register_custom_attributes(builder)
 
     def create(self, model: newton.Model) -> newton.solvers.SolverBase:
         """Make the solver for ``model``."""
-        return self._class()(model, **self.arguments())
+        return self.newton_class(model, **self.arguments())
 
     def arguments(self) -> dict[str, Any]:
         """The keyword arguments given to the solver: those that are not ``None``."""
-        fields = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self))
+        fields = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self) if f.name not in self.own_fields)
         return {name: value for name, value in fields if value is not None}
 
     @property
@@ -61,17 +71,22 @@ class SolverCfg:
         """Whether the solver detects collisions itself; if not, Newton's collision pipeline does."""
         return False
 
+    @property
+    def uses_mujoco_warp(self) -> bool:
+        """Whether MuJoCo Warp computes the physics, so that its model and data lie on the device."""
+        return False
+
+    @property
+    def limits_drives(self) -> bool:
+        """Whether the effort limits of drives are set on MuJoCo's actuators, see :class:`DriveLimits`."""
+        return False
+
     def problems(self) -> Iterator[tuple[str, str]]:
         for name, value in self.arguments().items():
             if isinstance(value, float) and not math.isfinite(value):
                 yield name, f"is {value}, must be finite"
             elif name.endswith(("iterations", "njmax", "nconmax")) and isinstance(value, int) and value < 0:
                 yield name, f"is {value}, must not be negative"
-
-    def _class(self) -> Any:
-        import newton
-
-        return getattr(newton.solvers, self.solver_class)
 
 
 @configclass
@@ -80,6 +95,7 @@ class MuJoCoSolverCfg(SolverCfg):
 
     solver_class: ClassVar[str] = "SolverMuJoCo"
     in_place: ClassVar[bool] = True
+    own_fields: ClassVar[frozenset[str]] = frozenset({"triangle_contacts", "drive_limits"})
 
     separate_worlds: bool | None = None
     """Map each Newton world to a MuJoCo world. Default: yes."""
@@ -152,34 +168,47 @@ class MuJoCoSolverCfg(SolverCfg):
     kinematic_switchable_roots: bool = False
     """Give every root an inactive weld, so that bodies can be made kinematic while running."""
     triangle_contacts: bool = True
-    """Contacts of spheres, capsules and boxes with height fields from the triangles they touch: exact, and without the
-    inner edges of MuJoCo Warp's convex routine for prisms, see docs/solvers.md; no argument of the solver."""
+    """Find contacts of spheres, capsules and boxes with height fields from the triangles they touch: exact, and without
+    the inner edges of MuJoCo Warp's convex routine for prisms, see docs/solvers.md. No argument of the solver."""
 
     drive_limits: bool = False
-    """Effort limits of drives are those of MuJoCo's actuators, so that a drive at its limit damps nothing, as in a file
+    """Set the effort limits of drives on MuJoCo's actuators, so that a drive at its limit damps nothing, as in a file
     with ``forcerange``. Otherwise they are the joints' alone, and ``dt`` times the damping of a drive at its limit goes
     on adding to the inertia: slower than the motor, and stable whatever the inertia. With it a joint swings for ever
-    once the inertia is less than half of that; no argument of the solver."""
+    once the inertia is less than half of that. No argument of the solver."""
 
     def register(self, builder: newton.ModelBuilder) -> None:
         SolverCfg.register(self, builder)
         if self.finds_contacts:
-            builder.rigid_gap = 0.0  # shapes that do not touch yet are contacts to Newton's pipeline, to MuJoCo ballast
+            # Newton's default gap makes contacts of shapes that do not touch yet, for its own pipeline to look ahead.
+            # In MuJoCo each of them would take a place in the buffers and a row in the solver, for nothing.
+            builder.rigid_gap = 0.0
 
     def create(self, model: newton.Model) -> newton.solvers.SolverBase:
-        solver = SolverCfg.create(self, model)
-        if self.triangle_contacts and self.use_mujoco_contacts and not self.use_mujoco_cpu:
-            from .ground_contacts import use_triangles
-
-            use_triangles(solver.mjw_model)
+        try:
+            solver = SolverCfg.create(self, model)
+        except Exception as error:
+            if "stackAlloc" not in str(error):  # MuJoCo's own, when the contacts of the start do not fit its memory
+                raise
+            raise RuntimeError(
+                "MuJoCo ran out of memory for the contacts at the start: bodies overlap there; "
+                "give each asset its own 'init_state.pos'"
+            ) from error
+        if self.triangle_contacts and self.uses_mujoco_warp and self.use_mujoco_contacts:
+            use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
         return solver
-
-    def arguments(self) -> dict[str, Any]:
-        return {k: v for k, v in SolverCfg.arguments(self).items() if k not in ("triangle_contacts", "drive_limits")}
 
     @property
     def finds_contacts(self) -> bool:
         return self.use_mujoco_contacts
+
+    @property
+    def uses_mujoco_warp(self) -> bool:
+        return not self.use_mujoco_cpu
+
+    @property
+    def limits_drives(self) -> bool:
+        return self.drive_limits
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()
@@ -288,5 +317,5 @@ class KaminoSolverCfg(SolverCfg):
         return bool(self.use_collision_detector)
 
     def create(self, model: newton.Model) -> newton.solvers.SolverBase:
-        solver = self._class()
+        solver = self.newton_class
         return solver(model, config=solver.Config.from_model(model, **self.arguments()))

@@ -13,8 +13,8 @@ from pxr import Sdf
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg
 from stripe_newton.configclass import configclass
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import SpawnerCfg
-from stripe_newton.sim.stage import current_stage
+from stripe_newton.sim import SceneSpawnerCfg
+from stripe_newton.sim.scene_context import current_stage
 
 from .scene import Scene, SceneSpec
 
@@ -64,15 +64,13 @@ def _made(spec: SceneSpec, seed: int, debug_models: bool) -> Scene:
 
 
 @configclass
-class SceneStageCfg(SpawnerCfg):
+class SceneStageCfg(SceneSpawnerCfg):
     """Spawns what a spec makes: terrain, assets, lights."""
 
     func: Callable[..., Any] = spawn_scene_stage
     """Function that authors it."""
     spec: Any = None
     """The :class:`SceneSpec`."""
-    seed: int = 0
-    """Seed of the scene."""
     debug_models: bool = False
     """Whether markers are part of it."""
     usd_path: str | None = None
@@ -85,6 +83,14 @@ class SceneStageCfg(SpawnerCfg):
     def made(self) -> Scene:
         """The scene of ``spec`` and ``seed``; the last few are kept."""
         return _made(self.spec, self.seed, self.debug_models)
+
+    def made_stage(self) -> Usd.Stage:
+        return self.made().stage
+
+    def why_not_regenerable(self) -> str:
+        if self.spec is not None:
+            return ""
+        return f"the scene is of the file '{self.usd_path}', of which there is no other; give its specification"
 
 
 class SceneCfgFactory:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stripe_newton.scene.grid import spiral_grid
+from stripe_newton.scene.spiral_grid import spiral_grid
 
 from .ground import Ground
 

@@ -11,8 +11,9 @@ import torch
 import warp as wp
 
 from stripe_kernels.terrain import TerrainData
+from stripe_newton.assets import TerrainBase
 from stripe_newton.sim import GroundPlaneCfg
-from stripe_newton.sim.stage import authored_path, current_scene
+from stripe_newton.sim.scene_context import authored_path, current_scene
 
 from .ground import Ground
 from .origins import grid_origins, tile_of
@@ -30,7 +31,7 @@ _FAR = 1.0e9
 """Half the extent of a plane, for look-ups of its height [m]."""
 
 
-class TerrainImporter:
+class TerrainImporter(TerrainBase):
     """The ground of the scene under construction: an endless plane, or one height field for all environments.
 
     Its constructor spawns it and decides where the environments start. On tiles, environment ``i`` is of type
@@ -47,6 +48,8 @@ class TerrainImporter:
         flat_patches: Level patches by name [m], shape ``(levels, types, num_patches, 3)``.
         struct: All of it as terms read it, on the same memory.
     """
+
+    struct: TerrainData
 
     def __init__(self, cfg: TerrainImporterCfg):
         cfg.validate()

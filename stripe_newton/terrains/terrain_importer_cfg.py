@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from stripe_newton.assets import TerrainBaseCfg
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.sim import PreviewSurfaceCfg, RigidBodyMaterialCfg
 
@@ -18,7 +19,7 @@ __all__ = ["TerrainImporterCfg"]
 
 
 @configclass
-class TerrainImporterCfg:
+class TerrainImporterCfg(TerrainBaseCfg):
     """The ground that all environments share: a plane, a grid of generated tiles, or a file."""
 
     class_type: Callable[..., Any] = TerrainImporter

@@ -55,8 +55,8 @@ def spawn_goal_marker(prim_path: str, cfg: GoalMarkerCfg, translation: Any = Non
     """Author a body that is fixed to the world and touches nothing."""
     from pxr import Gf, UsdGeom, UsdPhysics
 
+    from stripe_newton.sim.scene_context import authored_path, current_stage
     from stripe_newton.sim.spawners.spawner_cfg import finish, place
-    from stripe_newton.sim.stage import authored_path, current_stage
 
     stage, path = current_stage(), authored_path(prim_path)
     root = UsdGeom.Xform.Define(stage, path).GetPrim()

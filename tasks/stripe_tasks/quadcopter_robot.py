@@ -44,8 +44,8 @@ def spawn_crazyflie(
     """Author a rigid body whose frame is its centre of mass, x forward, z up: the file below it, and one collider."""
     from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
+    from stripe_newton.sim.scene_context import authored_path, current_stage
     from stripe_newton.sim.spawners.spawner_cfg import finish, place
-    from stripe_newton.sim.stage import authored_path, current_stage
 
     stage, path = current_stage(), authored_path(prim_path)
     body = UsdGeom.Xform.Define(stage, f"{path}/body").GetPrim()

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from .config import Config
+from stripe_newton.configclass import Config
+
 from .distillation_cfg import RslRlDistillationAlgorithmCfg, RslRlDistillationRunnerCfg
 from .model_cfg import RslRlCNNModelCfg, RslRlMLPModelCfg, RslRlRNNModelCfg
 from .ppo_cfg import RslRlPpoAlgorithmCfg, RslRlRndCfg, RslRlSymmetryCfg

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from stripe_newton.rl.configs.config import Config
+from stripe_newton.configclass import Config
 from stripe_newton.rl.errors import CheckpointError
 
 __all__ = ["Params", "RunFolder", "find_checkpoint", "find_newest", "find_run"]
@@ -119,8 +119,9 @@ class RunFolder:
         for name, cfg in (("env", env_cfg), ("agent", agent_cfg)):
             data = cfg if isinstance(cfg, Mapping) else cfg.to_dict()
             # A resumed run reads the number of all ranks, as `--num-envs` is, and may have another number of ranks.
-            if name == "env" and num_envs is not None and "num_envs" in data.get("scene", {}):
-                data = {**data, "scene": {**data["scene"], "num_envs": num_envs}}
+            scene = data.get("scene")
+            if name == "env" and num_envs is not None and isinstance(scene, Mapping) and "num_envs" in scene:
+                data = {**data, "scene": {**scene, "num_envs": num_envs}}
             text = yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=120)
             self._write(name, text)
 

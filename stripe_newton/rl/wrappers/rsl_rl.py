@@ -10,7 +10,7 @@ import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
-from stripe_newton.rl.configs.config import Config
+from stripe_newton.configclass import Config
 from stripe_newton.rl.torch_vector_env import (
     EnvState,
     Extras,

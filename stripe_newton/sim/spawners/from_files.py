@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assets from files: USD by reference, URDF and MJCF through Newton's importers, and the ground plane."""
+"""File spawners: USD files by reference, URDF and MJCF files through Newton's importers; and the ground plane."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import ClassVar
+
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.sim.scene_context import authored_path, current_stage
+from stripe_newton.usd import asset_prim, si_stage
 
 from . import schemas
 from .materials import PreviewSurfaceCfg, RigidBodyMaterialCfg, bind_material
 from .spawner_cfg import Orientation, RigidObjectSpawnerCfg, SpawnerCfg, Translation, finish, place
-
-if TYPE_CHECKING:
-    from pxr import Usd
 
 __all__ = [
     "GroundPlaneCfg",
@@ -29,11 +30,11 @@ __all__ = [
 ]
 
 FILE_KEY = "stripeNewton:file"
-"""Custom data of a prim that stands for a URDF or MJCF file: JSON of ``format``, ``path`` and importer options."""
+"""Custom data of a prim that represents a URDF or MJCF file: JSON of ``format``, ``path`` and importer options."""
 
 
-def _missing(path: Any, field: str) -> Iterator[tuple[str, str]]:
-    """The problem of a config whose file is not there."""
+def _missing(path: str, field: str) -> Iterator[tuple[str, str]]:
+    """The problem of a config whose file does not exist."""
     if path is not MISSING and not Path(path).expanduser().is_file():
         yield field, f"'{path}' does not exist; give the path of a file"
 
@@ -49,17 +50,13 @@ def spawn_from_usd(
     prim_path: str, cfg: UsdFileCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
     """Reference a USD file at ``prim_path`` and set the properties that ``cfg`` names on the prims it brings."""
-    from pxr import UsdGeom, UsdShade
-
-    from stripe_newton.sim.stage import authored_path, current_stage
-    from stripe_newton.usd import asset_prim, si_stage
-
     file = _existing(cfg.usd_path, "usd_path")
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
-    asset = si_stage(file)
+    asset = si_stage(file)  # metres, kilograms and z up, whatever the file is in
     prim.GetReferences().AddReference(asset.GetRootLayer().identifier, asset_prim(asset, cfg.source_prim_path))
     for name, variant in (cfg.variants or {}).items():
         variants = prim.GetVariantSets()
+        # USD selects a variant that does not exist without a word.
         if not variants.HasVariantSet(name) or variant not in variants.GetVariantSet(name).GetVariantNames():
             known = {n: variants.GetVariantSet(n).GetVariantNames() for n in variants.GetNames()}
             raise ValueError(f"'{file}' has no variant {name}={variant}; it has {known or 'no variants'}")
@@ -74,32 +71,31 @@ def spawn_from_usd(
 
 
 def _set_properties(prim: Usd.Prim, cfg: UsdFileCfg) -> None:
-    """Modify what is there; instanced subtrees are expanded first, as USD edits no prim inside an instance."""
-    from pxr import Usd
-
-    changes: tuple[tuple[Any, Callable[[Usd.Prim, Any], None]], ...] = (
-        (cfg.rigid_props, schemas.modify_rigid_body_properties),
-        (cfg.mass_props, schemas.modify_mass_properties),
-        (cfg.articulation_props, schemas.modify_articulation_root_properties),
-        (cfg.joint_drive_props, schemas.modify_joint_drive_properties),
-        (cfg.collision_props, schemas.modify_collision_properties),
-    )
+    """Set the properties that ``cfg`` names on the prims below ``prim``."""
+    # USD edits no prim inside an instance. Colliders often lie in instances, bodies and joints hardly ever.
     if cfg.collision_props is not None:
         while instances := [p for p in Usd.PrimRange(prim) if p.IsInstance()]:
             for instance in instances:
                 instance.SetInstanceable(False)
-    for props, modify in changes:
-        if props is not None:
-            modify(prim, props)
+    if cfg.rigid_props is not None:
+        schemas.modify_rigid_body_properties(prim, cfg.rigid_props)
+    if cfg.mass_props is not None:
+        schemas.modify_mass_properties(prim, cfg.mass_props)
+    if cfg.articulation_props is not None:
+        schemas.modify_articulation_root_properties(prim, cfg.articulation_props)
+    if cfg.joint_drive_props is not None:
+        schemas.modify_joint_drive_properties(prim, cfg.joint_drive_props)
+    if cfg.collision_props is not None:
+        schemas.modify_collision_properties(prim, cfg.collision_props)
 
 
-def _spawn_file(prim_path: str, cfg: Any, kind: str, translation: Translation, orientation: Orientation) -> Usd.Prim:
-    from pxr import UsdGeom
-
-    from stripe_newton.sim.stage import authored_path, current_stage
+def _spawn_file(
+    prim_path: str, cfg: _ImporterCfg, kind: str, translation: Translation, orientation: Orientation
+) -> Usd.Prim:
 
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
     options = {"format": kind, "path": str(_existing(cfg.asset_path, "asset_path")), **cfg.importer_options()}
+    # Custom data, so that an exported stage refers to the file and a scene that opens it imports it again.
     prim.SetCustomDataByKey(FILE_KEY, json.dumps(options))
     place(prim, translation, orientation)
     return finish(prim, cfg)
@@ -108,14 +104,14 @@ def _spawn_file(prim_path: str, cfg: Any, kind: str, translation: Translation, o
 def spawn_from_urdf(
     prim_path: str, cfg: UrdfFileCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
-    """Author a prim that stands for a URDF file, imported when the model is built."""
+    """Author a prim that represents a URDF file, which is imported when the model is built."""
     return _spawn_file(prim_path, cfg, "urdf", translation, orientation)
 
 
 def spawn_from_mjcf(
     prim_path: str, cfg: MjcfFileCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
-    """Author a prim that stands for an MJCF file, imported when the model is built."""
+    """Author a prim that represents an MJCF file, which is imported when the model is built."""
     return _spawn_file(prim_path, cfg, "mjcf", translation, orientation)
 
 
@@ -123,10 +119,6 @@ def spawn_ground_plane(
     prim_path: str, cfg: GroundPlaneCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
     """Author an infinite ground plane: a ``UsdGeom.Plane`` collider with a physics material, facing +Z."""
-    from pxr import Gf, UsdGeom, UsdPhysics
-
-    from stripe_newton.sim.stage import authored_path, current_stage
-
     path = authored_path(prim_path)
     root = UsdGeom.Xform.Define(current_stage(), path).GetPrim()
     plane = UsdGeom.Plane.Define(current_stage(), f"{path}/CollisionPlane")
@@ -147,7 +139,7 @@ def spawn_ground_plane(
 class UsdFileCfg(RigidObjectSpawnerCfg):
     """A USD file, referenced into the scene."""
 
-    func: Callable[..., Any] = spawn_from_usd
+    func: Callable[..., Usd.Prim] = spawn_from_usd
     """Function that authors the prim."""
     usd_path: str = MISSING
     """The file."""
@@ -162,7 +154,7 @@ class UsdFileCfg(RigidObjectSpawnerCfg):
     joint_drive_props: schemas.JointDrivePropertiesCfg | None = None
     """Changes to the joint drives."""
     visual_material: PreviewSurfaceCfg | None = None
-    """Looks, in place of the file's."""
+    """Appearance, in place of the file's."""
     visual_material_path: str = "material"
     """Path of the visual material below the prim."""
 
@@ -172,7 +164,7 @@ class UsdFileCfg(RigidObjectSpawnerCfg):
 
 @configclass
 class _ImporterCfg(SpawnerCfg):
-    """What the URDF and MJCF importers share."""
+    """Base of the configs of URDF and MJCF files."""
 
     asset_path: str = MISSING
     """The file."""
@@ -187,14 +179,19 @@ class _ImporterCfg(SpawnerCfg):
     articulation_props: schemas.ArticulationRootPropertiesCfg | None = None
     """Only ``enabled_self_collisions`` and ``fix_root_link`` apply; they override the fields above."""
     rigid_props: schemas.RigidBodyPropertiesCfg | None = None
-    """PhysX properties; accepted for compatibility."""
+    """Ignored: the bodies are as the file has them."""
     activate_contact_sensors: bool = False
-    """Accepted for compatibility: every body can be sensed."""
+    """Ignored: contacts of every body can be sensed."""
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "rigid_props": "the bodies are as the file has them",
+        "activate_contact_sensors": "contacts of every body can be sensed",
+    }
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from _missing(self.asset_path, "asset_path")
 
-    def importer_options(self) -> dict[str, Any]:
+    def importer_options(self) -> dict[str, object]:
         """Keyword arguments of Newton's importer."""
         fixed, collide = self.fix_base, self.self_collision
         if self.articulation_props is not None:
@@ -213,12 +210,12 @@ class _ImporterCfg(SpawnerCfg):
 class UrdfFileCfg(_ImporterCfg):
     """A URDF file, imported by Newton."""
 
-    func: Callable[..., Any] = spawn_from_urdf
+    func: Callable[..., Usd.Prim] = spawn_from_urdf
     """Function that authors the prim."""
     parse_visuals_as_colliders: bool = False
     """Collide with the visual geometry."""
 
-    def importer_options(self) -> dict[str, Any]:
+    def importer_options(self) -> dict[str, object]:
         return {**super().importer_options(), "parse_visuals_as_colliders": self.parse_visuals_as_colliders}
 
 
@@ -226,15 +223,14 @@ class UrdfFileCfg(_ImporterCfg):
 class MjcfFileCfg(_ImporterCfg):
     """An MJCF file, imported by Newton."""
 
-    func: Callable[..., Any] = spawn_from_mjcf
+    func: Callable[..., Usd.Prim] = spawn_from_mjcf
     """Function that authors the prim."""
     ignore_names: list[str] = ["floor", "ground"]
     """Geometries and bodies left out, by name: the file's own ground."""
     keyframe: str | None = None
-    """Keyframe of the file that gives what ``init_state`` leaves ``None``: positions of the joints, pose of a free
-    root."""
+    """Keyframe of the file for what ``init_state`` leaves ``None``: positions of the joints, pose of a free root."""
 
-    def importer_options(self) -> dict[str, Any]:
+    def importer_options(self) -> dict[str, object]:
         return {**super().importer_options(), "ignore_names": self.ignore_names, "keyframe": self.keyframe}
 
 
@@ -242,7 +238,7 @@ class MjcfFileCfg(_ImporterCfg):
 class GroundPlaneCfg(SpawnerCfg):
     """An infinite ground plane."""
 
-    func: Callable[..., Any] = spawn_ground_plane
+    func: Callable[..., Usd.Prim] = spawn_ground_plane
     """Function that authors the plane."""
     color: tuple[float, float, float] | None = (0.27, 0.29, 0.31)
     """Colour (linear RGB)."""

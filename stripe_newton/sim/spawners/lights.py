@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lights, authored as UsdLux prims. The renderer uses dome and distant lights."""
+"""Light spawners: lights as UsdLux prims. The renderer uses dome and distant lights."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import ClassVar
+
+from pxr import Gf, Usd, UsdLux
 
 from stripe_newton.configclass import configclass
+from stripe_newton.sim.scene_context import authored_path, current_stage
 
 from .spawner_cfg import Orientation, SpawnerCfg, Translation, finish, place
-
-if TYPE_CHECKING:
-    from pxr import Usd
 
 __all__ = [
     "CylinderLightCfg",
@@ -28,10 +28,7 @@ def spawn_light(
     prim_path: str, cfg: LightCfg, translation: Translation = None, orientation: Orientation = None
 ) -> Usd.Prim:
     """Author a UsdLux light of the kind that ``cfg`` names."""
-    from pxr import Gf, UsdLux
-
-    from stripe_newton.sim.stage import authored_path, current_stage
-
+    # UsdLux has a class for each type, all with the inputs of LightAPI.
     light = getattr(UsdLux, cfg.prim_type).Define(current_stage(), authored_path(prim_path))
     light.CreateColorAttr(Gf.Vec3f(*cfg.color))
     light.CreateIntensityAttr(cfg.intensity)
@@ -39,11 +36,11 @@ def spawn_light(
     light.CreateNormalizeAttr(cfg.normalize)
     light.CreateEnableColorTemperatureAttr(cfg.enable_color_temperature)
     light.CreateColorTemperatureAttr(cfg.color_temperature)
-    for name in ("angle", "radius", "length"):
-        if hasattr(cfg, name):
-            getattr(light, f"Create{name.capitalize()}Attr")(getattr(cfg, name))
+    for name in cfg.sizes:
+        getattr(light, f"Create{name.capitalize()}Attr")(getattr(cfg, name))
     if isinstance(cfg, DomeLightCfg) and cfg.texture_file is not None:
         light.CreateTextureFileAttr(cfg.texture_file)
+        light.CreateTextureFormatAttr(cfg.texture_format)
     place(light.GetPrim(), translation, orientation)
     return finish(light.GetPrim(), cfg)
 
@@ -52,7 +49,7 @@ def spawn_light(
 class LightCfg(SpawnerCfg):
     """Base of the lights; see UsdLux.LightAPI for the meaning of the fields."""
 
-    func: Callable[..., Any] = spawn_light
+    func: Callable[..., Usd.Prim] = spawn_light
     """Function that authors the light."""
     prim_type: str = "SphereLight"
     """UsdLux type."""
@@ -69,6 +66,9 @@ class LightCfg(SpawnerCfg):
     color_temperature: float = 6500.0
     """Colour of a black body [K]."""
 
+    sizes: ClassVar[tuple[str, ...]] = ()
+    """Fields that say how large a light is, named as the inputs of the UsdLux type."""
+
 
 @configclass
 class DomeLightCfg(LightCfg):
@@ -77,16 +77,23 @@ class DomeLightCfg(LightCfg):
     prim_type: str = "DomeLight"
     """UsdLux type."""
     texture_file: str | None = None
-    """Environment map; kept in the stage, the renderer uses the colour alone."""
+    """Environment map. It is kept in the stage; the renderer uses the colour alone."""
     texture_format: str = "automatic"
-    """Accepted for compatibility; the map's own layout is used."""
+    """Layout of the map: ``"automatic"``, ``"latlong"``, ``"mirroredBall"``, ``"angular"`` or
+    ``"cubeMapVerticalCross"``; kept in the stage with it."""
     visible_in_primary_ray: bool = True
-    """Accepted for compatibility."""
+    """Ignored: the dome only lights the scene; cameras show their ``background_color``, viewers a sky of their own."""
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "visible_in_primary_ray": "the dome only lights the scene; cameras show their background_color, viewers a sky"
+    }
 
 
 @configclass
 class DistantLightCfg(LightCfg):
     """A sun: parallel light along the prim's -Z axis."""
+
+    sizes: ClassVar[tuple[str, ...]] = ("angle",)
 
     prim_type: str = "DistantLight"
     """UsdLux type."""
@@ -98,6 +105,8 @@ class DistantLightCfg(LightCfg):
 class SphereLightCfg(LightCfg):
     """A glowing sphere; kept in the stage."""
 
+    sizes: ClassVar[tuple[str, ...]] = ("radius",)
+
     radius: float = 0.5
     """Radius [m]."""
 
@@ -105,6 +114,8 @@ class SphereLightCfg(LightCfg):
 @configclass
 class DiskLightCfg(LightCfg):
     """A glowing disk facing -Z; kept in the stage."""
+
+    sizes: ClassVar[tuple[str, ...]] = ("radius",)
 
     prim_type: str = "DiskLight"
     """UsdLux type."""
@@ -115,6 +126,8 @@ class DiskLightCfg(LightCfg):
 @configclass
 class CylinderLightCfg(LightCfg):
     """A glowing tube along X; kept in the stage."""
+
+    sizes: ClassVar[tuple[str, ...]] = ("radius", "length")
 
     prim_type: str = "CylinderLight"
     """UsdLux type."""

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Physics and preview materials, authored as UsdPhysics and UsdShade prims."""
+"""Material spawners: physics and preview materials as UsdPhysics and UsdShade prims."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+
+from pxr import Gf, Sdf, Usd, UsdPhysics, UsdShade
 
 from stripe_newton.configclass import configclass
-
-if TYPE_CHECKING:
-    from pxr import Usd
+from stripe_newton.sim.scene_context import authored_path, current_stage
 
 __all__ = [
     "PreviewSurfaceCfg",
@@ -23,10 +22,6 @@ __all__ = [
 
 def spawn_rigid_body_material(prim_path: str, cfg: RigidBodyMaterialCfg) -> Usd.Prim:
     """Author a ``UsdShade.Material`` with ``UsdPhysics.MaterialAPI`` at ``prim_path``."""
-    from pxr import Sdf, UsdPhysics, UsdShade
-
-    from stripe_newton.sim.stage import authored_path, current_stage
-
     material = UsdShade.Material.Define(current_stage(), authored_path(prim_path))
     api = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
     api.CreateStaticFrictionAttr(cfg.static_friction)
@@ -45,10 +40,6 @@ def spawn_rigid_body_material(prim_path: str, cfg: RigidBodyMaterialCfg) -> Usd.
 
 def spawn_preview_surface(prim_path: str, cfg: PreviewSurfaceCfg) -> Usd.Prim:
     """Author a ``UsdShade.Material`` with a ``UsdPreviewSurface`` shader at ``prim_path``."""
-    from pxr import Gf, Sdf, UsdShade
-
-    from stripe_newton.sim.stage import authored_path, current_stage
-
     path = authored_path(prim_path)
     material = UsdShade.Material.Define(current_stage(), path)
     shader = UsdShade.Shader.Define(current_stage(), f"{path}/Shader")
@@ -64,9 +55,8 @@ def spawn_preview_surface(prim_path: str, cfg: PreviewSurfaceCfg) -> Usd.Prim:
 
 def bind_material(prim: Usd.Prim, material: Usd.Prim, purpose: str = "") -> None:
     """Bind ``material`` to ``prim``; ``purpose`` is ``"physics"`` for a physics material."""
-    from pxr import UsdShade
-
     api = UsdShade.MaterialBindingAPI.Apply(prim)
+    # A physics material overrides those that a referenced asset binds below; a visual one does not repaint its parts.
     strength = (
         UsdShade.Tokens.strongerThanDescendants if purpose == "physics" else UsdShade.Tokens.weakerThanDescendants
     )
@@ -77,7 +67,7 @@ def bind_material(prim: Usd.Prim, material: Usd.Prim, purpose: str = "") -> None
 class RigidBodyMaterialCfg:
     """Friction and restitution of a collider."""
 
-    func: Callable[..., Any] = spawn_rigid_body_material
+    func: Callable[..., Usd.Prim] = spawn_rigid_body_material
     """Function that authors the material."""
     static_friction: float = 0.5
     """Coefficient of static friction; kept in the stage. Newton's solvers have one coefficient, the dynamic one."""
@@ -88,7 +78,8 @@ class RigidBodyMaterialCfg:
     density: float | None = None
     """Density [kg/m^3] of bodies that have no mass of their own."""
     friction_combine_mode: str = "max"
-    """PhysX's rule for the friction of two colliders; kept in the stage. Newton's solvers have theirs (MuJoCo: max)."""
+    """PhysX's rule for the friction of two colliders; kept in the stage. Newton's solvers have their own (MuJoCo: the
+    larger one)."""
     restitution_combine_mode: str = "max"
     """PhysX's rule for the restitution of two colliders; kept in the stage."""
 
@@ -106,9 +97,9 @@ class RigidBodyMaterialCfg:
 
 @configclass
 class PreviewSurfaceCfg:
-    """Looks of a surface."""
+    """Appearance of a surface."""
 
-    func: Callable[..., Any] = spawn_preview_surface
+    func: Callable[..., Usd.Prim] = spawn_preview_surface
     """Function that authors the material."""
     diffuse_color: tuple[float, float, float] = (0.18, 0.18, 0.18)
     """Linear RGB."""

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Properties of bodies, articulations, colliders and drives, authored on prims as UsdPhysics and PhysX schemas.
+"""Physics properties of bodies, articulations, colliders and drives, authored on prims as USD schemas.
 
-Fields that only PhysX has (sleeping, solver iterations, depenetration speed, ...) are written to the stage,
-so that they are kept, and ignored by Newton's solvers; each such field says so.
+Fields that only PhysX has (sleeping, solver iterations, depenetration speed, ...) are written to the stage, so that an
+export keeps them. Newton's solvers ignore them; each such field says "PhysX only".
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.configclass import configclass
-
-if TYPE_CHECKING:
-    from pxr import Usd
 
 __all__ = [
     "ArticulationRootPropertiesCfg",
@@ -162,23 +160,17 @@ _PHYSX_NAMES = {
 
 def define_rigid_body_properties(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
     """Make ``prim`` a rigid body."""
-    from pxr import UsdPhysics
-
     UsdPhysics.RigidBodyAPI.Apply(prim)
     _set_rigid_body(prim, cfg)
 
 
 def modify_rigid_body_properties(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
     """Set the properties of every rigid body at and below ``prim``."""
-    from pxr import UsdPhysics
-
     for body in _having(prim, UsdPhysics.RigidBodyAPI):
         _set_rigid_body(body, cfg)
 
 
 def _set_rigid_body(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
-    from pxr import UsdPhysics
-
     api = UsdPhysics.RigidBodyAPI(prim)
     if cfg.rigid_body_enabled is not None:
         api.CreateRigidBodyEnabledAttr(cfg.rigid_body_enabled)
@@ -189,16 +181,13 @@ def _set_rigid_body(prim: Usd.Prim, cfg: RigidBodyPropertiesCfg) -> None:
 
 def define_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPropertiesCfg) -> None:
     """Make ``prim`` an articulation root."""
-    from pxr import UsdPhysics
-
     UsdPhysics.ArticulationRootAPI.Apply(prim)
     modify_articulation_root_properties(prim, cfg)
 
 
 def modify_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPropertiesCfg) -> None:
     """Set the properties of every articulation root at and below ``prim``."""
-    from pxr import Sdf, UsdPhysics
-
+    # A list first: fixing a root adds a prim to the range that is gone through.
     for root in list(_having(prim, UsdPhysics.ArticulationRootAPI)):
         _set_physx(root, cfg, "PhysxArticulationAPI", "physxArticulation")
         if cfg.enabled_self_collisions is not None:
@@ -213,8 +202,6 @@ def modify_articulation_root_properties(prim: Usd.Prim, cfg: ArticulationRootPro
 
 
 def _fix_root_link(root: Usd.Prim, fixed: bool) -> None:
-    from pxr import Gf, Usd, UsdGeom, UsdPhysics
-
     to_world = [
         UsdPhysics.Joint(p)
         for p in Usd.PrimRange(root)
@@ -228,6 +215,7 @@ def _fix_root_link(root: Usd.Prim, fixed: bool) -> None:
     body = next(_having(root, UsdPhysics.RigidBodyAPI), None)
     if body is None:
         raise ValueError(f"fix_root_link: articulation '{root.GetPath()}' has no rigid body to fix")
+    # Fixed where the body stands now, which is why spawners place a prim before they set its properties.
     joint = UsdPhysics.FixedJoint.Define(root.GetStage(), body.GetPath().AppendChild("root_joint"))
     joint.CreateBody1Rel().SetTargets([body.GetPath()])
     pose = UsdGeom.Xformable(body).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
@@ -239,23 +227,17 @@ def _fix_root_link(root: Usd.Prim, fixed: bool) -> None:
 
 def define_collision_properties(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
     """Make ``prim`` a collider."""
-    from pxr import UsdPhysics
-
     UsdPhysics.CollisionAPI.Apply(prim)
     _set_collision(prim, cfg)
 
 
 def modify_collision_properties(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
     """Set the properties of every collider at and below ``prim``."""
-    from pxr import UsdPhysics
-
     for collider in _having(prim, UsdPhysics.CollisionAPI):
         _set_collision(collider, cfg)
 
 
 def _set_collision(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
-    from pxr import UsdPhysics
-
     if cfg.collision_enabled is not None:
         UsdPhysics.CollisionAPI(prim).CreateCollisionEnabledAttr(cfg.collision_enabled)
     _set_physx(prim, cfg, "PhysxCollisionAPI", "physxCollision")
@@ -263,23 +245,17 @@ def _set_collision(prim: Usd.Prim, cfg: CollisionPropertiesCfg) -> None:
 
 def define_mass_properties(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
     """Give ``prim`` a mass or density."""
-    from pxr import UsdPhysics
-
     UsdPhysics.MassAPI.Apply(prim)
     _set_mass(prim, cfg)
 
 
 def modify_mass_properties(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
     """Set mass or density of every body at and below ``prim`` that has a mass of its own."""
-    from pxr import UsdPhysics
-
     for body in _having(prim, UsdPhysics.MassAPI):
         _set_mass(body, cfg)
 
 
 def _set_mass(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
-    from pxr import UsdPhysics
-
     api = UsdPhysics.MassAPI(prim)
     if cfg.mass is not None:
         api.CreateMassAttr(cfg.mass)
@@ -289,13 +265,11 @@ def _set_mass(prim: Usd.Prim, cfg: MassPropertiesCfg) -> None:
 
 def modify_joint_drive_properties(prim: Usd.Prim, cfg: JointDrivePropertiesCfg) -> None:
     """Set the drive of every revolute and prismatic joint at and below ``prim``; UsdPhysics has angles in degrees."""
-    from pxr import Sdf, Usd, UsdPhysics
-
     for joint in Usd.PrimRange(prim):
         angular = joint.IsA(UsdPhysics.RevoluteJoint)
         if not angular and not joint.IsA(UsdPhysics.PrismaticJoint):
             continue
-        per_unit = math.pi / 180.0 if angular else 1.0
+        per_unit = math.pi / 180.0 if angular else 1.0  # a gain per radian is this much of it per degree
         drive = UsdPhysics.DriveAPI.Apply(joint, "angular" if angular else "linear")
         if cfg.drive_type is not None:
             drive.CreateTypeAttr(cfg.drive_type)
@@ -310,24 +284,27 @@ def modify_joint_drive_properties(prim: Usd.Prim, cfg: JointDrivePropertiesCfg) 
             joint.CreateAttribute("newton:velocityLimit", Sdf.ValueTypeNames.Float).Set(cfg.max_velocity / per_unit)
 
 
-def _having(prim: Usd.Prim, api: Any) -> Iterator[Usd.Prim]:
-    from pxr import Usd
-
+def _having(prim: Usd.Prim, api: type[Usd.APISchemaBase]) -> Iterator[Usd.Prim]:
+    """Prims at and below ``prim`` that have an API schema."""
     return (p for p in Usd.PrimRange(prim) if p.HasAPI(api))
 
 
-def _set_physx(prim: Usd.Prim, cfg: Any, schema: str, prefix: str) -> None:
+def _set_physx(
+    prim: Usd.Prim,
+    cfg: RigidBodyPropertiesCfg | ArticulationRootPropertiesCfg | CollisionPropertiesCfg,
+    schema: str,
+    prefix: str,
+) -> None:
     """Author the PhysX attributes that ``cfg`` sets; a type is chosen from the value's."""
-    from pxr import Sdf
-
     types = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, float: Sdf.ValueTypeNames.Float}
     for name in type(cfg).__dataclass_fields__:
         value = getattr(cfg, name)
         usd_name = _PHYSX_NAMES.get(name)
         if usd_name is None and name.startswith(("solver_", "sleep_", "stabilization_")):
+            # Names that bodies and articulations share, each in its own schema: physxRigidBody:sleepThreshold.
             head, *rest = name.split("_")
             usd_name = f"{prefix}:{head}{''.join(map(str.capitalize, rest))}"
-        if value is None or usd_name is None:
+        if value is None or usd_name is None:  # left as the prim says, or a UsdPhysics attribute
             continue
         prim.AddAppliedSchema(schema)
         prim.CreateAttribute(usd_name, types[type(value)]).Set(value)

@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Primitive shapes, as UsdGeom primitives or meshes: visual, static collider or rigid body."""
+"""Shape spawners: boxes, spheres, capsules, cylinders and cones, as UsdGeom primitives or meshes.
+
+A shape is visual, a static collider or a rigid body.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import ClassVar
+
+import newton
+import numpy as np
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.sim.scene_context import authored_path, current_stage
 
 from . import schemas
 from .materials import PreviewSurfaceCfg, RigidBodyMaterialCfg, bind_material
 from .spawner_cfg import Orientation, RigidObjectSpawnerCfg, Translation, finish, place
-
-if TYPE_CHECKING:
-    from pxr import Usd
 
 __all__ = [
     "CapsuleCfg",
@@ -39,10 +44,6 @@ def spawn_shape(
 
     The Xform carries body and mass, the geometry collider and materials, as Isaac Lab lays them out.
     """
-    from pxr import UsdGeom
-
-    from stripe_newton.sim.stage import authored_path, current_stage
-
     path = authored_path(prim_path)
     stage = current_stage()
     if stage.GetPrimAtPath(path).IsValid():
@@ -71,10 +72,10 @@ def spawn_shape(
 class ShapeCfg(RigidObjectSpawnerCfg):
     """Base of the shapes."""
 
-    func: Callable[..., Any] = spawn_shape
+    func: Callable[..., Usd.Prim] = spawn_shape
     """Function that authors the shape."""
     visual_material: PreviewSurfaceCfg | None = None
-    """Looks."""
+    """Appearance."""
     visual_material_path: str = "material"
     """Path of the visual material, below the shape unless absolute."""
     physics_material: RigidBodyMaterialCfg | None = None
@@ -82,18 +83,21 @@ class ShapeCfg(RigidObjectSpawnerCfg):
     physics_material_path: str = "physics_material"
     """Path of the physics material, below the shape unless absolute."""
 
+    lengths: ClassVar[tuple[str, ...]] = ()
+    """Fields that are lengths [m], which must be positive."""
+
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
         """Author the geometry at ``path``."""
         raise NotImplementedError
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name in ("radius", "height"):
-            value = getattr(self, name, 1.0)
+        for name in self.lengths:
+            value = getattr(self, name)
             if value is not MISSING and not (math.isfinite(value) and value > 0):
                 yield name, f"is {value}, must be a positive length [m]"
 
 
-def _with_axis(geometry: Any, cfg: Any) -> Any:
+def _with_axis(geometry: UsdGeom.Capsule | UsdGeom.Cylinder | UsdGeom.Cone, cfg: CapsuleCfg) -> Usd.Prim:
     geometry.CreateRadiusAttr(cfg.radius)
     geometry.CreateHeightAttr(cfg.height)
     geometry.CreateAxisAttr(cfg.axis.upper())
@@ -108,9 +112,9 @@ class CuboidCfg(ShapeCfg):
     """Edge lengths [m]."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        from pxr import Gf, UsdGeom
-
         cube = UsdGeom.Cube.Define(stage, path)
+        # UsdGeom.Cube has one edge length, so a box is a unit cube with a scale; the geometry prim has no children that
+        # would be scaled with it.
         cube.CreateSizeAttr(1.0)
         cube.AddScaleOp().Set(Gf.Vec3f(*map(float, self.size)))
         return cube.GetPrim()
@@ -120,12 +124,12 @@ class CuboidCfg(ShapeCfg):
 class SphereCfg(ShapeCfg):
     """A sphere centred at its origin."""
 
+    lengths: ClassVar[tuple[str, ...]] = ("radius",)
+
     radius: float = MISSING
     """Radius [m]."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        from pxr import UsdGeom
-
         sphere = UsdGeom.Sphere.Define(stage, path)
         sphere.CreateRadiusAttr(self.radius)
         return sphere.GetPrim()
@@ -135,6 +139,8 @@ class SphereCfg(ShapeCfg):
 class CapsuleCfg(ShapeCfg):
     """A capsule centred at its origin."""
 
+    lengths: ClassVar[tuple[str, ...]] = ("radius", "height")
+
     radius: float = MISSING
     """Radius [m]."""
     height: float = MISSING
@@ -143,8 +149,6 @@ class CapsuleCfg(ShapeCfg):
     """Axis of symmetry."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        from pxr import UsdGeom
-
         return _with_axis(UsdGeom.Capsule.Define(stage, path), self)
 
 
@@ -153,8 +157,6 @@ class CylinderCfg(CapsuleCfg):
     """A cylinder centred at its origin; ``height`` is its whole length."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        from pxr import UsdGeom
-
         return _with_axis(UsdGeom.Cylinder.Define(stage, path), self)
 
 
@@ -163,21 +165,17 @@ class ConeCfg(CapsuleCfg):
     """A cone centred at its origin; ``height`` is its whole length."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        from pxr import UsdGeom
-
         return _with_axis(UsdGeom.Cone.Define(stage, path), self)
 
 
-def _author_mesh(stage: Usd.Stage, path: str, mesh: Any, approximation: str) -> Usd.Prim:
+def _author_mesh(stage: Usd.Stage, path: str, mesh: newton.Mesh, approximation: str) -> Usd.Prim:
     """Write a Newton mesh as ``UsdGeom.Mesh`` with the given collision approximation."""
-    import numpy as np
-    from pxr import UsdGeom, UsdPhysics, Vt
-
     geometry = UsdGeom.Mesh.Define(stage, path)
     indices = np.asarray(mesh.indices, dtype=np.int32).reshape(-1)
     geometry.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.asarray(mesh.vertices, dtype=np.float32)))
     geometry.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(indices))
     geometry.CreateFaceVertexCountsAttr(Vt.IntArray([3] * (len(indices) // 3)))
+    # USD's default is Catmull-Clark, which would round the edges.
     geometry.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     UsdPhysics.MeshCollisionAPI.Apply(geometry.GetPrim()).CreateApproximationAttr(approximation)
     return geometry.GetPrim()
@@ -188,8 +186,6 @@ class MeshCuboidCfg(CuboidCfg):
     """A box as a triangle mesh."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        import newton
-
         half = [float(s) / 2.0 for s in self.size]
         return _author_mesh(stage, path, newton.Mesh.create_box(*half, compute_inertia=False), "convexHull")
 
@@ -199,14 +195,10 @@ class MeshSphereCfg(SphereCfg):
     """A sphere as a triangle mesh."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        import newton
-
         return _author_mesh(stage, path, newton.Mesh.create_sphere(self.radius, compute_inertia=False), "convexHull")
 
 
-def _axis_mesh(create: Callable[..., Any], cfg: Any) -> Any:
-    import newton
-
+def _axis_mesh(create: Callable[..., newton.Mesh], cfg: CapsuleCfg) -> newton.Mesh:
     return create(cfg.radius, cfg.height / 2.0, up_axis=newton.Axis.from_any(cfg.axis.upper()), compute_inertia=False)
 
 
@@ -215,8 +207,6 @@ class MeshCapsuleCfg(CapsuleCfg):
     """A capsule as a triangle mesh."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        import newton
-
         return _author_mesh(stage, path, _axis_mesh(newton.Mesh.create_capsule, self), "convexHull")
 
 
@@ -225,8 +215,6 @@ class MeshCylinderCfg(CapsuleCfg):
     """A cylinder as a triangle mesh; ``height`` is its whole length."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        import newton
-
         return _author_mesh(stage, path, _axis_mesh(newton.Mesh.create_cylinder, self), "convexHull")
 
 
@@ -235,6 +223,4 @@ class MeshConeCfg(CapsuleCfg):
     """A cone as a triangle mesh; ``height`` is its whole length."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        import newton
-
         return _author_mesh(stage, path, _axis_mesh(newton.Mesh.create_cone, self), "convexHull")

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all spawner configs share, and how a prim gets its pose."""
+"""Spawner configs: the base of all, and how a spawned prim gets its pose."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import ClassVar
+
+from pxr import Gf, Usd, UsdGeom, UsdSemantics
 
 from stripe_newton.configclass import MISSING, configclass
 
 from .schemas import CollisionPropertiesCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
 
-if TYPE_CHECKING:
-    from pxr import Usd
-
-__all__ = ["RigidObjectSpawnerCfg", "SpawnerCfg"]
+__all__ = ["RigidObjectSpawnerCfg", "SceneSpawnerCfg", "SpawnerCfg"]
 
 Translation = Sequence[float] | None
 """Position in the parent's frame [m]; ``None`` leaves the prim where it is."""
@@ -26,14 +25,16 @@ Orientation = Sequence[float] | None
 class SpawnerCfg:
     """Base of the spawner configs: ``cfg.func(prim_path, cfg, translation, orientation)`` authors the prim."""
 
-    func: Callable[..., Any] = MISSING
+    func: Callable[..., Usd.Prim] = MISSING
     """Function that authors the prim and returns it."""
     visible: bool = True
     """Whether the prim is drawn."""
     semantic_tags: list[tuple[str, str]] | None = None
     """Pairs of (type, label), authored as UsdSemantics labels."""
     copy_from_source: bool = True
-    """Accepted for compatibility: Newton replicates the model, prims are never copied."""
+    """Ignored: Newton replicates the model, prims are never copied."""
+
+    IGNORED: ClassVar[dict[str, str]] = {"copy_from_source": "Newton replicates the model, prims are never copied"}
 
 
 @configclass
@@ -47,18 +48,31 @@ class RigidObjectSpawnerCfg(SpawnerCfg):
     collision_props: CollisionPropertiesCfg | None = None
     """Makes the shape a collider; ``None`` leaves it visual."""
     activate_contact_sensors: bool = False
-    """Accepted for compatibility: every body can be sensed."""
+    """Ignored: contacts of every body can be sensed."""
+
+    IGNORED: ClassVar[dict[str, str]] = {"activate_contact_sensors": "contacts of every body can be sensed"}
+
+
+@configclass
+class SceneSpawnerCfg(SpawnerCfg):
+    """Base of the spawners that make a whole scene from a seed, so that ``scene.regenerate`` can make another."""
+
+    seed: int = 0
+    """Seed of the scene."""
+
+    def made_stage(self) -> Usd.Stage:
+        """The stage of the scene with this seed."""
+        raise NotImplementedError
+
+    def why_not_regenerable(self) -> str:
+        """Why there is no scene with another seed, and what to do about it; empty if there is."""
+        return ""
 
 
 def place(
     prim: Usd.Prim, translation: Translation, orientation: Orientation, scale: Sequence[float] | None = None
 ) -> None:
-    """Give ``prim`` a pose in its parent's frame, in place of whatever transform operations it came with.
-
-    The operations carry a suffix of their own, so that they never clash in type with those of a referenced asset.
-    """
-    from pxr import Gf, UsdGeom
-
+    """Give ``prim`` a pose in its parent's frame, in place of whatever transform operations it came with."""
     if translation is None and orientation is None and scale is None:
         return
     xform = UsdGeom.Xformable(prim)
@@ -69,6 +83,8 @@ def place(
         x, y, z, w = map(float, orientation)
         rotation = Gf.Quatd(w, x, y, z)
     size = Gf.Vec3d(*map(float, scale)) if scale is not None else old.GetScale()
+    # A suffix of their own keeps these operations from clashing in type with those of a referenced asset: its
+    # attributes stay where they are, only their order is cleared.
     xform.ClearXformOpOrder()
     xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble, "spawn").Set(position)
     xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble, "spawn").Set(Gf.Quatd(rotation).GetNormalized())
@@ -77,8 +93,6 @@ def place(
 
 def finish(prim: Usd.Prim, cfg: SpawnerCfg) -> Usd.Prim:
     """Apply what every spawner has: visibility and semantic labels."""
-    from pxr import UsdGeom, UsdSemantics
-
     if not cfg.visible:
         UsdGeom.Imageable(prim).MakeInvisible()
     for kind, label in cfg.semantic_tags or ():

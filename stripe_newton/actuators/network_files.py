@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of actuator networks, made into the ONNX files that Newton's neural drives read."""
+"""Network files of actuators: converted into the ONNX files that Newton's neural drives read."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from typing import Any
 import onnx
 import torch
 import warp as wp
+from warp_nn.runtime import OnnxRuntime  # type: ignore[import-untyped]
 
 from . import lstm
 from .lstm import LSTM_NAMES, lstm_model, with_metadata
@@ -26,15 +27,15 @@ __all__ = ["prepare_lstm", "prepare_mlp"]
 _FORMATS = "ONNX (.onnx) and TorchScript (.pt, .pth, .jit)"
 
 
-def prepare_mlp(file: str, **said: Any) -> Path:
+def prepare_mlp(file: str, **given: object) -> Path:
     """An ONNX file for ``newton.actuators.DriveNeuralMLP``, in a cache beside Warp's kernels.
 
     Args:
         file: Path of the network.
-        said: Overrules the metadata of the file: pos_scale, vel_scale, effort_scale, input_order, input_idx.
+        given: Overrides the metadata of the file: pos_scale, vel_scale, effort_scale, input_order, input_idx.
 
     Raises:
-        ValueError: if the file is not there, of no known format, or no such network.
+        ValueError: if there is no such file, or its format or its network is another one.
     """
 
     def make(path: Path) -> onnx.ModelProto:
@@ -42,15 +43,17 @@ def prepare_mlp(file: str, **said: Any) -> Path:
         if _is_onnx(path):
             model = _load_onnx(path)
             metadata = _metadata(model, path)
+            # Newton's present name of torque_scale, which older files have.
             metadata.setdefault("effort_scale", metadata.pop("torque_scale", 1.0))
-        metadata = {"input_order": "pos_vel", "input_idx": [0], **metadata, **said, "model_type": "mlp"}
+        # Defaults, then the file, then the config.
+        metadata = {"input_order": "pos_vel", "input_idx": [0], **metadata, **given, "model_type": "mlp"}
         width = 2 * len(metadata["input_idx"])
         if not _is_onnx(path):
             model = _export(_load_torch(path), torch.zeros(1, width), path)
         _check_shapes(model, path, [(None, width)], [(None, 1)], f"input_idx {metadata['input_idx']}")
         return with_metadata(model, metadata)
 
-    return _cached(file, make, "mlp", said)
+    return _cached(file, make, "mlp", given)
 
 
 def prepare_lstm(file: str) -> Path:
@@ -60,7 +63,7 @@ def prepare_lstm(file: str) -> Path:
         file: Path of the network.
 
     Raises:
-        ValueError: if the file is not there, of no known format, or no such network.
+        ValueError: if there is no such file, or its format or its network is another one.
     """
 
     def make(path: Path) -> onnx.ModelProto:
@@ -88,23 +91,25 @@ def _is_onnx(path: Path) -> bool:
     return path.suffix.lower() == ".onnx"
 
 
-def _cached(file: str, make: Callable[[Path], onnx.ModelProto], kind: str, said: Mapping[str, Any]) -> Path:
+def _cached(file: str, make: Callable[[Path], onnx.ModelProto], kind: str, given: Mapping[str, object]) -> Path:
+    """The file that ``make`` returns for a network, made once for each content and each settings."""
     path = Path(file).expanduser()
     if not path.is_file():
         raise ValueError(f"network_file '{file}': there is no such file")
     if path.suffix.lower() not in (".onnx", ".pt", ".pth", ".jit"):
         raise ValueError(f"network_file '{file}': '{path.suffix}' is no known format, there are {_FORMATS}")
     digest = hashlib.sha256(path.read_bytes())
-    digest.update(json.dumps([kind, path.suffix, dict(sorted(said.items()))]).encode())
-    for source in (__file__, lstm.__file__):  # what was converted by other code is converted anew
+    digest.update(json.dumps([kind, path.suffix, dict(sorted(given.items()))]).encode())
+    for source in (__file__, lstm.__file__):  # another version of the conversion converts again
         digest.update(Path(source).read_bytes())
-    wp.init()  # which chooses the folder
+    wp.init()  # chooses the folder of the cache
     folder = Path(wp.config.kernel_cache_dir) / "stripe_newton" / "networks"
     made = folder / f"{path.stem}_{digest.hexdigest()[:16]}.onnx"
     if not made.is_file():
         model = make(path)
         _check_operators(model, path)
         folder.mkdir(parents=True, exist_ok=True)
+        # Renamed into its place, so that another process never reads half a file.
         with tempfile.TemporaryDirectory(dir=folder) as own:
             onnx.save(model, f"{own}/network.onnx")
             os.replace(f"{own}/network.onnx", made)
@@ -120,7 +125,7 @@ def _load_onnx(path: Path) -> onnx.ModelProto:
     return model
 
 
-def _load_torch(path: Path) -> Any:
+def _load_torch(path: Path) -> torch.jit.ScriptModule:
     """The network of a TorchScript file, on the CPU."""
     try:
         with zipfile.ZipFile(path) as archive:
@@ -146,33 +151,36 @@ def _metadata(model: onnx.ModelProto, path: Path) -> dict[str, Any]:
         raise ValueError(f"network_file '{path}': its metadata are no JSON: {error}") from error
 
 
-def _parsed(text: str) -> Any:
+def _parsed(text: str) -> object:
     with contextlib.suppress(json.JSONDecodeError):
         return json.loads(text)
     return text
 
 
-def _inputs(model: onnx.ModelProto) -> list[Any]:
+def _inputs(model: onnx.ModelProto) -> list[onnx.ValueInfoProto]:
+    """Inputs of a model, without constants, which old ONNX files list among them."""
     constants = {value.name for value in model.graph.initializer}
     return [value for value in model.graph.input if value.name not in constants]
 
 
-def _check_shapes(model: onnx.ModelProto, path: Path, inputs: list[Any], outputs: list[Any], why: str) -> None:
+Shape = tuple[int | None, ...]
+"""Sizes of the dimensions of an array; None for any size."""
+
+
+def _check_shapes(model: onnx.ModelProto, path: Path, inputs: list[Shape], outputs: list[Shape], why: str) -> None:
     for what, values, wanted in (("input", _inputs(model), inputs), ("output", model.graph.output, outputs)):
         shapes = [tuple(d.dim_value or None for d in v.type.tensor_type.shape.dim) for v in values]
-        fits = len(shapes) == len(wanted) and all(
-            len(a) == len(b) and all(x is None or y is None or x == y for x, y in zip(a, b, strict=True))
-            for a, b in zip(shapes, wanted, strict=True)
-        )
-        if not fits:
+        if len(shapes) != len(wanted) or not all(map(_fits, shapes, wanted)):
             show = ", ".join(str(s).replace("None", "n") for s in shapes)
             must = ", ".join(str(s).replace("None", "n") for s in wanted)
             raise ValueError(f"network_file '{path}': {what}s have shapes {show}; {why} needs {must}")
 
 
-def _check_operators(model: onnx.ModelProto, path: Path) -> None:
-    from warp_nn.runtime import OnnxRuntime  # type: ignore[import-untyped]
+def _fits(shape: Shape, wanted: Shape) -> bool:
+    return len(shape) == len(wanted) and all(a is None or b is None or a == b for a, b in zip(shape, wanted))
 
+
+def _check_operators(model: onnx.ModelProto, path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         onnx.save(model, f"{folder}/network.onnx")
         try:
@@ -184,16 +192,18 @@ def _check_operators(model: onnx.ModelProto, path: Path) -> None:
 # -- converting
 
 
-def _export(network: Any, example: torch.Tensor, path: Path) -> onnx.ModelProto:
+def _export(network: torch.jit.ScriptModule, example: torch.Tensor, path: Path) -> onnx.ModelProto:
     """A TorchScript network as ONNX, with any number of rows."""
-    names: dict[str, Any] = {"input_names": ["input"], "output_names": ["output"]}
     rows = {"input": {0: "n"}, "output": {0: "n"}}
     try:
         with warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore")  # this exporter, which alone takes TorchScript, calls itself old
+            warnings.simplefilter("ignore")  # this exporter is deprecated, but the new one takes no TorchScript
             network(example)
             with tempfile.TemporaryDirectory() as folder:
-                torch.onnx.export(network, (example,), f"{folder}/n.onnx", dynamo=False, dynamic_axes=rows, **names)
+                torch.onnx.export(
+                    network, (example,), f"{folder}/n.onnx", dynamo=False, dynamic_axes=rows,
+                    input_names=["input"], output_names=["output"],
+                )  # fmt: skip
                 return onnx.load(f"{folder}/n.onnx")
     except Exception as error:
         shape = tuple(example.shape)

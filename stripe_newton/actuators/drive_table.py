@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Newton's actuators as numbers for one launch, ``stripe_kernels.actuators.drive_joints``."""
+"""Drive table: Newton's actuators as numbers for one launch, ``stripe_kernels.actuators.drive_joints``."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 import newton
 import numpy as np
-from newton.actuators import ClampingDCMotor, ClampingMaxEffort, ClampingPositionBased, DrivePD, DrivePID
+from newton.actuators import (
+    Actuator,
+    ClampingBase,
+    ClampingDCMotor,
+    ClampingMaxEffort,
+    ClampingPositionBased,
+    Delay,
+    DrivePD,
+    DrivePID,
+)
 
 from stripe_kernels.actuators import LAW_MADE, LAW_PD, LAW_PID
-
-if TYPE_CHECKING:
-    from newton.actuators import Actuator
 
 __all__ = ["MADE", "NO_LIMIT", "DriveTable", "coordinate", "read_drives"]
 
@@ -20,7 +26,7 @@ NO_LIMIT = 1.0e10
 """Efforts above this are unlimited [N or N m]."""
 
 MADE = "joint_made_f"
-"""Attribute of the control that actuators write to which Newton steps itself."""
+"""Attribute of the control that Newton's own steps of actuators write to."""
 
 _LAWS = {DrivePD: int(LAW_PD), DrivePID: int(LAW_PID)}
 _LIMITS = ClampingMaxEffort, ClampingDCMotor, ClampingPositionBased
@@ -31,7 +37,12 @@ _ATTRIBUTES = (
 _FLOATS = "integral_gain", "integral_limit", "bias_effort", "saturation_effort", "no_load_speed"
 
 
-def coordinate(joint_types: Any, q_start: Any, qd_start: Any, dof: int) -> int:
+def coordinate(
+    joint_types: Sequence[int] | np.ndarray,
+    q_start: Sequence[int] | np.ndarray,
+    qd_start: Sequence[int] | np.ndarray,
+    dof: int,
+) -> int:
     """Coordinate of a degree of freedom, -1 in joints whose coordinates are a quaternion.
 
     Args:
@@ -40,6 +51,7 @@ def coordinate(joint_types: Any, q_start: Any, qd_start: Any, dof: int) -> int:
         qd_start: First degree of freedom of each.
         dof: The degree of freedom.
     """
+    # The joint is the last one that starts at or before the degree of freedom; joints without any start there too.
     joint = int(np.searchsorted(np.asarray(qd_start)[: len(joint_types)], dof, side="right")) - 1
     if joint_types[joint] in (newton.JointType.BALL, newton.JointType.FREE, newton.JointType.DISTANCE):
         return -1
@@ -47,7 +59,7 @@ def coordinate(joint_types: Any, q_start: Any, qd_start: Any, dof: int) -> int:
 
 
 class DriveTable:
-    """Laws, limits and delays of one environment's joints, and numbers of all environments'.
+    """Laws, limits and delays of the joints of one environment, and their numbers in all environments.
 
     Names are those of the fields of ``JointDrives``.
     """
@@ -67,7 +79,7 @@ class DriveTable:
         self.lag = np.zeros((num_envs, 0), dtype=np.int32)
         self.depth = 0
         self.stepped: list[Actuator] = []
-        """Actuators that Newton steps itself."""
+        """Actuators of other laws, the networks, which Newton steps itself."""
 
     def write_gains(self, model: newton.Model) -> None:
         """Write gains and limits of explicit actuators to the model's arrays."""
@@ -84,12 +96,14 @@ class DriveTable:
         Raises:
             ValueError: if another drives the same joint.
         """
+        # An actuator of Newton's covers all environments: its first part is that of the first one.
         rows = actuator.indices.numpy().astype(np.int64)
         dofs = rows[: len(rows) // self.num_envs]
         if self.law[dofs].any():
             raise ValueError(f"degrees of freedom {dofs[self.law[dofs] > 0].tolist()} have two explicit actuators each")
         kinds = [type(clamp) for clamp in actuator.clamping]
         limited = set(kinds) <= set(_LIMITS) and len(kinds) == len(set(kinds))
+        # One of each kind of limit and the usual arrays: what the one launch can do. Anything else Newton steps.
         law = _LAWS.get(type(actuator.drive)) if limited and self._is_plain(actuator, rows) else None
         self.law[dofs] = LAW_MADE if law is None else law
         if law is None:
@@ -98,16 +112,17 @@ class DriveTable:
         else:
             self._add_drive(actuator.drive, rows)
             self._add_delay(actuator.delay, dofs)
+        # Limits that no state changes are one number, the least of them, and lie in the model as an effort limit.
         limit = np.full(len(rows), NO_LIMIT, dtype=np.float32)
         for clamp in actuator.clamping if limited else ():
             limit = np.minimum(limit, self._add_limit(clamp, rows, dofs))
         self._gain("joint_effort_limit", rows, limit)
         if law is None and limited:
-            actuator.clamping = []
+            actuator.clamping = []  # it is limited in the launch, where its limits can be changed as all others
             actuator.set_effort_mode_explicit()
 
     def _is_plain(self, actuator: Actuator, rows: np.ndarray) -> bool:
-        """Whether it reads and writes what the others do."""
+        """Whether it reads and writes the usual arrays, at its own degrees of freedom."""
         coords = np.array([self.coord[d] for d in rows[: len(rows) // self.num_envs]])
         pos = actuator.pos_indices.numpy()[: len(coords)]
         usual = "joint_q", "joint_qd", "joint_target_q", "joint_target_qd", "joint_act", "joint_f"
@@ -118,7 +133,7 @@ class DriveTable:
             and actuator.target_pos_indices is actuator.pos_indices
         )
 
-    def _add_drive(self, drive: Any, rows: np.ndarray) -> None:
+    def _add_drive(self, drive: DrivePD | DrivePID, rows: np.ndarray) -> None:
         self._gain("joint_target_ke", rows, drive.kp.numpy())
         self._gain("joint_target_kd", rows, drive.kd.numpy())
         if drive.const_effort is not None:
@@ -127,14 +142,14 @@ class DriveTable:
             self.floats["integral_gain"][rows] = drive.ki.numpy()
             self.floats["integral_limit"][rows] = drive.integral_max.numpy()
 
-    def _add_delay(self, delay: Any, dofs: np.ndarray) -> None:
+    def _add_delay(self, delay: Delay | None, dofs: np.ndarray) -> None:
         if delay is not None:
             self.delay_slot[dofs] = np.arange(len(dofs)) + self.lag.shape[1]
             self.lag = np.hstack([self.lag, delay.delay_steps.numpy().reshape(self.num_envs, -1)])
             self.depth = max(self.depth, delay.buf_depth)
 
-    def _add_limit(self, clamp: Any, rows: np.ndarray, dofs: np.ndarray) -> Any:
-        """Take over a limit; returns the largest effort it allows whatever the state."""
+    def _add_limit(self, clamp: ClampingBase, rows: np.ndarray, dofs: np.ndarray) -> np.ndarray | float:
+        """Take over a limit; returns the largest effort that it allows in any state."""
         if isinstance(clamp, ClampingMaxEffort):
             return clamp.max_effort.numpy()
         if isinstance(clamp, ClampingDCMotor):

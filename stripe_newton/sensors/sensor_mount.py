@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which body a ray caster or a camera is fixed to."""
+"""Sensor mount: the body or site that a ray caster or a camera is fixed to."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import newton
 import warp as wp
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.sim.stage import ENV_0, authored_path
+from stripe_newton.sim.scene_context import ENV_0, authored_path
 
-from .prims import Frame, find_frames
+from .prim_paths import Frame, find_frames
 
 if TYPE_CHECKING:
-    import newton
+    from stripe_newton.assets.scene_assets import SceneAssets
 
 __all__ = ["carrying_asset", "find_mount"]
 
@@ -25,7 +26,7 @@ def find_mount(template: newton.ModelBuilder, prim_path: str, where: str, own_pr
         template: One environment.
         prim_path: The path.
         where: The sensor, for errors.
-        own_prim: Whether the last part may be a name of the sensor's own, below a body or the environment.
+        own_prim: Whether the last part may be a new name for the sensor, below a body or the environment.
 
     Raises:
         ConfigError: if there is none, or several.
@@ -33,9 +34,9 @@ def find_mount(template: newton.ModelBuilder, prim_path: str, where: str, own_pr
     try:
         frames = find_frames(template, prim_path, f"{where}.prim_path")
     except ConfigError:
-        parent, _, name = prim_path.rpartition("/")
         if not own_prim:
             raise
+        parent, _, name = prim_path.rpartition("/")
         if authored_path(parent) == ENV_0:
             return Frame(name, -1, wp.transform_identity())
         frames = find_frames(template, parent, f"{where}.prim_path")
@@ -45,7 +46,7 @@ def find_mount(template: newton.ModelBuilder, prim_path: str, where: str, own_pr
     return frames[0]
 
 
-def carrying_asset(scene: Any, template: newton.ModelBuilder, body: int) -> str:
+def carrying_asset(scene: SceneAssets, template: newton.ModelBuilder, body: int) -> str:
     """Path of the asset that a body belongs to; empty for none."""
     if body < 0:
         return ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the device tells the host without being waited for."""
+"""Host flags: numbers that kernels write and the host reads without synchronisation."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __all__ = ["HostFlags"]
 
 
 class HostFlags:
-    """Whole numbers in pinned memory of the host, which kernels write and the host reads at any time.
+    """Integers in pinned memory of the host, written by kernels and read by the host at any time.
 
-    The host sees what the device had done by then; nobody waits.
+    The host sees them as of the work that the device has finished, without waiting for the rest.
 
     Attributes:
-        array: The numbers for kernels, int32, shape ``(count,)``.
+        array: The integers for kernels, int32, shape ``(count,)``.
     """
 
     def __init__(self, count: int, device: str):

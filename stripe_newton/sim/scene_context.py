@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene under construction, and the spelling of prim paths.
+"""Scene context: the scene under construction, and how its prim paths are written.
 
-Calls such as ``spawn_ground_plane("/World/ground", cfg)`` name no stage: they author the scene whose
-``_setup_scene`` (or constructor) runs, found through a context variable, so that several scenes may
-live in one process.
+Calls such as ``spawn_ground_plane("/World/ground", cfg)`` name no stage. They author the scene whose ``_setup_scene``
+(or constructor) runs, found through a context variable, so that several scenes may live in one process.
 """
 
 from __future__ import annotations
@@ -12,23 +11,24 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from pxr import Usd
+from pxr import Usd
 
 __all__ = ["ENV_0", "authored_path", "current_scene", "current_stage", "is_env_path", "scene_context"]
 
 ENV_0 = "/World/envs/env_0"
 """Prim of the template environment; all others are copies of it."""
 
+# The spellings of "in every environment" that Isaac Lab's configs have, and the template environment itself.
 _ENV_PATTERN = re.compile(r"^(\{ENV_REGEX_NS\}|/World/envs/env_(\.\*|\*|\[0-9\]\+|\\d\+|0))(?=/|$)")
+# It holds a SceneContents. ``sim`` lies below ``scene`` and cannot name that class, not even for type checkers.
 _scene: ContextVar[Any] = ContextVar("stripe_newton_scene", default=None)
 
 
 @contextmanager
-def scene_context(scene: Any) -> Iterator[None]:
-    """Make ``scene`` the one that spawners and asset constructors add to."""
+def scene_context(scene: object) -> Iterator[None]:
+    """Inside this context spawners and the constructors of assets, sensors and terrains add to ``scene``."""
     token = _scene.set(scene)
     try:
         yield
@@ -37,7 +37,7 @@ def scene_context(scene: Any) -> Iterator[None]:
 
 
 def current_scene() -> Any:
-    """The scene under construction.
+    """The scene under construction, a :class:`stripe_newton.scene.InteractiveScene`.
 
     Raises:
         RuntimeError: outside the construction of a scene.

@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators whose law is evaluated before every physics step, made of Newton's actuator library."""
+"""Explicit actuators: laws that are evaluated before every physics step, made of Newton's actuator library."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+import newton
+from newton.actuators import ClampingDCMotor, ClampingMaxEffort, ClampingPositionBased, DrivePD, DrivePID
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.matching import match_names, match_values
 
 from .actuator_cfg import ActuatorCfg, PerJoint
+from .drive_table import coordinate
 
 if TYPE_CHECKING:
-    import newton
-
     from stripe_newton.sim import Simulation
 
 __all__ = [
@@ -26,10 +28,10 @@ __all__ = [
     "RemotizedPDActuatorCfg",
 ]
 
-Law = Callable[[dict[str, float]], tuple[type, dict[str, Any]]]
-"""Newton's drive and its arguments, from the numbers of a joint."""
-Limits = list[tuple[type, dict[str, Any]]]
-"""Newton's clamps and their arguments."""
+Part = tuple[type, dict[str, object]]
+"""A drive or a clamp of Newton's, and its arguments."""
+Law = Callable[[dict[str, float]], Part]
+"""The drive of a joint, from the joint's numbers."""
 
 
 @configclass
@@ -40,10 +42,7 @@ class IdealPDActuatorCfg(ActuatorCfg):
     """
 
     def _drive(self, builder: newton.ModelBuilder, names: list[str], dofs: list[int]) -> None:
-        from newton import JointTargetMode
-
-        from .drives import coordinate
-
+        # What the config leaves out is what the file says, read before the loop overwrites it.
         numbers = {name: self._by_joint(name, names, _of_file(builder, name, dofs)) for name in self._needs()}
         law = self._law()
         for i, dof in enumerate(dofs):
@@ -51,8 +50,9 @@ class IdealPDActuatorCfg(ActuatorCfg):
             if coord < 0:
                 raise ValueError(f"joint '{names[i]}' is a ball joint, which ImplicitActuatorCfg alone drives")
             joint = {name: values[i] for name, values in numbers.items()}
+            # The solver must not drive the joint too: without gains and in this mode it passes efforts on.
             builder.joint_target_ke[dof] = builder.joint_target_kd[dof] = 0.0
-            builder.joint_target_mode[dof] = int(JointTargetMode.EFFORT)
+            builder.joint_target_mode[dof] = int(newton.JointTargetMode.EFFORT)
             builder.joint_effort_limit[dof] = joint["effort_limit"]
             kind, arguments = law(joint)
             delay, limits = self._delay(), self._limits(joint)
@@ -74,17 +74,13 @@ class IdealPDActuatorCfg(ActuatorCfg):
         return [found[i] for i in range(len(names))]
 
     def _needs(self) -> tuple[str, ...]:
-        """Fields that are numbers of a joint."""
+        """Fields that every joint needs a number of."""
         return "stiffness", "damping", "effort_limit"
 
     def _law(self) -> Law:
-        from newton.actuators import DrivePD
-
         return lambda joint: (DrivePD, {"kp": joint["stiffness"], "kd": joint["damping"]})
 
-    def _limits(self, joint: dict[str, float]) -> Limits:
-        from newton.actuators import ClampingMaxEffort
-
+    def _limits(self, joint: dict[str, float]) -> list[Part]:
         return [(ClampingMaxEffort, {"max_effort": joint["effort_limit"]})]
 
     def _delay(self) -> int:
@@ -92,7 +88,7 @@ class IdealPDActuatorCfg(ActuatorCfg):
 
 
 def _of_file(builder: newton.ModelBuilder, name: str, dofs: Sequence[int]) -> list[float] | None:
-    """Values that the file says, where it says any."""
+    """Values that the file gives a field of the config; None for fields that no file has."""
     arrays = {
         "stiffness": builder.joint_target_ke, "damping": builder.joint_target_kd,
         "effort_limit": builder.joint_effort_limit,
@@ -118,9 +114,7 @@ class PIDActuatorCfg(IdealPDActuatorCfg):
         return (*super()._needs(), "integral_gain", "integral_limit")
 
     def _law(self) -> Law:
-        from newton.actuators import DrivePID
-
-        def law(joint: dict[str, float]) -> tuple[type, dict[str, Any]]:
+        def law(joint: dict[str, float]) -> Part:
             gains = {"kp": joint["stiffness"], "ki": joint["integral_gain"], "kd": joint["damping"]}
             return DrivePID, {**gains, "integral_max": joint["integral_limit"]}
 
@@ -156,9 +150,7 @@ class DCMotorCfg(IdealPDActuatorCfg):
         curve = ("saturation_effort", "velocity_limit") if self.saturation_effort is not None else ()
         return (*super()._needs(), *curve)
 
-    def _limits(self, joint: dict[str, float]) -> Limits:
-        from newton.actuators import ClampingDCMotor
-
+    def _limits(self, joint: dict[str, float]) -> list[Part]:
         if "saturation_effort" not in joint:
             return super()._limits(joint)
         numbers = {name: joint[name] for name in ("saturation_effort", "velocity_limit")}
@@ -189,7 +181,7 @@ class DelayedPDActuatorCfg(IdealPDActuatorCfg):
             yield "min_delay", f"is {self.min_delay}, must not be larger than max_delay, which is {self.max_delay}"
 
     def _delay(self) -> int:
-        return self.max_delay
+        return self.max_delay  # the depth of the buffer; bind() has lags drawn below it
 
     def bind(self, sim: Simulation, names: Sequence[str], dofs: Sequence[int]) -> None:
         if self.max_delay:
@@ -199,7 +191,7 @@ class DelayedPDActuatorCfg(IdealPDActuatorCfg):
 
 @configclass
 class RemotizedPDActuatorCfg(DelayedPDActuatorCfg):
-    """A delayed PD law behind a linkage: what effort it can bring to the joint depends on the joint's position.
+    """A delayed PD law behind a linkage: the largest effort at the joint depends on the joint's position.
 
     The limit is interpolated linearly in the table, and constant beyond its ends. An ``effort_limit`` holds too.
     """
@@ -227,9 +219,7 @@ class RemotizedPDActuatorCfg(DelayedPDActuatorCfg):
             default = [max(float(row[2]) for row in self.joint_parameter_lookup)] * len(names)
         return super()._by_joint(name, names, default)
 
-    def _limits(self, joint: dict[str, float]) -> Limits:
-        from newton.actuators import ClampingPositionBased
-
+    def _limits(self, joint: dict[str, float]) -> list[Part]:
         positions, _, efforts = zip(*((float(x) for x in row) for row in self.joint_parameter_lookup))
-        table = {"lookup_positions": positions, "lookup_efforts": efforts}
+        table: dict[str, object] = {"lookup_positions": positions, "lookup_efforts": efforts}
         return [*super()._limits(joint), (ClampingPositionBased, table)]

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies between a rendered picture and the one that is handed out: noise of depths, and delay."""
+"""Image corruption: noise of depths and delay of everything, between a rendered image and the one handed out."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import torch
 import warp as wp
@@ -13,18 +11,21 @@ from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 
 from .corruption import Corruption
 
-__all__ = ["PictureChain"]
+__all__ = ["ImageCorruption"]
 
 
-class PictureChain:
-    """Noise of depths and delay of everything, on the device.
+class ImageCorruption:
+    """Noise of depths and delay of all images of a camera, on the device.
+
+    :class:`Corruption` delays floats; images are of several types and large, so they are delayed as 4-byte words, in a
+    ring for each.
 
     Attributes:
-        arrays: What lasts from step to step, by name; what ends in ``rng`` are random streams.
+        arrays: Arrays that persist from step to step, by name; what ends in ``rng`` are random streams.
     """
 
     def __init__(self, num_envs: int, delay: int, device: str):
-        """``delay`` is how many pictures old those are that are handed out."""
+        """Begin without images; ``delay`` is the age of those that are handed out, in images."""
         self._num_envs, self._delay, self._device = num_envs, delay, device
         self._count = wp.zeros(num_envs, dtype=int, device=device)
         self._noisy: dict[str, tuple[Corruption, float, wp.array]] = {}
@@ -34,15 +35,16 @@ class PictureChain:
         """Put noise on depths.
 
         Args:
-            name: What they are.
+            name: Name of the image.
             raw: Depths, infinite where nothing was seen [m], shape ``(num_envs, height, width)``.
             cfg: The noise.
-            missing: What stands for nothing [m].
+            missing: Depth of what is not seen, as handed out [m].
             where: Path of the config's field.
 
         Returns:
-            Where the noisy depths are, same shape.
+            The noisy depths, same shape.
         """
+        # A pixel is a float of the environment: the same kernels as for any other sensor.
         flat = raw.reshape((self._num_envs, -1))
         out = wp.zeros(raw.shape, dtype=float, device=self._device)
         corruption = Corruption(flat, [(slice(0, flat.shape[1]), cfg)], 0, f"{where}.{name}")
@@ -50,7 +52,15 @@ class PictureChain:
         return out
 
     def lag(self, name: str, taken: wp.array) -> wp.array:
-        """Where what is ``taken``, an array of 4-byte elements or vectors of them, is handed out later; like it."""
+        """Delay an image.
+
+        Args:
+            name: Name of the image.
+            taken: Array of 4-byte elements or vectors of them, shape ``(num_envs, ...)``.
+
+        Returns:
+            Where it is handed out later, an array of the same type and shape; ``taken`` itself without a delay.
+        """
         if not self._delay or not taken.size:
             return taken
         out = wp.zeros(taken.shape, dtype=taken.dtype, device=self._device)
@@ -60,7 +70,8 @@ class PictureChain:
         return out
 
     @property
-    def arrays(self) -> dict[str, Any]:
+    def arrays(self) -> dict[str, wp.array]:
+        """Arrays that persist from step to step, by name."""
         found = {"pictures": self._count} if self._rings else {}
         for name, (corruption, _, out) in self._noisy.items():
             own = {f"{name}.{k.removeprefix('corruption.')}": v for k, v in corruption.arrays.items()}
@@ -68,10 +79,11 @@ class PictureChain:
         return found | {f"{name}.ring": ring for name, (_, ring, _) in self._rings.items()}
 
     def launch(self, due: wp.array) -> None:
-        """Let the pictures of some environments pass; ``due`` is bool, shape ``(num_envs,)``."""
+        """Hand out the images of some environments; ``due`` is bool, shape ``(num_envs,)``."""
         for corruption, missing, out in self._noisy.values():
             corruption.launch(due)
             wp.launch(kernels.fill_missing, dim=out.shape, inputs=[due, missing, corruption.out], outputs=[out])
+        # Noise before delay: a late image is one that was taken, noise included.
         for words, ring, out in self._rings.values():
             wp.launch(kernels.delay_words, dim=out.shape, inputs=[due, self._count, words], outputs=[ring, out])
         if self._rings:
@@ -86,6 +98,7 @@ class PictureChain:
 
 
 def _words(array: wp.array) -> wp.array:
-    """The same memory as int32, shape ``(num_envs, size)``."""
+    """The memory of an array as int32, shape ``(num_envs, size)``."""
+    # torch has no uint32 that it can do much with: colours are taken as int32 from the start.
     values = wp.to_torch(array.view(wp.int32) if array.dtype is wp.uint32 else array)
     return wp.from_torch(values.view(len(values), -1).view(torch.int32), dtype=wp.int32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots of others, by name: files that MuJoCo Menagerie, Newton or ``robot_descriptions`` publish."""
+"""Robot library: files of robots that MuJoCo Menagerie, Newton or ``robot_descriptions`` publish, by name."""
 
 from __future__ import annotations
 
@@ -7,12 +7,20 @@ import difflib
 import importlib
 import importlib.util
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+
+import newton
+
+from stripe_newton.sim import MjcfFileCfg, UrdfFileCfg, UsdFileCfg
 
 __all__ = ["ROBOT_SOURCES", "file_spawner", "find_robot"]
 
 ROBOT_SOURCES = ("menagerie", "newton", "descriptions")
-"""Where :func:`find_robot` looks."""
+"""Sources that :func:`find_robot` knows."""
+
+_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz", ".urdf", ".xml")
+"""Suffixes of robot files."""
 
 _NEWTON = {
     "anybotics_anymal_c": "usd/anymal_c.usda",
@@ -56,22 +64,21 @@ def find_robot(name: str, source: str | None = None, file: str | None = None) ->
     return path
 
 
-def file_spawner(path: str | Path, **options: Any) -> Any:
+def file_spawner(path: str | Path, **options: Any) -> UsdFileCfg | UrdfFileCfg | MjcfFileCfg:
     """The spawner config for a robot's file: ``UsdFileCfg``, ``UrdfFileCfg`` or ``MjcfFileCfg`` by its suffix.
 
     Args:
         path: The file.
         options: Further fields of that config.
     """
-    from stripe_newton.sim import MjcfFileCfg, UrdfFileCfg, UsdFileCfg
-
     suffix = Path(path).suffix.lower()
     if suffix in (".usd", ".usda", ".usdc", ".usdz"):
         return UsdFileCfg(usd_path=str(path), **options)
-    kinds = {".urdf": UrdfFileCfg, ".xml": MjcfFileCfg, ".mjcf": MjcfFileCfg}
-    if suffix not in kinds:
-        raise ValueError(f"'{path}': expected a file .usd, .usda, .usdc, .usdz, .urdf or .xml (MJCF)")
-    return kinds[suffix](asset_path=str(path), **options)
+    if suffix == ".urdf":
+        return UrdfFileCfg(asset_path=str(path), **options)
+    if suffix in (".xml", ".mjcf"):
+        return MjcfFileCfg(asset_path=str(path), **options)
+    raise ValueError(f"'{path}': expected a file .usd, .usda, .usdc, .usdz, .urdf or .xml (MJCF)")
 
 
 def _choose(name: str) -> str:
@@ -108,10 +115,8 @@ def _newton(name: str, file: str | None) -> Path:
     if inside is None:
         raise LookupError(f"robot '{name}' of newton: give the file inside its folder as well, file='usd/...'")
     _package("git", "GitPython", name)
-    from newton.utils import download_asset
-
     try:
-        return Path(download_asset(name)) / inside
+        return Path(newton.utils.download_asset(name)) / inside
     except Exception as error:  # Git's, the operating system's and Newton's own
         advice = "or set NEWTON_CACHE_PATH to a cache that was filled elsewhere"
         raise _unreachable(name, "Newton's asset repository", error, advice) from error
@@ -134,7 +139,7 @@ def _installed(module: str) -> bool:
     return importlib.util.find_spec(module) is not None
 
 
-def _package(module: str, package: str, name: str) -> Any:
+def _package(module: str, package: str, name: str) -> ModuleType:
     if not _installed(module):
         raise ImportError(f"robot '{name}': '{package}' is not installed; run 'pip install {package}'")
     return importlib.import_module(module)
@@ -149,10 +154,7 @@ def _unreachable(name: str, where: str, error: Exception, advice: str) -> Connec
 
 
 def _beside(path: Path) -> str:
-    """What there is in place of a file that is not there."""
+    """The files beside one that does not exist, for an error message."""
     folder = next((p for p in path.parents if p.is_dir()), None)
     files = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.suffix in _SUFFIXES) if folder else []
     return f"'{folder}' has {', '.join(files[:12]) or 'no robot files'}"
-
-
-_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz", ".urdf", ".xml")

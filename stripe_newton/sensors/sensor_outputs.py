@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sensor writes and what is read of it, with noise and delay in between where the config asks for them."""
+"""Sensor outputs: the struct that a sensor writes and the one that is read, with noise and delay in between."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Generic, TypeVar
 
 import warp as wp
 
@@ -12,22 +12,26 @@ from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 
 from .corruption import Corruption
 
-__all__ = ["Outputs", "output_problems"]
+__all__ = ["SensorOutputs", "output_problems"]
+
+T = TypeVar("T")
 
 
-class Outputs:
+class SensorOutputs(Generic[T]):
     """The arrays of a struct as columns of one block of floats, ``(num_envs, size)``.
+
+    One block, so that noise and delay take two launches whatever the number of outputs.
 
     Attributes:
         raw: The struct that the sensor's kernels write.
-        struct: The struct that is read; the same without noise and delay.
-        arrays: What lasts from step to step, by name.
+        struct: The struct that is read; the same one without noise and delay.
+        arrays: Arrays that persist from step to step, by name.
     """
 
     def __init__(
         self,
-        struct: Any,
-        fields: Mapping[str, tuple[Any, int | None]],
+        struct: type[T],
+        fields: Mapping[str, tuple[type, int | None]],
         num_envs: int,
         noise: Mapping[str, NoiseCfg | NoiseModelCfg],
         delay: int,
@@ -40,30 +44,32 @@ class Outputs:
             fields: Type of each of its arrays, and how many an environment has; None for arrays ``(num_envs,)``.
             num_envs: Number of environments.
             noise: Noise by array.
-            delay: How many measurements old what is read is.
+            delay: Age of what is read, in measurements.
             where: Path of the config's noise, for errors and random numbers.
 
         Raises:
             ConfigError: for noise that does not fit.
         """
-        self._struct, self._fields, self._parts, size = struct, fields, {}, 0
+        self._struct, self._fields = struct, fields
+        self._columns, size = dict[str, slice](), 0
         for field, (kind, count) in fields.items():
-            width = kind._length_ * (1 if count is None else count)
-            self._parts[field] = slice(size, size + width)
+            width = kind._length_ * (1 if count is None else count)  # type: ignore[attr-defined]  # a Warp vector
+            self._columns[field] = slice(size, size + width)
             size += width
         block = wp.zeros((num_envs, size), dtype=float)
         self._corruption = None
         if noise or delay:
-            parts = [(self._parts[field], cfg) for field, cfg in noise.items()]
+            parts = [(self._columns[field], cfg) for field, cfg in noise.items()]
             self._corruption = Corruption(block, parts, delay, where)
         self.raw = self._views(block)
         self.struct = self._views(self._corruption.out) if self._corruption else self.raw
         self.arrays = {"measured": block} | (self._corruption.arrays if self._corruption else {})
 
-    def _views(self, block: wp.array) -> Any:
+    def _views(self, block: wp.array) -> T:
         made, values = self._struct(), wp.to_torch(block)
         for field, (kind, count) in self._fields.items():
-            part = values[:, self._parts[field]]
+            # Warp takes strided views of torch's: the columns stay where they are.
+            part = values[:, self._columns[field]]
             part = part if count is None else part.unflatten(1, (count, -1))
             setattr(made, field, wp.from_torch(part, dtype=kind))
         return made
@@ -87,18 +93,22 @@ class Outputs:
             self._corruption.restart(env_mask)
 
 
-def output_problems(cfg: Any, outputs: tuple[str, ...], what: str) -> Iterator[tuple[str, str]]:
-    """What is wrong with the ``noise``, ``delay`` and ``history_length`` of a config.
+def output_problems(
+    noise: Mapping[str, NoiseCfg | NoiseModelCfg], delay: int, history_length: int, outputs: tuple[str, ...], what: str
+) -> Iterator[tuple[str, str]]:
+    """Problems of the ``noise``, ``delay`` and ``history_length`` of a config.
 
     Args:
-        cfg: The config.
+        noise: Noise by output.
+        delay: Age of what is read, in measurements.
+        history_length: Past measurements that the config asks for; these sensors keep none.
         outputs: Outputs that may have noise.
-        what: What the sensor is.
+        what: What the sensor is, such as "an IMU".
     """
-    for name in cfg.noise:
+    for name in noise:
         if name not in outputs:
             yield "noise", f"has '{name}', must be of {', '.join(outputs)}"
-    if not isinstance(cfg.delay, int) or cfg.delay < 0:
-        yield "delay", f"is {cfg.delay!r}, must be a whole number of measurements, 0 or more"
-    if cfg.history_length:
+    if not isinstance(delay, int) or delay < 0:
+        yield "delay", f"is {delay!r}, must be a whole number of measurements, 0 or more"
+    if history_length:
         yield "history_length", f"is not kept by {what}; give the observation term a history instead"

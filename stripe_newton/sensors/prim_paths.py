@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the prim paths of sensors mean: bodies, sites and colliders of one environment, and of what all share.
+"""Prim paths of sensors: the bodies, sites and colliders that they name, in one environment and in what all share.
 
-A path names what lies below the prims that its parts are, in their order; importers may put prims of their own in
-between. Its last part is an expression for a name.
+A path matches what lies below the prims that its parts name, in their order. The parts need not follow each other
+directly, as importers may put prims of their own in between. The last part is a regular expression for a name.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from stripe_newton.configclass import ConfigError, configclass
-from stripe_newton.sim.stage import authored_path, is_env_path
+from stripe_newton.sim.scene_context import authored_path, is_env_path
 
 __all__ = ["Frame", "OffsetCfg", "find_bodies", "find_colliders", "find_frames", "per_shape", "split_path"]
 
@@ -36,7 +36,7 @@ class OffsetCfg:
 
     @property
     def transform(self) -> wp.transform:
-        """The same as a Warp transform."""
+        """The offset as a Warp transform."""
         return wp.transform(wp.vec3(*self.pos), wp.normalize(wp.quat(*self.rot)))
 
 
@@ -60,14 +60,16 @@ def split_path(prim_path: str) -> tuple[str, str]:
     """A prim path as the authored path of the parent and the expression below it.
 
     Raises:
-        ValueError: if the parent's path is no path.
+        ValueError: if the parent's path is not a valid one.
     """
     parent, _, expression = prim_path.rpartition("/")
     return authored_path(parent), expression
 
 
 def find_bodies(builder: newton.ModelBuilder, prim_path: str, where: str) -> tuple[list[int], list[str]]:
-    """Bodies that a prim path names, in the builder's order; a prim that is no body stands for the only one below it.
+    """Bodies that a prim path names, in the builder's order.
+
+    A path that matches no body, but a prim with a single body below it, names that one: the root link of an asset.
 
     Args:
         builder: One environment.
@@ -75,7 +77,7 @@ def find_bodies(builder: newton.ModelBuilder, prim_path: str, where: str) -> tup
         where: Path of the config's field, for the error.
 
     Returns:
-        Bodies, and their names: the last part of the path, or more of it where that is ambiguous.
+        Bodies, and their names: the last part of the path, or the path where that is ambiguous.
 
     Raises:
         ConfigError: if there are none; the message says what there is.
@@ -99,7 +101,7 @@ def find_frames(builder: newton.ModelBuilder, prim_path: str, where: str) -> lis
     labels = {i: label for i, label in enumerate(builder.shape_label) if builder.shape_flags[i] & is_site}
     bodies, sites = _below(parent, builder.body_label), _below(parent, labels)
     on_bodies, on_sites = _named(bodies, expression), _named(sites, expression)
-    if on_sites and not on_bodies:
+    if on_sites and not on_bodies:  # a site named like a body, such as the frame of a link, gives way to it
         poses = ((builder.shape_body[i], wp.transform(*builder.shape_transform[i])) for i in on_sites)
         return [Frame(name, body, pose) for name, (body, pose) in zip(_names(on_sites), poses)]
     found = on_bodies or _only_inside(bodies, expression)
@@ -129,53 +131,61 @@ def find_colliders(
     parent, expression = split_path(prim_path)
     inside = is_env_path(parent)
     builder = template if inside else static
-    below = _below(parent, builder.body_label)
-    bodies = _named(below, expression)
+    bodies = _named(_below(parent, builder.body_label), expression)
     shapes = {name: list(builder.body_shapes[body]) for body, name in zip(bodies, _names(bodies))}
-    if not bodies:
-        at = [(path, [index]) for index, path in _below(parent, builder.shape_label).items()]
-        at += [(path, builder.body_shapes[body]) for body, path in below.items()]
-        for path, indices in at:
-            known = shapes.setdefault(_head(path, expression), [])
-            known += [i for i in indices if i not in known]
-        shapes.pop("", None)
-    collides = newton.ShapeFlags.COLLIDE_SHAPES
-    shapes = {name: [i for i in found if builder.shape_flags[i] & collides] for name, found in shapes.items()}
-    shapes = {name: found for name, found in shapes.items() if found}
-    if not shapes:
-        labels = [label for label, flags in zip(builder.shape_label, builder.shape_flags) if flags & collides]
+    if not bodies:  # a static prim, or one with bodies below it that count as one filter
+        shapes = _shapes_below(builder, parent, expression)
+    flags, collides = builder.shape_flags, newton.ShapeFlags.COLLIDE_SHAPES
+    colliders = {name: [i for i in found if flags[i] & collides] for name, found in shapes.items()}
+    colliders = {name: found for name, found in colliders.items() if found}
+    if not colliders:
+        labels = [label for label, flag in zip(builder.shape_label, flags) if flag & collides]
         raise ConfigError([f"{where}: no collider at '{prim_path}'; there is {_list(labels)}"])
-    return {name: (found, []) if inside else ([], found) for name, found in shapes.items()}
+    return {name: (found, []) if inside else ([], found) for name, found in colliders.items()}
+
+
+def _shapes_below(builder: newton.ModelBuilder, parent: str, expression: str) -> dict[str, list[int]]:
+    """Shapes at and below each prim that the expression names, those of bodies below it included."""
+    shapes: dict[str, list[int]] = {}
+    below = [(path, [index]) for index, path in _below(parent, builder.shape_label).items()]
+    below += [(path, builder.body_shapes[body]) for body, path in _below(parent, builder.body_label).items()]
+    for path, indices in below:
+        if head := _head(path, expression):
+            known = shapes.setdefault(head, [])
+            known += [i for i in indices if i not in known]
+    return shapes
 
 
 def per_shape(template: np.ndarray, static: np.ndarray, num_envs: int) -> np.ndarray:
     """A value for each shape of the model, from those of the shapes in one environment and of the shared ones."""
+    # Newton adds what is shared first, then one environment after the other.
     return np.concatenate((static, np.tile(template, num_envs))).astype(np.int32)
 
 
 def _below(parent: str, labels: Sequence[str] | Mapping[int, str]) -> dict[int, str]:
-    """The rest of the paths that begin with the parts of ``parent``, by index."""
+    """The rest of the paths that contain the parts of ``parent`` in their order, by index."""
     parts, found = parent.split("/"), {}
     for index, label in labels.items() if isinstance(labels, Mapping) else enumerate(labels):
-        have = 0
+        matched = 0
         names = label.split("/")
         for depth, name in enumerate(names):
-            have += have < len(parts) and name == parts[have]
-            if have == len(parts) and depth + 1 < len(names):
+            matched += matched < len(parts) and name == parts[matched]
+            if matched == len(parts) and depth + 1 < len(names):
                 found[index] = "/".join(names[depth + 1 :])
                 break
     return found
 
 
 def _named(paths: dict[int, str], expression: str) -> dict[int, str]:
-    """Those whose name, or path, the expression matches; only the very path where there is one."""
+    """Paths that the expression matches, or whose last part it matches; a path equal to it comes alone."""
+    # An exact path is no expression: a name with a dot would match others, too.
     exact = {i: p for i, p in paths.items() if p == expression}
     pattern = _compiled(expression)
     return exact or {i: p for i, p in paths.items() if pattern.fullmatch(p.rpartition("/")[2]) or pattern.fullmatch(p)}
 
 
 def _only_inside(paths: dict[int, str], expression: str) -> dict[int, str]:
-    """The one below the prim that the expression names, if there is one alone."""
+    """The single path below the prim that the expression names; none where there are several."""
     found = {i: p for i, p in paths.items() if _head(p, expression)}
     return found if len(found) == 1 else {}
 
@@ -201,5 +211,6 @@ def _names(paths: dict[int, str]) -> list[str]:
 
 
 def _list(names: Iterable[str]) -> str:
+    """Names for an error message, not too many of them."""
     there = list(names)
     return ", ".join(there[:20]) + (", ..." if len(there) > 20 else "") if there else "none"

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators learned from measurements."""
+"""Network actuators: laws that were learned from measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+
+from newton.actuators import DriveNeuralLSTM, DriveNeuralMLP
 
 from stripe_newton.configclass import MISSING, configclass
 
 from .actuator_cfg import PerJoint
-from .explicit_cfg import DCMotorCfg, Law
+from .explicit_actuators import DCMotorCfg, Law
 
 __all__ = ["ActuatorNetLSTMCfg", "ActuatorNetMLPCfg"]
 
@@ -38,11 +39,9 @@ class ActuatorNetLSTMCfg(DCMotorCfg):
         return tuple(name for name in super()._needs() if name not in ("stiffness", "damping"))
 
     def _law(self) -> Law:
-        from newton.actuators import DriveNeuralLSTM
+        from .network_files import prepare_lstm  # loads onnx, which few scenes need
 
-        from .networks import prepare_lstm
-
-        arguments = {"model_path": str(prepare_lstm(self.network_file))}
+        arguments: dict[str, object] = {"model_path": str(prepare_lstm(self.network_file))}
         return lambda joint: (DriveNeuralLSTM, arguments)
 
 
@@ -57,15 +56,16 @@ class ActuatorNetMLPCfg(ActuatorNetLSTMCfg):
     network_file: str = MISSING
     """The network: ONNX, or TorchScript, which is converted; input ``(n, 2 * len(input_idx))``, output ``(n, 1)``."""
     pos_scale: float | None = None
-    """Factor on position errors. Where this and the following are ``None``, the file's metadata hold, else 1."""
+    """Factor on position errors. Where this and the following are ``None``, the file's metadata decide, and without
+    them it is 1."""
     vel_scale: float | None = None
     """Factor on velocities."""
     torque_scale: float | None = None
     """Factor on the output."""
     input_order: str | None = None
-    """``"pos_vel"`` or ``"vel_pos"``: which come first; the first one if the file does not say."""
+    """``"pos_vel"`` or ``"vel_pos"``: which inputs come first; ``"pos_vel"`` without metadata."""
     input_idx: list[int] | None = None
-    """Steps back in time that the network looks at, 0 the present; ``[0]`` if the file does not say."""
+    """Steps back in time that the network looks at, 0 the present; ``[0]`` without metadata."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()
@@ -81,13 +81,11 @@ class ActuatorNetMLPCfg(ActuatorNetLSTMCfg):
             yield "input_idx", f"is {self.input_idx}, must be steps back in time, whole numbers of 0 or more"
 
     def _law(self) -> Law:
-        from newton.actuators import DriveNeuralMLP
+        from .network_files import prepare_mlp  # loads onnx, which few scenes need
 
-        from .networks import prepare_mlp
-
-        said: dict[str, Any] = {
+        given = {
             "pos_scale": self.pos_scale, "vel_scale": self.vel_scale, "effort_scale": self.torque_scale,
             "input_order": self.input_order, "input_idx": self.input_idx and list(self.input_idx),
         }  # fmt: skip
-        path = prepare_mlp(self.network_file, **{name: value for name, value in said.items() if value is not None})
+        path = prepare_mlp(self.network_file, **{name: value for name, value in given.items() if value is not None})
         return lambda joint: (DriveNeuralMLP, {"model_path": str(path)})

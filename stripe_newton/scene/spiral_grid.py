@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the environments stand."""
+"""Spiral grid: origins of the environments on a square grid, wound around the first one."""
 
 from __future__ import annotations
 

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Terrain base: the ground of a scene, as the rest of the scene sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import newton
+import warp as wp
+from pxr import Usd
+
+from stripe_kernels.terrain import TerrainData
+from stripe_newton.configclass import MISSING, configclass
+
+from .asset_base import AssetBase
+
+if TYPE_CHECKING:
+    from stripe_newton.terrains.ground import Ground
+
+__all__ = ["GroundAsset", "TerrainBase", "TerrainBaseCfg"]
+
+
+@configclass
+class TerrainBaseCfg:
+    """Base of the terrain configs: a field of the scene's config of this type becomes ``scene.terrain``."""
+
+    class_type: Callable[..., TerrainBase] | None = None
+    """Class that the scene makes of this config."""
+    prim_path: str = MISSING
+    """Prim path, such as ``/World/ground``; not in an environment."""
+
+
+class TerrainBase:
+    """Base of ``scene.terrain``, the ground of the environments.
+
+    The defaults are those of a ground that is nothing but a prim of the stage, such as a plane.
+    """
+
+    path: str
+    """Prim path."""
+    struct: TerrainData | None = None
+    """The ground as terms and sensors read it; None if it offers nothing to them."""
+    ground: Ground | None = None
+    """The height field on the host; None if there is none."""
+
+    @property
+    def arrays(self) -> dict[str, wp.array]:
+        """Arrays that persist from step to step, by name; none by default."""
+        return {}
+
+    def add_to(self, static: newton.ModelBuilder) -> None:
+        """Add shapes that are not in the stage to what all environments share."""
+
+    def author(self, stage: Usd.Stage) -> None:
+        """Write what is not in the stage of the scene into ``stage``, a copy of it that is exported."""
+
+
+class GroundAsset(AssetBase, TerrainBase):
+    """A static asset that is the terrain of a scene."""

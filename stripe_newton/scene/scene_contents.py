@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene contents: the stage, simulation, assets and sensors of a scene, and the config that says how many there are.
+
+Builder, controller and querier of a scene work on its contents, without knowing the scene itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from typing import Any, ClassVar
+
+import torch
+from pxr import Usd
+
+from stripe_newton.assets import Articulation, AssetBase, RigidObject, TerrainBase
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.sensors import SensorBase
+from stripe_newton.sim import Simulation
+from stripe_newton.sim.scene_context import scene_context
+
+from .spiral_grid import spiral_grid
+
+__all__ = ["InteractiveSceneCfg", "SceneContents"]
+
+
+@configclass
+class InteractiveSceneCfg:
+    """Number of environments, and what is in each.
+
+    Subclass it and add assets as fields, in the order they are to be spawned::
+
+        @configclass
+        class SceneCfg(InteractiveSceneCfg):
+            ground = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
+            robot: ArticulationCfg = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
+    """
+
+    num_envs: int = MISSING
+    """Number of environments."""
+    env_spacing: float = MISSING
+    """Distance between neighbouring environments [m]. With 0 all stand at the origin, where float32 is finest."""
+    lazy_sensor_update: bool = True
+    """Ignored: sensors measure as part of the step, in their ``update_period``."""
+    replicate_physics: bool = True
+    """Must be True: Newton always replicates one environment."""
+    filter_collisions: bool = True
+    """Ignored: environments never collide with each other."""
+    clone_in_fabric: bool = False
+    """Ignored: prims are never copied."""
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "lazy_sensor_update": "sensors measure as part of the step, in their update_period",
+        "filter_collisions": "environments never collide with each other",
+        "clone_in_fabric": "prims are never copied",
+    }
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.num_envs is not MISSING and (not isinstance(self.num_envs, int) or self.num_envs < 1):
+            yield "num_envs", f"is {self.num_envs!r}, must be a whole number, 1 or more"
+        if self.env_spacing is not MISSING and not (math.isfinite(self.env_spacing) and self.env_spacing >= 0):
+            yield "env_spacing", f"is {self.env_spacing!r}, must be a distance, 0 or more [m]"
+        if not self.replicate_physics:
+            yield "replicate_physics", "is False, but Newton replicates one environment; leave it True"
+
+
+class SceneContents:
+    """Stage, simulation, assets and sensors of a scene."""
+
+    cfg: InteractiveSceneCfg
+    """The config."""
+    stage: Usd.Stage
+    """The USD stage."""
+    sim: Simulation
+    """The simulation."""
+    device: str
+    """``"cpu"`` or ``"cuda:N"``."""
+    assets: list[AssetBase]
+    """Every asset in order of construction."""
+    articulations: dict[str, Articulation]
+    """Articulations by name."""
+    rigid_objects: dict[str, RigidObject]
+    """Rigid bodies by name."""
+    sensors: dict[str, SensorBase]
+    """Sensors by name."""
+    extras: dict[str, AssetBase]
+    """Static assets by name."""
+    terrain: TerrainBase | None
+    """Ground of the environments, if the scene names it."""
+    env_origins: torch.Tensor
+    """Origins of the environments in the world frame [m], shape ``(num_envs, 3)``."""
+    cloned: bool
+    """Whether the environment is complete."""
+    built: bool
+    """Whether the model is made."""
+
+    def __init__(self, cfg: InteractiveSceneCfg, sim: Simulation, stage: Usd.Stage):
+        self.cfg, self.sim, self.stage = cfg, sim, stage
+        self.device = sim.device
+        self.assets, self.articulations, self.rigid_objects = [], {}, {}
+        self.sensors, self.extras = {}, {}
+        self.terrain = None
+        # One tensor for life: a terrain writes into it, and kernels read its memory.
+        self.env_origins = torch.from_numpy(spiral_grid(cfg.num_envs, cfg.env_spacing)).to(self.device)
+        self.cloned = self.built = False
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments."""
+        return self.cfg.num_envs
+
+    def keys(self) -> list[str]:
+        """Names of everything in the scene."""
+        terrain = ["terrain"] if self.terrain is not None else []
+        return [*terrain, *self.articulations, *self.rigid_objects, *self.sensors, *self.extras]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __getitem__(self, key: str) -> Any:  # of whichever class the config of that name makes
+        if key == "terrain" and self.terrain is not None:
+            return self.terrain
+        for family in (self.articulations, self.rigid_objects, self.sensors, self.extras):
+            if key in family:
+                return family[key]
+        raise KeyError(f"no '{key}' in the scene; it has {', '.join(self.keys()) or 'nothing'}")
+
+    def construction(self) -> AbstractContextManager[None]:
+        """Inside this context spawners and assets add to this scene."""
+        return scene_context(self)
+
+    def register(self, asset: AssetBase) -> None:
+        """Add an asset that was just spawned.
+
+        Raises:
+            RuntimeError: if the model is built already, or the environments were cloned.
+            ValueError: if there is an asset at its path already.
+        """
+        if self.built or (self.cloned and asset.in_every_env):
+            when = "the scene is built" if self.built else "'clone_environments' was called"
+            raise RuntimeError(f"'{asset.cfg.prim_path}' comes after {when}: create it before")
+        if asset.path in {a.path for a in self.assets}:
+            raise ValueError(f"two assets at '{asset.cfg.prim_path}': give each its own prim_path")
+        self.assets.append(asset)
