@@ -13,7 +13,7 @@ import warp as wp
 from stripe_newton.configclass import ConfigError
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
-from stripe_newton.spec.pictures import ScenePictures, _still_life
+from stripe_newton.specifications.scene_pictures import ScenePictures, _still_life
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_tasks.robots import ANT_CFG
 from tests.small_wood import SmallWood

@@ -13,7 +13,7 @@ import warp as wp
 
 from stripe_newton.configclass import ConfigError
 from stripe_newton.viewers import LiveViewer, SceneRenderer, VideoWriter, ViewerCfg, save_image
-from stripe_newton.viewers.camera import Follower, camera_axes, frame_points
+from stripe_newton.viewers.camera_framing import Follower, camera_axes, frame_points
 
 ASSETS = Path(newton.__file__).parent / "examples" / "assets"
 SMALL = (96, 64)

@@ -136,7 +136,7 @@ class SceneBuilder:
 
     def _find_terrain(self) -> tuple[str, ...]:
         """Make the terrain of a height field that an exported stage holds; its path, which no importer is to read."""
-        from stripe_newton.terrains.exchange import found_terrain
+        from stripe_newton.terrains.terrain_importer import found_terrain
 
         if self._scene.terrain is None and (cfg := found_terrain(self._scene.stage)) is not None:
             self.build_terrain(cfg)

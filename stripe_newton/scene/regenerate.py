@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pxr import Sdf, Usd
 
 from stripe_newton.sim.height_field import replace_heights
-from stripe_newton.terrains.exchange import ground_prims, placement, read_ground
+from stripe_newton.terrains.ground_usd import ground_prims, placement, read_ground
 
 from .scenery import Scenery, read_scenery
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stage in other units than metres and kilograms, rewritten in SI.
+"""Stage units: a stage in units other than metres and kilograms, converted to SI.
 
-Newton reads lengths and masses as they are authored. A stage in centimetres is therefore copied (flattened) and each
-authored value of a known physical dimension is multiplied. The up axis is left alone: Newton rotates by itself.
+Newton reads lengths and masses as they are authored. A stage in centimetres is therefore copied (flattened), and each
+authored value of a known physical dimension is multiplied by a factor. The up axis stays: Newton rotates by itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-from .stage import open_stage
+from .stage_access import open_stage
 
 __all__ = ["mixed_units", "si_stage", "stage_units", "to_si"]
 
@@ -71,7 +71,7 @@ _BY_TYPE: dict[str, dict[str, tuple[int, int]]] = {
         "newton:limitDamping": _ANGULAR_GAIN,
     },
 }
-# Shapes whose size is in the schema: unauthored, it is this many stage units.
+# Default sizes of shapes in stage units. A size that is not authored must be scaled too, so it is authored first.
 _SHAPE_SIZES: dict[str, dict[str, float]] = {
     "Cube": {"size": 2.0},
     "Sphere": {"radius": 1.0},
@@ -83,16 +83,16 @@ _SHAPE_SIZES: dict[str, dict[str, float]] = {
 
 
 def stage_units(stage: Usd.Stage) -> tuple[float, float]:
-    """Metres and kilograms a unit of the stage. Unauthored metadata counts as SI, as Newton has it."""
+    """Metres and kilograms per unit of the stage. Metadata that is not authored means SI, as in Newton."""
     metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else 1.0
     authored = UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage)
     return metres, (UsdPhysics.GetStageKilogramsPerUnit(stage) if authored else 1.0)
 
 
 def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
-    """``(path, what, why)`` where units look wrong: files of other units referenced as they are, odd gravity.
+    """``(path, what, why)`` where units look wrong: referenced files with other units, or an unlikely gravity.
 
-    USD does not rescale what it references; the scale has to be authored where the reference is.
+    USD does not rescale referenced files; the scale must be authored where the reference is.
     """
     metres, rows = stage_units(stage)[0], []
     for layer in stage.GetUsedLayers():
@@ -109,7 +109,7 @@ def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
 
 
 def to_si(stage: Usd.Stage) -> Usd.Stage:
-    """The stage itself where it is in metres and kilograms, else a flattened copy that is."""
+    """The stage itself if it is in metres and kilograms, otherwise a flattened copy that is."""
     metres, kilograms = stage_units(stage)
     if math.isclose(metres, 1.0) and math.isclose(kilograms, 1.0):
         return stage
@@ -130,9 +130,9 @@ def to_si(stage: Usd.Stage) -> Usd.Stage:
 
 
 def si_stage(path: str | Path) -> Usd.Stage:
-    """A file to be referenced from a scene in metres, kilograms and Z up: converted where its units are others.
+    """Open a file to reference it from a scene in metres, kilograms and Z up, converted to these units.
 
-    USD neither rescales nor rotates what it references. A file with another up axis is warned of: it comes lying.
+    USD neither rescales nor rotates referenced files. A file with another up axis would lie on its side: it warns.
     """
     stage = open_stage(path)
     if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.z:
@@ -153,6 +153,7 @@ def _add_shape_sizes(prim: Sdf.PrimSpec) -> None:
 
 
 def _dimension(type_name: str, name: str) -> tuple[int, int] | None:
+    """Exponents of length and mass in an attribute's unit; None for a number without unit."""
     if name in _SHAPE_SIZES.get(type_name, {}):
         return _LENGTH
     if name in _BY_TYPE.get(type_name, {}):
@@ -171,7 +172,7 @@ def _scale_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, factor: flo
 def _scaled(value: object, factor: float) -> object:
     if isinstance(value, (Gf.Matrix4d, Gf.Matrix4f)):
         matrix = type(value)(value)
-        for column in range(3):
+        for column in range(3):  # the translation alone: rotation and scale have no unit
             matrix[3, column] = matrix[3, column] * factor
         return matrix
     if isinstance(value, (int, float)):

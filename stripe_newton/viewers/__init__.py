@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from .viewer_cfg import ViewerCfg
 
 if TYPE_CHECKING:
-    from .live import LiveViewer
-    from .renderer import SceneRenderer
+    from .live_viewer import LiveViewer
+    from .scene_renderer import SceneRenderer
     from .video import VideoWriter, save_image
 
 __all__ = ["LiveViewer", "SceneRenderer", "VideoWriter", "ViewerCfg", "save_image"]
 
-_HOME = {"LiveViewer": "live", "SceneRenderer": "renderer", "VideoWriter": "video", "save_image": "video"}
+_HOME = {"LiveViewer": "live_viewer", "SceneRenderer": "scene_renderer", "VideoWriter": "video", "save_image": "video"}
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ from newton.sensors import SensorCamera
 
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
 
-from .camera import camera_axes
+from .camera_framing import camera_axes
 from .display_model import DisplayModel
 from .lighting import Lighting
 from .scenery_tracer import SceneryTracer

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Specifications: what a scene is made of, in plain Python, from which any number of scenes is generated.
+
+No simulator has to run. A scene is a USD stage; see :class:`SceneSpec`.
+"""
+
+from .asset_mesh import AssetMesh, Collider, DynamicMesh, MeshPart, instancable
+from .asset_spec import AssetInstance, AssetSpec, IdenticalAssetSpec
+from .collider_fitting import fit_collider
+from .mesh_files import UniversalMesh, USDMesh
+from .places import Places
+from .primitive_meshes import BoxMesh, CapsuleMesh, ConeMesh, CylinderMesh, DebugMesh, PrimitiveMesh, SphereMesh
+from .scene_cfg_factory import SceneCfgFactory, SceneStageCfg
+from .scene_spec import Scene, SceneSpec
+from .terrain_instance import TerrainInstance
+from .tile_grid_spec import TileGridSpec
+from .training_spec import TaskEnvCfg, TrainingSpec
+
+__all__ = [
+    "AssetInstance",
+    "AssetMesh",
+    "AssetSpec",
+    "BoxMesh",
+    "CapsuleMesh",
+    "Collider",
+    "ConeMesh",
+    "CylinderMesh",
+    "DebugMesh",
+    "DynamicMesh",
+    "IdenticalAssetSpec",
+    "MeshPart",
+    "Places",
+    "PrimitiveMesh",
+    "Scene",
+    "SceneCfgFactory",
+    "SceneSpec",
+    "SceneStageCfg",
+    "SphereMesh",
+    "TaskEnvCfg",
+    "TerrainInstance",
+    "TileGridSpec",
+    "TrainingSpec",
+    "USDMesh",
+    "UniversalMesh",
+    "fit_collider",
+    "instancable",
+]

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which assets a scene has, and where."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .asset_mesh import AssetMesh
+
+if TYPE_CHECKING:
+    from .terrain_instance import TerrainInstance
+
+__all__ = ["AssetInstance", "AssetSpec", "IdenticalAssetSpec"]
+
+
+@dataclass(frozen=True, eq=False)
+class AssetInstance:
+    """One asset at its place.
+
+    Attributes:
+        name: Name of the instance, unique within its spec.
+        mesh: What it is made of.
+        position: Of the mesh's origin, in the world [m].
+        rotation: Orientation, xyzw.
+        scale: Factor on its size.
+        tags: Semantic labels beside those of the mesh.
+    """
+
+    name: str
+    mesh: AssetMesh
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    scale: float = 1.0
+    tags: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> list[str]:
+        """Semantic labels: what the mesh is, then the tags."""
+        return [self.mesh.semantic or self.mesh.name, *self.tags]
+
+
+class AssetSpec(ABC):
+    """Assets of one kind; a subclass says which and where.
+
+    Args:
+        name: An identifier, unique within the scene.
+    """
+
+    def __init__(self, name: str):
+        if not name.isidentifier():
+            raise ValueError(f"asset '{name}': the name must be an identifier: letters, digits and '_'")
+        self.name = name
+
+    @abstractmethod
+    def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterable[AssetInstance]:
+        """Instances on a terrain.
+
+        Args:
+            terrain: The ground, with everything that earlier specs of the scene put onto it in ``terrain.placed``.
+            rng: The only source of chance; the same generator gives the same instances.
+        """
+
+    def create_instance(
+        self,
+        name: str,
+        mesh: AssetMesh,
+        position: Sequence[float],
+        rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+        scale: float = 1.0,
+        tags: Sequence[str] = (),
+    ) -> AssetInstance:
+        """An instance, checked.
+
+        Raises:
+            ValueError: if the name is no identifier, or numbers are not finite.
+        """
+        where = f"asset '{self.name}', instance '{name}'"
+        if not name.isidentifier():
+            raise ValueError(f"{where}: the name must be an identifier: letters, digits and '_'")
+        x, y, z = (float(p) for p in position)
+        qx, qy, qz, qw = (float(q) for q in rotation)
+        length = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+        if not math.isfinite(x + y + z) or not math.isfinite(length) or length < 1.0e-6:
+            raise ValueError(f"{where}: position {tuple(position)} and rotation {tuple(rotation)} must be finite")
+        if not (math.isfinite(scale) and scale > 0.0):
+            raise ValueError(f"{where}: scale is {scale}, must be positive")
+        quat = (qx / length, qy / length, qz / length, qw / length)
+        return AssetInstance(name, mesh, (x, y, z), quat, float(scale), tuple(tags))
+
+
+class IdenticalAssetSpec(AssetSpec):
+    """Copies of one mesh, which a subclass finds positions for.
+
+    Args:
+        name: An identifier, unique within the scene.
+        mesh: What all are made of.
+        rotation: Orientation of all, xyzw; None for a random turn about z each.
+    """
+
+    def __init__(self, name: str, mesh: AssetMesh, rotation: Sequence[float] | None = None):
+        super().__init__(name)
+        self.mesh, self.rotation = mesh, rotation
+
+    @abstractmethod
+    def find_positions(self, terrain: TerrainInstance, rng: np.random.Generator) -> np.ndarray:
+        """Positions in the world [m], shape ``(N, 3)``, or ``(N, 2)`` for places on the ground."""
+
+    def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterable[AssetInstance]:
+        positions = np.asarray(self.find_positions(terrain, rng), dtype=float)
+        if positions.ndim != 2 or positions.shape[1] not in (2, 3):
+            raise ValueError(f"asset '{self.name}': positions are {positions.shape}, must be (N, 2) or (N, 3)")
+        if positions.shape[1] == 2:
+            heights = terrain.ground.height_at(positions[:, 0], positions[:, 1])
+            positions = np.column_stack([positions, heights])
+        yaw = rng.uniform(-math.pi, math.pi, len(positions))
+        for index, position in enumerate(positions):
+            turn = self.rotation or (0.0, 0.0, math.sin(0.5 * yaw[index]), math.cos(0.5 * yaw[index]))
+            yield self.create_instance(f"{self.name}_{index}", self.mesh, position, turn)

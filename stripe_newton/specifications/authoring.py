@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene as a USD stage.
+
+Each mesh is one abstract prim below ``/Prototypes``; its instances refer to it and are instanceable, so that they share
+it in memory, on disk and on the GPU. What is seen and what is touched are separate prims: meshes, and invisible
+primitives with ``UsdPhysics.CollisionAPI``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade, Vt
+
+from stripe_newton.scene.scenery import SCENERY_KEY
+from stripe_newton.sim import PreviewSurfaceCfg, RigidBodyMaterialCfg
+from stripe_newton.terrains.ground_usd import author_ground
+
+from .asset_mesh import AssetMesh, Collider, MeshPart
+from .asset_spec import AssetInstance
+
+if TYPE_CHECKING:
+    from .scene_spec import Scene
+
+__all__ = ["author_scene"]
+
+_SHAPES = {"sphere": UsdGeom.Sphere, "capsule": UsdGeom.Capsule, "cylinder": UsdGeom.Cylinder, "box": UsdGeom.Cube}
+
+
+def author_scene(scene: Scene) -> Usd.Stage:
+    """Write a scene into a new stage: metres, z up, default prim ``/World``.
+
+    ``/World/ground/terrain`` is the height field with the triangles that contacts have; the assets are
+    ``/World/SPEC/INSTANCE``, the lights ``/World/Light`` and ``/World/Sun``. The same scene gives the same text.
+
+    Raises:
+        ValueError: if two different meshes have one name.
+    """
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    _shared(Usd.Stage.Open(layer), scene)
+    for spec, instances in scene.terrain.placed.items():  # below a stage, which would look at each of thousands
+        if instances:
+            _instances(layer, f"/World/{spec}", instances)
+    return Usd.Stage.Open(layer)
+
+
+def _shared(stage: Usd.Stage, scene: Scene) -> None:
+    """All but the instances."""
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
+    world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
+    stage.SetDefaultPrim(world)
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
+    _terrain(stage, scene)
+    _lights(stage, scene)
+    names: dict[str, AssetMesh] = {}
+    for instance in scene.instances:
+        mesh = names.setdefault(instance.mesh.name, instance.mesh)
+        if mesh is not instance.mesh:
+            raise ValueError(f"mesh '{mesh.name}': two different meshes have this name; give each its own")
+    stage.CreateClassPrim("/Prototypes")
+    for mesh in names.values():
+        _prototype(stage, mesh)
+    for spec, instances in scene.terrain.placed.items():
+        if instances:
+            group = UsdGeom.Xform.Define(stage, f"/World/{spec}").GetPrim()
+            Usd.ModelAPI(group).SetKind(Kind.Tokens.group)
+            group.CreateAttribute(SCENERY_KEY, Sdf.ValueTypeNames.Bool).Set(True)
+
+
+def _terrain(stage: Usd.Stage, scene: Scene) -> None:
+    terrain = scene.terrain
+    root = UsdGeom.Xform.Define(stage, "/World/ground").GetPrim()
+    _label(root, terrain.tags)
+    red, green, blue = terrain.color
+    author_ground(
+        stage,
+        "/World/ground",
+        terrain.ground,
+        max_init_terrain_level=terrain.max_init_level,
+        physics_material=RigidBodyMaterialCfg(
+            static_friction=terrain.static_friction, dynamic_friction=terrain.dynamic_friction
+        ),
+        visual_material=PreviewSurfaceCfg(diffuse_color=(red, green, blue)),
+    )
+    if terrain.colors is not None:
+        seen = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ground/terrain"))
+        colors = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(terrain.colors, dtype=np.float32).reshape(-1, 3))
+        seen.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(colors)
+    prim = stage.GetPrimAtPath("/World/ground")
+    x, y, z = terrain.origin or (0.0, 0.0, 0.0)
+    prim.CreateAttribute("stripeNewton:origin", Sdf.ValueTypeNames.Point3d).Set(Gf.Vec3d(x, y, z))
+    for index, (part, tags) in enumerate(terrain.parts):
+        mesh = _mesh(stage, f"/World/ground/part_{index}_{part.name}", part)
+        _label(mesh, tags)
+
+
+def _lights(stage: Usd.Stage, scene: Scene) -> None:
+    found: list[tuple[Any, str, Any]] = [
+        (scene.dome_light, "/World/Light", UsdLux.DomeLight),
+        (scene.distant_light, "/World/Sun", UsdLux.DistantLight),
+    ]
+    for cfg, path, kind in found:
+        if cfg is None:
+            continue
+        light = kind.Define(stage, path)
+        light.CreateColorAttr(Gf.Vec3f(*cfg.color))
+        light.CreateIntensityAttr(cfg.intensity)
+        light.CreateExposureAttr(cfg.exposure)
+        if hasattr(cfg, "angle"):
+            light.CreateAngleAttr(cfg.angle)
+            UsdGeom.Xformable(light).AddRotateXYZOp().Set(Gf.Vec3f(40.0, 20.0, 30.0))
+        if getattr(cfg, "texture_file", None):
+            light.CreateTextureFileAttr(cfg.texture_file)
+
+
+def _prototype(stage: Usd.Stage, mesh: AssetMesh) -> None:
+    root = f"/Prototypes/{mesh.name}"
+    UsdGeom.Xform.Define(stage, root)
+    UsdGeom.Scope.Define(stage, f"{root}/Looks")
+    for part in mesh.parts():
+        _mesh(stage, f"{root}/{part.name}", part, f"{root}/Looks/{part.name}")
+    for index, collider in enumerate(mesh.colliders()):
+        _collider(stage, f"{root}/collider_{index}", collider)
+
+
+def _mesh(stage: Usd.Stage, path: str, part: MeshPart, look: str | None = None) -> Usd.Prim:
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(part.vertices))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.faces.reshape(-1)))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.faces), 3, dtype=np.int32)))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateDoubleSidedAttr(part.double_sided)
+    mesh.CreateExtentAttr([Gf.Vec3f(*map(float, f(part.vertices, axis=0))) for f in (np.min, np.max)])
+    mesh.CreateDisplayColorAttr([Gf.Vec3f(*part.color)])
+    if look is not None:
+        material = UsdShade.Material.Define(stage, look)
+        shader = UsdShade.Shader.Define(stage, f"{look}/Shader")
+        shader.CreateIdAttr("UsdPreviewSurface")
+        shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*part.color))
+        shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(part.roughness)
+        material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+        UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
+    return mesh.GetPrim()
+
+
+def _collider(stage: Usd.Stage, path: str, collider: Collider) -> None:
+    shape = _SHAPES[collider.kind].Define(stage, path)
+    size = collider.size
+    if collider.kind == "box":
+        shape.CreateSizeAttr(2.0)
+        reach = np.ones(3)
+    else:
+        shape.CreateRadiusAttr(size[0])
+        reach = np.full(3, size[0])
+    if collider.kind in ("capsule", "cylinder"):
+        shape.CreateHeightAttr(2.0 * size[1])
+        shape.CreateAxisAttr(UsdGeom.Tokens.z)
+        reach[2] = size[1] + (size[0] if collider.kind == "capsule" else 0.0)
+    shape.CreateExtentAttr([Gf.Vec3f(*map(float, -reach)), Gf.Vec3f(*map(float, reach))])
+    shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    qx, qy, qz, qw = collider.rot
+    form = UsdGeom.Xformable(shape)
+    form.AddTranslateOp().Set(Gf.Vec3d(*collider.pos))
+    form.AddOrientOp().Set(Gf.Quatf(qw, qx, qy, qz))
+    if collider.kind == "box":
+        form.AddScaleOp().Set(Gf.Vec3f(*size))
+    UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
+
+
+def _label(prim: Usd.Prim, labels: Any) -> None:
+    if labels:
+        UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr(Vt.TokenArray(list(labels)))
+
+
+_PLACE = ["xformOp:translate", "xformOp:orient", "xformOp:scale"]
+
+
+def _instances(layer: Sdf.Layer, root: str, instances: list[AssetInstance]) -> None:
+    """Instances, as copies of the first of each kind, below the level of prims: a third of the time."""
+    models: dict[tuple[str, bool, tuple[str, ...]], Sdf.Path] = {}
+    with Sdf.ChangeBlock():
+        for instance in instances:
+            kind = instance.mesh.name, instance.mesh.instancable, tuple(instance.labels)
+            path = Sdf.Path(f"{root}/{instance.name}")
+            if kind in models:
+                Sdf.CopySpec(layer, models[kind], layer, path)
+            else:
+                models[kind] = path
+                _instance(Sdf.CreatePrimInLayer(layer, path), *kind)
+            qx, qy, qz, qw = instance.rotation
+            for attribute, value in zip(
+                _PLACE, (Gf.Vec3d(*instance.position), Gf.Quatf(qw, qx, qy, qz), Gf.Vec3f(instance.scale)), strict=True
+            ):
+                layer.GetAttributeAtPath(path.AppendProperty(attribute)).default = value
+
+
+def _instance(prim: Sdf.PrimSpec, mesh: str, shared: bool, labels: tuple[str, ...]) -> None:
+    types = Sdf.ValueTypeNames
+    prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
+    prim.instanceable = shared
+    prim.SetInfo("kind", Kind.Tokens.component)
+    prim.referenceList.prependedItems = [Sdf.Reference(primPath=f"/Prototypes/{mesh}")]
+    prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["SemanticsLabelsAPI:class"]))
+    Sdf.AttributeSpec(prim, "semantics:labels:class", types.TokenArray).default = Vt.TokenArray(labels)
+    for name, kind in zip(_PLACE, (types.Double3, types.Quatf, types.Float3), strict=True):
+        Sdf.AttributeSpec(prim, name, kind)
+    order = Sdf.AttributeSpec(prim, "xformOpOrder", types.TokenArray, Sdf.VariabilityUniform)
+    order.default = Vt.TokenArray(_PLACE)

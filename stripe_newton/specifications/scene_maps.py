@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of a scene's ground, and of what stands on it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .scene_spec import Scene
+
+__all__ = ["draw_maps"]
+
+_KNOWN: dict[str, tuple[str, str, tuple[float, float] | None]] = {
+    "slope": ("slope [deg]", "YlOrBr", None),
+    "aspect": ("direction of fall [deg]", "twilight", (-180.0, 180.0)),
+    "moisture": ("moisture [0 to 1]", "YlGnBu", (0.0, 1.0)),
+    "traversability": ("traversability [0 to 1]", "RdYlGn", (0.0, 1.0)),
+}
+"""Label, colours and range of maps; angles are in radians in the scene and in degrees in the picture."""
+_MOST_CELLS = 700
+
+
+def draw_maps(scene: Scene, path: Path) -> None:
+    """Write a picture of the height, with all instances, and of every map of the terrain.
+
+    Raises:
+        ValueError: for a map that is no two-dimensional array of finite numbers.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    terrain = scene.terrain
+    maps = {name: np.asarray(values, dtype=float) for name, values in terrain.maps.items()}
+    for name, values in maps.items():
+        if values.ndim != 2 or not np.isfinite(values).all():
+            raise ValueError(f"terrain map '{name}': is {values.shape}, must be two-dimensional and finite")
+    maps = {name: values for name, values in maps.items() if np.ptp(values) > 0.0}  # an even one says nothing
+    count = 2 + len(maps)
+    columns = min(count, 3 if count != 4 else 2)
+    rows = math.ceil(count / columns)
+    high = 5.2 * min(max(terrain.size[1] / terrain.size[0], 0.35), 2.5)
+    figure = Figure(figsize=(6.0 * columns, (high + 0.7) * rows), layout="constrained", dpi=110)
+    FigureCanvasAgg(figure)
+    axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    _height(figure, axes[0], scene)
+    _instances(axes[1], scene)
+    for axis, (name, values) in zip(axes[2:], maps.items(), strict=False):
+        label, colors, limits = _KNOWN.get(name, (name.replace("_", " "), "viridis", None))
+        shown = np.degrees(values) if "[deg]" in label else values
+        low, top = limits or (float(shown.min()), float(np.quantile(shown, 0.995)))
+        image = axis.imshow(_thin(shown), extent=_extent(scene), origin="lower", cmap=colors, vmin=low, vmax=top)
+        figure.colorbar(image, ax=axis, fraction=0.045, pad=0.03, label=label)
+        axis.set_title(name.replace("_", " "))
+    for axis in axes[:count]:
+        axis.set_aspect("equal")
+        axis.set_xlabel("x [m]")
+        axis.set_ylabel("y [m]")
+        _scale_bar(axis, terrain.size)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def _extent(scene: Scene) -> tuple[float, float, float, float]:
+    (x, y), (width, height) = scene.terrain.ground.lower, scene.terrain.size
+    return x, x + width, y, y + height
+
+
+def _thin(values: np.ndarray) -> np.ndarray:
+    """No more cells than a picture shows."""
+    step = max(1, math.ceil(max(values.shape) / _MOST_CELLS))
+    return values[::step, ::step]
+
+
+def _shaded(scene: Scene, axis: Any, alpha: float) -> np.ndarray:
+    """Draw the ground as lit from the north-west; the heights that are drawn [m]."""
+    from matplotlib.colors import LightSource
+
+    heights = _thin(scene.terrain.ground.heights.astype(float))
+    dx, dy = (s / (n - 1) for s, n in zip(scene.terrain.size, heights.shape[::-1], strict=True))
+    shade = LightSource(azdeg=315.0, altdeg=45.0).hillshade(heights[::-1], vert_exag=2.0, dx=dx, dy=dy)[::-1]
+    axis.imshow(shade, extent=_extent(scene), origin="lower", cmap="gray", vmin=0.0, vmax=1.0, alpha=alpha)
+    return heights
+
+
+def _height(figure: Any, axis: Any, scene: Scene) -> None:
+    heights, extent = _shaded(scene, axis, 1.0), _extent(scene)
+    image = axis.imshow(heights, extent=extent, origin="lower", cmap="gist_earth", alpha=0.55)
+    if np.ptp(heights) > 0.0:
+        lines = axis.contour(heights, 8, extent=extent, origin="lower", colors="k", linewidths=0.5, alpha=0.6)
+        axis.clabel(lines, fontsize=6, fmt="%.1f")
+    figure.colorbar(image, ax=axis, fraction=0.045, pad=0.03, label="height [m]")
+    axis.set_title(f"height, seed {scene.seed}")
+
+
+def _instances(axis: Any, scene: Scene) -> None:
+    """What stands on the ground, a colour for each spec; a dot's area grows with the size of the thing."""
+    _shaded(scene, axis, 0.45)
+    colors = ("#1b7837", "#7f3b08", "#762a83", "#2166ac", "#e08214", "#5aae61", "#35978f", "#c51b7d", "#b2abd2")
+    for index, (name, placed) in enumerate(scene.terrain.placed.items()):
+        if not placed:
+            continue
+        places = np.array([instance.position[:2] for instance in placed])
+        scales = np.array([instance.scale for instance in placed])
+        size = min(max(2.0e4 / max(len(scene.instances), 1), 1.0), 30.0) * (scales / scales.mean()) ** 2
+        color = colors[index % len(colors)]
+        axis.scatter(*places.T, s=size, c=color, label=f"{name} ({len(placed):,})", linewidths=0, alpha=0.85)
+    x, y, _ = scene.terrain.origin or (0.0, 0.0, 0.0)
+    axis.scatter([x], [y], marker="*", s=110, c="gold", edgecolors="k", linewidths=0.6, label="origin", zorder=5)
+    legend = axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), fontsize=8, frameon=False, ncols=4)
+    for handle in legend.legend_handles[:-1]:
+        handle.set_sizes([28.0])
+    left, right, low, top = _extent(scene)
+    axis.set_xlim(left, right)
+    axis.set_ylim(low, top)
+    axis.set_title(f"{len(scene.instances):,} instances")
+
+
+def _scale_bar(axis: Any, size: tuple[float, float]) -> None:
+    """A bar of a round length in the lower left corner."""
+    about = 0.22 * size[0]
+    unit = 10.0 ** math.floor(math.log10(about))
+    length = unit * max(n for n in (1, 2, 5) if n * unit <= about)
+    left, low = axis.get_xlim()[0] + 0.04 * size[0], axis.get_ylim()[0] + 0.04 * size[1]
+    for color, width in (("white", 6.0), ("black", 2.5)):
+        axis.plot([left, left + length], [low, low], color=color, linewidth=width, solid_capstyle="butt", zorder=6)
+    box = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
+    axis.text(
+        left + 0.5 * length, low + 0.02 * size[1], f"{length:g} m", ha="center", va="bottom", fontsize=8, bbox=box
+    )

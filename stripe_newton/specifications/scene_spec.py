@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a scene is made of, as plain Python; a seed makes a scene of it."""
+
+from __future__ import annotations
+
+import zlib
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stripe_newton.sim import DistantLightCfg, DomeLightCfg
+
+from .asset_spec import AssetInstance, AssetSpec
+from .places import Places, add_places
+from .primitive_meshes import DebugMesh
+from .terrain_instance import TerrainInstance
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+    from .scene_cfg_factory import SceneCfgFactory
+
+__all__ = ["Scene", "SceneSpec"]
+
+Progress = Callable[[str], None]
+
+
+class SceneSpec(ABC):
+    """A terrain, a palette of assets and lights. Subclass it and fill :meth:`generate`.
+
+    Args:
+        size: Extent in x and y [m].
+        palette: Specs of what stands on the terrain, in the order in which they are placed.
+        distant_light: The sun, None for none.
+        dome_light: The sky, None for none.
+        places: Places to find for robots, by name: ``init_pos`` to start, ``target`` to go to.
+
+    Raises:
+        ValueError: if two specs have one name.
+    """
+
+    def __init__(
+        self,
+        size: tuple[float, float],
+        palette: Iterable[AssetSpec] = (),
+        distant_light: DistantLightCfg | None = None,
+        dome_light: DomeLightCfg | None = None,
+        places: Mapping[str, Places] | None = None,
+    ):
+        if min(size) <= 0.0 or not np.isfinite(size).all():
+            raise ValueError(f"{type(self).__name__}: size is {size}, must be two positive lengths [m]")
+        self.size = float(size[0]), float(size[1])
+        self.distant_light, self.dome_light = distant_light, dome_light
+        self.places = dict(places or {})
+        self._palette: dict[str, AssetSpec] = {}
+        for asset in palette:
+            self.add_asset(asset)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> SceneSpec:
+        return self  # a config that names a spec shares it with its copies
+
+    @property
+    def palette(self) -> dict[str, AssetSpec]:
+        """Asset specs by name, in the order in which they are placed; a copy."""
+        return dict(self._palette)
+
+    def add_asset(self, asset: AssetSpec) -> None:
+        """Add a spec to the palette.
+
+        Raises:
+            ValueError: if the scene has one of that name.
+        """
+        if asset.name in self._palette:
+            raise ValueError(
+                f"{type(self).__name__}: has an asset spec '{asset.name}' already, "
+                f"a {type(self._palette[asset.name]).__name__}; give the new one another name"
+            )
+        self._palette[asset.name] = asset
+
+    @abstractmethod
+    def generate(self, rng: np.random.Generator) -> TerrainInstance:
+        """The terrain.
+
+        Args:
+            rng: The only source of chance; the same generator gives the same terrain.
+        """
+
+    def survey(self, terrain: TerrainInstance) -> None:
+        """Add maps of the finished scene to ``terrain.maps``; by default none."""
+        return
+
+    def create_instance(
+        self, num_envs: int, env_spacing: float, debug_models: bool = False, seed: int = 0
+    ) -> SceneCfgFactory:
+        """What makes configs of simulated scenes; the scene itself is made when it is simulated."""
+        from .scene_cfg_factory import SceneCfgFactory
+
+        return SceneCfgFactory(self, num_envs, env_spacing, seed, debug_models)
+
+    def create(self, seed: int = 0, debug_models: bool = False, progress: Progress | None = None) -> Scene:
+        """Make a scene: the terrain, then the assets of each spec.
+
+        Each spec draws from a generator of its own, named by the seed and the spec's name: adding another spec to the
+        palette changes nothing in those before it.
+
+        Args:
+            seed: Whole number, 0 or more. The same seed gives the same scene.
+            debug_models: Keep instances of :class:`DebugMesh`.
+            progress: Told what is being made.
+
+        Raises:
+            ValueError: if two instances of a spec have one name, or the terrain is not as large as asked.
+        """
+        if seed < 0:
+            raise ValueError(f"{type(self).__name__}: seed is {seed}, must be 0 or more")
+        say = progress or (lambda text: None)
+        say("terrain")
+        terrain = self.generate(_generator(seed, "terrain"))
+        if not np.allclose(terrain.size, self.size, rtol=1.0e-3):
+            raise ValueError(
+                f"{type(self).__name__}.generate: the terrain is {terrain.size[0]:g} by {terrain.size[1]:g} m, "
+                f"must be {self.size[0]:g} by {self.size[1]:g} m"
+            )
+        terrain.placed.clear()
+        for name, asset in self._palette.items():
+            say(name)
+            instances = [
+                i
+                for i in asset.generate(terrain, _generator(seed, name))
+                if debug_models or not isinstance(i.mesh, DebugMesh)
+            ]
+            counts = Counter(i.name for i in instances)
+            if len(counts) < len(instances):
+                twice = counts.most_common(1)[0][0]
+                raise ValueError(f"asset '{name}': two instances are called '{twice}'; names must differ")
+            terrain.placed[name] = instances
+        if self.places:
+            say("places")
+            add_places(terrain, self.places, _generator(seed, "places"))
+        say("survey")
+        self.survey(terrain)
+        return Scene(terrain, self.distant_light, self.dome_light, seed)
+
+
+@dataclass(eq=False)
+class Scene:
+    """A scene that a spec made.
+
+    Attributes:
+        terrain: The ground, with all assets in ``terrain.placed``.
+        distant_light: The sun.
+        dome_light: The sky.
+        seed: What it was made from.
+    """
+
+    terrain: TerrainInstance
+    distant_light: DistantLightCfg | None = None
+    dome_light: DomeLightCfg | None = None
+    seed: int = 0
+    _stage: Usd.Stage | None = field(default=None, repr=False)
+
+    @property
+    def instances(self) -> list[AssetInstance]:
+        """All assets, in the order in which they were placed."""
+        return [i for placed in self.terrain.placed.values() for i in placed]
+
+    @property
+    def stage(self) -> Usd.Stage:
+        """The scene in USD, authored at the first use."""
+        if self._stage is None:
+            from .authoring import author_scene
+
+            self._stage = author_scene(self)
+        return self._stage
+
+    def export(self, path: str | Path) -> Path:
+        """Write the stage to a file: ``.usda``, ``.usdc`` or ``.usd``.
+
+        Raises:
+            ValueError: for another kind of file.
+        """
+        file = Path(path).expanduser()
+        if file.suffix not in (".usd", ".usda", ".usdc"):
+            raise ValueError(f"'{path}': must end in .usd, .usda or .usdc")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self.stage.GetRootLayer().Export(str(file))
+        return file
+
+
+def _generator(seed: int, name: str) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
