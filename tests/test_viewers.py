@@ -41,7 +41,7 @@ def sim_of(template, num_envs=1, spacing=3.0, ground=True, device="cpu", lights=
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     return types.SimpleNamespace(
         device=device, template=template, static=static, env_origins=origins, model=model, state=state,
-        num_envs=num_envs, lights=list(lights),
+        num_envs=num_envs, lights=list(lights), env_origin=None,
     )  # fmt: skip
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera stands: given, framed automatically, or following a robot. Plain NumPy, world frame, metres."""
+"""Camera framing: camera axes, automatic framing of points, and following a robot. NumPy, world frame, metres."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _USUAL_AZIMUTH = math.radians(-55.0)
 def camera_axes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Right, up and backward unit vectors of a camera at ``eye`` that looks at ``target``, as columns (3, 3).
 
-    Z is up in the picture; for a camera that looks straight up or down, Y is.
+    Z is up in the picture. For a camera that looks straight up or down, Y is up.
 
     Raises:
         ValueError: ``eye`` and ``target`` are the same point, or not finite.
@@ -37,12 +37,12 @@ def frame_points(
     """Eye and target [m] that show all ``points``, shape (n, 3), in the middle of the picture.
 
     Args:
-        points: What must be seen, world frame; none gives a view of the origin from three metres.
-        azimuth: Direction in which the camera stands, about +Z from +X [rad].
-        elevation: Its height over the horizon [rad].
+        points: Points that must be visible, world frame. Without any, the origin is seen from three metres.
+        azimuth: Direction from the target to the camera, about +Z from +X [rad].
+        elevation: Angle of that direction above the horizon [rad].
         fov: Vertical field of view [rad].
         aspect: Width of the picture over its height.
-        margin: How much wider the picture is than the points.
+        margin: Size of the picture relative to the points in it.
     """
     towards = np.array(
         [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
@@ -54,7 +54,9 @@ def frame_points(
     tan_y = math.tan(0.5 * fov) / margin
     tan_x = tan_y * aspect
     distance = 1.0
-    for _ in range(4):  # the middle of the picture moves with perspective: a few steps settle it
+    # The distance that fits the points moves their middle in the picture, as near ones look larger. Centring them
+    # changes the distance again: a fixed point that four rounds reach to a fraction of a pixel.
+    for _ in range(4):
         seen = (points - target) @ axes
         distance = max(float((np.abs(seen[:, 0]) / tan_x + seen[:, 2]).max()), 1e-3)
         distance = max(distance, float((np.abs(seen[:, 1]) / tan_y + seen[:, 2]).max()))
@@ -67,12 +69,12 @@ def frame_points(
 
 
 def good_azimuth(points: np.ndarray) -> float:
-    """Direction [rad] from which ``points``, shape (n, 3), are well seen; a long thing shows its long side."""
+    """Azimuth of the camera [rad] that shows ``points``, shape (n, 3), well: long things show their long side."""
     if len(points) < 2:
         return _USUAL_AZIMUTH
     flat = points[:, :2] - points[:, :2].mean(axis=0)
     sizes, directions = np.linalg.eigh(flat.T @ flat)
-    if sizes[1] < 25.0 * max(float(sizes[0]), 1e-12):
+    if sizes[1] < 25.0 * max(float(sizes[0]), 1e-12):  # variances: less than five times as long as wide
         return _USUAL_AZIMUTH
     axis = math.atan2(directions[1, 1], directions[0, 1])
     choices = [axis + side * math.radians(65.0) + turn for side in (-1, 1) for turn in (0.0, math.pi)]
@@ -80,13 +82,13 @@ def good_azimuth(points: np.ndarray) -> float:
 
 
 class Follower:
-    """A point that follows another smoothly, without lagging behind one that moves at a steady speed.
+    """A point that follows another smoothly, without lag behind one that moves at constant speed.
 
     A critically damped alpha-beta filter: position and speed are estimated together.
 
     Args:
-        time: Frames it takes to make up most of the way; 0 follows rigidly.
-        jump: Distance [m] in one frame that counts as a new episode: the point is moved at once.
+        time: Time constant in frames; 0 follows rigidly.
+        jump: Distance in one frame from which a move counts as a new episode and is not smoothed [m].
     """
 
     def __init__(self, time: float, jump: float):
@@ -99,11 +101,12 @@ class Follower:
     def follow(self, point: np.ndarray) -> np.ndarray:
         """The smoothed position after one more frame in which the target is at ``point``, shape (3,)."""
         point = np.asarray(point, dtype=float)
-        if not np.isfinite(point).all():
+        if not np.isfinite(point).all():  # a world that diverged: stay where the target was last
             return np.zeros(3) if self._at is None else self._at
         if self._at is None or float(np.linalg.norm(point - self._last)) > self._jump:
             self._at, self._speed = point.copy(), np.zeros(3)
         else:
+            # Gains of a critically damped filter with a double pole at exp(-1 / time).
             ahead = self._at + self._speed
             error = point - ahead
             self._at = ahead + (1.0 - self._fade**2) * error

@@ -1,41 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running simulation in the browser, by Newton's viser viewer."""
+"""Live viewer: a running simulation in the browser, by Newton's viser viewer."""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from .display_model import DisplayModel
+from .viewed_simulation import ViewedSimulation
+
+if TYPE_CHECKING:
+    from newton.viewer import ViewerViser
 
 __all__ = ["LiveViewer"]
 
 
 class LiveViewer:
-    """Serves a view of chosen environments, to be opened in a browser on this machine.
+    """Serves a view of chosen environments to a browser.
 
     Args:
         sim: The simulation; its ``state`` is read at each :meth:`update`.
         env_ids: Environments to show, each at its origin.
         port: Port of the web server; the next free one is taken if it is in use.
-        host: Address that the server listens on; ``"0.0.0.0"`` also lets other machines in.
+        host: Address that the server listens on; ``"0.0.0.0"`` also accepts other machines.
 
     Raises:
         ImportError: viser is not installed.
         IndexError: An environment that the simulation does not have.
     """
 
-    def __init__(self, sim: Any, env_ids: Sequence[int] = (0,), *, port: int = 8080, host: str = "127.0.0.1"):
+    def __init__(
+        self, sim: ViewedSimulation, env_ids: Sequence[int] = (0,), *, port: int = 8080, host: str = "127.0.0.1"
+    ):
         if importlib.util.find_spec("viser") is None:
             raise ImportError('the live viewer needs viser: pip install "stripe-newton[viser]"')
-        from newton.viewer import ViewerViser
+        from newton.viewer import ViewerViser  # needs viser, an optional dependency
 
         with wp.ScopedDevice(sim.device):
             self._scene = DisplayModel(sim, env_ids)
-            self._viewer: Any = ViewerViser(host=host, port=port, label="stripe-newton", verbose=False)
+            self._viewer: ViewerViser | None = ViewerViser(host=host, port=port, label="stripe-newton", verbose=False)
             self._viewer.set_model(self._scene.model)
             self._url = str(self._viewer.url)
         self._time = 0.0

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a running simulation, ray traced on its device: no display, no OpenGL."""
+"""Scene renderer: pictures of a running simulation, ray traced on its device without a display or OpenGL."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
+import newton
 import numpy as np
 import warp as wp
 
@@ -14,13 +14,14 @@ from .camera_framing import Follower, camera_axes, frame_points, good_azimuth
 from .display_model import DisplayModel
 from .lighting import lighting_from
 from .tracer import Tracer
+from .viewed_simulation import ViewedSimulation
 from .viewer_cfg import ViewerCfg
 
 __all__ = ["SceneRenderer"]
 
 
 class SceneRenderer:
-    """Renders chosen environments of a simulation together, in one picture.
+    """Renders chosen environments of a simulation together in one picture.
 
     Args:
         sim: The simulation; its ``state`` is read at each :meth:`render`.
@@ -33,7 +34,7 @@ class SceneRenderer:
         ValueError: ``cfg.asset_name`` matches no body.
     """
 
-    def __init__(self, sim: Any, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
+    def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
         self.cfg = cfg
         self._width, self._height = (int(n) for n in cfg.resolution)
@@ -44,12 +45,18 @@ class SceneRenderer:
             self._setup_camera(sim, env_ids)
             away = self._eye - self._target
             lighting = lighting_from(sim.lights, azimuth=math.atan2(away[1], away[0]))
-            self._tracer = Tracer(self._scene, cfg, lighting)
+            self._open_tracer: Tracer | None = Tracer(self._scene, cfg, lighting)
+
+    @property
+    def _tracer(self) -> Tracer:
+        if self._open_tracer is None:
+            raise RuntimeError("SceneRenderer: the renderer is closed; make a new one")
+        return self._open_tracer
 
     def distances(self, origins: np.ndarray, directions: np.ndarray, limit: float) -> np.ndarray:
-        """How far one sees, past robots, from each origin (n, 3) along each unit direction (m, 3), shape (n, m) [m].
+        """Distance to the scenery from each origin (n, 3) along each unit direction (m, 3), shape (n, m) [m].
 
-        Only ``natural`` scenery is seen, at most ``limit`` [m] away.
+        Only ``natural`` scenery counts, not robots. Where there is none, the distance is ``limit`` [m].
         """
         tracer = self._tracer.scenery
         if tracer is None:
@@ -58,12 +65,12 @@ class SceneRenderer:
 
     @property
     def eye(self) -> np.ndarray:
-        """Camera position of the next frame before following [m], world frame, shape (3,)."""
+        """Camera position [m], world frame, shape (3,), before it moves with the robots that it follows."""
         return self._eye.copy()
 
     @property
     def target(self) -> np.ndarray:
-        """Point in the middle of the next frame before following [m], world frame, shape (3,)."""
+        """Point in the middle of the picture [m], world frame, shape (3,), before it moves with the robots."""
         return self._target.copy()
 
     def look(
@@ -74,32 +81,36 @@ class SceneRenderer:
         Args:
             eye: Camera position.
             target: Point in the middle of the picture.
-            follow: Keep moving with the robots from here; otherwise the camera stands still.
-            fov: Vertical field of view [deg]; None: as before.
+            follow: Move with the robots from now on; otherwise the camera stands still.
+            fov: Vertical field of view [deg]. None: unchanged.
         """
         if fov is not None:
             self._tracer.set_fov(fov)
-        camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))
+        camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
         self._follow(self._movable if follow else self._movable[:0])
 
     def render(self) -> np.ndarray:
-        """The picture of the simulation's current state: sRGB, uint8, shape (height, width, 3)."""
-        if self._tracer is None:
-            raise RuntimeError("SceneRenderer.render: the renderer is closed; make a new one")
+        """Render the current state of the simulation: sRGB, uint8, shape (height, width, 3).
+
+        Raises:
+            RuntimeError: the renderer is closed.
+        """
+        tracer = self._tracer
         with wp.ScopedDevice(self._scene.model.device):
             poses = self._scene.update()
             shift = self._shift(poses)
             eye, target = self._eye + shift, self._target + shift
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
-            return self._tracer.render(eye, target, self._reach(poses, shift))
+            return tracer.render(eye, target, self._shadow_region(poses, shift))
 
     def close(self) -> None:
-        """Give back the memory that the renderer holds. A second call does nothing."""
-        self._tracer = None  # type: ignore[assignment]
+        """Release the memory of the renderer. A second call does nothing."""
+        self._open_tracer = None
 
-    def _setup_camera(self, sim: Any, env_ids: Sequence[int]) -> None:
+    def _setup_camera(self, sim: ViewedSimulation, env_ids: Sequence[int]) -> None:
+        """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene = self.cfg, self._scene
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
@@ -117,8 +128,9 @@ class SceneRenderer:
         origin, followed = np.zeros(3), self._movable[:0]
         if cfg.origin_type != "world":
             first = env_ids[0] if cfg.env_index not in env_ids else cfg.env_index
-            now = getattr(sim, "env_origin", None)  # a terrain moves the origins
-            origin = np.asarray(sim.env_origins[first] if now is None else now.numpy()[first], dtype=float)
+            # A terrain's curriculum moves the origins after the environments were built.
+            now = sim.env_origins if sim.env_origin is None else sim.env_origin.numpy()
+            origin = np.asarray(now[first], dtype=float)
         if cfg.origin_type.startswith("asset_"):
             copy = list(env_ids).index(cfg.env_index) if cfg.env_index in env_ids else 0
             body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)
@@ -129,7 +141,7 @@ class SceneRenderer:
         self._turns = cfg.origin_type == "asset_heading"
 
     def _follow(self, bodies: np.ndarray) -> None:
-        """From here on the camera moves with the mean position of ``bodies``, indices into the display state."""
+        """Let the camera move with the mean position of ``bodies`` from now on, indices into the display state."""
         self._follow_bodies, self._turns = bodies, False
         self._heading, self._near = Follower(4.0 * self.cfg.follow_time, jump=1.0e9), 1.0
         self._turned = 0.0
@@ -138,11 +150,11 @@ class SceneRenderer:
         self._rest = np.nan_to_num(at.mean(axis=0))
 
     def _shift(self, poses: np.ndarray) -> np.ndarray:
-        """How far the camera has moved with what it follows since it was set up, shape (3,)."""
+        """Displacement of the camera with the bodies that it follows since it was set up, shape (3,)."""
         if len(self._follow_bodies) == 0:
             return np.zeros(3)
         at = poses[self._follow_bodies, :3].astype(float)
-        at = at[np.isfinite(at).all(axis=1)]
+        at = at[np.isfinite(at).all(axis=1)]  # a diverged world does not take the others' camera with it
         if len(at) == 0:
             return np.zeros(3)
         return self._follower.follow(at.mean(axis=0)) - self._rest
@@ -150,11 +162,12 @@ class SceneRenderer:
     def _behind(
         self, pose: np.ndarray, eye: np.ndarray, target: np.ndarray, about: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Eye and target turned with the body about a point, the eye before whatever would be seen to hide the body."""
+        """Eye and target turned with the body about a point, with the eye in front of scenery that hides the body."""
         x, y, z, w = (float(q) for q in pose[3:7])
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         if math.isfinite(yaw):
-            self._turned += math.remainder(yaw - self._turned, 2.0 * math.pi)  # without a jump from pi to -pi
+            # An angle that goes on beyond pi: the filter must not see a jump to -pi.
+            self._turned += math.remainder(yaw - self._turned, 2.0 * math.pi)
         angle = float(self._heading.follow(np.array([self._turned, 0.0, 0.0]))[0])
         c, s = math.cos(angle), math.sin(angle)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -163,11 +176,15 @@ class SceneRenderer:
         length = float(np.linalg.norm(away))
         free = float(self.distances(about[None], away[None] / length, length + 0.3)[0, 0]) - 0.3
         share = min(max((free + self.cfg.near) / length, 0.4), 1.0)
-        self._near = share if share < self._near else min(share, self._near + 0.02)  # it goes back slowly
+        # In at once, so that no frame shows the inside of a trunk; back slowly, so that the picture stays calm.
+        self._near = share if share < self._near else min(share, self._near + 0.02)
         return about + self._near * away, target
 
-    def _reach(self, poses: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, float]:
-        """Centre and radius [m] of the ball in which shadows are cast. It grows in steps, so that shadows stay calm."""
+    def _shadow_region(self, poses: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, float]:
+        """Centre and radius [m] of the ball in which shadows are cast.
+
+        The radius grows in steps: each change moves the texels of the shadow map and makes edges of shadows flicker.
+        """
         center = self._center + shift
         if len(poses):
             far = np.linalg.norm(poses[:, :3] - center, axis=1)
@@ -179,10 +196,8 @@ class SceneRenderer:
         return center, 1.1 * max(self._spread, self._radius)
 
 
-def _free_roots(template: Any) -> list[int]:
-    """Bodies of the template that hang on a free joint, or on none."""
-    import newton
-
+def _free_roots(template: newton.ModelBuilder) -> list[int]:
+    """The first body of the template on a free joint, otherwise the first on none, as a list; empty without either."""
     held = {int(c) for c in template.joint_child}
     free = [
         int(child)
@@ -192,8 +207,8 @@ def _free_roots(template: Any) -> list[int]:
     return free[:1] or [b for b in range(template.body_count) if b not in held][:1]
 
 
-def _root_body(template: Any, asset_name: str | None) -> int:
-    """Index of the first body of the template whose label has ``asset_name`` in its path."""
+def _root_body(template: newton.ModelBuilder, asset_name: str | None) -> int:
+    """Index of the first body of the template whose label has ``asset_name`` in its path, in any case."""
     labels = [str(label) for label in template.body_label]
     if not labels:
         raise ValueError("viewer.origin_type: 'asset_root' needs a body to follow, but the environment has none")
