@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Specifications: what a scene is made of, in plain Python, from which any number of scenes is generated.
+"""Specifications: descriptions of scenes and trainings in plain Python, from which any number of scenes is generated.
 
-No simulator has to run. A scene is a USD stage; see :class:`SceneSpec`.
+Generating needs no simulator. A scene is a USD stage; see :class:`SceneSpec`.
 """
 
 from .asset_mesh import AssetMesh, Collider, DynamicMesh, MeshPart, instancable

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What assets look like and what they are touched by: surfaces made of triangles, and colliders made of primitives."""
+"""Asset meshes: visible surfaces of triangles, and colliders that are primitives."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ __all__ = ["AssetMesh", "Collider", "DynamicMesh", "MeshPart", "instancable"]
 Kind = Literal["sphere", "capsule", "cylinder", "box"]
 M = TypeVar("M", bound="AssetMesh")
 SIZES: dict[str, int] = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
+"""Number of lengths in the size of each kind of collider."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """A surface of one colour.
+    """A visible surface of one colour.
 
     Attributes:
         name: Name within its asset, an identifier.
-        vertices: Corners, float32 ``(V, 3)`` [m], in the frame of the asset: its origin on the ground, z up.
-        faces: Triangles, int32 ``(F, 3)``, counterclockwise seen from outside.
+        vertices: Vertices in the frame of the asset, float32 ``(V, 3)`` [m]: origin on the ground, z up.
+        faces: Triangles, int32 ``(F, 3)``, counterclockwise when seen from outside.
         color: Linear RGB in [0, 1].
         roughness: 0 for a mirror, 1 for chalk.
-        double_sided: Whether it is seen from behind too, as a leaf is.
+        double_sided: Whether it is also visible from behind, like a leaf.
     """
 
     name: str
@@ -47,20 +48,21 @@ class MeshPart:
             or (faces.size and not 0 <= faces.min() <= faces.max() < len(vertices))
         ):
             raise ValueError(f"mesh part '{self.name}': faces must be (F, 3) and name its {len(vertices)} vertices")
+        # A frozen dataclass sets its own fields this way.
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
 
 @dataclass(frozen=True)
 class Collider:
-    """A primitive that is touched.
+    """A primitive that robots collide with.
 
     Attributes:
         kind: ``"sphere"``, ``"capsule"``, ``"cylinder"`` or ``"box"``.
-        size: Radius of a sphere; radius and half length, along z, of a capsule (without its caps) or cylinder; half
+        size: Radius of a sphere; radius and half length along z of a cylinder, or of a capsule without its caps; half
             extents of a box [m].
-        pos: Its centre in the frame of the asset [m].
-        rot: Its orientation there, xyzw.
+        pos: Centre in the frame of the asset [m].
+        rot: Orientation in the frame of the asset, xyzw.
     """
 
     kind: Kind
@@ -78,42 +80,43 @@ class Collider:
 
 
 def instancable(mesh: type[M]) -> type[M]:
-    """Class decorator: instances of such meshes share their surfaces, which is what :class:`AssetMesh` does anyway; for
-    a subclass of one that does not.
+    """Class decorator: instances of such meshes share their surfaces.
+
+    This is the default of :class:`AssetMesh`; the decorator is for a subclass of a class that sets it to False.
     """
     mesh.instancable = True
     return mesh
 
 
 class AssetMesh:
-    """What an asset is made of. Instances of one mesh object share its surfaces in USD, on disk and on the GPU."""
+    """Surfaces and colliders of an asset. Instances of one mesh object share them in USD, on disk and on the GPU."""
 
     instancable: bool = True
-    """Whether USD instances it. A subclass that sets False gives each asset prims of its own, to be edited apart."""
+    """Whether USD instances it. With False each asset gets prims of its own, which can be edited one by one."""
     name: str
     """An identifier, unique within a scene."""
     semantic: str = ""
-    """Semantic label of what is seen, such as ``"tree"``; the asset's name where empty."""
+    """Semantic label, such as ``"tree"``. Empty: the name."""
 
     def parts(self) -> Sequence[MeshPart]:
-        """Surfaces, in the frame of the asset."""
+        """Visible surfaces in the frame of the asset."""
         raise NotImplementedError
 
     def colliders(self) -> Sequence[Collider]:
-        """What is touched; none for what is only seen."""
+        """Colliders in the frame of the asset; none by default."""
         return ()
 
 
 @dataclass(eq=False)
 class DynamicMesh(AssetMesh):
-    """A mesh that was computed rather than read from a file."""
+    """A mesh that is computed rather than read from a file."""
 
     name: str
     surfaces: Sequence[MeshPart] = ()
     touched: Sequence[Collider] = ()
     semantic: str = ""
     radius: float = field(default=0.0)
-    """Space that it takes on the ground, for placing [m]."""
+    """Radius of the space that it takes on the ground, for placing [m]."""
 
     def parts(self) -> Sequence[MeshPart]:
         return self.surfaces

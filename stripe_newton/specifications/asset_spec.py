@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which assets a scene has, and where."""
+"""Asset specifications: which assets a scene has, and where they are placed."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = ["AssetInstance", "AssetSpec", "IdenticalAssetSpec"]
 
 @dataclass(frozen=True, eq=False)
 class AssetInstance:
-    """One asset at its place.
+    """One asset with its pose.
 
     Attributes:
         name: Name of the instance, unique within its spec.
-        mesh: What it is made of.
-        position: Of the mesh's origin, in the world [m].
+        mesh: Surfaces and colliders.
+        position: World position of the mesh's origin [m].
         rotation: Orientation, xyzw.
         scale: Factor on its size.
-        tags: Semantic labels beside those of the mesh.
+        tags: Semantic labels in addition to that of the mesh.
     """
 
     name: str
@@ -41,12 +41,12 @@ class AssetInstance:
 
     @property
     def labels(self) -> list[str]:
-        """Semantic labels: what the mesh is, then the tags."""
+        """Semantic labels: that of the mesh, then the tags."""
         return [self.mesh.semantic or self.mesh.name, *self.tags]
 
 
 class AssetSpec(ABC):
-    """Assets of one kind; a subclass says which and where.
+    """Base of the specifications of assets of one kind; a subclass generates the instances.
 
     Args:
         name: An identifier, unique within the scene.
@@ -59,11 +59,11 @@ class AssetSpec(ABC):
 
     @abstractmethod
     def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterable[AssetInstance]:
-        """Instances on a terrain.
+        """Generate the instances on a terrain.
 
         Args:
-            terrain: The ground, with everything that earlier specs of the scene put onto it in ``terrain.placed``.
-            rng: The only source of chance; the same generator gives the same instances.
+            terrain: The ground; ``terrain.placed`` has the assets of the specifications before this one.
+            rng: The only source of random numbers; equal generators give equal instances.
         """
 
     def create_instance(
@@ -75,7 +75,7 @@ class AssetSpec(ABC):
         scale: float = 1.0,
         tags: Sequence[str] = (),
     ) -> AssetInstance:
-        """An instance, checked.
+        """Create an instance and check its values.
 
         Raises:
             ValueError: if the name is no identifier, or numbers are not finite.
@@ -95,12 +95,12 @@ class AssetSpec(ABC):
 
 
 class IdenticalAssetSpec(AssetSpec):
-    """Copies of one mesh, which a subclass finds positions for.
+    """Copies of one mesh; a subclass finds the positions.
 
     Args:
         name: An identifier, unique within the scene.
-        mesh: What all are made of.
-        rotation: Orientation of all, xyzw; None for a random turn about z each.
+        mesh: Mesh of all instances.
+        rotation: Orientation of all instances, xyzw. None: a random rotation about z for each.
     """
 
     def __init__(self, name: str, mesh: AssetMesh, rotation: Sequence[float] | None = None):
@@ -109,7 +109,7 @@ class IdenticalAssetSpec(AssetSpec):
 
     @abstractmethod
     def find_positions(self, terrain: TerrainInstance, rng: np.random.Generator) -> np.ndarray:
-        """Positions in the world [m], shape ``(N, 3)``, or ``(N, 2)`` for places on the ground."""
+        """World positions [m], shape ``(N, 3)``, or ``(N, 2)`` for positions on the ground."""
 
     def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterable[AssetInstance]:
         positions = np.asarray(self.find_positions(terrain, rng), dtype=float)
@@ -118,6 +118,7 @@ class IdenticalAssetSpec(AssetSpec):
         if positions.shape[1] == 2:
             heights = terrain.ground.height_at(positions[:, 0], positions[:, 1])
             positions = np.column_stack([positions, heights])
+        # Drawn also where it is not used, so that a fixed rotation changes no later random number.
         yaw = rng.uniform(-math.pi, math.pi, len(positions))
         for index, position in enumerate(positions):
             turn = self.rotation or (0.0, 0.0, math.sin(0.5 * yaw[index]), math.cos(0.5 * yaw[index]))

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene as a USD stage.
+"""Authoring: a generated scene written as a USD stage.
 
-Each mesh is one abstract prim below ``/Prototypes``; its instances refer to it and are instanceable, so that they share
-it in memory, on disk and on the GPU. What is seen and what is touched are separate prims: meshes, and invisible
+Each mesh is one abstract prim below ``/Prototypes``. Its instances reference it and are instanceable, so that they
+share it in memory, on disk and on the GPU. Visible surfaces and colliders are separate prims: meshes, and invisible
 primitives with ``UsdPhysics.CollisionAPI``.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade, Vt
 
 from stripe_newton.scene.scenery import SCENERY_KEY
-from stripe_newton.sim import PreviewSurfaceCfg, RigidBodyMaterialCfg
+from stripe_newton.sim import DistantLightCfg, DomeLightCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg
 from stripe_newton.terrains.ground_usd import author_ground
 
 from .asset_mesh import AssetMesh, Collider, MeshPart
@@ -38,23 +39,23 @@ def author_scene(scene: Scene) -> Usd.Stage:
         ValueError: if two different meshes have one name.
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    _shared(Usd.Stage.Open(layer), scene)
-    for spec, instances in scene.terrain.placed.items():  # below a stage, which would look at each of thousands
+    _author_all_but_instances(Usd.Stage.Open(layer), scene)
+    # Instances are written when that stage is gone: it would recompose itself for each of thousands.
+    for spec, instances in scene.terrain.placed.items():
         if instances:
-            _instances(layer, f"/World/{spec}", instances)
+            _author_instances(layer, f"/World/{spec}", instances)
     return Usd.Stage.Open(layer)
 
 
-def _shared(stage: Usd.Stage, scene: Scene) -> None:
-    """All but the instances."""
+def _author_all_but_instances(stage: Usd.Stage, scene: Scene) -> None:
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
     world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
     stage.SetDefaultPrim(world)
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    _terrain(stage, scene)
-    _lights(stage, scene)
+    _author_terrain(stage, scene)
+    _author_lights(stage, scene)
     names: dict[str, AssetMesh] = {}
     for instance in scene.instances:
         mesh = names.setdefault(instance.mesh.name, instance.mesh)
@@ -62,7 +63,7 @@ def _shared(stage: Usd.Stage, scene: Scene) -> None:
             raise ValueError(f"mesh '{mesh.name}': two different meshes have this name; give each its own")
     stage.CreateClassPrim("/Prototypes")
     for mesh in names.values():
-        _prototype(stage, mesh)
+        _author_prototype(stage, mesh)
     for spec, instances in scene.terrain.placed.items():
         if instances:
             group = UsdGeom.Xform.Define(stage, f"/World/{spec}").GetPrim()
@@ -70,7 +71,7 @@ def _shared(stage: Usd.Stage, scene: Scene) -> None:
             group.CreateAttribute(SCENERY_KEY, Sdf.ValueTypeNames.Bool).Set(True)
 
 
-def _terrain(stage: Usd.Stage, scene: Scene) -> None:
+def _author_terrain(stage: Usd.Stage, scene: Scene) -> None:
     terrain = scene.terrain
     root = UsdGeom.Xform.Define(stage, "/World/ground").GetPrim()
     _label(root, terrain.tags)
@@ -86,47 +87,49 @@ def _terrain(stage: Usd.Stage, scene: Scene) -> None:
         visual_material=PreviewSurfaceCfg(diffuse_color=(red, green, blue)),
     )
     if terrain.colors is not None:
-        seen = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ground/terrain"))
+        surface = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ground/terrain"))
         colors = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(terrain.colors, dtype=np.float32).reshape(-1, 3))
-        seen.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(colors)
+        surface.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(colors)
     prim = stage.GetPrimAtPath("/World/ground")
     x, y, z = terrain.origin or (0.0, 0.0, 0.0)
     prim.CreateAttribute("stripeNewton:origin", Sdf.ValueTypeNames.Point3d).Set(Gf.Vec3d(x, y, z))
     for index, (part, tags) in enumerate(terrain.parts):
-        mesh = _mesh(stage, f"/World/ground/part_{index}_{part.name}", part)
+        mesh = _author_mesh(stage, f"/World/ground/part_{index}_{part.name}", part)
         _label(mesh, tags)
 
 
-def _lights(stage: Usd.Stage, scene: Scene) -> None:
-    found: list[tuple[Any, str, Any]] = [
-        (scene.dome_light, "/World/Light", UsdLux.DomeLight),
-        (scene.distant_light, "/World/Sun", UsdLux.DistantLight),
-    ]
-    for cfg, path, kind in found:
-        if cfg is None:
-            continue
-        light = kind.Define(stage, path)
-        light.CreateColorAttr(Gf.Vec3f(*cfg.color))
-        light.CreateIntensityAttr(cfg.intensity)
-        light.CreateExposureAttr(cfg.exposure)
-        if hasattr(cfg, "angle"):
-            light.CreateAngleAttr(cfg.angle)
-            UsdGeom.Xformable(light).AddRotateXYZOp().Set(Gf.Vec3f(40.0, 20.0, 30.0))
-        if getattr(cfg, "texture_file", None):
-            light.CreateTextureFileAttr(cfg.texture_file)
+def _author_lights(stage: Usd.Stage, scene: Scene) -> None:
+    if scene.dome_light is not None:
+        dome = UsdLux.DomeLight.Define(stage, "/World/Light")
+        _author_light(dome, scene.dome_light)
+        if scene.dome_light.texture_file:
+            dome.CreateTextureFileAttr(scene.dome_light.texture_file)
+    if scene.distant_light is not None:
+        sun = UsdLux.DistantLight.Define(stage, "/World/Sun")
+        _author_light(sun, scene.distant_light)
+        sun.CreateAngleAttr(scene.distant_light.angle)
+        # The config has no direction; this one gives shapes a lit and a dark side from most views.
+        UsdGeom.Xformable(sun).AddRotateXYZOp().Set(Gf.Vec3f(40.0, 20.0, 30.0))
 
 
-def _prototype(stage: Usd.Stage, mesh: AssetMesh) -> None:
+def _author_light(light: UsdLux.DomeLight | UsdLux.DistantLight, cfg: DomeLightCfg | DistantLightCfg) -> None:
+    light.CreateColorAttr(Gf.Vec3f(*cfg.color))
+    light.CreateIntensityAttr(cfg.intensity)
+    light.CreateExposureAttr(cfg.exposure)
+
+
+def _author_prototype(stage: Usd.Stage, mesh: AssetMesh) -> None:
     root = f"/Prototypes/{mesh.name}"
     UsdGeom.Xform.Define(stage, root)
     UsdGeom.Scope.Define(stage, f"{root}/Looks")
     for part in mesh.parts():
-        _mesh(stage, f"{root}/{part.name}", part, f"{root}/Looks/{part.name}")
+        _author_mesh(stage, f"{root}/{part.name}", part, f"{root}/Looks/{part.name}")
     for index, collider in enumerate(mesh.colliders()):
-        _collider(stage, f"{root}/collider_{index}", collider)
+        _author_collider(stage, f"{root}/collider_{index}", collider)
 
 
-def _mesh(stage: Usd.Stage, path: str, part: MeshPart, look: str | None = None) -> Usd.Prim:
+def _author_mesh(stage: Usd.Stage, path: str, part: MeshPart, look: str | None = None) -> Usd.Prim:
+    """Write a surface, with a material at the path ``look`` if given."""
     mesh = UsdGeom.Mesh.Define(stage, path)
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(part.vertices))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.faces.reshape(-1)))
@@ -146,11 +149,11 @@ def _mesh(stage: Usd.Stage, path: str, part: MeshPart, look: str | None = None) 
     return mesh.GetPrim()
 
 
-def _collider(stage: Usd.Stage, path: str, collider: Collider) -> None:
+def _author_collider(stage: Usd.Stage, path: str, collider: Collider) -> None:
     shape = _SHAPES[collider.kind].Define(stage, path)
     size = collider.size
     if collider.kind == "box":
-        shape.CreateSizeAttr(2.0)
+        shape.CreateSizeAttr(2.0)  # a USD cube has one size; the half extents are a scale
         reach = np.ones(3)
     else:
         shape.CreateRadiusAttr(size[0])
@@ -160,7 +163,7 @@ def _collider(stage: Usd.Stage, path: str, collider: Collider) -> None:
         shape.CreateAxisAttr(UsdGeom.Tokens.z)
         reach[2] = size[1] + (size[0] if collider.kind == "capsule" else 0.0)
     shape.CreateExtentAttr([Gf.Vec3f(*map(float, -reach)), Gf.Vec3f(*map(float, reach))])
-    shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    shape.CreatePurposeAttr(UsdGeom.Tokens.guide)  # not rendered
     qx, qy, qz, qw = collider.rot
     form = UsdGeom.Xformable(shape)
     form.AddTranslateOp().Set(Gf.Vec3d(*collider.pos))
@@ -170,34 +173,37 @@ def _collider(stage: Usd.Stage, path: str, collider: Collider) -> None:
     UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
 
 
-def _label(prim: Usd.Prim, labels: Any) -> None:
+def _label(prim: Usd.Prim, labels: Sequence[str]) -> None:
     if labels:
         UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr(Vt.TokenArray(list(labels)))
 
 
-_PLACE = ["xformOp:translate", "xformOp:orient", "xformOp:scale"]
+_TRANSFORM_OPS = ["xformOp:translate", "xformOp:orient", "xformOp:scale"]
 
 
-def _instances(layer: Sdf.Layer, root: str, instances: list[AssetInstance]) -> None:
-    """Instances, as copies of the first of each kind, below the level of prims: a third of the time."""
-    models: dict[tuple[str, bool, tuple[str, ...]], Sdf.Path] = {}
+def _author_instances(layer: Sdf.Layer, root: str, instances: list[AssetInstance]) -> None:
+    """Write instances as copies of the first of each kind.
+
+    Copying specs in the layer takes a third of the time of authoring prims on a stage.
+    """
+    first_of_kind: dict[tuple[str, bool, tuple[str, ...]], Sdf.Path] = {}
     with Sdf.ChangeBlock():
         for instance in instances:
             kind = instance.mesh.name, instance.mesh.instancable, tuple(instance.labels)
             path = Sdf.Path(f"{root}/{instance.name}")
-            if kind in models:
-                Sdf.CopySpec(layer, models[kind], layer, path)
+            if kind in first_of_kind:
+                Sdf.CopySpec(layer, first_of_kind[kind], layer, path)
             else:
-                models[kind] = path
-                _instance(Sdf.CreatePrimInLayer(layer, path), *kind)
+                first_of_kind[kind] = path
+                _author_instance(Sdf.CreatePrimInLayer(layer, path), *kind)
             qx, qy, qz, qw = instance.rotation
-            for attribute, value in zip(
-                _PLACE, (Gf.Vec3d(*instance.position), Gf.Quatf(qw, qx, qy, qz), Gf.Vec3f(instance.scale)), strict=True
-            ):
+            pose = Gf.Vec3d(*instance.position), Gf.Quatf(qw, qx, qy, qz), Gf.Vec3f(instance.scale)
+            for attribute, value in zip(_TRANSFORM_OPS, pose, strict=True):
                 layer.GetAttributeAtPath(path.AppendProperty(attribute)).default = value
 
 
-def _instance(prim: Sdf.PrimSpec, mesh: str, shared: bool, labels: tuple[str, ...]) -> None:
+def _author_instance(prim: Sdf.PrimSpec, mesh: str, shared: bool, labels: tuple[str, ...]) -> None:
+    """Write everything but the pose: a reference to the mesh's prototype, labels and empty transform operations."""
     types = Sdf.ValueTypeNames
     prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
     prim.instanceable = shared
@@ -205,7 +211,7 @@ def _instance(prim: Sdf.PrimSpec, mesh: str, shared: bool, labels: tuple[str, ..
     prim.referenceList.prependedItems = [Sdf.Reference(primPath=f"/Prototypes/{mesh}")]
     prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["SemanticsLabelsAPI:class"]))
     Sdf.AttributeSpec(prim, "semantics:labels:class", types.TokenArray).default = Vt.TokenArray(labels)
-    for name, kind in zip(_PLACE, (types.Double3, types.Quatf, types.Float3), strict=True):
+    for name, kind in zip(_TRANSFORM_OPS, (types.Double3, types.Quatf, types.Float3), strict=True):
         Sdf.AttributeSpec(prim, name, kind)
     order = Sdf.AttributeSpec(prim, "xformOpOrder", types.TokenArray, Sdf.VariabilityUniform)
-    order.default = Vt.TokenArray(_PLACE)
+    order.default = Vt.TokenArray(_TRANSFORM_OPS)

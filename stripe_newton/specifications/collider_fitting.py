@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Primitives around points."""
+"""Collider fitting: the smallest primitive around points."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .asset_mesh import SIZES, Collider
 
@@ -11,9 +12,10 @@ __all__ = ["fit_collider"]
 
 
 def fit_collider(points: np.ndarray, kind: str = "auto") -> Collider:
-    """The primitive that holds all points.
+    """Fit a primitive that contains all points.
 
-    Boxes, cylinders and capsules lie along the principal axes of the points.
+    Boxes, cylinders and capsules are aligned with the principal axes of the points, so they are small but not always
+    the smallest possible.
 
     Args:
         points: Shape ``(N, 3)`` [m].
@@ -29,7 +31,7 @@ def fit_collider(points: np.ndarray, kind: str = "auto") -> Collider:
         raise ValueError(f"collider: points are {points.shape}, must be (N, 3) with at least 4")
     centre = points.mean(axis=0)
     axes = np.linalg.svd(points - centre, full_matrices=False)[2]
-    if np.linalg.det(axes) < 0.0:
+    if np.linalg.det(axes) < 0.0:  # a mirror has no quaternion
         axes[2] = -axes[2]
     local = (points - centre) @ axes.T
     low, high = local.min(axis=0), local.max(axis=0)
@@ -37,18 +39,20 @@ def fit_collider(points: np.ndarray, kind: str = "auto") -> Collider:
     if half.min() < 1.0e-6 * max(half.max(), 1.0e-9):
         raise ValueError("collider: the points lie in a plane, they span no volume")
     middle = 0.5 * (low + high)
-    found = [Collider("box", _lengths(half), _place(centre + middle @ axes), _quat(axes.T))]
+    pos = _place(centre + middle @ axes)
+    found = [Collider("box", _lengths(half), pos, _quat(axes.T))]
     reach = np.linalg.norm(local - middle, axis=1).max()
-    found.append(Collider("sphere", (float(reach),), _place(centre + middle @ axes)))
-    for axis in range(3):  # along z of the primitive
+    found.append(Collider("sphere", (float(reach),), pos))
+    for axis in range(3):  # each principal axis as the primitive's z
         others = [(axis + 1) % 3, (axis + 2) % 3]
-        frame = np.stack([axes[others[0]], axes[others[1]], axes[axis]], axis=1)
-        radius = float(np.linalg.norm((local - middle)[:, others], axis=1).max())
+        quat = _quat(np.stack([axes[others[0]], axes[others[1]], axes[axis]], axis=1))
         along, across = (local - middle)[:, axis], np.linalg.norm((local - middle)[:, others], axis=1)
-        found.append(Collider("cylinder", (radius, float(half[axis])), _place(centre + middle @ axes), _quat(frame)))
-        caps = np.sqrt(np.maximum(radius**2 - across**2, 0.0))  # how far a cap reaches beyond a point
+        radius = float(across.max())
+        found.append(Collider("cylinder", (radius, float(half[axis])), pos, quat))
+        # Beside the axis a cap extends less far: the straight part must cover what the cap leaves of each point.
+        caps = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
         stretch = max(float((np.abs(along) - caps).max()), 1.0e-4)
-        found.append(Collider("capsule", (radius, stretch), _place(centre + middle @ axes), _quat(frame)))
+        found.append(Collider("capsule", (radius, stretch), pos, quat))
     wanted = [c for c in found if kind in ("auto", c.kind)]
     return min(wanted, key=_volume)
 
@@ -72,7 +76,5 @@ def _place(point: np.ndarray) -> tuple[float, float, float]:
 
 
 def _quat(matrix: np.ndarray) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
     x, y, z, w = Rotation.from_matrix(matrix).as_quat()
     return float(x), float(y), float(z), float(w)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes that others made, in files."""
+"""Mesh files: asset meshes read from USD files, or from any format that trimesh reads."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ import re
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
+import newton.usd
 import numpy as np
+import trimesh
+from pxr import Usd, UsdGeom
+
+from stripe_newton.usd import open_stage
 
 from .asset_mesh import AssetMesh, Collider, MeshPart
 from .collider_fitting import fit_collider
@@ -18,15 +22,18 @@ __all__ = ["USDMesh", "UniversalMesh"]
 
 _USD = (".usd", ".usda", ".usdc", ".usdz")
 
+Surface = tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]
+"""Name, vertices [m], triangles and linear RGB."""
+
 
 class _FileMesh(AssetMesh):
-    """What both kinds of files have in common.
+    """Base of the meshes from files. The file is read at the first use.
 
     Args:
         path: The file.
         name: An identifier; by default made from the file's name.
         scale: Factor on all lengths.
-        collider: Kind of primitive that is fitted around it, ``"auto"`` for the tightest, None for nothing to touch.
+        collider: Kind of primitive to fit around it, ``"auto"`` for the smallest, None for no collider.
         semantic: Semantic label; the name where empty.
 
     Raises:
@@ -72,31 +79,30 @@ class _FileMesh(AssetMesh):
             raise ValueError(f"{type(self).__name__} '{self.path}': has no triangles")
         return parts
 
-    def _read(self) -> list[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]]:
+    def _read(self) -> list[Surface]:
         raise NotImplementedError
 
 
 class UniversalMesh(_FileMesh):
-    """A mesh file of any format that trimesh reads: OBJ, STL, PLY, GLB, OFF; in metres, z up."""
+    """A mesh file of any format that trimesh reads, such as OBJ, STL, PLY, GLB and OFF; in metres, z up."""
 
-    def _read(self) -> list[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]]:
-        import trimesh
-
+    def _read(self) -> list[Surface]:
         if self.path.suffix.lower() in _USD:
             raise ValueError(f"UniversalMesh '{self.path}': is a USD file, use USDMesh")
         try:
             scene = trimesh.load_scene(self.path, process=False)
-        except Exception as error:
+        except Exception as error:  # trimesh's readers raise all kinds
             raise ValueError(f"UniversalMesh '{self.path}': {error}") from error
         found = []
         for node in scene.graph.nodes_geometry:
             matrix, geometry = scene.graph[node]
-            mesh: Any = scene.geometry[geometry]
-            if getattr(mesh, "faces", None) is None or not len(mesh.faces):
+            mesh = scene.geometry[geometry]
+            if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):  # point clouds and paths
                 continue
+            # A texture has no main colour.
             color = np.asarray(getattr(mesh.visual, "main_color", (128, 128, 128, 255)), dtype=float)[:3] / 255.0
             vertices = trimesh.transform_points(mesh.vertices, matrix)
-            red, green, blue = (
+            red, green, blue = (  # sRGB to linear, IEC 61966-2-1
                 float(c) for c in np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
             )
             found.append((str(geometry), vertices, mesh.faces, (red, green, blue)))
@@ -104,14 +110,9 @@ class UniversalMesh(_FileMesh):
 
 
 class USDMesh(_FileMesh):
-    """The visible meshes of a USD file, in metres and with z up whatever the file's units and axis are."""
+    """The visible meshes of a USD file, converted to metres and z up."""
 
-    def _read(self) -> list[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]]:
-        import newton.usd
-        from pxr import Usd, UsdGeom
-
-        from stripe_newton.usd import open_stage
-
+    def _read(self) -> list[Surface]:
         stage = open_stage(self.path)
         unit, y_up = UsdGeom.GetStageMetersPerUnit(stage), UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
         cache, found = UsdGeom.XformCache(), []
@@ -119,13 +120,14 @@ class USDMesh(_FileMesh):
             image = UsdGeom.Imageable(prim)
             if not prim.IsA(UsdGeom.Mesh) or image.ComputeVisibility() == UsdGeom.Tokens.invisible:
                 continue
-            if image.ComputePurpose() == UsdGeom.Tokens.guide:
+            if image.ComputePurpose() == UsdGeom.Tokens.guide:  # colliders, by convention
                 continue
             mesh = newton.usd.get_mesh(prim)
             matrix = np.array(cache.GetLocalToWorldTransform(prim))
             points = (np.asarray(mesh.vertices) @ matrix[:3, :3] + matrix[3, :3]) * unit
             points = points @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=float) if y_up else points
             faces = np.asarray(mesh.indices).reshape(-1, 3)
+            # A mirror turns triangles inside out.
             faces = faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else faces
             shown = UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()
             red, green, blue = map(float, shown[0]) if shown else (0.5, 0.5, 0.5)

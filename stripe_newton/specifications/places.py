@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where robots can stand in a scene: on ground that is not too steep, clear of what is touched, and in one piece."""
+"""Places for robots in a scene: on ground that is not too steep, clear of colliders, and all connected."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from .terrain_instance import TerrainInstance
 __all__ = ["Places", "add_places", "footprints", "walkable"]
 
 SPACING = 0.25
-"""Spacing of the grid on which places are looked for [m]."""
+"""Spacing of the grid on which places are searched [m]."""
 LARGEST = 4096
-"""Most grid spacings along a side; the grid of what is larger is coarser."""
+"""Most grid cells along a side; a larger scene gets a coarser grid."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Places to find on each tile of a scene, once everything stands.
+    """Places to find on each tile of a scene after all assets are placed.
 
     Attributes:
-        count: How many; several may lie close together, as robots of different environments never meet.
-        radius: Space about a place that no collider reaches into [m].
-        max_slope: Steepest ground over that space [rad].
+        count: Number of places. Some may be close together, as robots of different environments never meet.
+        radius: Radius of the space around a place that is free of colliders [m].
+        max_slope: Steepest slope of the ground in that space [rad].
         margin: Distance from the edge of the tile [m].
     """
 
@@ -61,21 +61,24 @@ def footprints(terrain: TerrainInstance) -> np.ndarray:
     for instances in by_mesh.values():
         pos = np.array([i.position for i in instances])
         scale = np.array([i.scale for i in instances])[:, None]
-        onto = Rotation.from_quat([i.rotation for i in instances]).as_matrix()[:, :2]  # the ground, seen from above
+        # The first two rows of a rotation: its projection onto the ground.
+        onto = Rotation.from_quat([i.rotation for i in instances]).as_matrix()[:, :2]
         for collider in instances[0].mesh.colliders():
             points, radius, apart = _balls(collider)
             turn = Rotation.from_quat(collider.rot)
             at = pos[:, None, :2] + scale[:, None] * ((collider.pos + turn.apply(points)) @ onto.transpose(0, 2, 1))
             across = np.linalg.norm(onto @ turn.apply(apart), axis=1)
-            wide = scale * np.hypot(radius, 0.5 * across)[:, None]  # so that they also cover what is between them
+            # Wide enough to cover the lens-shaped gaps between the circles of a row.
+            wide = scale * np.hypot(radius, 0.5 * across)[:, None]
             found.append(np.dstack([at, np.broadcast_to(wide[:, None], (*at.shape[:2], 1))]).reshape(-1, 3))
     return np.concatenate(found)
 
 
 def _balls(collider: Collider) -> tuple[np.ndarray, float, np.ndarray]:
-    """Balls along a collider, in its frame: middles ``(K, 3)``, their radius, the way between those in a row [m]."""
+    """Balls that fill a collider, in its frame: centres ``(K, 3)``, radius, and offset between neighbours [m]."""
     size = collider.size
     if collider.kind == "box":
+        # A grid of balls with one layer along the shortest side; each covers the corners of its cell.
         order = np.argsort(size)
         reach = max(size[order[0]], 0.5 * SPACING)
         counts = np.ceil(np.array(size) / reach).astype(int)
@@ -90,28 +93,31 @@ def _balls(collider: Collider) -> tuple[np.ndarray, float, np.ndarray]:
 
 
 def walkable(terrain: TerrainInstance, radius: float, max_slope: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a robot of some radius can stand.
+    """Find out where a robot of some radius can stand.
 
     Args:
-        terrain: Ground and what stands on it.
-        radius: Of the space that it needs [m].
-        max_slope: Of the ground, about that of the plane that fits it best over that space [rad].
+        terrain: Ground with the assets on it.
+        radius: Radius of the space that the robot needs [m].
+        max_slope: Steepest slope of the plane that fits the ground best in that space, approximately [rad].
 
     Returns:
-        Whether it can, bool ``(nrow, ncol)``, and x ``(ncol,)`` and y ``(nrow,)`` of the grid [m].
+        Whether it can stand at a point of the grid, bool ``(nrow, ncol)``, and x ``(ncol,)`` and y ``(nrow,)`` of the
+        grid [m].
     """
     ground = terrain.ground
     shape = [max(3, min(round(s / SPACING), LARGEST) + 1) for s in ground.size]
     x, y = (np.linspace(low, low + s, n) for low, s, n in zip(ground.lower, ground.size, shape))
     cell = np.array([x[1] - x[0], y[1] - y[0]])
     heights = ground.height_at(*np.meshgrid(x, y))
-    smooth = ndimage.gaussian_filter(heights, radius / math.sqrt(6.0) / cell[::-1], mode="nearest")  # of a disc's plane
+    # The gradient of heights smoothed with this width is about the slope of the plane that fits a disc of that radius.
+    smooth = ndimage.gaussian_filter(heights, radius / math.sqrt(6.0) / cell[::-1], mode="nearest")
     along_y, along_x = np.gradient(smooth, cell[1], cell[0])
     level = np.hypot(along_x, along_y) <= math.tan(max_slope)
     taken = np.zeros(heights.shape, dtype=bool)
     circles = footprints(terrain)
     circles[:, 2] += radius
     reach = np.ceil(circles[:, 2] / cell.min() + 0.5).astype(int)
+    # A loop over the offsets that a circle can reach, each for all circles of that size at once.
     for span in np.unique(reach):
         few = circles[reach == span]
         col, row = np.rint((few[:, 0] - x[0]) / cell[0]), np.rint((few[:, 1] - y[0]) / cell[1])
@@ -126,10 +132,10 @@ def walkable(terrain: TerrainInstance, radius: float, max_slope: float) -> tuple
 
 
 def add_places(terrain: TerrainInstance, wanted: Mapping[str, Places], rng: np.random.Generator) -> None:
-    """Find places on every tile and keep them as the ground's patches, for terms that start robots there.
+    """Find places on every tile and store them as flat patches of the ground, for terms that start robots there.
 
-    All places of a tile that a robot can stand on are connected: they lie in its largest walkable part. A ground
-    without tiles becomes one. The origins of tiles and terrain move to the nearest place of ``init_pos``.
+    All places of a tile are connected: they lie in its largest walkable part. A ground without tiles becomes one tile.
+    The origins of tiles and terrain move to the nearest place of ``init_pos``.
 
     Raises:
         ValueError: if a tile has no such place.
@@ -154,8 +160,9 @@ def add_places(terrain: TerrainInstance, wanted: Mapping[str, Places], rng: np.r
                     f"scene: tile {level}, {kind} has no place '{name}' with {places.radius:g} m of room on slopes "
                     f"of up to {math.degrees(places.max_slope):.0f} degrees; allow less room, or fewer assets"
                 )
-            largest = 1 + np.argmax(np.bincount(labels.ravel())[1:])
+            largest = 1 + np.argmax(np.bincount(labels.ravel())[1:])  # label 0 is where nobody can stand
             rows, cols = np.nonzero(labels == largest)
+            # A generator for each name and tile: other tiles or names change nothing here.
             own = np.random.default_rng([seed, zlib.crc32(name.encode()), level, kind])
             pick = own.integers(0, len(rows), places.count)
             at = np.column_stack([x[cols[pick]], y[rows[pick]]])
@@ -175,7 +182,7 @@ def _nearest(places: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 
 def tile_bounds(terrain: TerrainInstance, level: int, kind: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner of a tile in the plane [m]; tiles lie about the middle, levels along x, types along y."""
+    """Lower and upper corner of a tile in the plane [m]. The tiles are centred, levels along x, types along y."""
     ground = terrain.ground
     assert ground.origins is not None
     tile, shape = np.array(ground.tile), np.array(ground.origins.shape[:2])
@@ -184,7 +191,7 @@ def tile_bounds(terrain: TerrainInstance, level: int, kind: int) -> tuple[np.nda
 
 
 def _highest(terrain: TerrainInstance, at: np.ndarray, radius: float) -> np.ndarray:
-    """Highest ground about points, so that no foot starts in it [m]."""
+    """Height of the highest ground around points, so that no foot starts inside it [m]."""
     turn = np.arange(12) * math.pi / 6.0
     circle = radius * np.column_stack([np.cos(turn), np.sin(turn)])
     ring = np.concatenate([np.zeros((1, 2)), circle / 3.0, circle / 1.5, circle])

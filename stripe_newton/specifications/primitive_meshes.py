@@ -1,30 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of simple shapes, which are their own colliders."""
+"""Primitive meshes: boxes, spheres, capsules, cylinders and cones, which are their own colliders."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import trimesh
 
 from .asset_mesh import AssetMesh, Collider, Kind, MeshPart
+from .collider_fitting import fit_collider
 
 __all__ = ["BoxMesh", "CapsuleMesh", "ConeMesh", "CylinderMesh", "DebugMesh", "PrimitiveMesh", "SphereMesh"]
 
 
 class PrimitiveMesh(AssetMesh):
-    """A shape that stands on the ground.
+    """Base of the simple shapes. A shape stands on the ground: its lowest point is at z = 0.
 
     Args:
         name: An identifier.
+        size: Lengths, as the subclass says [m].
         color: Linear RGB.
         touched: Whether it has a collider.
         semantic: Semantic label; the name where empty.
     """
 
     kind: Kind | None = None
-    """Kind of its collider; None for a fitted one."""
+    """Kind of its collider. None: a primitive is fitted."""
 
     def __init__(
         self,
@@ -43,7 +45,7 @@ class PrimitiveMesh(AssetMesh):
         vertices = np.asarray(mesh.vertices) + [0.0, 0.0, self._lift]
         self._part = MeshPart("surface", vertices, np.asarray(mesh.faces), color)
 
-    def _mesh(self) -> Any:
+    def _mesh(self) -> trimesh.Trimesh:
         raise NotImplementedError
 
     def parts(self) -> Sequence[MeshPart]:
@@ -53,8 +55,6 @@ class PrimitiveMesh(AssetMesh):
         if not self.touched:
             return []
         if self.kind is None:
-            from .collider_fitting import fit_collider
-
             return [fit_collider(self._part.vertices)]
         return [Collider(self.kind, self.size, (0.0, 0.0, self._lift))]
 
@@ -64,9 +64,7 @@ class BoxMesh(PrimitiveMesh):
 
     kind = "box"
 
-    def _mesh(self) -> Any:
-        import trimesh
-
+    def _mesh(self) -> trimesh.Trimesh:
         return trimesh.creation.box(2.0 * np.array(self.size))
 
 
@@ -75,9 +73,7 @@ class SphereMesh(PrimitiveMesh):
 
     kind = "sphere"
 
-    def _mesh(self) -> Any:
-        import trimesh
-
+    def _mesh(self) -> trimesh.Trimesh:
         return trimesh.creation.icosphere(2, self.size[0])
 
 
@@ -86,11 +82,9 @@ class CapsuleMesh(PrimitiveMesh):
 
     kind = "capsule"
 
-    def _mesh(self) -> Any:
-        import trimesh
-
+    def _mesh(self) -> trimesh.Trimesh:
         mesh = trimesh.creation.capsule(2.0 * self.size[1], self.size[0], count=(12, 12))
-        mesh.vertices -= mesh.bounds.mean(axis=0)
+        mesh.vertices -= mesh.bounds.mean(axis=0)  # trimesh's capsule is not centred
         return mesh
 
 
@@ -99,23 +93,19 @@ class CylinderMesh(PrimitiveMesh):
 
     kind = "cylinder"
 
-    def _mesh(self) -> Any:
-        import trimesh
-
+    def _mesh(self) -> trimesh.Trimesh:
         return trimesh.creation.cylinder(self.size[0], 2.0 * self.size[1], sections=20)
 
 
 class ConeMesh(PrimitiveMesh):
-    """An upright cone; ``size`` are its radius and half its height [m]. Its collider is fitted around it."""
+    """An upright cone; ``size`` are its radius and half its height [m]. A primitive is fitted around it as collider."""
 
-    def _mesh(self) -> Any:
-        import trimesh
-
+    def _mesh(self) -> trimesh.Trimesh:
         return trimesh.creation.cone(self.size[0], 2.0 * self.size[1], sections=20)
 
 
 class DebugMesh(SphereMesh):
-    """A marker, which is authored only with ``debug_models=True`` and never touched."""
+    """A marker without collider that is only generated with ``debug_models=True``."""
 
     def __init__(self, name: str, radius: float = 0.1, color: tuple[float, float, float] = (1.0, 0.0, 1.0)):
         super().__init__(name, (radius,), color, touched=False)

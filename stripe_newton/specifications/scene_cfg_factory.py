@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a scene that a spec makes to the config of a simulated scene."""
+"""Scene config factory: the config of a simulated scene from a scene specification, a robot and sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
-from pxr import Sdf
+from pxr import Sdf, Usd
 
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg
 from stripe_newton.configclass import configclass
@@ -18,19 +18,30 @@ from stripe_newton.sim.stage import current_stage
 
 from .scene_spec import Scene, SceneSpec
 
-if TYPE_CHECKING:
-    from pxr import Usd
-
-__all__ = ["SceneCfgFactory", "SceneStageCfg"]
+__all__ = ["SceneCfgFactory", "SceneEntryCfg", "SceneStageCfg"]
 
 
-def spawn_scene_stage(prim_path: str, cfg: SceneStageCfg, *pose: Any) -> Usd.Prim:
+class SceneEntryCfg(Protocol):
+    """Config of anything that a scene consists of: an asset, a sensor or obstacles."""
+
+    @property
+    def prim_path(self) -> str: ...
+
+    @property
+    def class_type(self) -> Callable[..., object] | None: ...
+
+
+def spawn_scene_stage(prim_path: str, cfg: SceneStageCfg, *pose: object) -> Usd.Prim:
     """Copy the stage of a scene: everything below ``/World``, and its prototypes.
+
+    Args:
+        prim_path: Path of the prim to return.
+        cfg: The specification or file.
+        pose: Ignored: a scene stays where its specification puts it.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: for a file that :meth:`Scene.export` did not write, or if something of the scene has the path of
-            something that is there.
+        ValueError: for a file that :meth:`Scene.export` did not write, or if a path of the scene exists already.
     """
     stage = current_stage()
     source, target = _layer(cfg), stage.GetRootLayer()
@@ -39,6 +50,7 @@ def spawn_scene_stage(prim_path: str, cfg: SceneStageCfg, *pose: Any) -> Usd.Pri
         raise ValueError(
             f"'{cfg.usd_path}': is no scene of a spec, it has no /World and /Prototypes; spawn it by UsdFileCfg"
         )
+    # Copied in the layer, in one block: the stage composes once, not at each of thousands of prims.
     with Sdf.ChangeBlock():
         Sdf.CreatePrimInLayer(target, "/World")
         for child in world.nameChildren:
@@ -50,6 +62,7 @@ def spawn_scene_stage(prim_path: str, cfg: SceneStageCfg, *pose: Any) -> Usd.Pri
 
 
 def _layer(cfg: SceneStageCfg) -> Sdf.Layer:
+    """The root layer of the scene that a config names."""
     if cfg.usd_path is None:
         return cfg.made().stage.GetRootLayer()
     file = Path(cfg.usd_path).expanduser()
@@ -58,6 +71,7 @@ def _layer(cfg: SceneStageCfg) -> Sdf.Layer:
     return Sdf.Layer.FindOrOpen(str(file))
 
 
+# A scene is asked for several times while a simulation is built, and making a forest takes tens of seconds.
 @lru_cache(maxsize=4)
 def _made(spec: SceneSpec, seed: int, debug_models: bool) -> Scene:
     return spec.create(seed, debug_models)
@@ -65,37 +79,39 @@ def _made(spec: SceneSpec, seed: int, debug_models: bool) -> Scene:
 
 @configclass
 class SceneStageCfg(SpawnerCfg):
-    """Spawns what a spec makes: terrain, assets, lights."""
+    """Spawns a generated scene: terrain, assets and lights."""
 
-    func: Callable[..., Any] = spawn_scene_stage
+    func: Callable[..., Usd.Prim] = spawn_scene_stage
     """Function that authors it."""
-    spec: Any = None
-    """The :class:`SceneSpec`."""
+    spec: SceneSpec | None = None
+    """The scene specification."""
     seed: int = 0
     """Seed of the scene."""
     debug_models: bool = False
-    """Whether markers are part of it."""
+    """Whether the scene contains markers."""
     usd_path: str | None = None
-    """A file that :meth:`Scene.export` wrote, in place of ``spec``."""
+    """A file that :meth:`Scene.export` wrote, instead of ``spec``."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if (self.spec is None) == (self.usd_path is None):
             yield "spec", "give either a SceneSpec or the usd_path of an exported scene"
 
     def made(self) -> Scene:
-        """The scene of ``spec`` and ``seed``; the last few are kept."""
+        """The scene of ``spec`` and ``seed``. The last few scenes are kept."""
+        if self.spec is None:
+            raise ValueError(f"the scene is of the file '{self.usd_path}', not of a specification")
         return _made(self.spec, self.seed, self.debug_models)
 
 
 class SceneCfgFactory:
-    """Makes the config of a simulated scene: what a spec makes, a robot, and whatever is added.
+    """Makes the config of a simulated scene: a generated scene, a robot, and further assets and sensors.
 
     Args:
-        scene: The spec, or the path of a file that a scene was exported to.
-        num_envs: Number of environments; all share the terrain and what stands on it.
+        scene: The scene specification, or the path of a file that a scene was exported to.
+        num_envs: Number of environments. All share the terrain and the assets on it.
         env_spacing: Distance between their origins [m].
         seed: Seed of the scene.
-        debug_models: Whether markers are part of it.
+        debug_models: Whether the scene contains markers.
     """
 
     def __init__(
@@ -109,10 +125,10 @@ class SceneCfgFactory:
         self.num_envs, self.env_spacing = num_envs, env_spacing
         self.spawn = SceneStageCfg(usd_path=str(scene)) if isinstance(scene, (str, Path)) else SceneStageCfg(spec=scene)
         self.spawn.seed, self.spawn.debug_models = seed, debug_models
-        self._fields: dict[str, Any] = {}
+        self._fields: dict[str, SceneEntryCfg] = {}
 
-    def add_asset(self, name: str, cfg: Any) -> None:
-        """Add an asset of each environment, or a shared one outside of them.
+    def add_asset(self, name: str, cfg: SceneEntryCfg) -> None:
+        """Add an asset: one in each environment, or a shared one outside of them.
 
         Raises:
             ValueError: if the name is taken.
@@ -123,21 +139,22 @@ class SceneCfgFactory:
             raise ValueError(f"scene: '{name}' must be an identifier: letters, digits and '_'")
         self._fields[name] = cfg
 
-    def add_sensor(self, name: str, cfg: Any) -> None:
+    def add_sensor(self, name: str, cfg: SceneEntryCfg) -> None:
         """Add a sensor; see :meth:`add_asset`."""
         self.add_asset(name, cfg)
 
     def get_scene(self, robot: ArticulationCfg) -> InteractiveSceneCfg:
-        """The config, with a field for everything; the scene is ``scenery``.
+        """The config, with a field for each asset and sensor. The generated scene is the field ``scenery``.
 
         Args:
-            robot: Its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``.
+            robot: The robot, with the field ``robot``. Its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``.
         """
         scenery = AssetBaseCfg(prim_path="/World/ground", spawn=self.spawn)
         fields = {"scenery": scenery, "robot": robot.replace(prim_path="{ENV_REGEX_NS}/Robot"), **self._fields}
+        # A class of its own, as a config has no fields but those that its class declares.
         body = {"__annotations__": dict.fromkeys(fields, Any), "__module__": __name__, **dict.fromkeys(fields)}
-        made: Any = configclass(type("SpecSceneCfg", (InteractiveSceneCfg,), body))
-        cfg: InteractiveSceneCfg = made(num_envs=self.num_envs, env_spacing=self.env_spacing)
+        made: type[InteractiveSceneCfg] = configclass(type("SpecSceneCfg", (InteractiveSceneCfg,), body))
+        cfg = made(num_envs=self.num_envs, env_spacing=self.env_spacing)
         for name, value in fields.items():
             setattr(cfg, name, value)
         return cfg

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of a scene's ground, and of what stands on it."""
+"""Scene maps: a picture of the height, the assets and every map of a scene's terrain."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from .scene_spec import Scene
 
 __all__ = ["draw_maps"]
@@ -20,12 +23,13 @@ _KNOWN: dict[str, tuple[str, str, tuple[float, float] | None]] = {
     "moisture": ("moisture [0 to 1]", "YlGnBu", (0.0, 1.0)),
     "traversability": ("traversability [0 to 1]", "RdYlGn", (0.0, 1.0)),
 }
-"""Label, colours and range of maps; angles are in radians in the scene and in degrees in the picture."""
-_MOST_CELLS = 700
+"""Label, colour map and range of maps by name. Angles are in radians in the scene and in degrees in the picture."""
+_MAX_CELLS = 700
+"""Most cells of a map along a side; more would be smaller than pixels."""
 
 
 def draw_maps(scene: Scene, path: Path) -> None:
-    """Write a picture of the height, with all instances, and of every map of the terrain.
+    """Write a picture of the height, of all instances, and of every map of the terrain that is not even.
 
     Raises:
         ValueError: for a map that is no two-dimensional array of finite numbers.
@@ -33,37 +37,50 @@ def draw_maps(scene: Scene, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    terrain = scene.terrain
-    maps = {name: np.asarray(values, dtype=float) for name, values in terrain.maps.items()}
-    for name, values in maps.items():
-        if values.ndim != 2 or not np.isfinite(values).all():
-            raise ValueError(f"terrain map '{name}': is {values.shape}, must be two-dimensional and finite")
-    maps = {name: values for name, values in maps.items() if np.ptp(values) > 0.0}  # an even one says nothing
+    terrain, maps = scene.terrain, _uneven_maps(scene)
     count = 2 + len(maps)
     columns = min(count, 3 if count != 4 else 2)
     rows = math.ceil(count / columns)
     high = 5.2 * min(max(terrain.size[1] / terrain.size[0], 0.35), 2.5)
     figure = Figure(figsize=(6.0 * columns, (high + 0.7) * rows), layout="constrained", dpi=110)
-    FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)  # without pyplot, which keeps figures alive and may look for a display
     axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
-    _height(figure, axes[0], scene)
-    _instances(axes[1], scene)
+    _draw_height(figure, axes[0], scene)
+    _draw_instances(axes[1], scene)
     for axis, (name, values) in zip(axes[2:], maps.items(), strict=False):
-        label, colors, limits = _KNOWN.get(name, (name.replace("_", " "), "viridis", None))
-        shown = np.degrees(values) if "[deg]" in label else values
-        low, top = limits or (float(shown.min()), float(np.quantile(shown, 0.995)))
-        image = axis.imshow(_thin(shown), extent=_extent(scene), origin="lower", cmap=colors, vmin=low, vmax=top)
-        figure.colorbar(image, ax=axis, fraction=0.045, pad=0.03, label=label)
-        axis.set_title(name.replace("_", " "))
+        _draw_map(figure, axis, scene, name, values)
     for axis in axes[:count]:
         axis.set_aspect("equal")
         axis.set_xlabel("x [m]")
         axis.set_ylabel("y [m]")
-        _scale_bar(axis, terrain.size)
+        _draw_scale_bar(axis, terrain.size)
     for axis in axes[count:]:
         axis.set_visible(False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
+
+
+def _uneven_maps(scene: Scene) -> dict[str, np.ndarray]:
+    """Maps of the terrain by name, without those that have one value everywhere.
+
+    Raises:
+        ValueError: for a map that is no two-dimensional array of finite numbers.
+    """
+    maps = {name: np.asarray(values, dtype=float) for name, values in scene.terrain.maps.items()}
+    for name, values in maps.items():
+        if values.ndim != 2 or not np.isfinite(values).all():
+            raise ValueError(f"terrain map '{name}': is {values.shape}, must be two-dimensional and finite")
+    return {name: values for name, values in maps.items() if np.ptp(values) > 0.0}
+
+
+def _draw_map(figure: Figure, axis: Axes, scene: Scene, name: str, values: np.ndarray) -> None:
+    label, colors, limits = _KNOWN.get(name, (name.replace("_", " "), "viridis", None))
+    shown = np.degrees(values) if "[deg]" in label else values
+    # The quantile: a few cells of a cliff would otherwise leave everything else in one colour.
+    low, top = limits or (float(shown.min()), float(np.quantile(shown, 0.995)))
+    image = axis.imshow(_thin(shown), extent=_extent(scene), origin="lower", cmap=colors, vmin=low, vmax=top)
+    figure.colorbar(image, ax=axis, fraction=0.045, pad=0.03, label=label)
+    axis.set_title(name.replace("_", " "))
 
 
 def _extent(scene: Scene) -> tuple[float, float, float, float]:
@@ -72,24 +89,25 @@ def _extent(scene: Scene) -> tuple[float, float, float, float]:
 
 
 def _thin(values: np.ndarray) -> np.ndarray:
-    """No more cells than a picture shows."""
-    step = max(1, math.ceil(max(values.shape) / _MOST_CELLS))
+    """Every n-th value, so that the picture has no more cells than it can show."""
+    step = max(1, math.ceil(max(values.shape) / _MAX_CELLS))
     return values[::step, ::step]
 
 
-def _shaded(scene: Scene, axis: Any, alpha: float) -> np.ndarray:
-    """Draw the ground as lit from the north-west; the heights that are drawn [m]."""
+def _draw_relief(scene: Scene, axis: Axes, alpha: float) -> np.ndarray:
+    """Draw the ground lit from the north-west; returns the heights that are drawn [m]."""
     from matplotlib.colors import LightSource
 
     heights = _thin(scene.terrain.ground.heights.astype(float))
     dx, dy = (s / (n - 1) for s, n in zip(scene.terrain.size, heights.shape[::-1], strict=True))
+    # hillshade() expects the first row in the north, here it is in the south.
     shade = LightSource(azdeg=315.0, altdeg=45.0).hillshade(heights[::-1], vert_exag=2.0, dx=dx, dy=dy)[::-1]
     axis.imshow(shade, extent=_extent(scene), origin="lower", cmap="gray", vmin=0.0, vmax=1.0, alpha=alpha)
     return heights
 
 
-def _height(figure: Any, axis: Any, scene: Scene) -> None:
-    heights, extent = _shaded(scene, axis, 1.0), _extent(scene)
+def _draw_height(figure: Figure, axis: Axes, scene: Scene) -> None:
+    heights, extent = _draw_relief(scene, axis, 1.0), _extent(scene)
     image = axis.imshow(heights, extent=extent, origin="lower", cmap="gist_earth", alpha=0.55)
     if np.ptp(heights) > 0.0:
         lines = axis.contour(heights, 8, extent=extent, origin="lower", colors="k", linewidths=0.5, alpha=0.6)
@@ -98,9 +116,9 @@ def _height(figure: Any, axis: Any, scene: Scene) -> None:
     axis.set_title(f"height, seed {scene.seed}")
 
 
-def _instances(axis: Any, scene: Scene) -> None:
-    """What stands on the ground, a colour for each spec; a dot's area grows with the size of the thing."""
-    _shaded(scene, axis, 0.45)
+def _draw_instances(axis: Axes, scene: Scene) -> None:
+    """Draw the assets as dots, with a colour for each specification and an area that grows with the asset's size."""
+    _draw_relief(scene, axis, 0.45)
     colors = ("#1b7837", "#7f3b08", "#762a83", "#2166ac", "#e08214", "#5aae61", "#35978f", "#c51b7d", "#b2abd2")
     for index, (name, placed) in enumerate(scene.terrain.placed.items()):
         if not placed:
@@ -121,8 +139,8 @@ def _instances(axis: Any, scene: Scene) -> None:
     axis.set_title(f"{len(scene.instances):,} instances")
 
 
-def _scale_bar(axis: Any, size: tuple[float, float]) -> None:
-    """A bar of a round length in the lower left corner."""
+def _draw_scale_bar(axis: Axes, size: tuple[float, float]) -> None:
+    """Draw a bar of a round length in the lower left corner."""
     about = 0.22 * size[0]
     unit = 10.0 ** math.floor(math.log10(about))
     length = unit * max(n for n in (1, 2, 5) if n * unit <= about)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a scene as a spec makes it, without a simulation: from above, and as somebody in it sees it."""
+"""Scene pictures: a generated scene from above and at eye level, drawn without a simulation."""
 
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import newton
 import numpy as np
@@ -14,25 +14,25 @@ from PIL import Image
 from pxr import Usd
 
 from stripe_newton.scene.scenery import add_scenery, read_scenery
-from stripe_newton.usd import read_lights
+from stripe_newton.usd import Light, read_lights
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_newton.viewers.camera_framing import frame_points
 
 if TYPE_CHECKING:
     from .scene_spec import Scene
 
-__all__ = ["EYE_HEIGHT", "ScenePictures"]
+__all__ = ["EYE_HEIGHT", "ScenePictures", "StillLife", "still_life"]
 
 EYE_HEIGHT = 1.2
-"""Of the camera above the ground [m]."""
+"""Height of the camera above the ground [m]."""
 _OVERSAMPLING = 2
-"""Rays along each side of a pixel."""
+"""Rays along each side of a pixel; their mean is the pixel."""
 _FOV_ABOVE, _FOV = 33.0, 58.0
-"""Vertical fields of view [deg]."""
+"""Vertical fields of view from above and at eye level [deg]."""
 _HAZE = 0.004
 """Haze at eye level [1/m]."""
 _SIGHT = 40.0
-"""Distance beyond which more of it does not make a better view [m]."""
+"""Distance beyond which a farther sight does not make a better view [m]."""
 
 
 class ScenePictures:
@@ -41,21 +41,21 @@ class ScenePictures:
     Args:
         scene: The scene.
         resolution: Width and height of the pictures [px].
-        device: Where they are traced; the first GPU where there is one.
+        device: Device to trace on. None: the first GPU if there is one, otherwise the CPU.
     """
 
     def __init__(self, scene: Scene, resolution: tuple[int, int] = (960, 540), device: str | None = None):
         self.scene, self.resolution = scene, resolution
         if device is None:
             device = "cuda:0" if wp.is_cuda_available() else "cpu"
-        self._sim = _still_life(scene, wp.get_device(device))
+        self._sim = still_life(scene, wp.get_device(device))
         width, height = (_OVERSAMPLING * n for n in resolution)
         cfg = ViewerCfg(resolution=(width, height), natural=True, anti_aliasing=False, shadows=False)
         cfg.eye, cfg.lookat, cfg.origin_type = (0.0, 0.0, 1.0), (1.0, 0.0, 1.0), "world"
         self._renderer = SceneRenderer(self._sim, cfg)
 
     def birds_eye(self) -> np.ndarray:
-        """The whole extent from above at an angle, uint8 (height, width, 3)."""
+        """A picture of the whole scene from above at an angle, uint8 (height, width, 3)."""
         ground = self.scene.terrain.ground
         x, y = np.meshgrid(*(ground.lower[i] + np.array([0.0, ground.size[i]]) for i in (0, 1)))
         low, high = float(ground.heights.min()), 0.9 * self._top()
@@ -64,18 +64,19 @@ class ScenePictures:
         azimuth = self._sun_azimuth() + math.radians(75.0)
         azimuth = _towards_corner(azimuth, ground.size)
         eye, target = frame_points(points, azimuth, math.radians(34.0), math.radians(_FOV_ABOVE), aspect, 1.04)
+        # A tenth of the light is lost on the way, whatever the size of the scene.
         haze = 0.1 / float(np.linalg.norm(eye - target))
         return self._shot(eye, target, _FOV_ABOVE, haze, 0.8)
 
     def eye_level(self) -> np.ndarray:
-        """The clearest view from near the terrain's origin, uint8 (height, width, 3)."""
+        """A picture of the clearest view near the terrain's origin, uint8 (height, width, 3)."""
         eye, target = self.view()
         return self._shot(eye, target, _FOV, _HAZE, 1.0)
 
     def view(self) -> tuple[np.ndarray, np.ndarray]:
-        """Eye and target [m] of :meth:`eye_level`: of places near the origin and directions, where most is seen.
+        """Eye and target [m] of :meth:`eye_level`: the best of several positions near the origin and of directions.
 
-        A place is outside of all that can be touched and has nothing within arm's reach before it.
+        The eye is outside of all colliders. Good views have nothing close to the camera, and both near and far things.
         """
         terrain = self.scene.terrain
         origin, turns = np.array(terrain.origin), np.radians(np.arange(0.0, 360.0, 15.0))
@@ -88,6 +89,7 @@ class ScenePictures:
             spots = origin[None, :2]
         eyes = np.column_stack([spots, terrain.ground.height_at(spots[:, 0], spots[:, 1]) + EYE_HEIGHT])
         seen = self._distances(eyes, turns)
+        # A good view is far in the middle of the picture, has depth, nothing right in front, and sun from the side.
         middle = np.minimum(seen, _SIGHT)[:, :, 4:-4, 2:-1].mean(axis=(2, 3))
         near = np.quantile(seen, 0.06, axis=(2, 3))
         depth = np.minimum(seen, _SIGHT).std(axis=(2, 3))  # something near, something far
@@ -96,11 +98,12 @@ class ScenePictures:
         spot, turn = np.unravel_index(int(np.argmax(score)), score.shape)
         eye, a = eyes[spot], turns[turn]
         ahead = eye[:2] + 8.0 * np.array([math.cos(a), math.sin(a)])
+        # The view follows a part of the slope ahead, and looks a little up.
         rise = 0.4 * float(np.clip(terrain.ground.height_at(*ahead) + EYE_HEIGHT - eye[2], -2.5, 2.5))
         return eye, np.array([*ahead, eye[2] + 0.45 + rise])
 
     def _distances(self, eyes: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """How far one sees from each eye in each direction, over a coarse picture, shape (eyes, turns, 17, 9) [m]."""
+        """Distances seen from each eye in each direction, in a coarse picture, shape (eyes, turns, 17, 9) [m]."""
         across, up = np.radians(np.linspace(-40.0, 40.0, 17)), np.radians(np.linspace(-24.0, 26.0, 9))
         yaw = (turns[:, None] + across)[..., None]
         parts = np.cos(up) * np.cos(yaw), np.cos(up) * np.sin(yaw), np.broadcast_to(np.sin(up), (*yaw.shape[:2], 9))
@@ -109,11 +112,11 @@ class ScenePictures:
         return seen.reshape(len(eyes), *rays.shape[:3])
 
     def _clear(self, spots: np.ndarray) -> np.ndarray:
-        """Whether places (n, 2) are half a metre outside of all that can be touched."""
+        """Whether positions (n, 2) are at least half a metre away from all colliders."""
         free = np.ones(len(spots), dtype=bool)
         for instance in self.scene.instances:
             away = np.linalg.norm(spots - instance.position[:2], axis=1)
-            if away.min() > 12.0 * instance.scale:
+            if away.min() > 12.0 * instance.scale:  # no collider reaches so far
                 continue
             for collider in instance.mesh.colliders():
                 reach = math.hypot(*collider.size) + math.hypot(*collider.pos[:2])
@@ -123,7 +126,7 @@ class ScenePictures:
         return free
 
     def _top(self) -> float:
-        """Height of the tallest thing [m]."""
+        """Height of the highest point of the scene [m]."""
         tall: dict[int, float] = {}
         top = float(self.scene.terrain.ground.heights.max())
         for instance in self.scene.instances:
@@ -144,18 +147,33 @@ class ScenePictures:
 
 
 def _towards_corner(azimuth: float, size: tuple[float, float]) -> float:
-    """The direction of a field's corner next to another direction [rad]: from there the field looks largest."""
+    """The azimuth of the corner of a field that is nearest to ``azimuth`` [rad]: from there the field looks largest."""
     corners = [math.atan2(sy * size[1], sx * size[0]) for sx in (-1, 1) for sy in (-1, 1)]
     nearest = max(corners, key=lambda a: math.cos(a - azimuth))
     return nearest + math.radians(14.0)
 
 
-def _still_life(scene: Scene, device: Any) -> SimpleNamespace:
-    """What a renderer reads of a simulation, for a scene in which nothing moves."""
+@dataclass
+class StillLife:
+    """A scene in which nothing moves, as the viewers read it: see :class:`ViewedSimulation`."""
+
+    device: wp.Device
+    static: newton.ModelBuilder
+    lights: list[Light]
+    template: newton.ModelBuilder = field(default_factory=newton.ModelBuilder)
+    env_origins: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
+    env_origin: wp.array | None = None
+    state: newton.State | None = None
+    num_envs: int = 1
+
+
+def still_life(scene: Scene, device: wp.Device) -> StillLife:
+    """A scene for the viewers, without a simulation."""
     stage, terrain = scene.stage, scene.terrain
     static = newton.ModelBuilder()
     add_scenery(static, read_scenery(stage), touched=False)
     if terrain.colors is not None:
+        # Newton's Heightfield has no colours of its own: the renderer looks for this attribute.
         terrain.ground.source.colors = np.asarray(terrain.colors, dtype=np.float32)
     static.add_shape_heightfield(
         xform=wp.transform(wp.vec3(*terrain.ground.middle, 0.0), wp.quat_identity()),
@@ -165,8 +183,6 @@ def _still_life(scene: Scene, device: Any) -> SimpleNamespace:
     for part, _ in terrain.parts:
         mesh = newton.Mesh(part.vertices, part.faces.reshape(-1), compute_inertia=False, roughness=part.roughness)
         static.add_shape_mesh(-1, mesh=mesh, color=newton.utils.color_linear_to_srgb(part.color))
-    origin, lights = np.zeros((1, 3)), Usd.StagePopulationMask(["/World/Light", "/World/Sun"])
-    return SimpleNamespace(
-        device=device, template=newton.ModelBuilder(), static=static, env_origins=origin, state=None, num_envs=1,
-        lights=read_lights(Usd.Stage.OpenMasked(stage.GetRootLayer(), lights)),
-    )  # fmt: skip
+    # Only the lights are populated: the stage of a forest has tens of thousands of prims.
+    lights = Usd.StagePopulationMask(["/World/Light", "/World/Sun"])
+    return StillLife(device, static, read_lights(Usd.Stage.OpenMasked(stage.GetRootLayer(), lights)))

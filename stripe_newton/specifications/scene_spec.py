@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene is made of, as plain Python; a seed makes a scene of it."""
+"""Scene specification: terrain, palette of assets and lights in plain Python, from which a seed makes a scene."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Scene", "SceneSpec"]
 
 Progress = Callable[[str], None]
+"""Called with the name of each part before it is made."""
 
 
 class SceneSpec(ABC):
@@ -35,9 +36,9 @@ class SceneSpec(ABC):
 
     Args:
         size: Extent in x and y [m].
-        palette: Specs of what stands on the terrain, in the order in which they are placed.
-        distant_light: The sun, None for none.
-        dome_light: The sky, None for none.
+        palette: Specifications of the assets, in the order in which they are placed.
+        distant_light: The sun. None: no sun.
+        dome_light: The sky. None: no sky.
         places: Places to find for robots, by name: ``init_pos`` to start, ``target`` to go to.
 
     Raises:
@@ -61,16 +62,16 @@ class SceneSpec(ABC):
         for asset in palette:
             self.add_asset(asset)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> SceneSpec:
-        return self  # a config that names a spec shares it with its copies
+    def __deepcopy__(self, memo: dict[int, object]) -> SceneSpec:
+        return self  # copies of a config share its spec: the caches of made scenes know it by identity
 
     @property
     def palette(self) -> dict[str, AssetSpec]:
-        """Asset specs by name, in the order in which they are placed; a copy."""
+        """A copy of the asset specifications by name, in the order in which they are placed."""
         return dict(self._palette)
 
     def add_asset(self, asset: AssetSpec) -> None:
-        """Add a spec to the palette.
+        """Add an asset specification to the palette.
 
         Raises:
             ValueError: if the scene has one of that name.
@@ -84,37 +85,37 @@ class SceneSpec(ABC):
 
     @abstractmethod
     def generate(self, rng: np.random.Generator) -> TerrainInstance:
-        """The terrain.
+        """Generate the terrain.
 
         Args:
-            rng: The only source of chance; the same generator gives the same terrain.
+            rng: The only source of random numbers; equal generators give equal terrains.
         """
 
     def survey(self, terrain: TerrainInstance) -> None:
-        """Add maps of the finished scene to ``terrain.maps``; by default none."""
+        """Add maps of the finished scene to ``terrain.maps``. By default there are none."""
         return
 
     def create_instance(
         self, num_envs: int, env_spacing: float, debug_models: bool = False, seed: int = 0
     ) -> SceneCfgFactory:
-        """What makes configs of simulated scenes; the scene itself is made when it is simulated."""
-        from .scene_cfg_factory import SceneCfgFactory
+        """A factory of scene configs for simulation. The scene itself is made when it is simulated."""
+        from .scene_cfg_factory import SceneCfgFactory  # it imports this module
 
         return SceneCfgFactory(self, num_envs, env_spacing, seed, debug_models)
 
     def create(self, seed: int = 0, debug_models: bool = False, progress: Progress | None = None) -> Scene:
-        """Make a scene: the terrain, then the assets of each spec.
+        """Make a scene: the terrain, then the assets of each specification.
 
-        Each spec draws from a generator of its own, named by the seed and the spec's name: adding another spec to the
-        palette changes nothing in those before it.
+        Each specification draws from its own generator, which depends on the seed and the specification's name. So
+        another specification at the end of the palette does not change those before it.
 
         Args:
             seed: Whole number, 0 or more. The same seed gives the same scene.
             debug_models: Keep instances of :class:`DebugMesh`.
-            progress: Told what is being made.
+            progress: Called with the name of each part before it is made.
 
         Raises:
-            ValueError: if two instances of a spec have one name, or the terrain is not as large as asked.
+            ValueError: if two instances of a specification have one name, or the terrain has another size.
         """
         if seed < 0:
             raise ValueError(f"{type(self).__name__}: seed is {seed}, must be 0 or more")
@@ -129,17 +130,10 @@ class SceneSpec(ABC):
         terrain.placed.clear()
         for name, asset in self._palette.items():
             say(name)
-            instances = [
-                i
-                for i in asset.generate(terrain, _generator(seed, name))
-                if debug_models or not isinstance(i.mesh, DebugMesh)
-            ]
-            counts = Counter(i.name for i in instances)
-            if len(counts) < len(instances):
-                twice = counts.most_common(1)[0][0]
-                raise ValueError(f"asset '{name}': two instances are called '{twice}'; names must differ")
-            terrain.placed[name] = instances
-        if self.places:
+            instances = list(asset.generate(terrain, _generator(seed, name)))
+            terrain.placed[name] = [i for i in instances if debug_models or not isinstance(i.mesh, DebugMesh)]
+            _check_names(name, terrain.placed[name])
+        if self.places:  # after the assets, which they must be clear of
             say("places")
             add_places(terrain, self.places, _generator(seed, "places"))
         say("survey")
@@ -149,13 +143,13 @@ class SceneSpec(ABC):
 
 @dataclass(eq=False)
 class Scene:
-    """A scene that a spec made.
+    """A generated scene.
 
     Attributes:
         terrain: The ground, with all assets in ``terrain.placed``.
         distant_light: The sun.
         dome_light: The sky.
-        seed: What it was made from.
+        seed: Seed that it was made from.
     """
 
     terrain: TerrainInstance
@@ -171,9 +165,9 @@ class Scene:
 
     @property
     def stage(self) -> Usd.Stage:
-        """The scene in USD, authored at the first use."""
+        """The scene in USD, authored at the first access."""
         if self._stage is None:
-            from .authoring import author_scene
+            from .authoring import author_scene  # it imports this module
 
             self._stage = author_scene(self)
         return self._stage
@@ -192,5 +186,13 @@ class Scene:
         return file
 
 
+def _check_names(spec: str, instances: list[AssetInstance]) -> None:
+    counts = Counter(i.name for i in instances)
+    if len(counts) < len(instances):
+        twice = counts.most_common(1)[0][0]
+        raise ValueError(f"asset '{spec}': two instances are called '{twice}'; names must differ")
+
+
 def _generator(seed: int, name: str) -> np.random.Generator:
+    # crc32 and not hash(): Python's hash of a string differs from process to process.
     return np.random.default_rng([seed, zlib.crc32(name.encode())])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground of a scene."""
+"""Terrain instance: the ground of a generated scene, with its colours, maps and placed assets."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ __all__ = ["TerrainInstance"]
 
 @dataclass(eq=False)
 class TerrainInstance:
-    """What a scene stands on: a height field, and surfaces that are seen on it.
+    """The ground of a scene: a height field, and visible surfaces on it.
 
     Attributes:
-        ground: The height field, which is touched.
-        origin: Where a robot starts [m]; on the ground in the middle where None.
-        parts: Further surfaces with their semantic labels, seen and not touched, such as the water of a brook.
+        ground: The height field, with which robots collide.
+        origin: Start of a robot [m]. None: on the ground in the middle.
+        parts: Further visible surfaces without collider, with their semantic labels, such as the water of a brook.
         tags: Semantic labels of the height field.
         color: Linear RGB of the height field.
-        static_friction: Of the ground, as ``dynamic_friction`` is.
-        colors: Linear RGB at each height, ``(nrow, ncol, 3)``; all of ``color`` where None.
-        maps: What is known of the ground, by name, each ``(rows, cols)`` over its extent, rows along y: ``slope``
-            [rad], ``moisture`` and ``traversability`` in [0, 1], or others.
-        max_init_level: Highest level of a ground with tiles on which environments start; None: any.
-        placed: Everything that stands on it so far, by the name of its spec.
+        static_friction: Static friction of the ground.
+        dynamic_friction: Dynamic friction of the ground.
+        colors: Linear RGB at each height, ``(nrow, ncol, 3)``. None: ``color`` everywhere.
+        maps: Properties of the ground by name, each ``(rows, cols)`` over its extent, rows along y: ``slope`` [rad],
+            ``moisture`` and ``traversability`` in [0, 1], or others.
+        max_init_level: Highest level on which environments start, for a ground with tiles. None: any.
+        placed: Assets placed so far, by the name of their specification.
     """
 
     ground: Ground

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many scenes on one ground: tiles that get harder level by level, each made from a spec and a seed of its own."""
+"""Tile grid specification: many scenes on one ground, as tiles that get harder from level to level."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,18 +19,20 @@ from .terrain_instance import TerrainInstance
 __all__ = ["TileGridSpec"]
 
 Tile = tuple[int, int]
+"""Level and type of a tile."""
 
 
 @dataclass(eq=False)
 class _TiledTerrain(TerrainInstance):
-    """The whole ground, and the tiles in frames of their own."""
+    """The whole ground, and the tiles in their own frames."""
 
     tiles: dict[Tile, TerrainInstance] = field(default_factory=dict)
     shifts: dict[Tile, np.ndarray] = field(default_factory=dict)
+    """Position of each tile's frame in the world, x and y [m]."""
 
 
 class _TileAssets(AssetSpec):
-    """What the specs of one name put on the tiles."""
+    """Assets of the specifications of one name, one for each level, on all tiles."""
 
     def __init__(self, name: str, levels: Sequence[SceneSpec]):
         super().__init__(name)
@@ -41,11 +42,11 @@ class _TileAssets(AssetSpec):
         assert isinstance(terrain, _TiledTerrain)
         seed = int(rng.integers(1 << 63))
         for (level, kind), tile in terrain.tiles.items():
-            own = np.random.default_rng([seed, level, kind])
             spec = self._specs[level]
             if spec is None:
                 continue
-            tile.placed[self.name] = list(spec.generate(tile, own))
+            # A generator for each tile: its assets stay the same when levels or types are added.
+            tile.placed[self.name] = list(spec.generate(tile, np.random.default_rng([seed, level, kind])))
             x, y = terrain.shifts[level, kind]
             for one in tile.placed[self.name]:
                 place = (one.position[0] + x, one.position[1] + y, one.position[2])
@@ -53,19 +54,20 @@ class _TileAssets(AssetSpec):
 
 
 class TileGridSpec(SceneSpec):
-    """A grid of tiles on one ground, over which environments are spread and promoted by a curriculum.
+    """A grid of tiles on one ground, over which environments are spread and moved by a curriculum.
 
-    Levels lie along x, the easiest first; the tiles of a level, along y, differ by their seeds. Towards the edge of a
-    tile its ground fades to height 0, so that it joins its neighbours. Instances are named as on their tile, with
-    ``_l{level}_t{type}``. What is on a tile depends on the seed and on which one it is, not on how many there are.
+    Levels lie along x, the easiest first. The tiles of a level lie along y and differ by their seeds. Towards the edges
+    of a tile its ground fades to height 0, so that it joins its neighbours. Instances have the name that they have on
+    their tile, with ``_l{level}_t{type}`` appended. The content of a tile depends on the seed and on its level and
+    type, not on the number of tiles.
 
     Args:
-        levels: A spec for each level, all of one size and one spacing of heights.
-        types: Number of tiles of each level.
+        levels: A scene specification for each level, all of one size and one spacing of heights.
+        types: Number of tiles per level.
         fade: Width over which the ground of a tile fades [m].
-        border: Width of the level rim about the grid [m].
-        places: Places to find on each tile; by default those of the first level.
-        max_init_level: Highest level on which environments start; None: any.
+        border: Width of the level ground around the grid [m].
+        places: Places to find on each tile. None: those of the first level.
+        max_init_level: Highest level on which environments start. None: any.
 
     Raises:
         ValueError: for no levels, or levels of different sizes.
@@ -84,10 +86,7 @@ class TileGridSpec(SceneSpec):
             raise ValueError(f"TileGridSpec: {len(levels)} levels of {types} tiles; must be at least one of each")
         if max_init_level is not None and not 0 <= max_init_level < len(levels):
             raise ValueError(f"TileGridSpec: max_init_level is {max_init_level}, must be in 0 .. {len(levels) - 1}")
-        sizes = {level.size for level in levels}
-        if len(sizes) > 1:
-            raise ValueError(f"TileGridSpec: levels have the sizes {sorted(sizes)} [m]; all must have one size")
-        self.tile = levels[0].size
+        self.tile = _common_size(levels)
         if not 0.0 < fade <= 0.5 * min(self.tile):
             raise ValueError(f"TileGridSpec: fade is {fade}, must be above 0 and at most half a tile [m]")
         if not 0.0 <= border < np.inf:
@@ -109,47 +108,32 @@ class TileGridSpec(SceneSpec):
         seeds = int(rng.integers(1 << 63))
         for level, spec in enumerate(self.levels):
             for kind in range(self.types):
+                # A generator for each tile: a tile stays the same when levels or types are added.
                 tiles[level, kind] = spec.generate(np.random.default_rng([seeds, level, kind]))
-        first = tiles[0, 0].ground
-        cell, (nrow, ncol) = first.cell, first.heights.shape
-        for (level, kind), tile in tiles.items():
-            if tile.ground.heights.shape != (nrow, ncol) or not np.allclose(tile.ground.cell, cell):
-                raise ValueError(
-                    f"TileGridSpec: heights of tile {level}, {kind} are {tile.ground.heights.shape} spaced "
-                    f"{tile.ground.cell} m, those of 0, 0 {(nrow, ncol)} spaced {cell} m; all must be alike"
-                )
-        rim = [round(self.border / c) for c in cell]
-        if not np.allclose(np.array(rim) * cell, self.border, atol=0.01):
-            raise ValueError(
-                f"TileGridSpec: border is {self.border} m, must be a whole number of the spacings of heights, {cell} m"
-            )
+        self._check_grids(tiles)
+        example = tiles[0, 0]
+        cell, (nrow, ncol) = example.ground.cell, example.ground.heights.shape
+        rim = self._rim_cells(cell)
         shape = (self.types * (nrow - 1) + 1 + 2 * rim[1], len(self.levels) * (ncol - 1) + 1 + 2 * rim[0])
         heights = np.zeros(shape, dtype=np.float32)
         lower = np.array([-0.5 * (shape[1] - 1) * cell[0], -0.5 * (shape[0] - 1) * cell[1]])
-        origins, shifts, weight = np.zeros((len(self.levels), self.types, 3)), {}, self._weight(first)
-        parts: list[tuple[MeshPart, Sequence[str]]] = []
+        origins, shifts = np.zeros((len(self.levels), self.types, 3)), {}
+        weight = self._fade_weights(example.ground)
         for (level, kind), tile in tiles.items():
+            # Neighbouring tiles share the heights on their common edge, which are 0 on both.
             corner = rim[0] + level * (ncol - 1), rim[1] + kind * (nrow - 1)
-            at = lower + np.array(corner) * cell
-            shift = shifts[level, kind] = at - np.array(tile.ground.lower)
+            shift = shifts[level, kind] = lower + np.array(corner) * cell - np.array(tile.ground.lower)
             faded = weight * tile.ground.raw
             heights[corner[1] : corner[1] + nrow, corner[0] : corner[0] + ncol] = faded
-            tile.ground = Ground(faded, tile.ground.lower, cell)
-            x, y = (float(v) for v in tile.origin[:2])  # type: ignore[index]
-            tile.origin = (x, y, float(tile.ground.height_at(np.array(x), np.array(y))))
+            _flatten_edges(tile, faded)
             origins[level, kind] = np.array(tile.origin) + [*shift, 0.0]
-            for part, tags in tile.parts:
-                moved = replace(
-                    part, vertices=part.vertices + np.array([*shift, 0.0]), name=f"{part.name}_{level}_{kind}"
-                )
-                parts.append((moved, tags))
         seed = int(rng.integers(1 << 31))
         ground = Ground(heights, (float(lower[0]), float(lower[1])), cell, origins, self.tile, seed=seed)
-        example, start = tiles[0, 0], origins[0, self.types // 2]
+        start = origins[0, self.types // 2]
         return _TiledTerrain(
             ground=ground,
             origin=(float(start[0]), float(start[1]), float(start[2])),
-            parts=parts,
+            parts=_moved_parts(tiles, shifts),
             tags=example.tags,
             color=example.color,
             static_friction=example.static_friction,
@@ -159,36 +143,86 @@ class TileGridSpec(SceneSpec):
             shifts=shifts,
         )
 
-    def survey(self, terrain: TerrainInstance) -> None:
-        """Survey each tile, and put maps together that have a value for each height, as well as the colours."""
-        assert isinstance(terrain, _TiledTerrain)
-        for (level, _), tile in terrain.tiles.items():
-            self.levels[level].survey(tile)
-        tiles, shape = list(terrain.tiles.values()), terrain.ground.heights.shape
-        own = tiles[0].ground.heights.shape
-        for name in tiles[0].maps:
-            values = [tile.maps.get(name) for tile in tiles]
-            if all(v is not None and v.shape == own for v in values):
-                terrain.maps[name] = self._together(terrain, np.zeros(shape, dtype=np.float32), values)
-        colors = [tile.colors for tile in tiles]
-        if all(c is not None for c in colors):
-            rim = np.broadcast_to(np.array(terrain.color, dtype=np.float32), (*shape, 3)).copy()
-            terrain.colors = self._together(terrain, rim, colors)
+    def _check_grids(self, tiles: Mapping[Tile, TerrainInstance]) -> None:
+        """Check that the heights of all tiles lie on equal grids, as they become one."""
+        first = tiles[0, 0].ground
+        for (level, kind), tile in tiles.items():
+            if tile.ground.heights.shape != first.heights.shape or not np.allclose(tile.ground.cell, first.cell):
+                raise ValueError(
+                    f"TileGridSpec: heights of tile {level}, {kind} are {tile.ground.heights.shape} spaced "
+                    f"{tile.ground.cell} m, those of 0, 0 {first.heights.shape} spaced {first.cell} m; "
+                    "all must be alike"
+                )
 
-    def _together(self, terrain: _TiledTerrain, whole: np.ndarray, values: Sequence[Any]) -> np.ndarray:
-        ground = terrain.ground
-        for shift, tile, value in zip(terrain.shifts.values(), terrain.tiles.values(), values, strict=True):
-            at = (np.array(tile.ground.lower) + shift - np.array(ground.lower)) / np.array(ground.cell)
-            col, row = np.rint(at).astype(int)
-            whole[row : row + value.shape[0], col : col + value.shape[1]] = value
-        return whole
+    def _rim_cells(self, cell: tuple[float, float]) -> tuple[int, int]:
+        """Width of the border in cells along x and y."""
+        rim = round(self.border / cell[0]), round(self.border / cell[1])
+        if not np.allclose(np.array(rim) * cell, self.border, atol=0.01):
+            raise ValueError(
+                f"TileGridSpec: border is {self.border} m, must be a whole number of the spacings of heights, {cell} m"
+            )
+        return rim
 
-    def _weight(self, ground: Ground) -> np.ndarray:
-        """1 inside of a tile, 0 at its edge."""
+    def _fade_weights(self, ground: Ground) -> np.ndarray:
+        """Factors on the heights of a tile: 1 inside, falling smoothly to 0 at its edges."""
         nrow, ncol = ground.heights.shape
         ways = []
         for count, cell in ((nrow, ground.cell[1]), (ncol, ground.cell[0])):
             index = np.arange(count)
             share = np.clip(np.minimum(index, count - 1 - index) * cell / self.fade, 0.0, 1.0)
-            ways.append(share * share * (3.0 - 2.0 * share))
+            ways.append(share * share * (3.0 - 2.0 * share))  # smoothstep
         return np.asarray(ways[0][:, None] * ways[1][None, :], dtype=np.float32)
+
+    def survey(self, terrain: TerrainInstance) -> None:
+        """Survey each tile, then join their colours and those of their maps that have a value for each height."""
+        assert isinstance(terrain, _TiledTerrain)
+        for (level, _), tile in terrain.tiles.items():
+            self.levels[level].survey(tile)
+        shape = terrain.ground.heights.shape
+        for name in terrain.tiles[0, 0].maps:
+            values = [tile.maps.get(name) for tile in terrain.tiles.values()]
+            if (joined := _joined(terrain, np.zeros(shape, dtype=np.float32), values)) is not None:
+                terrain.maps[name] = joined
+        rim = np.broadcast_to(np.array(terrain.color, dtype=np.float32), (*shape, 3)).copy()
+        terrain.colors = _joined(terrain, rim, [tile.colors for tile in terrain.tiles.values()])
+
+
+def _common_size(levels: Sequence[SceneSpec]) -> tuple[float, float]:
+    sizes = {level.size for level in levels}
+    if len(sizes) > 1:
+        raise ValueError(f"TileGridSpec: levels have the sizes {sorted(sizes)} [m]; all must have one size")
+    return levels[0].size
+
+
+def _flatten_edges(tile: TerrainInstance, faded: np.ndarray) -> None:
+    """Give a tile the heights that fade towards its edges, and put its origin onto them."""
+    assert tile.origin is not None
+    tile.ground = Ground(faded, tile.ground.lower, tile.ground.cell)
+    x, y = (float(v) for v in tile.origin[:2])
+    tile.origin = (x, y, float(tile.ground.height_at(np.array(x), np.array(y))))
+
+
+def _moved_parts(
+    tiles: Mapping[Tile, TerrainInstance], shifts: Mapping[Tile, np.ndarray]
+) -> list[tuple[MeshPart, Sequence[str]]]:
+    """The surfaces of all tiles, in the frame of the whole ground."""
+    return [
+        (
+            replace(part, vertices=part.vertices + np.array([*shifts[at], 0.0]), name=f"{part.name}_{at[0]}_{at[1]}"),
+            tags,
+        )
+        for at, tile in tiles.items()
+        for part, tags in tile.parts
+    ]
+
+
+def _joined(terrain: _TiledTerrain, whole: np.ndarray, values: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """Values of the tiles written into those of the whole ground; None unless each tile has one for each height."""
+    ground = terrain.ground
+    for shift, tile, value in zip(terrain.shifts.values(), terrain.tiles.values(), values, strict=True):
+        if value is None or value.shape != (*tile.ground.heights.shape, *whole.shape[2:]):
+            return None
+        at = (np.array(tile.ground.lower) + shift - np.array(ground.lower)) / np.array(ground.cell)
+        col, row = np.rint(at).astype(int)
+        whole[row : row + value.shape[0], col : col + value.shape[1]] = value
+    return whole

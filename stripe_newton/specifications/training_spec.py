@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene here, a task there: what an environment to train in is made of."""
+"""Training specification: a scene, a robot and a task, combined into the config of an environment."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
@@ -15,13 +15,22 @@ from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.sim import SimulationCfg
 from stripe_newton.viewers import ViewerCfg
 
+from .scene_cfg_factory import SceneEntryCfg
 from .scene_spec import SceneSpec
 
 __all__ = ["TaskEnvCfg", "TrainingSpec"]
 
+TermsCfg: TypeAlias = Any
+"""Config of a manager: a config class with a field for each term, or a dict of terms. Type checkers accept any field of
+it, as each task has its own."""
 
-class _Copies:
-    """Makes copies of a config; gymnasium copies what is registered, which this need not be."""
+
+class _CopyMaker:
+    """Makes copies of a config.
+
+    Gymnasium copies the arguments of a registered environment each time it is looked up. That must not copy the
+    config, which may hold a large scene.
+    """
 
     def __init__(self, cfg: TaskEnvCfg):
         self._cfg = cfg
@@ -29,45 +38,54 @@ class _Copies:
     def __call__(self) -> TaskEnvCfg:
         return self._cfg.copy()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> _Copies:
+    def __deepcopy__(self, memo: dict[int, object]) -> _CopyMaker:
         return self
 
 
 @configclass
 class TaskEnvCfg(ManagerBasedRLEnvCfg):
-    """Config of an environment that a :class:`TrainingSpec` made."""
+    """Config of an environment, made by a :class:`TrainingSpec`."""
 
     def register(
         self,
         task_id: str,
-        rsl_rl_cfg: str | Callable[[], Any] | None = None,
-        env: str | Callable[..., Any] = ManagerBasedRLEnv,
+        rsl_rl_cfg: str | Callable[[], object] | None = None,
+        env: str | Callable[..., ManagerBasedRLEnv] = ManagerBasedRLEnv,
     ) -> str:
-        """Register it with gymnasium; every environment gets a copy of this config.
+        """Register a task with gymnasium; every environment gets a copy of this config.
 
         Args:
             task_id: Such as ``"My-Forest-v0"``.
-            rsl_rl_cfg: What makes the config that rsl_rl trains it with, or its ``"module:Class"``.
-            env: Class of the environment.
+            rsl_rl_cfg: Class or function that makes the rsl_rl config, or its ``"module:name"``. None: no such config.
+            env: Class of the environment, or its ``"module:Class"``.
 
         Returns:
             ``task_id``.
         """
-        register_task(task_id, env=env, env_cfg=_Copies(self), rsl_rl_cfg=rsl_rl_cfg)
+        register_task(task_id, env=env, env_cfg=_CopyMaker(self), rsl_rl_cfg=rsl_rl_cfg)
         return task_id
 
 
 @dataclass
 class TrainingSpec:
-    """What is trained, and where. Either is swapped without touching the other: ``replace(spec, scene=other)``.
+    """A scene and a task to train in it. Each can be replaced without the other: ``replace(spec, scene=other)``.
+
+    The configs of managers are those of :class:`ManagerBasedRLEnvCfg`.
 
     Attributes:
-        scene: Where.
-        robot: Who.
-        observations: Observation groups, as in ``ManagerBasedRLEnvCfg``; the others likewise.
+        scene: The scene.
+        robot: The robot.
+        observations: Observation groups.
+        actions: Action terms.
+        rewards: Reward terms.
+        terminations: Termination terms.
+        events: Event terms. By default a reset brings every asset to its default state.
+        commands: Command terms.
+        curriculum: Curriculum terms.
+        metrics: Metric terms.
         sensors: Sensor configs by name.
-        obstacles: How robots touch what stands in the scene: by collider slots, so that a step costs the same however
-            much there is; terms take it as ``obstacles``. None: every collider is a shape of its own.
+        obstacles: Collider slots for the assets of the scene, so that the time of a step does not depend on their
+            number; terms read them as ``obstacles``. None: every collider is a shape of the model.
         assets: Further assets by name.
         sim: Time step and solver.
         num_envs: Number of environments.
@@ -76,17 +94,17 @@ class TrainingSpec:
 
     scene: SceneSpec
     robot: ArticulationCfg
-    observations: Any
-    actions: Any
-    rewards: Any
-    terminations: Any
-    events: Any = field(default_factory=DefaultEventsCfg)
-    commands: Any = None
-    curriculum: Any = None
-    metrics: Any = None
-    sensors: Mapping[str, Any] = field(default_factory=dict)
+    observations: TermsCfg
+    actions: TermsCfg
+    rewards: TermsCfg
+    terminations: TermsCfg
+    events: TermsCfg = field(default_factory=DefaultEventsCfg)
+    commands: TermsCfg = None
+    curriculum: TermsCfg = None
+    metrics: TermsCfg = None
+    sensors: Mapping[str, SceneEntryCfg] = field(default_factory=dict)
     obstacles: ObstaclesCfg | None = None
-    assets: Mapping[str, Any] = field(default_factory=dict)
+    assets: Mapping[str, SceneEntryCfg] = field(default_factory=dict)
     sim: SimulationCfg = field(default_factory=SimulationCfg)
     num_envs: int = 4096
     env_spacing: float = 2.0
@@ -99,14 +117,14 @@ class TrainingSpec:
         seed: int = 0,
         debug_models: bool = False,
     ) -> TaskEnvCfg:
-        """The config of the environment. The scene is made when the environment is.
+        """The config of the environment. The scene is generated when the environment is made.
 
         Args:
-            viewer: Camera of videos.
-            decimation: Physics steps in an environment step.
+            viewer: Camera of videos. None: the default one.
+            decimation: Physics steps per environment step.
             episode_length_s: Duration of an episode [s].
-            seed: Seed of the scene: ``cfg.scene.scenery.spawn.seed``.
-            debug_models: Whether markers are part of the scene.
+            seed: Seed of the scene, ``cfg.scene.scenery.spawn.seed``.
+            debug_models: Whether the scene contains markers.
 
         Raises:
             ValueError: if a sensor and an asset have one name.
