@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names by regular expression."""
+"""Matching of names by regular expressions: indices of names, and values by expression."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["match_names", "match_values"]
 def match_names(
     expressions: str | Sequence[str], names: Sequence[str], preserve_order: bool = False, what: str = "name"
 ) -> tuple[list[int], list[str]]:
-    """Indices and names that fully match any expression.
+    """Indices and names of those that fully match any of the expressions.
 
     Args:
         expressions: One or several regular expressions.
-        names: The names there are.
-        preserve_order: In the order of the expressions rather than of the names.
-        what: What is named, for the error.
+        names: All names.
+        preserve_order: Return them in the order of the expressions rather than of ``names``.
+        what: Kind of thing that is named, for the error message.
 
     Raises:
         ValueError: if an expression matches nothing; the message lists what there is.
@@ -31,7 +31,7 @@ def match_names(
         if not hits:
             missing.append(key)
         for i in hits:
-            found.setdefault(i, order)
+            found.setdefault(i, order)  # of several expressions, the first counts
     if missing:
         wrong = ", ".join(f"'{key}'" for key in missing)
         raise ValueError(f"{what} expression {wrong} matches nothing; there is: {', '.join(names) or 'nothing'}")
@@ -40,7 +40,7 @@ def match_names(
 
 
 def match_values(values: float | Mapping[str, float], names: Sequence[str], what: str = "name") -> dict[int, float]:
-    """Values by index: one number for all names, or a mapping from expressions to numbers.
+    """Values by index of name, from one number for all names or a mapping from expressions to numbers.
 
     Raises:
         ValueError: if an expression matches nothing, or two match the same name.

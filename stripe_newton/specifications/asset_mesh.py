@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 import numpy as np
 
 __all__ = ["AssetMesh", "Collider", "DynamicMesh", "MeshPart", "instancable"]
 
+# Only what MuJoCo and Newton have as primitives: a mesh as collider costs many times as much.
 Kind = Literal["sphere", "capsule", "cylinder", "box"]
 M = TypeVar("M", bound="AssetMesh")
 SIZES: dict[str, int] = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
@@ -115,7 +116,7 @@ class DynamicMesh(AssetMesh):
     surfaces: Sequence[MeshPart] = ()
     touched: Sequence[Collider] = ()
     semantic: str = ""
-    radius: float = field(default=0.0)
+    radius: float = 0.0
     """Radius of the space that it takes on the ground, for placing [m]."""
 
     def parts(self) -> Sequence[MeshPart]:

@@ -85,6 +85,7 @@ class AssetSpec(ABC):
             raise ValueError(f"{where}: the name must be an identifier: letters, digits and '_'")
         x, y, z = (float(p) for p in position)
         qx, qy, qz, qw = (float(q) for q in rotation)
+        # Callers may give quaternions of any length: it is normalised below.
         length = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
         if not math.isfinite(x + y + z) or not math.isfinite(length) or length < 1.0e-6:
             raise ValueError(f"{where}: position {tuple(position)} and rotation {tuple(rotation)} must be finite")

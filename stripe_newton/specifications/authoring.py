@@ -56,16 +56,19 @@ def _author_all_but_instances(stage: Usd.Stage, scene: Scene) -> None:
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
     _author_terrain(stage, scene)
     _author_lights(stage, scene)
+    # Meshes become prims by name, and one of two of a name would get the instances of both.
     names: dict[str, AssetMesh] = {}
     for instance in scene.instances:
         mesh = names.setdefault(instance.mesh.name, instance.mesh)
         if mesh is not instance.mesh:
             raise ValueError(f"mesh '{mesh.name}': two different meshes have this name; give each its own")
+    # A class is abstract: nobody draws or collides with the prototypes themselves.
     stage.CreateClassPrim("/Prototypes")
     for mesh in names.values():
         _author_prototype(stage, mesh)
     for spec, instances in scene.terrain.placed.items():
         if instances:
+            # USD's model hierarchy: an assembly of groups of components, without gaps.
             group = UsdGeom.Xform.Define(stage, f"/World/{spec}").GetPrim()
             Usd.ModelAPI(group).SetKind(Kind.Tokens.group)
             group.CreateAttribute(SCENERY_KEY, Sdf.ValueTypeNames.Bool).Set(True)
@@ -86,7 +89,7 @@ def _author_terrain(stage: Usd.Stage, scene: Scene) -> None:
         ),
         visual_material=PreviewSurfaceCfg(diffuse_color=(red, green, blue)),
     )
-    if terrain.colors is not None:
+    if terrain.colors is not None:  # a colour for each vertex, in place of the one of the material
         surface = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ground/terrain"))
         colors = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(terrain.colors, dtype=np.float32).reshape(-1, 3))
         surface.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(colors)
@@ -134,10 +137,10 @@ def _author_mesh(stage: Usd.Stage, path: str, part: MeshPart, look: str | None =
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(part.vertices))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.faces.reshape(-1)))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.faces), 3, dtype=np.int32)))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)  # the default, Catmull-Clark, would round the edges
     mesh.CreateDoubleSidedAttr(part.double_sided)
     mesh.CreateExtentAttr([Gf.Vec3f(*map(float, f(part.vertices, axis=0))) for f in (np.min, np.max)])
-    mesh.CreateDisplayColorAttr([Gf.Vec3f(*part.color)])
+    mesh.CreateDisplayColorAttr([Gf.Vec3f(*part.color)])  # for programs that read no materials
     if look is not None:
         material = UsdShade.Material.Define(stage, look)
         shader = UsdShade.Shader.Define(stage, f"{look}/Shader")
@@ -164,7 +167,7 @@ def _author_collider(stage: Usd.Stage, path: str, collider: Collider) -> None:
         reach[2] = size[1] + (size[0] if collider.kind == "capsule" else 0.0)
     shape.CreateExtentAttr([Gf.Vec3f(*map(float, -reach)), Gf.Vec3f(*map(float, reach))])
     shape.CreatePurposeAttr(UsdGeom.Tokens.guide)  # not rendered
-    qx, qy, qz, qw = collider.rot
+    qx, qy, qz, qw = collider.rot  # Gf takes the real part first
     form = UsdGeom.Xformable(shape)
     form.AddTranslateOp().Set(Gf.Vec3d(*collider.pos))
     form.AddOrientOp().Set(Gf.Quatf(qw, qx, qy, qz))
@@ -206,7 +209,7 @@ def _author_instance(prim: Sdf.PrimSpec, mesh: str, shared: bool, labels: tuple[
     """Write everything but the pose: a reference to the mesh's prototype, labels and empty transform operations."""
     types = Sdf.ValueTypeNames
     prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
-    prim.instanceable = shared
+    prim.instanceable = shared  # USD then composes the prototype once, whatever the number of instances
     prim.SetInfo("kind", Kind.Tokens.component)
     prim.referenceList.prependedItems = [Sdf.Reference(primPath=f"/Prototypes/{mesh}")]
     prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["SemanticsLabelsAPI:class"]))

@@ -167,7 +167,7 @@ def add_places(terrain: TerrainInstance, wanted: Mapping[str, Places], rng: np.r
             pick = own.integers(0, len(rows), places.count)
             at = np.column_stack([x[cols[pick]], y[rows[pick]]])
             found[level, kind] = np.column_stack([at, _highest(terrain, at, min(places.radius, 0.5))])
-        ground.patches[name] = found
+        ground.patches[name] = found  # terms look for robots' starts and targets there
     if "init_pos" in wanted:
         first = ground.patches["init_pos"]
         for level, kind in np.ndindex(levels, types):

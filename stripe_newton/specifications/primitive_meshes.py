@@ -41,6 +41,7 @@ class PrimitiveMesh(AssetMesh):
         self.name, self.size, self.color = name, tuple(float(s) for s in size), color
         self.touched, self.semantic = touched, semantic
         mesh = self._mesh()
+        # trimesh centres its shapes; lifted, they stand on the ground, and so do their colliders.
         self._lift = -float(mesh.vertices[:, 2].min())
         vertices = np.asarray(mesh.vertices) + [0.0, 0.0, self._lift]
         self._part = MeshPart("surface", vertices, np.asarray(mesh.faces), color)

@@ -68,6 +68,7 @@ def _layer(cfg: SceneStageCfg) -> Sdf.Layer:
     file = Path(cfg.usd_path).expanduser()
     if not file.is_file():
         raise FileNotFoundError(f"scene '{cfg.usd_path}': no such file; give the path of an exported scene")
+    # An open layer is shared: several environments of one file read it once.
     return Sdf.Layer.FindOrOpen(str(file))
 
 
@@ -149,6 +150,7 @@ class SceneCfgFactory:
         Args:
             robot: The robot, with the field ``robot``. Its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``.
         """
+        # The terrain is found at this path once the stage is authored: see found_terrain().
         scenery = AssetBaseCfg(prim_path="/World/ground", spawn=self.spawn)
         fields = {"scenery": scenery, "robot": robot.replace(prim_path="{ENV_REGEX_NS}/Robot"), **self._fields}
         # A class of its own, as a config has no fields but those that its class declares.

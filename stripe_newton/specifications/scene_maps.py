@@ -125,13 +125,14 @@ def _draw_instances(axis: Axes, scene: Scene) -> None:
             continue
         places = np.array([instance.position[:2] for instance in placed])
         scales = np.array([instance.scale for instance in placed])
+        # Dots get smaller the more there are, so that they cover a similar share of the map.
         size = min(max(2.0e4 / max(len(scene.instances), 1), 1.0), 30.0) * (scales / scales.mean()) ** 2
         color = colors[index % len(colors)]
         axis.scatter(*places.T, s=size, c=color, label=f"{name} ({len(placed):,})", linewidths=0, alpha=0.85)
     x, y, _ = scene.terrain.origin or (0.0, 0.0, 0.0)
     axis.scatter([x], [y], marker="*", s=110, c="gold", edgecolors="k", linewidths=0.6, label="origin", zorder=5)
     legend = axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), fontsize=8, frameon=False, ncols=4)
-    for handle in legend.legend_handles[:-1]:
+    for handle in legend.legend_handles[:-1]:  # the last is the origin's star
         handle.set_sizes([28.0])
     left, right, low, top = _extent(scene)
     axis.set_xlim(left, right)
@@ -145,7 +146,7 @@ def _draw_scale_bar(axis: Axes, size: tuple[float, float]) -> None:
     unit = 10.0 ** math.floor(math.log10(about))
     length = unit * max(n for n in (1, 2, 5) if n * unit <= about)
     left, low = axis.get_xlim()[0] + 0.04 * size[0], axis.get_ylim()[0] + 0.04 * size[1]
-    for color, width in (("white", 6.0), ("black", 2.5)):
+    for color, width in (("white", 6.0), ("black", 2.5)):  # a white rim shows on any ground
         axis.plot([left, left + length], [low, low], color=color, linewidth=width, solid_capstyle="butt", zorder=6)
     box = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
     axis.text(

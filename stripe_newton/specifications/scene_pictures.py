@@ -57,11 +57,12 @@ class ScenePictures:
     def birds_eye(self) -> np.ndarray:
         """A picture of the whole scene from above at an angle, uint8 (height, width, 3)."""
         ground = self.scene.terrain.ground
+        # The eight corners of the box around the scene must be visible.
         x, y = np.meshgrid(*(ground.lower[i] + np.array([0.0, ground.size[i]]) for i in (0, 1)))
         low, high = float(ground.heights.min()), 0.9 * self._top()
         points = np.array([[a, b, z] for a, b in zip(x.ravel(), y.ravel(), strict=True) for z in (low, high)])
         aspect = self.resolution[0] / self.resolution[1]
-        azimuth = self._sun_azimuth() + math.radians(75.0)
+        azimuth = self._sun_azimuth() + math.radians(75.0)  # light from the side models the relief
         azimuth = _towards_corner(azimuth, ground.size)
         eye, target = frame_points(points, azimuth, math.radians(34.0), math.radians(_FOV_ABOVE), aspect, 1.04)
         # A tenth of the light is lost on the way, whatever the size of the scene.
@@ -80,12 +81,13 @@ class ScenePictures:
         """
         terrain = self.scene.terrain
         origin, turns = np.array(terrain.origin), np.radians(np.arange(0.0, 360.0, 15.0))
+        # Positions on circles around the origin, those inside the terrain and clear of colliders.
         ring = [(r, a) for r in (1.5, 3.0, 5.0, 8.0) for a in np.radians(np.arange(0.0, 360.0, 45.0))]
         spots = np.array([[0.0, 0.0], *([r * math.cos(a), r * math.sin(a)] for r, a in ring)]) + origin[:2]
         lower = np.array(terrain.ground.lower)
         inside = ((spots > lower + 0.5) & (spots < lower + terrain.size - 0.5)).all(axis=1)
         spots = spots[inside & self._clear(spots)]
-        if not len(spots):
+        if not len(spots):  # a scene without a free spot still gets its picture
             spots = origin[None, :2]
         eyes = np.column_stack([spots, terrain.ground.height_at(spots[:, 0], spots[:, 1]) + EYE_HEIGHT])
         seen = self._distances(eyes, turns)

@@ -122,11 +122,13 @@ class SceneSpec(ABC):
         say = progress or (lambda text: None)
         say("terrain")
         terrain = self.generate(_generator(seed, "terrain"))
+        # Whole cells seldom fill the size exactly, hence the tolerance.
         if not np.allclose(terrain.size, self.size, rtol=1.0e-3):
             raise ValueError(
                 f"{type(self).__name__}.generate: the terrain is {terrain.size[0]:g} by {terrain.size[1]:g} m, "
                 f"must be {self.size[0]:g} by {self.size[1]:g} m"
             )
+        # A terrain may be kept and returned again by its specification.
         terrain.placed.clear()
         for name, asset in self._palette.items():
             say(name)
@@ -136,6 +138,7 @@ class SceneSpec(ABC):
         if self.places:  # after the assets, which they must be clear of
             say("places")
             add_places(terrain, self.places, _generator(seed, "places"))
+        # Last, so that maps may depend on everything.
         say("survey")
         self.survey(terrain)
         return Scene(terrain, self.distant_light, self.dome_light, seed)

@@ -48,6 +48,7 @@ class _TileAssets(AssetSpec):
             # A generator for each tile: its assets stay the same when levels or types are added.
             tile.placed[self.name] = list(spec.generate(tile, np.random.default_rng([seed, level, kind])))
             x, y = terrain.shifts[level, kind]
+            # The tile keeps its instances in its own frame, for the survey; the whole gets moved copies.
             for one in tile.placed[self.name]:
                 place = (one.position[0] + x, one.position[1] + y, one.position[2])
                 yield replace(one, name=f"{one.name}_l{level}_t{kind}", position=place)
@@ -106,6 +107,7 @@ class TileGridSpec(SceneSpec):
     def generate(self, rng: np.random.Generator) -> TerrainInstance:
         tiles: dict[Tile, TerrainInstance] = {}
         seeds = int(rng.integers(1 << 63))
+        # One number for all tiles: drawing one for each would make a tile depend on how many come before it.
         for level, spec in enumerate(self.levels):
             for kind in range(self.types):
                 # A generator for each tile: a tile stays the same when levels or types are added.
@@ -129,7 +131,7 @@ class TileGridSpec(SceneSpec):
             origins[level, kind] = np.array(tile.origin) + [*shift, 0.0]
         seed = int(rng.integers(1 << 31))
         ground = Ground(heights, (float(lower[0]), float(lower[1])), cell, origins, self.tile, seed=seed)
-        start = origins[0, self.types // 2]
+        start = origins[0, self.types // 2]  # for whoever starts a single robot: the middle of the easiest level
         return _TiledTerrain(
             ground=ground,
             origin=(float(start[0]), float(start[1]), float(start[2])),

@@ -133,6 +133,7 @@ class TrainingSpec:
         for name, cfg in self.assets.items():
             factory.add_asset(name, cfg)
         if self.obstacles is not None:
+            # The colliders are then those of the scene's assets, whatever the config says of positions.
             factory.add_sensor("obstacles", self.obstacles.replace(of_scenery=True))
         for name, cfg in self.sensors.items():
             factory.add_sensor(name, cfg)

@@ -104,6 +104,7 @@ def find_flat_patches(
             f"{where}: no place of radius {cfg.radius} m is level to {cfg.max_height_diff} m within its ranges; "
             "allow a greater max_height_diff or a smaller patch_radius"
         )
+    # Without repetition while there are enough places; the shape must not depend on how many there are.
     pick = rng.permutation(len(rows))[: cfg.num_patches]
     if len(pick) < cfg.num_patches:
         pick = np.concatenate([pick, rng.integers(0, len(rows), cfg.num_patches - len(pick))])

@@ -52,7 +52,7 @@ def ground_from_file(path: str, spacing: float, device: str) -> Ground:
         return rasterize(mesh, spacing, device, path)
     stage = open_stage(file)
     fields = ground_prims(stage)
-    if len(fields) == 1:
+    if len(fields) == 1:  # exact, with its tiles, where sampling would blur walls
         return read_ground(fields[0])
     return rasterize(_stage_mesh(stage, path), spacing, device, path)
 
@@ -92,7 +92,7 @@ def rasterize(mesh: trimesh.Trimesh, spacing: float, device: str, where: str) ->
     missed = found <= bottom + 0.5
     if missed.all():
         raise ValueError(f"terrain '{where}': no surface can be seen from above")
-    if missed.any():
+    if missed.any():  # a height field has no holes
         found = np.where(missed, found[~missed].min(), found)
         warnings.warn(
             f"terrain '{where}': nothing is below {missed.mean():.1%} of its extent, which becomes level ground at its "

@@ -63,6 +63,7 @@ def author_ground(
         UsdShade.MaterialBindingAPI.Apply(prim).Bind(material, UsdShade.Tokens.strongerThanDescendants, "physics")
     if visual_material is not None:
         mesh.CreateDisplayColorAttr([Gf.Vec3f(*visual_material.diffuse_color)])
+    # A mesh does not say that its points are a grid, nor where environments start: these attributes do.
     types = Sdf.ValueTypeNames
     values = [
         ("shape", types.Int2, Gf.Vec2i(*ground.raw.shape)),
@@ -92,13 +93,13 @@ def _author_mesh(stage: Usd.Stage, path: str, ground: Ground) -> UsdGeom.Mesh:
     points = np.empty((nrow, ncol, 3), dtype=np.float32)
     points[..., 0] = (ground.lower[0] + ground.cell[0] * np.arange(ncol))[None, :]
     points[..., 1] = (ground.lower[1] + ground.cell[1] * np.arange(nrow))[:, None]
-    points[..., 2] = ground.raw
+    points[..., 2] = ground.raw  # the heights as given: the same field is made from them again
     first = (np.arange(nrow - 1, dtype=np.int32)[:, None] * ncol + np.arange(ncol - 1, dtype=np.int32)).reshape(-1)
     faces = np.stack([first, first + 1, first + ncol, first + 1, first + ncol + 1, first + ncol], axis=1)
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.reshape(-1, 3)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.reshape(-1)))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(2 * len(first), 3, dtype=np.int32)))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)  # the default, Catmull-Clark, would round the edges
     mesh.CreateExtentAttr([Gf.Vec3f(*map(float, f(points.reshape(-1, 3), axis=0))) for f in (np.min, np.max)])
     return mesh
 

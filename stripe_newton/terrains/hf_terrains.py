@@ -63,6 +63,7 @@ def random_uniform_terrain(difficulty: float, cfg: HfRandomUniformTerrainCfg, rn
     low, high = cfg.noise_range[0], lerp(cfg.noise_range, difficulty)
     nrow, ncol = shape_of(cfg)
     spacing = cfg.downsampled_scale or cfg.horizontal_scale
+    # Numbers are drawn on a coarse grid over the tile and interpolated: steps of noise_step become slopes.
     coarse = [max(2, round((n - 1) * cfg.horizontal_scale / spacing) + 1) for n in (nrow, ncol)]
     levels = int((high - low) / cfg.noise_step + TINY) + 1
     heights = low + cfg.noise_step * rng.integers(0, levels, coarse)
@@ -97,6 +98,7 @@ class HfRandomUniformTerrainCfg(HfTerrainBaseCfg):
 def pyramid_sloped_terrain(difficulty: float, cfg: HfPyramidSlopedTerrainCfg, rng: np.random.Generator) -> np.ndarray:
     """A pyramid with a level top: ``slope`` times the distance from the border."""
     slope = lerp(cfg.slope_range, difficulty) * (-1.0 if cfg.inverted else 1.0)
+    # Beyond this distance from the border lies the platform.
     reach = 0.5 * (min(cfg.size) - cfg.platform_width) - cfg.border_width
     return _rounded(slope * np.clip(from_edge(cfg) - cfg.border_width, 0.0, max(reach, 0.0)), cfg)
 
@@ -186,6 +188,7 @@ def discrete_obstacles_terrain(
         rise = height * rng.choice((-1.0, -0.5, 0.5, 1.0)) if cfg.obstacle_height_mode == "choice" else height
         over = (x >= first_x) & (x <= first_x + width) & (y >= first_y) & (y <= first_y + length)
         heights[over] = rise
+    # Robots start on the platform and cross the border between tiles: both stay level.
     heights[from_middle(cfg) <= 0.5 * cfg.platform_width + TINY] = 0.0
     heights[from_edge(cfg) <= cfg.border_width + TINY] = 0.0
     return _rounded(heights, cfg)
@@ -263,6 +266,7 @@ def wave_terrain(difficulty: float, cfg: HfWaveTerrainCfg, rng: np.random.Genera
     x, y = axes(cfg)
     k = 2.0 * np.pi * cfg.num_waves / (np.array(cfg.size) - 2.0 * cfg.border_width)
     heights = 0.5 * amplitude * (np.cos(k[1] * (y - cfg.border_width)) + np.sin(k[0] * (x - cfg.border_width)))
+    # The window fades the waves out, as neighbouring tiles would meet at different heights.
     return _rounded(heights * window(cfg), cfg)
 
 
@@ -283,7 +287,7 @@ def perlin_terrain(difficulty: float, cfg: HfPerlinTerrainCfg, rng: np.random.Ge
     amplitude = lerp(cfg.amplitude_range, difficulty)
     total, heights = 0.0, np.zeros(shape_of(cfg))
     for octave in range(int(cfg.octaves)):
-        share = cfg.persistence**octave
+        share = cfg.persistence**octave  # divided by their sum below, so that the amplitude stays that of the config
         heights += share * perlin(cfg, cfg.wavelength / 2.0**octave, rng)
         total += share
     return _rounded(amplitude * heights / total * window(cfg), cfg)

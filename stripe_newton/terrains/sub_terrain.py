@@ -89,6 +89,7 @@ def sub_terrain_heights(cfg: SubTerrainBaseCfg, difficulty: float, rng: np.rando
     if heights.shape != shape or not np.isfinite(heights).all():
         name = getattr(cfg.function, "__name__", cfg.function)  # a functools.partial has no name
         raise ValueError(f"'{name}' returned heights of shape {heights.shape}, must be {shape} and finite")
+    # Neighbouring tiles share the heights on their common edge.
     heights[[0, -1]] = 0.0
     heights[:, [0, -1]] = 0.0
     return heights

@@ -131,6 +131,7 @@ class TerrainGenerator:
         cfg.validate()
         self.cfg = cfg = cfg.copy()
         for sub in cfg.sub_terrains.values():
+            # The grid's scales apply to all kinds, and a kind's checks depend on them.
             sub.size, sub.horizontal_scale = cfg.size, cfg.horizontal_scale
             if isinstance(sub, HfTerrainBaseCfg):
                 sub.vertical_scale = cfg.vertical_scale
@@ -138,6 +139,7 @@ class TerrainGenerator:
         rows, cols, step = cfg.num_rows, cfg.num_cols, cfg.horizontal_scale
         cells_x, cells_y = (round(length / step) for length in cfg.size)
         border = round(cfg.border_width / step)
+        # Rows of heights lie along y, rows of tiles along x.
         heights = np.full(
             (cols * cells_y + 2 * border + 1, rows * cells_x + 2 * border + 1), max(-cfg.border_height, 0.0)
         )

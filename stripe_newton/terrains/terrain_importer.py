@@ -88,7 +88,7 @@ class TerrainImporter:
             if cfg.visual_material is not None:
                 plane.color = cfg.visual_material.diffuse_color
             plane.func(cfg.prim_path, plane)
-            return None
+            return None  # the plane is read from the stage as any other collider
         UsdGeom.Xform.Define(stage, self.path)
         if cfg.terrain_type == "usd":
             from .ground_files import ground_from_file  # imports trimesh, which only files need
@@ -165,6 +165,7 @@ class TerrainImporter:
             return
         solid = int(newton.ShapeFlags.COLLIDE_SHAPES)
         shapes = zip(static.shape_label, static.shape_flags, strict=True)
+        # A plane of the scene's config at the height of the edges would lie above every hollow.
         there = [label for label, flags in shapes if f"{label}/".startswith(f"{self.path}/") and flags & solid]
         if there:
             raise ValueError(
@@ -237,6 +238,7 @@ class TerrainImporter:
         levels, types = self.terrain_levels.cpu().numpy(), self.terrain_types.cpu().numpy()
         own = self._origins_of(ground, levels, types)
         self.ground = ground
+        # Everything is written into the arrays that are there: graphs hold their addresses.
         self.struct.heights.assign(ground.heights)
         if self.terrain_origins is not None:
             self.terrain_origins.copy_(torch.tensor(ground.origins, dtype=torch.float32))
@@ -259,6 +261,7 @@ class TerrainImporter:
         ids = torch.as_tensor(env_ids, device=self.device).long()
         last = len(self.terrain_origins) - 1
         levels = self.terrain_levels[ids] + move_up.to(torch.int32) - move_down.to(torch.int32)
+        # A robot that masters the last level goes on training on all of them, so that it forgets none.
         drawn = torch.randint_like(levels, last + 1)
         self.terrain_levels[ids] = torch.where(levels > last, drawn, levels.clip(min=0))
         self.env_origins[ids] = self.terrain_origins[self.terrain_levels[ids].long(), self.terrain_types[ids].long()]
@@ -267,7 +270,7 @@ class TerrainImporter:
         """Height of the ground at points of the world [m], shape ``(...)`` for points ``(..., 2)`` or ``(..., 3)``."""
         if self.ground is None:
             return torch.zeros_like(positions[..., 0])
-        points = positions.detach().cpu().numpy()
+        points = positions.detach().cpu().numpy()  # on the host: terms use terrain_height() of stripe_kernels
         found = self.ground.height_at(points[..., 0], points[..., 1])
         return torch.tensor(found, dtype=torch.float32, device=positions.device)
 

@@ -91,6 +91,7 @@ def perlin(cfg: Tile, wavelength: float, rng: np.random.Generator) -> np.ndarray
     x, y = axes(cfg)
     u, v = x / wavelength, y / wavelength
     angles = rng.uniform(0.0, 2.0 * np.pi, (int(v.max()) + 2, int(u.max()) + 2))
+    # Cell of the noise's grid, and place within it.
     col, row = u.astype(int), v.astype(int)
     fu, fv = u - col, v - row
 

@@ -23,6 +23,7 @@ _MUJOCO_JOINTS = {
     JointType.BALL,
     JointType.D6,
 }
+# Attributes of these names enter the simulation; a NaN in any other, such as a texture coordinate, is harmless.
 _PHYSICS_PREFIXES = ("physics:", "drive:", "limit:", "state:", "newton:", "physxJoint:", "physxLimit:", "xformOp:")
 
 
@@ -108,7 +109,7 @@ def _numbers(value: object) -> np.ndarray | None:
     if isinstance(value, (bool, str)) or value is None:
         return None
     if isinstance(value, (Gf.Quatf, Gf.Quatd, Gf.Quath)):
-        value = (value.GetReal(), *value.GetImaginary())
+        value = (value.GetReal(), *value.GetImaginary())  # NumPy cannot convert Gf's quaternions
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -120,7 +121,7 @@ def _transform(prim: Usd.Prim, body: bool) -> Iterator[str]:
     if not np.isfinite(matrix).all():
         yield "its world transform is not finite; author finite xformOps"
         return
-    scale = np.linalg.norm(matrix[:3, :3], axis=1)
+    scale = np.linalg.norm(matrix[:3, :3], axis=1)  # of the rows, as USD multiplies rows of coordinates
     if scale.min() < 1e-9:
         yield f"its world scale is zero ({', '.join(f'{s:g}' for s in scale)}); author a scale other than 0"
     elif body and np.linalg.det(matrix[:3, :3]) < 0.0:
@@ -153,9 +154,9 @@ def _joint(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
     if prim.IsA(UsdPhysics.DistanceJoint) and solver == "mujoco":
         yield "is a distance joint, which the MuJoCo solver does not take; use another joint, or another solver"
     if any(name.startswith("MjcEquality") for name in api_schemas(prim)):
-        return
+        return  # an equality constraint may connect sites, so the checks of its bodies do not apply
     ends = {"body0": joint.GetBody0Rel().GetTargets(), "body1": joint.GetBody1Rel().GetTargets()}
-    for name, targets in ends.items():
+    for name, targets in ends.items():  # no target is the world, one that does not exist is a mistake
         if targets and not stage.GetPrimAtPath(targets[0]):
             yield f"its physics:{name} names {targets[0]}, which does not exist; name a body, or none for the world"
             return

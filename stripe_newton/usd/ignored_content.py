@@ -102,6 +102,7 @@ def _vendor_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
             name = attribute.GetName()
             if name.startswith(_VENDOR_PREFIXES) and name not in understood:
                 found.setdefault(name, []).append(str(prim.GetPath()))
+    # A robot has the same attribute on dozens of links: a row for each would hide everything else.
     return [
         (paths[0] + (f" (+{len(paths) - 1} more)" if len(paths) > 1 else ""), name, "Newton has no counterpart")
         for name, paths in sorted(found.items())

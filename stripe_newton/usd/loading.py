@@ -57,6 +57,7 @@ def load_stage(
     check_stage(opened, root_path, ignore, solver, allow_static, name)
     prepared, rows = prepare(opened, root_path, ignore)
     start = BuilderStart(builder)
+    # Whatever the solver: attributes of MuJoCo's schemas are read into these.
     if solver == "mujoco" or not any(a.namespace == "mujoco" for a in builder.custom_attributes.values()):
         SolverMuJoCo.register_custom_attributes(builder)
     with _warnings_as_rows(rows):
@@ -65,12 +66,14 @@ def load_stage(
                 prepared,
                 root_path=root_path,
                 ignore_paths=list(ignore),
+                # The first that has an attribute decides: Newton's own schemas, then MuJoCo's, then PhysX's.
                 schema_resolvers=[SchemaResolverNewton(), SchemaResolverMjc(), SchemaResolverPhysx()],
                 load_sites=True,
                 load_visual_shapes=True,
                 skip_mesh_approximation=not _can_approximate(),
             )
         except (ValueError, RuntimeError, NotImplementedError, KeyError, ImportError) as error:
+            # What Newton's importer raises for stages that it does not support.
             reason = f"Newton does not read it: {str(error) or type(error).__name__}"
             raise StageError(name, _first_path(str(error), prepared), reason) from error
     _unmirror_meshes(builder, start.shape)
@@ -96,6 +99,7 @@ def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> St
 
 def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]]:
     """Rows of bodies whose authored pose differs from the one that their joints' frames and positions give."""
+    # The simulation starts where forward kinematics puts the bodies, not where the stage shows them.
     model = builder.finalize(device="cpu")
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
@@ -130,7 +134,7 @@ def _warnings_as_rows(rows: Ignored) -> Iterator[None]:
     logger.addHandler(handler)
     try:
         with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+            warnings.simplefilter("always")  # Python shows a warning once; each stage's report needs it
             yield
     finally:
         logger.removeHandler(handler)
@@ -166,6 +170,7 @@ def _unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
         faces = np.array(mesh.indices, dtype=np.int32).reshape(-1, 3)
         if np.prod(np.sign(scale)) < 0.0:  # a mirror turns faces inside out, two mirrors are a rotation
             faces = faces[:, ::-1]
+        # A new mesh: the old one may be shared with shapes that are not mirrored.
         mirrored = newton.Mesh(
             np.array(mesh.vertices) * np.sign(scale),
             faces.reshape(-1).copy(),

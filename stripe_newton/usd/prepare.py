@@ -88,6 +88,7 @@ class _Overlay:
 
 
 def _make_disabled_bodies_static(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored) -> None:
+    # Paths, not prims: the first edit opens another stage.
     bodies = [p.GetPath() for p in walk(edit.stage, root_path, ignore) if p.HasAPI(UsdPhysics.RigidBodyAPI)]
     for path in bodies:
         if UsdPhysics.RigidBodyAPI(edit.stage.GetPrimAtPath(path)).GetRigidBodyEnabledAttr().Get() is False:

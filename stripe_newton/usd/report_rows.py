@@ -58,6 +58,7 @@ def build_report(
     metres, kilograms = stage_units(authored)
     prims = list(walk(prepared, root_path, ignore))
     shapes = range(start.shape, builder.shape_count)
+    # Newton stores a site as a shape with a flag.
     sites = [s for s in shapes if builder.shape_flags[s] & ShapeFlags.SITE]
     return StageReport(
         file=name,
@@ -184,7 +185,7 @@ def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeR
 
 def _density(prim: Usd.Prim) -> float | None:
     """Density of the shape's own MassAPI, otherwise of the bound physics material."""
-    if not prim:
+    if not prim:  # a shape whose label is no prim's path
         return None
     own = UsdPhysics.MassAPI(prim).GetDensityAttr().Get() if prim.HasAPI(UsdPhysics.MassAPI) else None
     if own:
@@ -198,7 +199,7 @@ def _density(prim: Usd.Prim) -> float | None:
 
 def _articulation(builder: newton.ModelBuilder, articulation: int) -> ArticulationRow:
     joints = range(builder.articulation_start[articulation], builder.articulation_end[articulation])
-    root = JointType(builder.joint_type[joints[0]])
+    root = JointType(builder.joint_type[joints[0]])  # the joint between the world and the root body comes first
     return ArticulationRow(
         path=builder.articulation_label[articulation],
         base="floating" if root == JointType.FREE else "fixed",

@@ -42,10 +42,11 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
             raise StageError(str(path), "", f"{what}; give a .usd, .usda, .usdc or .usdz file")
         try:
             stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
-        except Tf.ErrorException as error:
+        except Tf.ErrorException as error:  # its last line says most, those above are USD's own call stack
             lines = str(error).strip().splitlines()
             detail = lines[-1].strip() if lines else ""
             raise StageError(str(path), "", f"is not a USD file that can be read ({detail})") from error
+    # USD opens a stage whose references do not resolve, and only prints a warning.
     errors = stage.GetCompositionErrors()
     if errors:
         texts = list(dict.fromkeys(_composition_text(error) for error in errors))
@@ -76,6 +77,7 @@ def walk(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> 
         ignore: Regular expressions; prims whose path starts with a match are left out, as in ``ModelBuilder.add_usd``.
     """
     patterns = [re.compile(pattern) for pattern in ignore]
+    # Instance proxies: by default USD does not descend into instances, and a robot is often one.
     for prim in Usd.PrimRange(stage.GetPrimAtPath(root_path), Usd.TraverseInstanceProxies()):
         if not any(pattern.match(str(prim.GetPath())) for pattern in patterns):
             yield prim
@@ -84,6 +86,7 @@ def walk(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> 
 def api_schemas(prim: Usd.Prim) -> list[str]:
     """Names of the API schemas applied to a prim, including those that this USD build has no plug-in for."""
     names = list(prim.GetAppliedSchemas())
+    # GetAppliedSchemas() leaves out schemas without a plug-in, such as PhysX's.
     authored = prim.GetMetadata("apiSchemas")
     if authored is not None:
         names += [name for name in authored.ApplyOperations([]) if name not in names]

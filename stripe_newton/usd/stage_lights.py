@@ -58,6 +58,7 @@ def _read_light(prim: Usd.Prim, to_z_up: Gf.Rotation) -> Light:
         kind="dome" if _is_dome(prim) else "distant",
         color=(float(color[0]), float(color[1]), float(color[2])),
         intensity=float(api.GetIntensityAttr().Get() * 2.0 ** api.GetExposureAttr().Get()),
+        # UsdLux: a distant light shines along its prim's -z.
         direction=(float(direction[0]), float(direction[1]), float(direction[2])),
         path=str(prim.GetPath()),
     )

@@ -45,13 +45,13 @@ def try_stage(
         return StageTrial("refused", f"{error.prim}: {error.reason}" if error.prim else error.reason)
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
-    builder.replicate(template, worlds)
+    builder.replicate(template, worlds)  # as for environments
     model = builder.finalize(device=device)
     solver, state, control = SolverMuJoCo(model), model.state(), model.control()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     trial = StageTrial("steps", "", len(report.bodies), report.dofs, len(report.shapes), _free_mistake(template, state))
     for step in range(steps):
-        solver.step(state, state, control, None, dt)
+        solver.step(state, state, control, None, dt)  # in place: MuJoCo's solver needs no second state
         for name in ("joint_q", "joint_qd", "body_q", "body_qd"):
             if not np.isfinite(getattr(state, name).numpy()).all():
                 trial.outcome, trial.reason = "diverges", f"{name} is not finite after step {step + 1}"

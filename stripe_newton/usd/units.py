@@ -22,6 +22,7 @@ __all__ = ["mixed_units", "si_stage", "stage_units", "to_si"]
 
 # Exponents (length, mass) of a quantity; time and angle need no conversion.
 _LENGTH, _MASS, _FORCE, _TORQUE, _DENSITY = (1, 0), (0, 1), (1, 1), (2, 1), (-3, 1)
+# A force per length has no length left, a torque per angle is a torque.
 _LINEAR_GAIN, _ANGULAR_GAIN, _INERTIA = (0, 1), (2, 1), (2, 1)
 
 _BY_NAME: list[tuple[re.Pattern[str], tuple[int, int]]] = [
@@ -49,6 +50,7 @@ _BY_NAME: list[tuple[re.Pattern[str], tuple[int, int]]] = [
         (r"newton:inertia", _INERTIA),
     )
 ]
+# Names that mean a length or an angle, depending on the type of the joint.
 _BY_TYPE: dict[str, dict[str, tuple[int, int]]] = {
     "PhysicsPrismaticJoint": {
         "physics:lowerLimit": _LENGTH,
@@ -102,6 +104,7 @@ def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
             rows.append(("/", "metersPerUnit", why))
     for prim in stage.Traverse():
         magnitude = UsdPhysics.Scene(prim).GetGravityMagnitudeAttr().Get() if prim.IsA(UsdPhysics.Scene) else None
+        # Such as 981 in a stage that claims metres: its lengths are centimetres.
         if magnitude is not None and magnitude * metres > 100.0:
             why = f"is {magnitude * metres:g} m/s^2: are lengths in other units than metersPerUnit {metres:g} says?"
             rows.append((str(prim.GetPath()), "gravityMagnitude", why))
@@ -113,6 +116,7 @@ def to_si(stage: Usd.Stage) -> Usd.Stage:
     metres, kilograms = stage_units(stage)
     if math.isclose(metres, 1.0) and math.isclose(kilograms, 1.0):
         return stage
+    # Into one layer of our own: the files must not change, and one of them may be referenced several times.
     layer = stage.Flatten()
     prims: list[Sdf.PrimSpec] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, lambda path: _collect(layer, path, prims))

@@ -25,6 +25,7 @@ def camera_axes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     if not math.isfinite(length) or length < 1e-9:
         raise ValueError(f"camera: eye {tuple(eye)} and target {tuple(target)} must be two different, finite points")
     back = back / length
+    # Straight down, z gives no direction for the picture's upper edge.
     up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.9999 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, back)
     right /= np.linalg.norm(right)
@@ -76,6 +77,8 @@ def good_azimuth(points: np.ndarray) -> float:
     sizes, directions = np.linalg.eigh(flat.T @ flat)
     if sizes[1] < 25.0 * max(float(sizes[0]), 1e-12):  # variances: less than five times as long as wide
         return _USUAL_AZIMUTH
+    # eigh() sorts: the last direction is that of the largest extent. Of the four views from 65 degrees beside it, the
+    # one nearest to the usual direction.
     axis = math.atan2(directions[1, 1], directions[0, 1])
     choices = [axis + side * math.radians(65.0) + turn for side in (-1, 1) for turn in (0.0, math.pi)]
     return min(choices, key=lambda a: 1.0 - math.cos(a - _USUAL_AZIMUTH))

@@ -124,6 +124,7 @@ class DisplayModel:
             args = [self._sim.state.body_q, self._index, out]
             wp.launch(gather_bodies, dim=len(self._index), inputs=args, device=self.model.device)
             self.body_q = self.state.body_q.numpy()
+        # A refit keeps the tree of the hierarchy and costs far less than a new one.
         if self.model.shape_count and self.model.bvh_shape_count_enabled:
             self.model.bvh_refit_shapes(self.state)
         return self.body_q
@@ -140,11 +141,12 @@ class DisplayModel:
         corners = self._corners(self.body_q)
         shown = np.isfinite(corners).all(axis=(1, 2))
         own = shown & (np.arange(len(shown)) >= self._static_shapes)
-        moving = own & self._moves[self._shape_body]
+        moving = own & self._moves[self._shape_body]  # a shape of the world has body -1: the last element
         if not moving.any():
             return corners[own if own.any() else shown].reshape(-1, 3)
         points = corners[moving].reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
+        # A long rail or a wide table would make the robot small: of fixed shapes only what is near counts.
         around = 1.3 * float((high - low).max())
         held = corners[own & ~moving]
         near = ((held.max(axis=1) >= low - around) & (held.min(axis=1) <= high + around)).all(axis=1)
@@ -180,6 +182,7 @@ def _scenery(builder: newton.ModelBuilder, count: int, natural: bool | None) -> 
         and int(builder.shape_flags[i]) & visible
         and getattr(builder.shape_source[i], "texture", None) is None
     ]
+    # Height fields alone make no scene outdoors: a training terrain has one.
     meshes = sum(int(builder.shape_type[i]) == kinds[0] for i in found)
     return np.array(found if (meshes >= _NATURAL_MESHES if natural is None else natural) else [], dtype=int)
 

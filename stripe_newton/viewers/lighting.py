@@ -61,6 +61,7 @@ def lighting_from(lights: Sequence[Light], azimuth: float = 0.0) -> Lighting:
         lights: The scene's lights.
         azimuth: Direction of the camera, about +Z from +X [rad]; a sun that the scene lacks shines from its left.
     """
+    # Lights without intensity are as good as none: a sun must replace them.
     distant = sorted((x for x in lights if x.kind == "distant" and x.intensity > 0), key=lambda x: -x.intensity)
     domes = [x for x in lights if x.kind == "dome" and x.intensity > 0]
     sun, sky, tint = _sun_and_sky(distant, domes)
@@ -79,6 +80,7 @@ def lighting_from(lights: Sequence[Light], azimuth: float = 0.0) -> Lighting:
         to_sun=to_sun,
         sun=sun,
         sky=sky,
+        # Light that the ground reflects upwards, a little warmer than what falls on it.
         ground=(0.42 * sky + 0.10 * sun) * np.array([1.0, 0.97, 0.93]),
         horizon=np.array(_HORIZON) * backdrop,
         zenith=np.array(_ZENITH) * backdrop,

@@ -68,6 +68,7 @@ class LiveViewer:
             raise RuntimeError("LiveViewer.update: the viewer is closed; make a new one")
         self._time += dt
         with wp.ScopedDevice(self._scene.model.device):
+            # The display model's state: the simulation's has all environments, the viewer some of them.
             self._scene.update()
             self._viewer.begin_frame(self._time)
             self._viewer.log_state(self._scene.state)

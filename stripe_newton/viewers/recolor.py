@@ -33,6 +33,7 @@ def recolor_shapes(
     for i in range(builder.shape_count):
         if not _is_default(builder.shape_color[i]):
             continue
+        # Ground, what stands still, then robots by body.
         body = int(builder.shape_body[i])
         if int(builder.shape_type[i]) in _GROUND_TYPES:
             color = _GROUND_COLOR

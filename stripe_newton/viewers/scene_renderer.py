@@ -39,6 +39,7 @@ class SceneRenderer:
         self.cfg = cfg
         self._width, self._height = (int(n) for n in cfg.resolution)
         env_ids = [cfg.env_index] if env_ids is None else [int(i) for i in env_ids]
+        # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)
             self._scene = DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
@@ -99,6 +100,7 @@ class SceneRenderer:
         tracer = self._tracer
         with wp.ScopedDevice(self._scene.model.device):
             poses = self._scene.update()
+            # Following moves copies of eye and target, so that look() and the properties stay what was set.
             shift = self._shift(poses)
             eye, target = self._eye + shift, self._target + shift
             if self._turns:
@@ -191,6 +193,7 @@ class SceneRenderer:
             far = far[np.isfinite(far)]
             self._spread = max(self._spread, self._radius)
             limit = 4.0 * self._radius
+            # Bounded: one robot that falls off the world must not blur the shadows of all.
             while len(far) and self._spread < min(float(far.max()), limit):
                 self._spread *= 1.25
         return center, 1.1 * max(self._spread, self._radius)

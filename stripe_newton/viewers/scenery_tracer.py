@@ -63,6 +63,7 @@ class SceneryTracer:
         fields = np.array([isinstance(s, newton.Heightfield) for s in self._sources])
         scale[fields] = 1.0  # Newton keeps the extent of a height field in the source, not in the scale
         leaves = np.array([bool(getattr(s, "two_sided", False)) for s in self._sources])
+        # One hierarchy over the boxes of all shapes; inside a box the ray meets the mesh's own hierarchy.
         lower, upper = _boxes(bounds, pose, scale)
         make = {"device": self._device}
         self._bvh = wp.Bvh(wp.array(lower, dtype=wp.vec3, **make), wp.array(upper, dtype=wp.vec3, **make))
@@ -73,6 +74,7 @@ class SceneryTracer:
         meshes.scale = wp.array(scale, dtype=wp.vec3f, **make)
         meshes.shape = wp.array(index.astype(np.int32), dtype=wp.int32, **make)
         smooth = np.array([(getattr(s, "roughness", None) or 1.0) < _MIRROR_ROUGHNESS for s in self._sources])
+        # The first that applies: a leaf may be smooth, too.
         kind = np.select([fields, leaves, smooth], [GROUND, FOLIAGE, SMOOTH], SOLID).astype(np.int32)
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)

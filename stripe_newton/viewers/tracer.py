@@ -41,6 +41,7 @@ class Tracer:
         config = SensorCamera.RenderConfig(
             enable_textures=scene.textured, enable_backface_culling=False, enable_ambient_lighting=False
         )
+        # Newton's sensor finds what each ray hits; lights, shadows and fog are computed from that here.
         self._sensor = SensorCamera(scene.model, default_render_config=config, load_textures=scene.textured)
         pixels = self._width * self._height
         self.set_fov(cfg.fov)
@@ -82,6 +83,7 @@ class Tracer:
             self._trace_shadows(look)
         pose = _pose(eye, camera_axes(eye, target))
         pixels = self._width * self._height
+        # The sensor first: scenery overwrites a pixel where it is nearer.
         self._trace(pose, self._rays, self._main, (self._height, self._width))
         if self.scenery is not None:
             self.scenery.trace(look, self._rays.reshape((pixels, 2)), self._casters, self._main)
@@ -111,6 +113,7 @@ class Tracer:
         self._edge_count.zero_()
         args = [look, *surface[1:], self._still, self._capacity, self._edge_count, self._edge_pixels, self._edge_rays]
         wp.launch(mark_edges, dim=self._width * self._height, inputs=args, device=self._device)
+        # Reading the number waits for the device, and saves tracing rays for all the room that there is.
         count = min(int(self._edge_count.numpy()[0]), self._capacity)
         if count == 0:
             return
@@ -138,7 +141,7 @@ class Tracer:
 
     def _trace(self, pose: np.ndarray, rays: wp.array, images: dict[str, wp.array], size: tuple[int, int]) -> None:
         self._transform.assign(pose[None].astype(np.float32))
-        if not self._scene.model.bvh_shape_count_enabled:
+        if not self._scene.model.bvh_shape_count_enabled:  # nothing that the sensor could trace
             images["shape"].fill_(0xFFFFFFFF)
             return
         shaped = {k: v.reshape((1, *size)) for k, v in images.items() if v.size}
@@ -181,6 +184,7 @@ class Tracer:
         if self.scenery is not None:
             look.near, look.haze, look.air = self._cfg.near, self._cfg.haze, self.scenery.air_at(eye)
             look.exposure = self._exposure
+        # Squares as large as makes sense at this distance: smaller ones would be noise.
         look.tile = next(side for limit, side in _TILES if distance <= limit)
         look.shadow_size, look.shadow_half = self._shadow_size, radius
         look.shadow_start = 2.0 * radius + _TALLEST
