@@ -4,8 +4,9 @@
 Generating needs no simulator. A scene is a USD stage; see :class:`SceneSpec`.
 """
 
+from .asset_instance import AssetInstance
 from .asset_mesh import AssetMesh, Collider, DynamicMesh, MeshPart, instancable
-from .asset_spec import AssetInstance, AssetSpec, IdenticalAssetSpec
+from .asset_spec import AssetSpec, IdenticalAssetSpec
 from .collider_fitting import fit_collider
 from .mesh_files import UniversalMesh, USDMesh
 from .places import Places

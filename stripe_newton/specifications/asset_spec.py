@@ -6,43 +6,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .asset_instance import AssetInstance
 from .asset_mesh import AssetMesh
+from .terrain_instance import TerrainInstance
 
-if TYPE_CHECKING:
-    from .terrain_instance import TerrainInstance
-
-__all__ = ["AssetInstance", "AssetSpec", "IdenticalAssetSpec"]
-
-
-@dataclass(frozen=True, eq=False)
-class AssetInstance:
-    """One asset with its pose.
-
-    Attributes:
-        name: Name of the instance, unique within its spec.
-        mesh: Surfaces and colliders.
-        position: World position of the mesh's origin [m].
-        rotation: Orientation, xyzw.
-        scale: Factor on its size.
-        tags: Semantic labels in addition to that of the mesh.
-    """
-
-    name: str
-    mesh: AssetMesh
-    position: tuple[float, float, float]
-    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    scale: float = 1.0
-    tags: tuple[str, ...] = ()
-
-    @property
-    def labels(self) -> list[str]:
-        """Semantic labels: that of the mesh, then the tags."""
-        return [self.mesh.semantic or self.mesh.name, *self.tags]
+__all__ = ["AssetSpec", "IdenticalAssetSpec"]
 
 
 class AssetSpec(ABC):

@@ -9,7 +9,6 @@ primitives with ``UsdPhysics.CollisionAPI``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade, Vt
@@ -18,47 +17,57 @@ from stripe_newton.scene.scenery import SCENERY_KEY
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg
 from stripe_newton.terrains.ground_usd import author_ground
 
+from .asset_instance import AssetInstance
 from .asset_mesh import AssetMesh, Collider, MeshPart
-from .asset_spec import AssetInstance
-
-if TYPE_CHECKING:
-    from .scene_spec import Scene
+from .terrain_instance import TerrainInstance
 
 __all__ = ["author_scene"]
 
 _SHAPES = {"sphere": UsdGeom.Sphere, "capsule": UsdGeom.Capsule, "cylinder": UsdGeom.Cylinder, "box": UsdGeom.Cube}
 
 
-def author_scene(scene: Scene) -> Usd.Stage:
+def author_scene(
+    terrain: TerrainInstance, dome_light: DomeLightCfg | None, distant_light: DistantLightCfg | None
+) -> Usd.Stage:
     """Write a scene into a new stage: metres, z up, default prim ``/World``.
 
     ``/World/ground/terrain`` is the height field with the triangles that contacts have; the assets are
     ``/World/SPEC/INSTANCE``, the lights ``/World/Light`` and ``/World/Sun``. The same scene gives the same text.
 
+    Args:
+        terrain: The ground, with all assets in ``terrain.placed``.
+        dome_light: The sky. None: no sky.
+        distant_light: The sun. None: no sun.
+
     Raises:
         ValueError: if two different meshes have one name.
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    _author_all_but_instances(Usd.Stage.Open(layer), scene)
+    _author_all_but_instances(Usd.Stage.Open(layer), terrain, dome_light, distant_light)
     # Instances are written when that stage is gone: it would recompose itself for each of thousands.
-    for spec, instances in scene.terrain.placed.items():
+    for spec, instances in terrain.placed.items():
         if instances:
             _author_instances(layer, f"/World/{spec}", instances)
     return Usd.Stage.Open(layer)
 
 
-def _author_all_but_instances(stage: Usd.Stage, scene: Scene) -> None:
+def _author_all_but_instances(
+    stage: Usd.Stage,
+    terrain: TerrainInstance,
+    dome_light: DomeLightCfg | None,
+    distant_light: DistantLightCfg | None,
+) -> None:
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
     world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
     stage.SetDefaultPrim(world)
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    _author_terrain(stage, scene)
-    _author_lights(stage, scene)
+    _author_terrain(stage, terrain)
+    _author_lights(stage, dome_light, distant_light)
     # Meshes become prims by name, and one of two of a name would get the instances of both.
     names: dict[str, AssetMesh] = {}
-    for instance in scene.instances:
+    for instance in (instance for placed in terrain.placed.values() for instance in placed):
         mesh = names.setdefault(instance.mesh.name, instance.mesh)
         if mesh is not instance.mesh:
             raise ValueError(f"mesh '{mesh.name}': two different meshes have this name; give each its own")
@@ -66,7 +75,7 @@ def _author_all_but_instances(stage: Usd.Stage, scene: Scene) -> None:
     stage.CreateClassPrim("/Prototypes")
     for mesh in names.values():
         _author_prototype(stage, mesh)
-    for spec, instances in scene.terrain.placed.items():
+    for spec, instances in terrain.placed.items():
         if instances:
             # USD's model hierarchy: an assembly of groups of components, without gaps.
             group = UsdGeom.Xform.Define(stage, f"/World/{spec}").GetPrim()
@@ -74,8 +83,7 @@ def _author_all_but_instances(stage: Usd.Stage, scene: Scene) -> None:
             group.CreateAttribute(SCENERY_KEY, Sdf.ValueTypeNames.Bool).Set(True)
 
 
-def _author_terrain(stage: Usd.Stage, scene: Scene) -> None:
-    terrain = scene.terrain
+def _author_terrain(stage: Usd.Stage, terrain: TerrainInstance) -> None:
     root = UsdGeom.Xform.Define(stage, "/World/ground").GetPrim()
     _label(root, terrain.tags)
     red, green, blue = terrain.color
@@ -101,16 +109,16 @@ def _author_terrain(stage: Usd.Stage, scene: Scene) -> None:
         _label(mesh, tags)
 
 
-def _author_lights(stage: Usd.Stage, scene: Scene) -> None:
-    if scene.dome_light is not None:
+def _author_lights(stage: Usd.Stage, dome_light: DomeLightCfg | None, distant_light: DistantLightCfg | None) -> None:
+    if dome_light is not None:
         dome = UsdLux.DomeLight.Define(stage, "/World/Light")
-        _author_light(dome, scene.dome_light)
-        if scene.dome_light.texture_file:
-            dome.CreateTextureFileAttr(scene.dome_light.texture_file)
-    if scene.distant_light is not None:
+        _author_light(dome, dome_light)
+        if dome_light.texture_file:
+            dome.CreateTextureFileAttr(dome_light.texture_file)
+    if distant_light is not None:
         sun = UsdLux.DistantLight.Define(stage, "/World/Sun")
-        _author_light(sun, scene.distant_light)
-        sun.CreateAngleAttr(scene.distant_light.angle)
+        _author_light(sun, distant_light)
+        sun.CreateAngleAttr(distant_light.angle)
         # The config has no direction; this one gives shapes a lit and a dark side from most views.
         UsdGeom.Xformable(sun).AddRotateXYZOp().Set(Gf.Vec3f(40.0, 20.0, 30.0))
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
+from .asset_instance import AssetInstance
 from .asset_mesh import Collider
-from .asset_spec import AssetInstance
 from .terrain_instance import TerrainInstance
 
 __all__ = ["Places", "add_places", "footprints", "walkable"]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from pxr import Sdf, Usd
 
@@ -16,7 +16,8 @@ from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import SpawnerCfg
 from stripe_newton.sim.stage import current_stage
 
-from .scene_spec import Scene, SceneSpec
+if TYPE_CHECKING:
+    from .scene_spec import Scene, SceneSpec
 
 __all__ = ["SceneCfgFactory", "SceneEntryCfg", "SceneStageCfg"]
 

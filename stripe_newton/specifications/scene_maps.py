@@ -34,6 +34,7 @@ def draw_maps(scene: Scene, path: Path) -> None:
     Raises:
         ValueError: for a map that is no two-dimensional array of finite numbers.
     """
+    # Here and not at the top: matplotlib takes long to import, and is needed when a map is drawn.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -96,7 +97,7 @@ def _thin(values: np.ndarray) -> np.ndarray:
 
 def _draw_relief(scene: Scene, axis: Axes, alpha: float) -> np.ndarray:
     """Draw the ground lit from the north-west; returns the heights that are drawn [m]."""
-    from matplotlib.colors import LightSource
+    from matplotlib.colors import LightSource  # see draw_maps
 
     heights = _thin(scene.terrain.ground.heights.astype(float))
     dx, dy = (s / (n - 1) for s, n in zip(scene.terrain.size, heights.shape[::-1], strict=True))

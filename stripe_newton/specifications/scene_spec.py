@@ -9,21 +9,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pxr import Usd
 
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg
 
-from .asset_spec import AssetInstance, AssetSpec
+from .asset_instance import AssetInstance
+from .asset_spec import AssetSpec
+from .authoring import author_scene
 from .places import Places, add_places
 from .primitive_meshes import DebugMesh
+from .scene_cfg_factory import SceneCfgFactory
 from .terrain_instance import TerrainInstance
-
-if TYPE_CHECKING:
-    from pxr import Usd
-
-    from .scene_cfg_factory import SceneCfgFactory
 
 __all__ = ["Scene", "SceneSpec"]
 
@@ -99,8 +97,6 @@ class SceneSpec(ABC):
         self, num_envs: int, env_spacing: float, debug_models: bool = False, seed: int = 0
     ) -> SceneCfgFactory:
         """A factory of scene configs for simulation. The scene itself is made when it is simulated."""
-        from .scene_cfg_factory import SceneCfgFactory  # it imports this module
-
         return SceneCfgFactory(self, num_envs, env_spacing, seed, debug_models)
 
     def create(self, seed: int = 0, debug_models: bool = False, progress: Progress | None = None) -> Scene:
@@ -170,9 +166,7 @@ class Scene:
     def stage(self) -> Usd.Stage:
         """The scene in USD, authored at the first access."""
         if self._stage is None:
-            from .authoring import author_scene  # it imports this module
-
-            self._stage = author_scene(self)
+            self._stage = author_scene(self.terrain, self.dome_light, self.distant_light)
         return self._stage
 
     def export(self, path: str | Path) -> Path:

@@ -10,8 +10,8 @@ import numpy as np
 
 from stripe_newton.terrains import Ground
 
+from .asset_instance import AssetInstance
 from .asset_mesh import MeshPart
-from .asset_spec import AssetInstance
 
 __all__ = ["TerrainInstance"]
 

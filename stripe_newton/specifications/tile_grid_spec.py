@@ -10,8 +10,9 @@ import numpy as np
 
 from stripe_newton.terrains import Ground
 
+from .asset_instance import AssetInstance
 from .asset_mesh import MeshPart
-from .asset_spec import AssetInstance, AssetSpec
+from .asset_spec import AssetSpec
 from .places import Places
 from .scene_spec import SceneSpec
 from .terrain_instance import TerrainInstance
@@ -131,7 +132,7 @@ class TileGridSpec(SceneSpec):
             origins[level, kind] = np.array(tile.origin) + [*shift, 0.0]
         seed = int(rng.integers(1 << 31))
         ground = Ground(heights, (float(lower[0]), float(lower[1])), cell, origins, self.tile, seed=seed)
-        start = origins[0, self.types // 2]  # for whoever starts a single robot: the middle of the easiest level
+        start = origins[0, self.types // 2]  # where a single robot starts: the middle of the easiest level
         return _TiledTerrain(
             ground=ground,
             origin=(float(start[0]), float(start[1]), float(start[2])),

@@ -79,7 +79,7 @@ def find_flat_patches(
     Raises:
         ValueError: if no place is level.
     """
-    from scipy.ndimage import maximum_filter, minimum_filter  # takes longer to import than this module
+    from scipy.ndimage import maximum_filter, minimum_filter  # takes long to import, and few tiles have patches
 
     reach = int(np.ceil(cfg.radius / cell - 1.0e-6))
     span = np.arange(-reach, reach + 1)

@@ -94,7 +94,7 @@ def _lines(line: Sequence[str], widths: Sequence[int], wrap_last: bool) -> list[
 
 
 def _kinds(rows: list[list[str]]) -> str:
-    """How many of the rows have which second cell, if these are few."""
+    """Counts of the second cells of the rows, if there are at most five different ones."""
     kinds = Counter(row[1] for row in rows)
     if len(kinds) > 5:
         return ""

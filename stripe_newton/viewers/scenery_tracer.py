@@ -11,6 +11,7 @@ import newton
 import numpy as np
 import warp as wp
 from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.spatial.transform import Rotation
 
 from stripe_kernels.picture_scenery import (
     FOLIAGE,
@@ -175,8 +176,6 @@ def _bounds(source: newton.Mesh | newton.Heightfield) -> np.ndarray:
 
 def _boxes(bounds: np.ndarray, pose: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """World-aligned boxes around scaled and posed boxes: lower and upper corners [m], shapes (n, 3)."""
-    from scipy.spatial.transform import Rotation
-
     middle, half = bounds.mean(axis=1) * scale, 0.5 * (bounds[:, 1] - bounds[:, 0]) * scale
     turn = Rotation.from_quat(pose[:, 3:]).as_matrix()
     at = pose[:, :3] + np.einsum("nij,nj->ni", turn, middle)

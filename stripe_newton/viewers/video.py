@@ -75,7 +75,7 @@ class VideoWriter:
             ValueError: Another type or shape.
             RuntimeError: The video is closed, or no H.264 encoder is installed.
         """
-        import av  # not at the top: whoever only saves images needs no encoder
+        import av  # here and not at the top: saving an image needs no encoder
 
         if self._closed:
             raise RuntimeError(f"VideoWriter: '{self.path}' is closed; no frame can be added")
@@ -118,7 +118,7 @@ class VideoWriter:
 
     def _open(self, shape: tuple[int, ...]) -> OutputContainer:
         """Open the file and start the stream, for frames of the given shape."""
-        import av
+        import av  # see add()
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
         codec = next((c for c in _CODECS if c in av.codecs_available), None)
@@ -142,7 +142,7 @@ def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
     Raises:
         ValueError: Another type or shape, or an unknown ending.
     """
-    from PIL import Image
+    from PIL import Image  # here and not at the top: writing a video needs no image formats
 
     path = Path(path)
     kinds = Image.registered_extensions()
