@@ -27,6 +27,7 @@ def match_names(
     found: dict[int, int] = {}
     missing = []
     for order, key in enumerate(keys):
+        # fullmatch(): "leg" must not match "left_leg_joint" by accident.
         hits = [i for i, name in enumerate(names) if re.fullmatch(key, name)]
         if not hits:
             missing.append(key)
@@ -51,7 +52,7 @@ def match_values(values: float | Mapping[str, float], names: Sequence[str], what
     source: dict[int, str] = {}
     for key, value in values.items():
         for i in match_names(key, names, what=what)[0]:
-            if i in source:
+            if i in source:  # an order of the mapping that decides would be a trap
                 raise ValueError(f"{what} '{names[i]}' matches both '{source[i]}' and '{key}': make them exclusive")
             source[i], out[i] = key, float(value)
     return out

@@ -212,6 +212,7 @@ def quat_from_matrix(matrix: torch.Tensor) -> torch.Tensor:
     write the quaternion, the one that divides by its largest component.
     """
     m00, m11, m22 = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
+    # Four times the squares of the components, then four times their products.
     xx, yy, zz = 1.0 + m00 - m11 - m22, 1.0 - m00 + m11 - m22, 1.0 - m00 - m11 + m22
     ww = 1.0 + m00 + m11 + m22
     xy, xz, yz = (
@@ -289,7 +290,7 @@ def subtract_frame_transforms(
     Returns:
         Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 1.
     """
-    q10 = quat_inv(q01)
+    q10 = quat_inv(q01)  # not the conjugate: callers may pass quaternions that drifted from unit length
     t12 = quat_apply(q10, -t01 if t02 is None else t02 - t01)
     q12 = q10 if q02 is None else quat_mul(q10, q02)
     return t12, q12

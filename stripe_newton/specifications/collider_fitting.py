@@ -34,8 +34,10 @@ def fit_collider(points: np.ndarray, kind: str = "auto") -> Collider:
     if np.linalg.det(axes) < 0.0:  # a mirror has no quaternion
         axes[2] = -axes[2]
     local = (points - centre) @ axes.T
+    # In the frame of the principal axes, with the mean as origin.
     low, high = local.min(axis=0), local.max(axis=0)
     half = 0.5 * (high - low)
+    # Relative to the size: a millimetre is thin for a house, not for a screw.
     if half.min() < 1.0e-6 * max(half.max(), 1.0e-9):
         raise ValueError("collider: the points lie in a plane, they span no volume")
     middle = 0.5 * (low + high)

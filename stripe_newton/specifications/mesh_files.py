@@ -53,6 +53,7 @@ class _FileMesh(AssetMesh):
             raise FileNotFoundError(f"{type(self).__name__}: '{path}' does not exist; give the path of a file")
         if not (np.isfinite(scale) and scale > 0.0):
             raise ValueError(f"{type(self).__name__} '{path}': scale is {scale}, must be positive")
+        # Names of prims are identifiers, those of files seldom are.
         self.name = name or re.sub(r"\W", "_", self.path.stem)
         self.scale, self.collider, self.semantic = float(scale), collider, semantic
 

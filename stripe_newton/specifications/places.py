@@ -68,7 +68,7 @@ def footprints(terrain: TerrainInstance) -> np.ndarray:
             turn = Rotation.from_quat(collider.rot)
             at = pos[:, None, :2] + scale[:, None] * ((collider.pos + turn.apply(points)) @ onto.transpose(0, 2, 1))
             across = np.linalg.norm(onto @ turn.apply(apart), axis=1)
-            # Wide enough to cover the lens-shaped gaps between the circles of a row.
+            # Wide enough to cover what lies between the circles of a row, too.
             wide = scale * np.hypot(radius, 0.5 * across)[:, None]
             found.append(np.dstack([at, np.broadcast_to(wide[:, None], (*at.shape[:2], 1))]).reshape(-1, 3))
     return np.concatenate(found)

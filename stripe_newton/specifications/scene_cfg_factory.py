@@ -55,6 +55,7 @@ def spawn_scene_stage(prim_path: str, cfg: SceneStageCfg, *pose: object) -> Usd.
     with Sdf.ChangeBlock():
         Sdf.CreatePrimInLayer(target, "/World")
         for child in world.nameChildren:
+            # CopySpec would replace what is there.
             if target.GetPrimAtPath(child.path):
                 raise ValueError(f"'{child.path}': the stage has it already, and the scene's spec makes it too")
             Sdf.CopySpec(source, child.path, target, child.path)

@@ -84,6 +84,7 @@ def random_grid_terrain(difficulty: float, cfg: MeshRandomGridTerrainCfg, rng: n
     bound = lerp(cfg.grid_height_range, difficulty)
     x, y = axes(cfg)
     count = [int(size / cfg.grid_width + TINY) for size in cfg.size]
+    # Whole blocks, centred; what remains along the edges is level.
     margin = [0.5 * (size - n * cfg.grid_width) for size, n in zip(cfg.size, count, strict=True)]
     # A height on the edge between two blocks, up to rounding, belongs to the lower index.
     col, row = (np.ceil((t - m) / cfg.grid_width - 1.0e-4).astype(int) - 1 for t, m in zip((x, y), margin, strict=True))
@@ -95,7 +96,7 @@ def random_grid_terrain(difficulty: float, cfg: MeshRandomGridTerrainCfg, rng: n
         blocks[far_y[:, None] & far_x[None, :]] = -abs(cfg.holes_depth)
     inside = (col >= 0) & (col < count[0]) & (row >= 0) & (row < count[1])
     heights = np.where(inside, blocks[row.clip(0, count[1] - 1), col.clip(0, count[0] - 1)], 0.0)
-    heights[from_middle(cfg) <= 0.5 * cfg.platform_width + TINY] = 0.0
+    heights[from_middle(cfg) <= 0.5 * cfg.platform_width + TINY] = 0.0  # where robots start
     return heights
 
 

@@ -101,7 +101,7 @@ class TerrainImporter:
         """Set levels, types and origins of the environments."""
         ground = self.ground
         origins = ground.origins if ground is not None else None
-        levels, types = np.zeros((2, self.num_envs), dtype=np.int32)
+        levels, types = np.zeros((2, self.num_envs), dtype=np.int32)  # without tiles: all on level 0 of type 0
         self.terrain_origins = None
         if ground is not None and origins is not None:
             self.terrain_origins = torch.tensor(origins, dtype=torch.float32, device=self.device)
@@ -141,6 +141,7 @@ class TerrainImporter:
         }
         for name in ("init_pos", "target"):
             points = self.flat_patches.get(name)
+            # An array without patches, not None: a struct of Warp needs one of each.
             empty = points is None or tiles is None
             array = wp.zeros((1, 1, 0), dtype=wp.vec3, device=device) if empty else wp.from_torch(points, dtype=wp.vec3)
             setattr(data, name, array)

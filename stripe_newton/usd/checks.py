@@ -50,6 +50,7 @@ def check_stage(
     prims = list(walk(stage, root_path, ignore))
     for path, reason in _reasons(stage, prims, solver):
         raise StageError(name, path, reason)
+    # Last, so that a stage with a better reason is refused for that.
     bodies = any(p.HasAPI(UsdPhysics.RigidBodyAPI) for p in prims)
     if not bodies and not allow_static:
         colliders = sum(p.HasAPI(UsdPhysics.CollisionAPI) for p in prims)

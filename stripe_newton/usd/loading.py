@@ -78,6 +78,7 @@ def load_stage(
             raise StageError(name, _first_path(str(error), prepared), reason) from error
     _unmirror_meshes(builder, start.shape)
     _articulate_single_joints(builder, start.joint, rows)
+    # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     if not _can_approximate():
         rows.extend(_unapproximated(prepared, root_path, ignore))
@@ -138,6 +139,7 @@ def _warnings_as_rows(rows: Ignored) -> Iterator[None]:
             yield
     finally:
         logger.removeHandler(handler)
+    # The same text may come by both ways, and for many prims.
     texts = [str(w.message) for w in caught if not issubclass(w.category, (ImportWarning, ResourceWarning))]
     rows.extend(("", "warning of Newton", text) for text in dict.fromkeys([*texts, *handler.texts]))
 

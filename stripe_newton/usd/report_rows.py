@@ -170,6 +170,7 @@ def _parent(builder: newton.ModelBuilder, joint: int) -> str:
 
 def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeRow:
     kind, body, flags = GeoType(builder.shape_type[shape]), builder.shape_body[shape], builder.shape_flags[shape]
+    # Friction and restitution are those that Newton computes with, not those of a material in the stage.
     return ShapeRow(
         path=builder.shape_label[shape],
         type=kind.name.lower(),

@@ -179,7 +179,7 @@ class StageReport:
             f"{self.units['meters_per_unit']:g} m and {self.units['kilograms_per_unit']:g} kg a unit, "
             f"{self.units['up_axis']} up, gravity ({', '.join(number(g) for g in self.units['gravity'])}) m/s^2",
         ]
-        axes = [row for row in self.joints if row.axis is not None]
+        axes = [row for row in self.joints if row.axis is not None]  # the others have no dynamics of their own
         tables = [
             table("Articulations", self.articulations, _ARTICULATION_COLUMNS),
             table("Bodies", self.bodies, _BODY_COLUMNS),
@@ -217,7 +217,7 @@ def _axis(axis: Sequence[float]) -> str:
 
 
 def _range(lower: float, upper: float, digits: int = 3) -> str:
-    if lower <= -1e9 and upper >= 1e9:
+    if lower <= -1e9 and upper >= 1e9:  # exporters write large numbers in place of infinity
         return "free"
     return f"{number(lower, digits)} .. {number(upper, digits)}"
 

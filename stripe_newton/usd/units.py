@@ -152,7 +152,7 @@ def _collect(layer: Sdf.Layer, path: Sdf.Path, prims: list[Sdf.PrimSpec]) -> Non
 
 def _add_shape_sizes(prim: Sdf.PrimSpec) -> None:
     for name, size in _SHAPE_SIZES.get(prim.typeName, {}).items():
-        if name not in prim.attributes:
+        if name not in prim.attributes:  # the default of the schema is in stage units, too
             Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Double).default = size
 
 
@@ -181,6 +181,7 @@ def _scaled(value: object, factor: float) -> object:
         return matrix
     if isinstance(value, (int, float)):
         return value * factor
+    # Gf's vectors and Vt's arrays have no common base: they are told apart by the names of their types.
     if type(value).__name__.endswith("Array"):
         make: Callable[..., object] = getattr(Vt, type(value).__name__).FromNumpy
         numbers = np.array(value)

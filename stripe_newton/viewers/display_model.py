@@ -225,7 +225,7 @@ def _plane(xform: wp.transform) -> np.ndarray:
 
 def _transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (..., 3) transformed by poses (..., 7)."""
-    xyz, w = pose[..., 3:6], pose[..., 6:7]
+    xyz, w = pose[..., 3:6], pose[..., 6:7]  # quaternion: v + 2 w (q x v) + 2 q x (q x v)
     cross = 2.0 * np.cross(xyz, points)
     return points + w * cross + np.cross(xyz, cross) + pose[..., :3]
 
@@ -243,8 +243,10 @@ def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
             if id(source) not in known:  # thousands of shapes may share one mesh
                 points = np.asarray(vertices, dtype=float)
                 known[id(source)] = np.stack([points.min(axis=0), points.max(axis=0)])
+            # A negative scale swaps the corners.
             bounds[i] = np.sort(known[id(source)] * (a, b, c), axis=0)
             continue
+        # The meaning of the scale's values depends on the type, see newton.GeoType; a box has half extents.
         half = {
             kinds.SPHERE: (a, a, a),
             kinds.CAPSULE: (a, a, a + b),

@@ -66,6 +66,7 @@ def _welded_groups(template: newton.ModelBuilder) -> list[int]:
     group = list(range(template.body_count))
     for kind, parent, child in zip(template.joint_type, template.joint_parent, template.joint_child):
         if int(kind) == int(newton.JointType.FIXED) and parent >= 0:
+            # The child may have a group of its own already, as joints come in any order: all of it joins.
             old, new = group[child], group[parent]
             group = [new if g == old else g for g in group]
     return group

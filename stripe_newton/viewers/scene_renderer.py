@@ -145,8 +145,10 @@ class SceneRenderer:
     def _follow(self, bodies: np.ndarray) -> None:
         """Let the camera move with the mean position of ``bodies`` from now on, indices into the display state."""
         self._follow_bodies, self._turns = bodies, False
+        # Turning is smoothed more than moving: the whole picture swings with it. No jump counts as a new episode.
         self._heading, self._near = Follower(4.0 * self.cfg.follow_time, jump=1.0e9), 1.0
         self._turned = 0.0
+        # A robot that moves farther than its own size within a frame was reset.
         self._follower = Follower(self.cfg.follow_time, jump=max(self._radius, 0.5))
         at = self._scene.body_q[bodies, :3].astype(float) if len(bodies) else np.zeros((1, 3))
         self._rest = np.nan_to_num(at.mean(axis=0))

@@ -63,6 +63,7 @@ class SceneryTracer:
         scale = model.shape_scale.numpy()[index]
         fields = np.array([isinstance(s, newton.Heightfield) for s in self._sources])
         scale[fields] = 1.0  # Newton keeps the extent of a height field in the source, not in the scale
+        # scene/scenery.py marks meshes with double-sided triangles as leaves; Newton's Mesh knows no such thing.
         leaves = np.array([bool(getattr(s, "two_sided", False)) for s in self._sources])
         # One hierarchy over the boxes of all shapes; inside a box the ray meets the mesh's own hierarchy.
         lower, upper = _boxes(bounds, pose, scale)
@@ -80,6 +81,7 @@ class SceneryTracer:
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)
         meshes.middle = wp.array(bounds.mean(axis=1).astype(np.float32), dtype=wp.vec3f, **make)
+        # Not 0: places in a mesh are taken relative to its size, and a flat mesh has none along one axis.
         half = np.maximum(0.5 * (bounds[:, 1] - bounds[:, 0]), 1.0e-3)
         meshes.half = wp.array(half.astype(np.float32), dtype=wp.vec3f, **make)
         self._ground(pose[fields])
@@ -100,6 +102,7 @@ class SceneryTracer:
             return
         # Loaded before the threads start: each of them would load, and maybe compile, it otherwise.
         wp.load_module(trace_scenery.module.name, device=self._device)
+        # Warp's launches release the GIL while they run on the CPU, so threads do share the work.
         cuts = np.linspace(0, count, self._threads * _PIECES + 1).astype(int).tolist()
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(piece, cuts[:-1], cuts[1:]))

@@ -157,6 +157,7 @@ class Tracer:
 
     def _images(self, count: int) -> dict[str, wp.array]:
         kinds = {"depth": wp.float32, "shape": wp.uint32, "normal": wp.vec3f, "albedo": wp.uint32, "detail": wp.vec4f}
+        # Images that nobody reads stay empty, which saves their memory and the time to write them.
         sizes = {"albedo": count if self._scene.textured else 0, "detail": count if len(self._scene.scenery) else 0}
         return {k: wp.zeros(sizes.get(k, count), dtype=t, device=self._device) for k, t in kinds.items()}
 
@@ -166,6 +167,7 @@ class Tracer:
         y = (1.0 - (np.arange(self._height) + 0.5) / self._height * 2.0) * self._tan_y
         rays = np.zeros((self._height, self._width, 1, 2, 3), dtype=np.float32)
         rays[..., 0, 1, 0], rays[..., 0, 1, 1], rays[..., 0, 1, 2] = x[None], y[:, None], -1.0
+        # Directions of length 1: the sensor's depth then is the distance along the ray.
         rays[..., 1, :] /= np.linalg.norm(rays[..., 1, :], axis=-1, keepdims=True)
         return rays
 
@@ -177,6 +179,7 @@ class Tracer:
             setattr(look, name, wp.vec3f(*value))
         for name in ("to_sun", "sun", "sky", "ground", "horizon", "zenith"):
             setattr(look, name, wp.vec3f(*getattr(self._lighting, name)))
+        # Fog begins behind what the camera looks at, whatever the scale of the scene.
         reach = max(distance, 6.0)
         look.fog_start = 1.2 * reach
         look.fog_length = 9.0 * reach / self._cfg.fog if self._cfg.fog > 0 else 0.0
@@ -187,6 +190,7 @@ class Tracer:
         # Squares as large as makes sense at this distance: smaller ones would be noise.
         look.tile = next(side for limit, side in _TILES if distance <= limit)
         look.shadow_size, look.shadow_half = self._shadow_size, radius
+        # Rays of the shadow map start above everything that may cast a shadow into the region.
         look.shadow_start = 2.0 * radius + _TALLEST
         # The map moves by whole texels only, or the edges of shadows would crawl as the camera moves.
         texel = 2.0 * radius / max(self._shadow_size, 1)
