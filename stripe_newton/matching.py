@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Matching of names by regular expressions."""
+"""Matching of names by regular expressions: indices of names, and values by expression."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["match_names", "match_values"]
 def match_names(
     expressions: str | Sequence[str], names: Sequence[str], preserve_order: bool = False, what: str = "name"
 ) -> tuple[list[int], list[str]]:
-    """Indices and names that fully match any expression.
+    """Indices and names of those that fully match any of the expressions.
 
     Args:
         expressions: One or several regular expressions.
-        names: The names to match.
-        preserve_order: Return the matches in the order of the expressions rather than of the names.
-        what: Kind of the names, for the error.
+        names: All names.
+        preserve_order: Return them in the order of the expressions rather than of ``names``.
+        what: Kind of thing that is named, for the error message.
 
     Raises:
         ValueError: if an expression matches nothing; the message lists the names.
@@ -27,11 +27,12 @@ def match_names(
     found: dict[int, int] = {}
     missing = []
     for order, key in enumerate(keys):
+        # fullmatch(): "leg" must not match "left_leg_joint" by accident.
         hits = [i for i, name in enumerate(names) if re.fullmatch(key, name)]
         if not hits:
             missing.append(key)
         for i in hits:
-            found.setdefault(i, order)
+            found.setdefault(i, order)  # of several expressions, the first counts
     if missing:
         wrong = ", ".join(f"'{key}'" for key in missing)
         raise ValueError(f"{what} expression {wrong} matches nothing; there is: {', '.join(names) or 'nothing'}")
@@ -40,7 +41,7 @@ def match_names(
 
 
 def match_values(values: float | Mapping[str, float], names: Sequence[str], what: str = "name") -> dict[int, float]:
-    """Values by index: one number for all names, or a mapping from expressions to numbers.
+    """Values by index of name, from one number for all names or a mapping from expressions to numbers.
 
     Raises:
         ValueError: if an expression matches nothing, or two match the same name.
@@ -51,7 +52,7 @@ def match_values(values: float | Mapping[str, float], names: Sequence[str], what
     source: dict[int, str] = {}
     for key, value in values.items():
         for i in match_names(key, names, what=what)[0]:
-            if i in source:
+            if i in source:  # an order of the mapping that decides would be a trap
                 raise ValueError(f"{what} '{names[i]}' matches both '{source[i]}' and '{key}': make them exclusive")
             source[i], out[i] = key, float(value)
     return out

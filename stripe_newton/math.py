@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions on batches of vectors, quaternions and poses, and random samples of them.
+"""Mathematics in torch: batches of vectors, quaternions and poses, and random samples of them.
 
 Quaternions are ``(x, y, z, w)`` and of unit length unless a function says otherwise; angles are radians. Shapes are
-written ``(..., n)``: any leading dimensions do, and they broadcast. Results have the type and device of the arguments.
-Functions of tensors alone can be called from ``@torch.jit.script`` functions.
+written ``(..., n)``: there may be any leading dimensions, and they broadcast. Results have the type and device of the
+arguments. Functions whose arguments are all tensors can be called from ``@torch.jit.script`` functions.
 
 Formulas, where none is named: J. Diebel, "Representing Attitude: Euler Angles, Unit Quaternions, and Rotation
 Vectors", Stanford University, 2006.
@@ -61,6 +61,7 @@ def normalize(x: torch.Tensor, eps: float = 1e-9) -> torch.Tensor:
 
 def wrap_to_pi(angles: torch.Tensor) -> torch.Tensor:
     """Angles [rad], any shape, brought to (-pi, pi]."""
+    # Angles in range are returned as they are: the formula would change their last digits.
     wrapped = math.pi - torch.remainder(math.pi - angles, 2.0 * math.pi)
     return torch.where((angles > -math.pi) & (angles <= math.pi), angles, wrapped)
 
@@ -104,6 +105,7 @@ def quat_mul(q1: torch.Tensor, q2: torch.Tensor) -> torch.Tensor:
 
 def quat_apply(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
     """Rotate vectors ``(..., 3)`` by quaternions ``(..., 4)``: from the rotated frame to the frame it is given in."""
+    # q v q* with the products of zeros left out: two cross products, no rotation matrix.
     quat, vec = _broadcast_leading(quat, vec)
     xyz = quat[..., :3]
     t = 2.0 * torch.linalg.cross(xyz, vec)
@@ -116,7 +118,7 @@ def quat_apply_inverse(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
 
 
 def quat_unique(q: torch.Tensor) -> torch.Tensor:
-    """The one of ``q`` and ``-q`` with ``w >= 0``: both ``(..., 4)`` are the same rotation."""
+    """Of the equal rotations ``q`` and ``-q``, ``(..., 4)``, the one with ``w >= 0``."""
     return torch.where(q[..., 3:] < 0.0, -q, q)
 
 
@@ -131,12 +133,12 @@ def quat_from_angle_axis(angle: torch.Tensor, axis: torch.Tensor) -> torch.Tenso
 def axis_angle_from_quat(quat: torch.Tensor, eps: float = 1e-6) -> torch.Tensor:
     """Rotation vectors ``(..., 3)`` [rad], axis times angle in [0, pi], of quaternions ``(..., 4)``.
 
-    Where half the angle is below ``eps`` the first term of the series stands for the quotient, so that small rotations
-    keep their value and derivative.
+    Where half the angle is below ``eps``, the quotient is replaced by the first term of its series, so that small
+    rotations keep their value and derivative.
     """
-    quat = quat_unique(quat)
+    quat = quat_unique(quat)  # the shorter of the two ways around
     sine = torch.linalg.vector_norm(quat[..., :3], dim=-1, keepdim=True)
-    half = torch.atan2(sine, quat[..., 3:])
+    half = torch.atan2(sine, quat[..., 3:])  # acos(w) would lose half of the digits near w = 1
     factor = torch.where(sine < eps, 2.0 * torch.ones_like(sine), 2.0 * half / sine.clamp(min=eps))
     return quat[..., :3] * factor
 
@@ -166,9 +168,9 @@ def euler_xyz_from_quat(
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Roll, pitch and yaw, each ``(...)`` [rad], of quaternions ``(..., 4)``: see :func:`quat_from_euler_xyz`.
 
-    Roll and yaw are in [-pi, pi], or in [0, 2 pi) with ``wrap_to_2pi``, as is pitch then; otherwise pitch is in
-    [-pi/2, pi/2]. At a pitch of a quarter turn only yaw - roll (+ pi/2) or yaw + roll (- pi/2) is defined; the three
-    angles still give the rotation back.
+    Roll and yaw are in [-pi, pi], pitch is in [-pi/2, pi/2]. With ``wrap_to_2pi`` all three are in [0, 2 pi). At a
+    pitch of a quarter turn, only yaw - roll (+ pi/2) or yaw + roll (- pi/2) is defined; the three angles still describe
+    the rotation.
     """
     x, y, z, w = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
     # Sums and differences of roll and yaw are each well defined by two components: no division, no lost digits.
@@ -210,6 +212,7 @@ def quat_from_matrix(matrix: torch.Tensor) -> torch.Tensor:
     write the quaternion, the one that divides by its largest component.
     """
     m00, m11, m22 = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
+    # Four times the squares of the components, then four times their products.
     xx, yy, zz = 1.0 + m00 - m11 - m22, 1.0 - m00 + m11 - m22, 1.0 - m00 - m11 + m22
     ww = 1.0 + m00 + m11 + m22
     xy, xz, yz = (
@@ -239,7 +242,9 @@ def quat_from_matrix(matrix: torch.Tensor) -> torch.Tensor:
 def yaw_quat(quat: torch.Tensor) -> torch.Tensor:
     """The part of rotations ``(..., 4)`` about the vertical: quaternions ``(..., 4)`` whose x and y are zero."""
     x, y, z, w = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
-    half = 0.5 * torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    half = 0.5 * torch.atan2(
+        2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
+    )  # of the rotated x axis, seen from above
     zero = torch.zeros_like(half)
     return torch.stack((zero, zero, torch.sin(half), torch.cos(half)), dim=-1)
 
@@ -285,7 +290,7 @@ def subtract_frame_transforms(
     Returns:
         Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 1.
     """
-    q10 = quat_inv(q01)
+    q10 = quat_inv(q01)  # not the conjugate: callers may pass quaternions that drifted from unit length
     t12 = quat_apply(q10, -t01 if t02 is None else t02 - t01)
     q12 = q10 if q02 is None else quat_mul(q10, q02)
     return t12, q12
@@ -302,7 +307,7 @@ def compute_heading_and_up(
     vec1: torch.Tensor,
     up_idx: int,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """How upright a torso is and how well it faces a target.
+    """Uprightness of a torso, and its heading relative to a target.
 
     Args:
         torso_rotation: Orientation of the torso in the world, ``(N, 4)``.
@@ -391,7 +396,7 @@ def sample_gaussian(
 
 
 def random_orientation(num: int, device: str | torch.device, generator: torch.Generator | None = None) -> torch.Tensor:
-    """Quaternions ``(num, 4)``, uniform over all rotations (normal samples, normalised)."""
+    """Quaternions ``(num, 4)``, uniform over all rotations: normal samples, normalised."""
     return normalize(torch.randn((num, 4), device=device, generator=generator))
 
 
@@ -399,12 +404,13 @@ def random_yaw_orientation(
     num: int, device: str | torch.device, generator: torch.Generator | None = None
 ) -> torch.Tensor:
     """Quaternions ``(num, 4)`` of rotations about the vertical by angles uniform in [-pi, pi)."""
-    half = sample_uniform(-0.5 * math.pi, 0.5 * math.pi, num, device, generator)
+    half = sample_uniform(-0.5 * math.pi, 0.5 * math.pi, num, device, generator)  # half the angle
     zero = torch.zeros_like(half)
     return torch.stack((zero, zero, torch.sin(half), torch.cos(half)), dim=-1)
 
 
 def _broadcast_leading(quat: torch.Tensor, vec: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    # torch.linalg.cross broadcasts only tensors of equal rank.
     if quat.shape[:-1] == vec.shape[:-1]:
         return quat, vec
     shape = torch.broadcast_tensors(quat[..., 0], vec[..., 0])[0].shape

@@ -13,7 +13,7 @@ from stripe_newton.configclass import resolve_name
 if TYPE_CHECKING:
     # What a task names is imported when it is made, not when it is registered: that would load torch and Warp.
     from stripe_newton.envs import RLEnv, RLEnvCfg
-    from stripe_newton.spec.scene import SceneSpec
+    from stripe_newton.specifications.scene_spec import SceneSpec
 
 __all__ = ["register_scene", "register_task", "scene_class", "scene_names"]
 

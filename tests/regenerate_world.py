@@ -20,7 +20,7 @@ from stripe_newton.managers import (
 from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.sensors import ContactSensorCfg, GridPatternCfg, LidarPatternCfg, RayCasterCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
-from stripe_newton.spec import AssetSpec, CylinderMesh, Places, SceneSpec, TerrainInstance, TrainingSpec
+from stripe_newton.specifications import AssetSpec, CylinderMesh, Places, SceneSpec, TerrainInstance, TrainingSpec
 from stripe_newton.terrains import Ground
 from stripe_tasks.robots import ANT_CFG
 

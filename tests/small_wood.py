@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg
-from stripe_newton.spec import (
+from stripe_newton.specifications import (
     AssetSpec,
     Collider,
     ConeMesh,

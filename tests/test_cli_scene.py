@@ -15,8 +15,8 @@ from stripe_newton.cli import main
 from stripe_newton.cli.progress import Progress
 from stripe_newton.registration import register_scene, scene_class, scene_names
 from stripe_newton.scene.scenery import add_scenery, read_scenery
-from stripe_newton.spec.pictures import EYE_HEIGHT, ScenePictures
-from stripe_newton.terrains.exchange import ground_prims, read_ground
+from stripe_newton.specifications.scene_pictures import EYE_HEIGHT, ScenePictures
+from stripe_newton.terrains.ground_usd import ground_prims, read_ground
 from tests.small_wood import SmallWood
 
 WOOD = "tests.small_wood:SmallWood"
@@ -80,7 +80,7 @@ def test_the_sky_is_at_the_top_and_fades_towards_the_horizon(preview):
 
 
 def test_maps_show_every_map_that_is_not_even(preview, monkeypatch):
-    from stripe_newton.spec import maps
+    from stripe_newton.specifications import scene_maps
 
     picture = np.asarray(Image.open(preview[0] / "maps.png").convert("RGB"))
     assert hues(picture) >= 4
@@ -90,11 +90,11 @@ def test_maps_show_every_map_that_is_not_even(preview, monkeypatch):
     save = Figure.savefig
     monkeypatch.setattr(Figure, "savefig", lambda f, p: (titles.extend(a.get_title() for a in f.axes), save(f, p)))
     scene = SmallWood(count=5).create(1)
-    maps.draw_maps(scene, preview[0] / "again.png")
+    scene_maps.draw_maps(scene, preview[0] / "again.png")
     assert [t for t in titles if t] == ["height, seed 1", "10 instances", "slope", "moisture"]
     scene.terrain.maps["slope"] = np.zeros(3)
     with pytest.raises(ValueError, match=r"map 'slope': is \(3,\), must be two-dimensional"):
-        maps.draw_maps(scene, preview[0] / "bad.png")
+        scene_maps.draw_maps(scene, preview[0] / "bad.png")
 
 
 def test_the_report_counts_what_was_made(preview):
@@ -167,7 +167,7 @@ def test_registered_scenes_are_found_by_name(monkeypatch, tmp_path, capsys):
         (["build", "tests.small_wood:NeedsNumber", "--out", "w.usd"], "NeedsNumber needs number"),
         (["build", "tests.small_wood:Missing", "--out", "w.usd"], "has no 'Missing'"),
         (["build", "tests.small_wood:tree", "--out", "w.usd"], "must be a subclass of SceneSpec"),
-        (["build", "stripe_newton.spec:SceneSpec", "--out", "w.usd"], "SceneSpec is abstract"),
+        (["build", "stripe_newton.specifications:SceneSpec", "--out", "w.usd"], "SceneSpec is abstract"),
         (["build", "no_such.module:Wood", "--out", "w.usd"], "there is no module 'no_such.module'"),
         (["preview", WOOD, "--resolution", "5", "5"], "must be from 16 to 4096 pixels"),
         (["previw", WOOD], "did you mean preview?"),

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from stripe_newton.registration import scene_class
 from stripe_newton.scene.scenery import add_scenery, read_scenery
-from stripe_newton.spec import AssetInstance, Places
-from stripe_newton.spec.places import walkable
-from stripe_newton.terrains.exchange import ground_prims, read_ground
+from stripe_newton.specifications import AssetInstance, Places
+from stripe_newton.specifications.places import walkable
+from stripe_newton.terrains.ground_usd import ground_prims, read_ground
 from stripe_tasks.forest import ClearingSpec, ForestSpec, PathSpec, RavineSpec
 from stripe_tasks.forest.assets import Lying, Rocks, Trees, Undergrowth
 from stripe_tasks.forest.maps import slope

@@ -13,8 +13,8 @@ from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.cli.tasks import load_cfg
 from stripe_newton.cli.user_error import UserError
 from stripe_newton.rl import RunFolder
-from stripe_newton.spec import TileGridSpec
-from stripe_newton.spec.places import footprints
+from stripe_newton.specifications import TileGridSpec
+from stripe_newton.specifications.places import footprints
 from stripe_tasks.forest import ForestSpec, reach, walk
 from tests.worlds import numpy
 

@@ -88,7 +88,7 @@ def test_the_framework_does_not_know_the_tasks(name):
 
 @pytest.mark.parametrize("name", [n for n in MODULES if n.startswith("stripe_newton")])
 def test_only_what_is_above_them_imports_envs(name):
-    above = ("stripe_newton.rl", "stripe_newton.cli", "stripe_newton.spec.training")
+    above = ("stripe_newton.rl", "stripe_newton.cli", "stripe_newton.specifications.training_spec")
     if name.startswith(("stripe_newton.envs", *above)):
         return
     assert not {target for target in imports(name) if target.startswith("stripe_newton.envs")}

@@ -19,7 +19,7 @@ from stripe_newton.sim import (
     SimulationCfg,
     XPBDSolverCfg,
 )
-from stripe_newton.spec.mesh import Collider
+from stripe_newton.specifications.asset_mesh import Collider
 from tests.obstacle_world import (
     REACH,
     BallCfg,

@@ -11,7 +11,7 @@ from stripe_newton.configclass import configclass
 from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg, ManagerBasedRLEnv
 from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg, XPBDSolverCfg
-from stripe_newton.spec import TileGridSpec
+from stripe_newton.specifications import TileGridSpec
 from stripe_tasks.robots import ANT_CFG
 from tests.regenerate_world import Hills, N, Posts, make, scanner, training
 

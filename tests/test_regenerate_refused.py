@@ -15,7 +15,7 @@ from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.scene.scenery import read_scenery
 from stripe_newton.sensors import CameraCfg
 from stripe_newton.sim import CapsuleCfg, CollisionPropertiesCfg
-from stripe_newton.spec import BoxMesh, CylinderMesh
+from stripe_newton.specifications import BoxMesh, CylinderMesh
 from tests.cart_env import make as make_cart
 from tests.regenerate_world import Hills, N, Posts, make, scanner, small_hills, training
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import stripe_tasks.rubble
 from stripe_newton.registration import scene_class
 from stripe_newton.scene import ObstaclesCfg
-from stripe_newton.spec import TerrainInstance, TileGridSpec
+from stripe_newton.specifications import TerrainInstance, TileGridSpec
 from stripe_tasks.forest.walk import training
 from stripe_tasks.rubble import RubbleSpec
 from stripe_tasks.rubble.relief import REPOSE

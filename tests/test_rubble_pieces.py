@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.spec import SphereMesh, TerrainInstance
+from stripe_newton.specifications import SphereMesh, TerrainInstance
 from stripe_newton.terrains import Ground
 from stripe_tasks.rubble.library import kinds
 from stripe_tasks.rubble.pieces import Loose

@@ -13,7 +13,7 @@ import warp as wp
 from stripe_newton.configclass import ConfigError
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
-from stripe_newton.spec.pictures import ScenePictures, _still_life
+from stripe_newton.specifications.scene_pictures import ScenePictures, still_life
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_tasks.robots import ANT_CFG
 from tests.small_wood import SmallWood
@@ -23,7 +23,7 @@ SIZE = (96, 64)
 
 @pytest.fixture(scope="module")
 def sim():
-    return _still_life(SmallWood((40.0, 40.0), count=150).create(4), wp.get_device("cpu"))
+    return still_life(SmallWood((40.0, 40.0), count=150).create(4), wp.get_device("cpu"))
 
 
 def cfg(**options):
@@ -55,7 +55,7 @@ def test_scenery_is_what_newtons_sensor_sees(sim):
 
 def test_scenes_with_many_meshes_are_natural_by_themselves(sim):
     assert len(SceneRenderer(sim, cfg())._scene.scenery) == 3 * 150 + 1
-    few = _still_life(SmallWood((20.0, 20.0), count=5).create(4), wp.get_device("cpu"))
+    few = still_life(SmallWood((20.0, 20.0), count=5).create(4), wp.get_device("cpu"))
     assert len(SceneRenderer(few, cfg())._scene.scenery) == 0
     assert len(SceneRenderer(few, cfg(natural=True))._scene.scenery) == 3 * 5 + 1
 
@@ -77,7 +77,7 @@ def wall_and_floor(wall: bool, robot_at=(0.0, 0.0, -50.0), color=(0.9, 0.05, 0.0
     dome = types.SimpleNamespace(kind="dome", color=(1.0, 1.0, 1.0), intensity=800.0, direction=(0.0, 0.0, -1.0))
     return types.SimpleNamespace(
         device=wp.get_device("cpu"), template=template, static=static, env_origins=np.zeros((1, 3)),
-        state=model.state(), num_envs=1, lights=[sun, dome],
+        state=model.state(), num_envs=1, lights=[sun, dome], env_origin=None,
     )  # fmt: skip
 
 
@@ -173,7 +173,7 @@ def test_a_camera_looks_past_what_is_near():
 
 def test_the_ground_has_the_colours_of_its_points():
     scene = SmallWood((40.0, 40.0), count=0).create(0)
-    renderer = SceneRenderer(_still_life(scene, wp.get_device("cpu")), cfg(natural=True))
+    renderer = SceneRenderer(still_life(scene, wp.get_device("cpu")), cfg(natural=True))
     renderer.look((0.0, -0.01, 30.0), (0.0, 0.0, 0.0), fov=40.0)
     picture = renderer.render().astype(float)
     left, right = picture[10:-10, 20:40].mean(axis=(0, 1)), picture[10:-10, 56:76].mean(axis=(0, 1))
@@ -209,6 +209,6 @@ def test_a_simulation_in_a_wood_is_drawn_as_the_wood_is():
     scene.build()
     drawn = SceneRenderer(scene.sim, cfg())
     assert len(drawn._scene.scenery) == 3 * 40 + 1
-    still = SceneRenderer(_still_life(spec.create(2), wp.get_device("cpu")), cfg(natural=True, shadows=False))
+    still = SceneRenderer(still_life(spec.create(2), wp.get_device("cpu")), cfg(natural=True, shadows=False))
     one, two = (r.render().astype(float) for r in (drawn, still))
     assert (np.abs(one - two).max(axis=2) < 12).mean() > 0.9  # but for the ant

@@ -14,7 +14,7 @@ from newton.examples import get_asset
 from pxr import Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.spec import (
+from stripe_newton.specifications import (
     BoxMesh,
     CapsuleMesh,
     Collider,

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.scene.scenery import SCENERY_KEY, add_scenery, read_scenery
 from stripe_newton.sim import DomeLightCfg, MuJoCoSolverCfg, Simulation, SimulationCfg
-from stripe_newton.spec import (
+from stripe_newton.specifications import (
     AssetSpec,
     BoxMesh,
     CapsuleMesh,

@@ -11,11 +11,11 @@ from pxr import Usd
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.spec import AssetSpec, BoxMesh, CapsuleMesh, CylinderMesh, Places, SceneSpec, SphereMesh
-from stripe_newton.spec import TerrainInstance as Terrain
-from stripe_newton.spec.places import add_places, footprints, tile_bounds, walkable
+from stripe_newton.specifications import AssetSpec, BoxMesh, CapsuleMesh, CylinderMesh, Places, SceneSpec, SphereMesh
+from stripe_newton.specifications import TerrainInstance as Terrain
+from stripe_newton.specifications.places import add_places, footprints, tile_bounds, walkable
 from stripe_newton.terrains import Ground
-from stripe_newton.terrains.exchange import ground_prims, read_ground
+from stripe_newton.terrains.ground_usd import ground_prims, read_ground
 
 SIZE = (30.0, 24.0)
 

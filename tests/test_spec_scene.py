@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdValidation
 from scipy.spatial.transform import Rotation
 
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg
-from stripe_newton.spec import (
+from stripe_newton.specifications import (
     AssetSpec,
     BoxMesh,
     CylinderMesh,
@@ -22,7 +22,8 @@ from stripe_newton.spec import (
     TerrainInstance,
 )
 from stripe_newton.terrains import Ground
-from stripe_newton.terrains.exchange import found_terrain, ground_prims, read_ground
+from stripe_newton.terrains.ground_usd import ground_prims, read_ground
+from stripe_newton.terrains.terrain_importer import found_terrain
 
 
 class Posts(IdenticalAssetSpec):

@@ -14,7 +14,7 @@ from stripe_newton.envs import mdp
 from stripe_newton.managers import EventTermCfg, ObservationGroupCfg, ObservationTermCfg, RewardTermCfg
 from stripe_newton.managers import TerminationTermCfg as Termination
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
-from stripe_newton.spec import (
+from stripe_newton.specifications import (
     CylinderMesh,
     IdenticalAssetSpec,
     MeshPart,
@@ -25,7 +25,8 @@ from stripe_newton.spec import (
     TrainingSpec,
 )
 from stripe_newton.terrains import Ground
-from stripe_newton.terrains.exchange import found_terrain, ground_prims, read_ground
+from stripe_newton.terrains.ground_usd import ground_prims, read_ground
+from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_tasks.robots import ANT_CFG
 
 TILE, CELL, FADE, BORDER, TYPES = (16.0, 12.0), 0.5, 2.0, 3.0, 2

@@ -16,7 +16,14 @@ from stripe_newton.envs import mdp
 from stripe_newton.managers import ObservationGroupCfg, ObservationTermCfg, RewardTermCfg, TerminationTermCfg
 from stripe_newton.sensors import ContactSensorCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
-from stripe_newton.spec import CylinderMesh, IdenticalAssetSpec, SceneSpec, SceneStageCfg, TerrainInstance, TrainingSpec
+from stripe_newton.specifications import (
+    CylinderMesh,
+    IdenticalAssetSpec,
+    SceneSpec,
+    SceneStageCfg,
+    TerrainInstance,
+    TrainingSpec,
+)
 from stripe_newton.terrains import Ground
 from stripe_tasks.robots import ANT_CFG
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import newton
 import pytest
 
-from stripe_newton.usd.trial import try_stage
+from stripe_newton.usd.stage_trial import try_stage
 
 PACKAGE = Path(newton.__file__).parent
 STAGES = sorted(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade
 
-from stripe_newton.usd.loading import (
+from stripe_newton.usd import (
     StageError,
     asset_prim,
     inspect_stage,

@@ -13,7 +13,7 @@ import warp as wp
 
 from stripe_newton.configclass import ConfigError
 from stripe_newton.viewers import LiveViewer, SceneRenderer, VideoWriter, ViewerCfg, save_image
-from stripe_newton.viewers.camera import Follower, camera_axes, frame_points
+from stripe_newton.viewers.camera_framing import Follower, camera_axes, frame_points
 
 ASSETS = Path(newton.__file__).parent / "examples" / "assets"
 SMALL = (96, 64)
@@ -41,7 +41,7 @@ def sim_of(template, num_envs=1, spacing=3.0, ground=True, device="cpu", lights=
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     return types.SimpleNamespace(
         device=device, template=template, static=static, env_origins=origins, model=model, state=state,
-        num_envs=num_envs, lights=list(lights),
+        num_envs=num_envs, lights=list(lights), env_origin=None,
     )  # fmt: skip
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from stripe_newton.spec import SceneSpec
-from stripe_newton.spec.pictures import ScenePictures
+from stripe_newton.specifications import SceneSpec
+from stripe_newton.specifications.scene_pictures import ScenePictures
 from stripe_tasks.forest import ClearingSpec, ForestSpec, PathSpec, RavineSpec
 from stripe_tasks.rubble import RubbleSpec
 

@@ -62,7 +62,7 @@ def make(count: int, out: Path) -> dict[str, Any]:
     scenery = read_scenery(stage)
     add_scenery(builder, scenery, touched=False)
     scenery.capsules()
-    from stripe_newton.terrains.exchange import ground_prims, read_ground
+    from stripe_newton.terrains.ground_usd import ground_prims, read_ground
 
     builder.add_shape_heightfield(heightfield=read_ground(ground_prims(stage)[0]).source)
     builder.finalize(device="cpu")

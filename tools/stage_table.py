@@ -12,7 +12,7 @@ from pathlib import Path
 
 import newton
 
-from stripe_newton.usd.trial import try_stage
+from stripe_newton.usd.stage_trial import try_stage
 
 FOLDERS = ("examples/assets", "tests/assets")
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")

@@ -19,7 +19,7 @@ from .tasks import load_entry_points
 from .user_error import UserError
 
 if TYPE_CHECKING:
-    from stripe_newton.spec import Scene, SceneSpec
+    from stripe_newton.specifications import Scene, SceneSpec
 
 __all__ = ["ACTIONS", "BuildArgs", "PreviewArgs", "run"]
 
@@ -112,8 +112,8 @@ def _preview(args: PreviewArgs) -> None:
 def _draw(scene: Scene, args: PreviewArgs, out: Path, progress: Progress) -> None:
     import warp as wp  # here, as --help and build need none of these
 
-    from stripe_newton.spec.maps import draw_maps
-    from stripe_newton.spec.pictures import ScenePictures
+    from stripe_newton.specifications.scene_maps import draw_maps
+    from stripe_newton.specifications.scene_pictures import ScenePictures
     from stripe_newton.viewers import save_image
 
     wp.config.log_level = wp.LOG_WARNING
@@ -195,7 +195,7 @@ def _find(name: str) -> type[SceneSpec]:
     Raises:
         UserError: if there is none, or it is no ``SceneSpec``.
     """
-    from stripe_newton.spec import SceneSpec  # here, as --help does not need it
+    from stripe_newton.specifications import SceneSpec  # here, as --help does not need it
 
     load_entry_points()
     if name in scene_names():

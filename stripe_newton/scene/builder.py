@@ -27,7 +27,7 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
-from stripe_newton.terrains.exchange import found_terrain
+from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
 from .mjcf import complete_mjcf, count_actuators

@@ -14,7 +14,7 @@ from pxr import Sdf, Usd
 from stripe_newton.assets import AssetBaseCfg
 from stripe_newton.sim import SceneSpawnerCfg
 from stripe_newton.sim.height_field import replace_heights
-from stripe_newton.terrains.exchange import ground_prims, placement, read_ground
+from stripe_newton.terrains.ground_usd import ground_prims, placement, read_ground
 
 from .builder import SceneBuilder
 from .capsules import Capsules

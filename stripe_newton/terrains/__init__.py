@@ -1,19 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground: a plane, a grid of generated tiles, or a file; one height field for all environments."""
+"""Terrain: the ground as a plane, a grid of generated tiles or a file; one height field for all environments."""
 
-from .blocks_cfg import (
-    MeshBoxTerrainCfg,
-    MeshGapTerrainCfg,
-    MeshInvertedPyramidStairsTerrainCfg,
-    MeshPitTerrainCfg,
-    MeshPlaneTerrainCfg,
-    MeshPyramidStairsTerrainCfg,
-    MeshRailsTerrainCfg,
-    MeshRandomGridTerrainCfg,
-    MeshStarTerrainCfg,
-)
+from .flat_patches import FlatPatchSamplingCfg
 from .ground import Ground, surface_height
-from .height_fields_cfg import (
+from .hf_terrains import (
     HfDiscreteObstaclesTerrainCfg,
     HfInvertedPyramidSlopedTerrainCfg,
     HfInvertedPyramidStairsTerrainCfg,
@@ -24,12 +14,21 @@ from .height_fields_cfg import (
     HfSteppingStonesTerrainCfg,
     HfWaveTerrainCfg,
 )
-from .rough import ROUGH_TERRAINS_CFG
-from .sub_terrain_cfg import FlatPatchSamplingCfg, HfTerrainBaseCfg, SubTerrainBaseCfg
-from .terrain_generator import TerrainGenerator, sub_terrain_heights
-from .terrain_generator_cfg import TerrainGeneratorCfg
-from .terrain_importer import TerrainImporter
-from .terrain_importer_cfg import TerrainImporterCfg
+from .mesh_terrains import (
+    MeshBoxTerrainCfg,
+    MeshGapTerrainCfg,
+    MeshInvertedPyramidStairsTerrainCfg,
+    MeshPitTerrainCfg,
+    MeshPlaneTerrainCfg,
+    MeshPyramidStairsTerrainCfg,
+    MeshRailsTerrainCfg,
+    MeshRandomGridTerrainCfg,
+    MeshStarTerrainCfg,
+)
+from .rough_terrains import ROUGH_TERRAINS_CFG
+from .sub_terrain import HfTerrainBaseCfg, SubTerrainBaseCfg, sub_terrain_heights
+from .terrain_generator import TerrainGenerator, TerrainGeneratorCfg
+from .terrain_importer import TerrainImporter, TerrainImporterCfg
 
 __all__ = [
     "ROUGH_TERRAINS_CFG",

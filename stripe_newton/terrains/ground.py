@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A height field with its tiles, on the host."""
+"""Ground: a height field on the host, with the origins and flat patches of its tiles."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ __all__ = ["Ground", "surface_height"]
 
 @dataclass
 class Ground:
-    """Heights on a grid along the axes of the world, and where one starts and goes on it.
+    """A height field along the axes of the world, and where robots start and go on it.
 
-    Heights are those that Newton and MuJoCo have: they keep each as a share of the whole range, in float32.
+    Heights are those that Newton and MuJoCo use: both store a height as a share of the whole range, in float32.
     """
 
     heights: np.ndarray
@@ -25,11 +25,11 @@ class Ground:
     cell: tuple[float, float]
     """Spacing in x and y [m]."""
     origins: np.ndarray | None = None
-    """Origins of the tiles [m], shape ``(levels, types, 3)``; None where there are no tiles."""
+    """Origins of the tiles [m], shape ``(levels, types, 3)``; None without tiles."""
     tile: tuple[float, float] = (0.0, 0.0)
     """Size of a tile in x and y [m]."""
     patches: dict[str, np.ndarray] = field(default_factory=dict)
-    """Level patches by name [m], shape ``(levels, types, num_patches, 3)``."""
+    """Flat patches by name [m], shape ``(levels, types, num_patches, 3)``."""
 
     seed: int = 0
     """Seed of the levels on which environments start."""
@@ -38,10 +38,12 @@ class Ground:
         heights = np.ascontiguousarray(self.heights, dtype=np.float32)
         if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
             raise ValueError(f"heights of shape {heights.shape}: must be finite, at least 2 rows and 2 columns")
-        self.raw = heights  # as they were given; equal ones give an equal field
+        # The heights as given: a field that is exported and read again must be made from the same numbers.
+        self.raw = heights
         size_x, size_y = self.size
         nrow, ncol = heights.shape
         self.source = newton.Heightfield(heights, nrow, ncol, hx=0.5 * size_x, hy=0.5 * size_y)
+        # Newton's heights after its normalisation to [0, 1], so that lookups agree with contacts to the last bit.
         low, high = self.source.min_z, self.source.max_z
         self.heights = (np.float32(low) + self.source.data * np.float32(high - low)).astype(np.float32)
 
@@ -57,7 +59,7 @@ class Ground:
         return self.lower[0] + 0.5 * self.size[0], self.lower[1] + 0.5 * self.size[1]
 
     def height_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Height at points of the world [m], as ``stripe_kernels.terrain.terrain_height`` has it."""
+        """Height at points of the world [m], equal to ``stripe_kernels.terrain.terrain_height``."""
         return surface_height(self.heights, self.lower, self.cell, x, y)
 
 
@@ -67,7 +69,7 @@ def surface_height(
     """Height of the surface that robots stand on [m], float64 of the shape of ``x`` and ``y``.
 
     Each cell is two triangles, cut from (row + 1, column) to (row, column + 1), as in ``stripe_kernels.terrain``.
-    Beyond its edge the field goes on level.
+    Outside the field, the height of its nearest edge continues.
 
     Args:
         heights: Heights [m], shape ``(nrow, ncol)``, rows along y, columns along x.
@@ -79,6 +81,7 @@ def surface_height(
     nrow, ncol = heights.shape
     u = np.clip((np.asarray(x, dtype=float) - lower[0]) / cell[0], 0.0, ncol - 1)
     v = np.clip((np.asarray(y, dtype=float) - lower[1]) / cell[1], 0.0, nrow - 1)
+    # A point on the upper edge belongs to the last cell, at its end.
     col, row = np.minimum(u.astype(int), ncol - 2), np.minimum(v.astype(int), nrow - 2)
     u, v = u - col, v - row
     near, right, up, far = (heights[row + i, col + j].astype(float) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))

@@ -1,43 +1,128 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A grid of tiles as one height field."""
+"""Terrain generator: a grid of tiles as one height field, with levels of difficulty along x and kinds along y."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
 import numpy as np
 
+from stripe_newton.configclass import MISSING, configclass
+
+from .flat_patches import find_flat_patches
 from .ground import Ground
-from .patches import find_flat_patches
-from .sub_terrain_cfg import HfTerrainBaseCfg, SubTerrainBaseCfg
-from .terrain_generator_cfg import TerrainGeneratorCfg
+from .sub_terrain import HfTerrainBaseCfg, Range, SubTerrainBaseCfg, sub_terrain_heights
 
-__all__ = ["TerrainGenerator", "sub_terrain_heights"]
+__all__ = ["TerrainGenerator", "TerrainGeneratorCfg"]
 
 
-def sub_terrain_heights(cfg: SubTerrainBaseCfg, difficulty: float, rng: np.random.Generator) -> np.ndarray:
-    """Heights of one tile [m], shape ``(nrow, ncol)``, rows along y, 0 on its edges.
+@configclass
+class TerrainGeneratorCfg:
+    """A grid of tiles: rows along x are levels of difficulty, columns along y are kinds of ground."""
 
-    Raises:
-        ValueError: if the kind's function returns another shape, or what is not finite.
-    """
-    heights = np.array(cfg.function(difficulty, cfg, rng), dtype=float)
-    shape = tuple(round(length / cfg.horizontal_scale) + 1 for length in reversed(cfg.size))
-    if heights.shape != shape or not np.isfinite(heights).all():
-        name = getattr(cfg.function, "__name__", cfg.function)
-        raise ValueError(f"'{name}' returned heights of shape {heights.shape}, must be {shape} and finite")
-    heights[[0, -1]] = 0.0
-    heights[:, [0, -1]] = 0.0
-    return heights
+    seed: int | None = None
+    """Seed of everything random; ``None`` is 0. A tile depends on it and on its own place in the grid alone."""
+    curriculum: bool = False
+    """Difficulty grows with the row and each column is of one kind. Otherwise both are random on every tile."""
+    size: Range = MISSING
+    """Size of a tile in x and y [m]."""
+    border_width: float = 0.0
+    """Width of the ground around all tiles [m]."""
+    border_height: float = 1.0
+    """A negative number raises the ground around the tiles above their edges by its magnitude [m]; otherwise it is
+    level with them."""
+    num_rows: int = 1
+    """Number of rows (levels)."""
+    num_cols: int = 1
+    """Number of columns (types)."""
+    color_scheme: str = "none"
+    """Ignored: the ground has the colour of ``TerrainImporterCfg.visual_material``."""
+    horizontal_scale: float = 0.1
+    """Distance between neighbouring heights [m]."""
+    vertical_scale: float = 0.005
+    """Heights of the ``Hf...`` kinds are multiples of it [m]."""
+    slope_threshold: float | None = 0.75
+    """Ignored: a wall of a height field is always one cell wide."""
+    sub_terrains: dict[str, Any] = MISSING
+    """Kinds of tiles by name, each a :class:`SubTerrainBaseCfg`. ``Any`` lets type checkers accept the fields of its
+    subclasses: ``cfg.sub_terrains["boxes"].grid_height_range = (0.02, 0.1)``."""
+    difficulty_range: Range = (0.0, 1.0)
+    """Difficulty of the first and the last level."""
+    use_cache: bool = False
+    """Ignored: tiles are generated each time."""
+    cache_dir: str = ""
+    """Ignored: tiles are generated each time."""
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "color_scheme": "the ground has the colour of TerrainImporterCfg.visual_material",
+        "slope_threshold": "a wall of a height field is always one cell wide",
+        "use_cache": "tiles are generated each time",
+        "cache_dir": "tiles are generated each time",
+    }
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        for name in ("num_rows", "num_cols"):
+            if getattr(self, name) < 1:
+                yield name, f"is {getattr(self, name)}, must be 1 or more"
+        step = self.horizontal_scale
+        if not (math.isfinite(step) and step > 0.0):
+            yield "horizontal_scale", f"is {step}, must be positive [m]"
+            return  # the checks below divide by it
+        if not self.vertical_scale >= 0.0:
+            yield "vertical_scale", f"is {self.vertical_scale}, must be 0 or more [m]"
+        if not (math.isfinite(self.border_width) and self.border_width >= 0.0):
+            yield "border_width", f"is {self.border_width}, must be 0 or more [m]"
+        yield from self._length_problems()
+        low, high = self.difficulty_range
+        if not 0.0 <= low <= high <= 1.0:
+            yield "difficulty_range", f"is {(low, high)}, must be (low, high) with 0 <= low <= high <= 1"
+        if self.sub_terrains is not MISSING:
+            yield from self._sub_terrain_problems()
+
+    def _length_problems(self) -> Iterator[tuple[str, str]]:
+        step, lengths = self.horizontal_scale, {"border_width": self.border_width}
+        if self.size is not MISSING:
+            lengths |= {f"size[{i}]": length for i, length in enumerate(self.size)}
+        for name, length in lengths.items():
+            cells = length / step
+            if math.isfinite(cells) and abs(cells - round(cells)) > 1.0e-3:
+                yield name, f"is {length} m, must be a multiple of horizontal_scale, {step} m"
+        if self.size is not MISSING and not min(self.size) >= 2.0 * step:
+            yield "size", f"is {tuple(self.size)}, a tile must have at least two cells of {step} m each way"
+
+    def _sub_terrain_problems(self) -> Iterator[tuple[str, str]]:
+        wrong = [k for k, sub in self.sub_terrains.items() if not isinstance(sub, SubTerrainBaseCfg)]
+        for kind in wrong:
+            yield f"sub_terrains.{kind}", f"is {self.sub_terrains[kind]!r}, must be a SubTerrainBaseCfg"
+        if wrong:
+            return
+        if not self.sub_terrains or not sum(s.proportion for s in self.sub_terrains.values()) > 0.0:
+            yield "sub_terrains", "has no kind with a proportion above 0"
+        if self.size is MISSING:
+            return
+        tile = min(self.size)
+        for kind, sub in self.sub_terrains.items():
+            # Most kinds have a platform and a border, the base has neither.
+            inner = getattr(sub, "platform_width", 0.0) + 2.0 * getattr(sub, "border_width", 0.0)
+            if inner > tile:
+                yield f"sub_terrains.{kind}.platform_width", f"with two borders is {inner:g} m, the tile is {tile:g} m"
+            for name, patches in (sub.flat_patch_sampling or {}).items():
+                if patches.patch_radius is not MISSING and 2.0 * patches.radius >= tile:
+                    path = f"sub_terrains.{kind}.flat_patch_sampling.{name}.patch_radius"
+                    yield path, f"is {patches.radius} m, which no tile has room for"
 
 
 class TerrainGenerator:
-    """Makes the tiles.
+    """Generates a grid of tiles as one height field.
 
-    The grid is centred on the world's origin; rows lie along x, columns along y. A tile is random by the seed and its
-    place in the grid, so it stays the same when others are added.
+    The grid is centred on the world's origin; rows lie along x, columns along y. The random numbers of a tile depend
+    on the seed and its place in the grid, so a tile stays the same when others are added.
 
     Attributes:
         cfg: The config.
-        ground: Heights of all tiles and of the border, origins and level patches.
+        ground: Heights of all tiles and of the border, origins and flat patches.
         kinds: Name of each tile's kind, shape ``(num_rows, num_cols)``.
         difficulties: Difficulty of each tile, shape ``(num_rows, num_cols)``.
     """
@@ -45,16 +130,16 @@ class TerrainGenerator:
     def __init__(self, cfg: TerrainGeneratorCfg):
         cfg.validate()
         self.cfg = cfg = cfg.copy()
-        names, proportions = list(cfg.sub_terrains), np.array([s.proportion for s in cfg.sub_terrains.values()])
         for sub in cfg.sub_terrains.values():
+            # The grid's scales apply to all kinds, and a kind's checks depend on them.
             sub.size, sub.horizontal_scale = cfg.size, cfg.horizontal_scale
             if isinstance(sub, HfTerrainBaseCfg):
                 sub.vertical_scale = cfg.vertical_scale
             sub.validate()
-        shares = np.cumsum(proportions / proportions.sum())
         rows, cols, step = cfg.num_rows, cfg.num_cols, cfg.horizontal_scale
         cells_x, cells_y = (round(length / step) for length in cfg.size)
         border = round(cfg.border_width / step)
+        # Rows of heights lie along y, rows of tiles along x.
         heights = np.full(
             (cols * cells_y + 2 * border + 1, rows * cells_x + 2 * border + 1), max(-cfg.border_height, 0.0)
         )
@@ -62,42 +147,56 @@ class TerrainGenerator:
         self.kinds, self.difficulties = np.empty((rows, cols), dtype=object), np.zeros((rows, cols))
         origins = np.zeros((rows, cols, 3))
         found: dict[tuple[int, int], dict[str, np.ndarray]] = {}
-        for row in range(rows):
-            for col in range(cols):
-                rng = np.random.default_rng([cfg.seed or 0, row, col])
-                share, within = rng.uniform(size=2)
-                if cfg.curriculum:
-                    share, within = (col + 1.0e-3) / cols, (row + within) / rows
-                kind = names[min(int(np.searchsorted(shares, share, side="right")), len(names) - 1)]
-                difficulty = cfg.difficulty_range[0] + within * (cfg.difficulty_range[1] - cfg.difficulty_range[0])
-                tile = sub_terrain_heights(cfg.sub_terrains[kind], difficulty, rng)
-                y, x = border + col * cells_y, border + row * cells_x
-                heights[y : y + cells_y + 1, x : x + cells_x + 1] = tile
-                own = np.array([0.5 * cells_x * step, 0.5 * cells_y * step, _middle(tile)])
-                corner = np.array([lower[0] + x * step, lower[1] + y * step, 0.0])
-                origins[row, col] = corner + own
-                self.kinds[row, col], self.difficulties[row, col] = kind, difficulty
-                found[row, col] = {
-                    name: corner
-                    + find_flat_patches(tile, step, own, sampling, rng, f"'{kind}', row {row}, column {col}, '{name}'")
-                    for name, sampling in (cfg.sub_terrains[kind].flat_patch_sampling or {}).items()
-                }
+        for row, col in np.ndindex(rows, cols):
+            rng = np.random.default_rng([cfg.seed or 0, row, col])
+            kind, difficulty = self._draw_kind(row, col, rng)
+            tile = sub_terrain_heights(cfg.sub_terrains[kind], difficulty, rng)
+            # Neighbouring tiles share the heights on their common edge, which are 0 on both.
+            y, x = border + col * cells_y, border + row * cells_x
+            heights[y : y + cells_y + 1, x : x + cells_x + 1] = tile
+            own = np.array([0.5 * cells_x * step, 0.5 * cells_y * step, _middle(tile)])
+            corner = np.array([lower[0] + x * step, lower[1] + y * step, 0.0])
+            origins[row, col] = corner + own
+            self.kinds[row, col], self.difficulties[row, col] = kind, difficulty
+            found[row, col] = {
+                name: corner
+                + find_flat_patches(tile, step, own, sampling, rng, f"'{kind}', row {row}, column {col}, '{name}'")
+                for name, sampling in (cfg.sub_terrains[kind].flat_patch_sampling or {}).items()
+            }
         patches = _gather(found, origins)
         lower_x, lower_y = map(float, lower)
         tile_size = cells_x * step, cells_y * step
         self.ground = Ground(heights, (lower_x, lower_y), (step, step), origins, tile_size, patches, cfg.seed or 0)
 
+    def _draw_kind(self, row: int, col: int, rng: np.random.Generator) -> tuple[str, float]:
+        """Kind and difficulty of a tile: by its column and row in a curriculum, else random."""
+        cfg = self.cfg
+        proportions = np.array([s.proportion for s in cfg.sub_terrains.values()])
+        shares = np.cumsum(proportions / proportions.sum())
+        # Both numbers are drawn either way, so that a tile's own random numbers are the same with a curriculum.
+        share, within = rng.uniform(size=2)
+        if cfg.curriculum:
+            # 1e-3: a column on the bound between two kinds belongs to the second, whatever the sum was rounded to.
+            share, within = (col + 1.0e-3) / cfg.num_cols, (row + within) / cfg.num_rows
+        index = min(int(np.searchsorted(shares, share, side="right")), len(shares) - 1)
+        low, high = cfg.difficulty_range
+        return list(cfg.sub_terrains)[index], low + within * (high - low)
+
 
 def _middle(tile: np.ndarray) -> float:
-    """Height in the middle of a tile [m], which is a vertex, or lies between two or on the cut of a cell."""
+    """Height in the middle of a tile [m]: of a vertex, or between two vertices where the number of rows is even."""
     nrow, ncol = tile.shape
     row, col = (nrow - 1) // 2, (ncol - 1) // 2
     odd_row, odd_col = 1 - nrow % 2, 1 - ncol % 2
+    # In the middle of a cell that is the mean along its diagonal, on which the cell's two triangles meet.
     return float(0.5 * (tile[row + odd_row, col] + tile[row, col + odd_col]))
 
 
 def _gather(found: dict[tuple[int, int], dict[str, np.ndarray]], origins: np.ndarray) -> dict[str, np.ndarray]:
-    """Patches by name, shape ``(rows, cols, most, 3)``: a tile with fewer repeats them, one without has its origin."""
+    """Patches of all tiles by name, shape ``(rows, cols, most, 3)``.
+
+    A tile with fewer patches than ``most`` repeats them, a tile without any has its origin.
+    """
     names = sorted({name for patches in found.values() for name in patches})
     gathered = {}
     for name in names:

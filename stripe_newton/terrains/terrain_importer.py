@@ -1,51 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the environments stand on."""
+"""Terrain importer: the ground of a scene (plane, tiles or file), where environments start on it, and their levels."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
 
 import newton
 import numpy as np
 import torch
 import warp as wp
+from pxr import Usd, UsdGeom
 
 from stripe_kernels.terrain import TerrainData
-from stripe_newton.assets import TerrainBase
-from stripe_newton.sim import GroundPlaneCfg
+from stripe_newton.assets import TerrainBase, TerrainBaseCfg
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.sim import GroundPlaneCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg
 from stripe_newton.sim.scene_context import authored_path, current_scene
 
+from .env_origins import grid_origins, tile_of
 from .ground import Ground
-from .origins import grid_origins, tile_of
-from .terrain_generator import TerrainGenerator
-from .terrain_generator_cfg import TerrainGeneratorCfg
+from .ground_usd import author_ground, ground_prims, placement, read_ground
+from .terrain_generator import TerrainGenerator, TerrainGeneratorCfg
 
-if TYPE_CHECKING:
-    from pxr import Usd
-
-    from .terrain_importer_cfg import TerrainImporterCfg
-
-__all__ = ["TerrainImporter"]
+__all__ = ["TerrainImporter", "TerrainImporterCfg", "found_terrain"]
 
 _FAR = 1.0e9
-"""Half the extent of a plane, for look-ups of its height [m]."""
+"""Half the extent of a plane, for lookups of its height [m]."""
 
 
 class TerrainImporter(TerrainBase):
     """The ground of the scene under construction: an endless plane, or one height field for all environments.
 
     Its constructor spawns it and decides where the environments start. On tiles, environment ``i`` is of type
-    ``i % num_cols`` and starts at a random level; both depend on its index alone.
+    ``i % num_cols`` and starts on a random level; both depend only on its index.
 
     Attributes:
         cfg: The config.
         ground: The height field on the host; None for a plane.
-        generator: What made it, for generated tiles.
-        terrain_origins: Origins of the tiles [m], shape ``(levels, types, 3)``; None where there are none.
+        generator: The generator of the tiles; None for a plane or a file.
+        terrain_origins: Origins of the tiles [m], shape ``(levels, types, 3)``; None without tiles.
         terrain_levels: Level of each environment, int32, shape ``(num_envs,)``.
         terrain_types: Type of each environment, int32, shape ``(num_envs,)``.
         env_origins: Origins of the environments [m], shape ``(num_envs, 3)``: the tensor of the scene.
-        flat_patches: Level patches by name [m], shape ``(levels, types, num_patches, 3)``.
+        flat_patches: Flat patches by name [m], shape ``(levels, types, num_patches, 3)``.
         struct: All of it as terms read it, on the same memory.
     """
 
@@ -65,16 +66,19 @@ class TerrainImporter(TerrainBase):
         self.path = authored_path(cfg.prim_path)
         self.ground = self._make_ground()
         self.device, self.num_envs = scene.device, scene.num_envs
+        if cfg.num_envs not in (None, self.num_envs):
+            warnings.warn(
+                f"TerrainImporterCfg.num_envs is {cfg.num_envs}, the scene has {self.num_envs} environments; "
+                "the scene's number is used",
+                stacklevel=2,
+            )
         self.env_origins: torch.Tensor = scene.env_origins
         self._place()
         self._fill_struct()
         scene.terrain = self
 
     def _make_ground(self) -> Ground | None:
-        from pxr import UsdGeom
-
-        from .exchange import ground_prims, read_ground
-
+        """Spawn the ground; the height field, or None for a plane."""
         cfg, stage = self.cfg, self._scene.stage
         if cfg.terrain_type == "stage":
             prim = stage.GetPrimAtPath(f"{self.path}/terrain")
@@ -87,20 +91,20 @@ class TerrainImporter(TerrainBase):
             if cfg.visual_material is not None:
                 plane.color = cfg.visual_material.diffuse_color
             plane.func(cfg.prim_path, plane)
-            return None
+            return None  # the plane is read from the stage as any other collider
         UsdGeom.Xform.Define(stage, self.path)
         if cfg.terrain_type == "usd":
-            from .files import ground_from_file
+            from .ground_files import ground_from_file  # imports trimesh, which only files need
 
             return ground_from_file(str(cfg.usd_path), cfg.horizontal_scale, self._scene.device)
         self.generator = TerrainGenerator(cfg.terrain_generator or TerrainGeneratorCfg())
         return self.generator.ground
 
     def _place(self) -> None:
-        """Levels, types and origins of the environments."""
+        """Set levels, types and origins of the environments."""
         ground = self.ground
         origins = ground.origins if ground is not None else None
-        levels, types = np.zeros((2, self.num_envs), dtype=np.int32)
+        levels, types = np.zeros((2, self.num_envs), dtype=np.int32)  # without tiles: all on level 0 of type 0
         self.terrain_origins = None
         if ground is not None and origins is not None:
             self.terrain_origins = torch.tensor(origins, dtype=torch.float32, device=self.device)
@@ -109,24 +113,23 @@ class TerrainImporter(TerrainBase):
         own = self._origins_of(ground, levels, types)
         self.terrain_levels = torch.tensor(levels, device=self.device)
         self.terrain_types = torch.tensor(types, device=self.device)
+        # In place: assets and sensors hold views of the scene's tensor.
         self.env_origins.copy_(torch.tensor(own, dtype=torch.float32))
 
     def _origins_of(self, ground: Ground | None, levels: np.ndarray, types: np.ndarray) -> np.ndarray:
-        """Where environments of some levels and types start on a ground [m], shape ``(num_envs, 3)``."""
+        """Origins of environments with the given levels and types on a ground [m], shape ``(num_envs, 3)``."""
         if ground is not None and ground.origins is not None and self.cfg.use_terrain_origins:
             return np.asarray(ground.origins[levels, types])
         spacing = self._scene.cfg.env_spacing if self.cfg.env_spacing is None else self.cfg.env_spacing
         return grid_origins(self.num_envs, spacing, ground)
 
     def _fill_struct(self) -> None:
+        """Fill the struct of terms. Its arrays are views of the tensors above, so that a change of one is in both."""
         ground, device = self.ground, self.device
         data = TerrainData()
-        heights, lower, cell, tile = (
-            np.zeros((2, 2), dtype=np.float32),
-            (-_FAR, -_FAR),
-            (2 * _FAR, 2 * _FAR),
-            (0.0, 0.0),
-        )
+        # A plane is a field of one huge cell at height 0, so that terms need no case of their own for it.
+        heights = np.zeros((2, 2), dtype=np.float32)
+        lower, cell, tile = (-_FAR, -_FAR), (2 * _FAR, 2 * _FAR), (0.0, 0.0)
         if ground is not None:
             heights, lower, cell, tile = ground.heights, ground.lower, ground.cell, ground.tile
         data.heights = wp.array(heights, dtype=float, device=device)
@@ -141,6 +144,7 @@ class TerrainImporter(TerrainBase):
         }
         for name in ("init_pos", "target"):
             points = self.flat_patches.get(name)
+            # An array without patches, not None: a struct of Warp needs one of each.
             empty = points is None or tiles is None
             array = wp.zeros((1, 1, 0), dtype=wp.vec3, device=device) if empty else wp.from_torch(points, dtype=wp.vec3)
             setattr(data, name, array)
@@ -150,13 +154,13 @@ class TerrainImporter(TerrainBase):
 
     @property
     def arrays(self) -> dict[str, wp.array]:
-        """What lasts from step to step, by name."""
+        """Arrays that keep state from step to step, by name."""
         return {"level": self.struct.level, "env_origin": self.struct.env_origin}
 
-    # -- the scene calls these
+    # -- called by the scene
 
     def add_to(self, static: newton.ModelBuilder) -> None:
-        """Add the height field to what all environments share.
+        """Add the height field to the builder of what all environments share.
 
         Raises:
             ValueError: if a collider lies at or below its path already, such as a ground plane.
@@ -165,6 +169,7 @@ class TerrainImporter(TerrainBase):
             return
         solid = int(newton.ShapeFlags.COLLIDE_SHAPES)
         shapes = zip(static.shape_label, static.shape_flags, strict=True)
+        # A plane of the scene's config at the height of the edges would lie above every hollow.
         there = [label for label, flags in shapes if f"{label}/".startswith(f"{self.path}/") and flags & solid]
         if there:
             raise ValueError(
@@ -188,26 +193,35 @@ class TerrainImporter(TerrainBase):
 
     def author(self, stage: Usd.Stage) -> None:
         """Write the height field into ``stage`` as a mesh collider, which ``InteractiveScene.from_usd`` reads back."""
-        from .exchange import author_ground
+        if self.ground is None:
+            return
+        author_ground(
+            stage,
+            self.path,
+            self.ground,
+            use_terrain_origins=self.cfg.use_terrain_origins,
+            max_init_terrain_level=self.cfg.max_init_terrain_level,
+            physics_material=self.cfg.physics_material,
+            visual_material=self.cfg.visual_material,
+        )
 
-        if self.ground is not None:
-            author_ground(stage, self)
-
-    # -- another ground in the place of the one that there is
+    # -- replacing the ground
 
     def check(self, ground: Ground) -> None:
-        """Whether a ground can take the place of the one that is there.
+        """Check that another ground can replace the present one.
 
         Raises:
-            ValueError: if its heights lie on another grid, or it has other numbers of tiles or patches.
+            ValueError: if its heights lie on another grid, or its numbers of tiles or patches differ.
         """
         mine, where = self.ground, f"'{self.cfg.prim_path}'"
         if mine is None:
             raise ValueError(f"{where}: is a plane, which no height field can replace")
+        # Graphs hold the addresses of the arrays, so their shapes must stay.
         for name, what in (("heights", "heights"), ("origins", "origins of tiles")):
             here, new = (None if v is None else v.shape for v in (getattr(mine, name), getattr(ground, name)))
             if here != new:
                 raise ValueError(f"{where}: the new ground has {what} of shape {new}, must be {here} as now")
+        # These are numbers inside the struct of terms, which a graph has copied when it was recorded.
         for name in ("lower", "cell", "tile"):
             here, new = getattr(mine, name), getattr(ground, name)
             if not np.allclose(here, new, rtol=1.0e-5, atol=1.0e-6):
@@ -217,9 +231,9 @@ class TerrainImporter(TerrainBase):
             raise ValueError(f"{where}: the new ground has the patches {new or 'none'}, must have {here or 'none'}")
 
     def replace(self, ground: Ground) -> None:
-        """Put another ground in the place of the one that is there; graphs stay as they are, and levels too.
+        """Replace the ground in place: graphs stay valid, environments keep their levels.
 
-        The model and sensors have their own copies of it: :meth:`InteractiveScene.regenerate` writes all of them.
+        The model and sensors have copies of their own: :meth:`InteractiveScene.regenerate` writes all of them.
 
         Raises:
             ValueError: see :meth:`check`.
@@ -228,6 +242,7 @@ class TerrainImporter(TerrainBase):
         levels, types = self.terrain_levels.cpu().numpy(), self.terrain_types.cpu().numpy()
         own = self._origins_of(ground, levels, types)
         self.ground = ground
+        # Everything is written into the arrays that are there: graphs hold their addresses.
         self.struct.heights.assign(ground.heights)
         if self.terrain_origins is not None:
             self.terrain_origins.copy_(torch.tensor(ground.origins, dtype=torch.float32))
@@ -238,18 +253,19 @@ class TerrainImporter(TerrainBase):
     # -- levels
 
     def update_env_origins(self, env_ids: torch.Tensor, move_up: torch.Tensor, move_down: torch.Tensor) -> None:
-        """Move environments to other levels of their type; past the last one a random level follows.
+        """Move environments to other levels of their type. After the last level comes a random one.
 
         Args:
             env_ids: Environments, shape ``(n,)``.
-            move_up: Whether to a harder level, bool, shape ``(n,)``.
-            move_down: Whether to an easier one, bool, shape ``(n,)``.
+            move_up: Whether to move to a harder level, bool, shape ``(n,)``.
+            move_down: Whether to move to an easier one, bool, shape ``(n,)``.
         """
         if self.terrain_origins is None or not self.cfg.use_terrain_origins:
             return
         ids = torch.as_tensor(env_ids, device=self.device).long()
         last = len(self.terrain_origins) - 1
         levels = self.terrain_levels[ids] + move_up.to(torch.int32) - move_down.to(torch.int32)
+        # A robot that masters the last level goes on training on all of them, so that it forgets none.
         drawn = torch.randint_like(levels, last + 1)
         self.terrain_levels[ids] = torch.where(levels > last, drawn, levels.clip(min=0))
         self.env_origins[ids] = self.terrain_origins[self.terrain_levels[ids].long(), self.terrain_types[ids].long()]
@@ -258,6 +274,84 @@ class TerrainImporter(TerrainBase):
         """Height of the ground at points of the world [m], shape ``(...)`` for points ``(..., 2)`` or ``(..., 3)``."""
         if self.ground is None:
             return torch.zeros_like(positions[..., 0])
-        points = positions.detach().cpu().numpy()
+        points = positions.detach().cpu().numpy()  # on the host: terms use terrain_height() of stripe_kernels
         found = self.ground.height_at(points[..., 0], points[..., 1])
         return torch.tensor(found, dtype=torch.float32, device=positions.device)
+
+
+@configclass
+class TerrainImporterCfg(TerrainBaseCfg):
+    """The ground that all environments share: a plane, a grid of generated tiles, or a file."""
+
+    class_type: type[TerrainImporter] = TerrainImporter
+    """Class that the scene makes from this config."""
+    prim_path: str = MISSING
+    """Path in the stage, such as ``/World/ground``; not inside an environment."""
+    terrain_type: str = "generator"
+    """``"plane"``, ``"generator"``, ``"usd"`` for a USD or mesh file, or ``"stage"`` for the height field of an
+    exported scene that is at ``prim_path`` already."""
+    terrain_generator: TerrainGeneratorCfg | None = None
+    """The tiles, for ``"generator"``."""
+    usd_path: str | None = None
+    """For ``"usd"``: a USD file, or a mesh file (OBJ, STL, PLY, GLB, OFF) in metres with z up."""
+    horizontal_scale: float = 0.1
+    """For ``"usd"``: distance between neighbouring heights that are sampled from the file's surface [m]."""
+    num_envs: int | None = None
+    """Number of environments. The scene's own number is used; a different one here is a warning."""
+    env_spacing: float | None = None
+    """Distance between environments [m] where the ground has no tiles. ``None``: that of the scene."""
+    use_terrain_origins: bool = True
+    """Whether environments start on the tiles rather than on the grid of ``env_spacing``."""
+    max_init_terrain_level: int | None = None
+    """Highest level on which environments start. ``None``: any."""
+    physics_material: RigidBodyMaterialCfg | None = RigidBodyMaterialCfg()
+    """Friction and restitution. ``None``: those of the simulation."""
+    visual_material: PreviewSurfaceCfg | None = None
+    """Colour of the ground."""
+    collision_group: int = -1
+    """Ignored: all environments collide with the ground."""
+    debug_vis: bool = False
+    """Ignored: no markers are drawn at the origins."""
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "collision_group": "all environments collide with the ground",
+        "debug_vis": "no markers are drawn at the origins",
+    }
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from self._source_problems()
+        if not (math.isfinite(self.horizontal_scale) and self.horizontal_scale > 0.0):
+            yield "horizontal_scale", f"is {self.horizontal_scale}, must be positive [m]"
+        if self.env_spacing is not None and not (math.isfinite(self.env_spacing) and self.env_spacing >= 0.0):
+            yield "env_spacing", f"is {self.env_spacing}, must be 0 or more [m] or None"
+        if self.max_init_terrain_level is not None and self.max_init_terrain_level < 0:
+            yield "max_init_terrain_level", f"is {self.max_init_terrain_level}, must be 0 or more, or None"
+        if self.prim_path is not MISSING and self.prim_path.startswith(("{ENV_REGEX_NS}", "/World/envs")):
+            yield "prim_path", f"is '{self.prim_path}'; the ground is shared, put it outside of the environments"
+
+    def _source_problems(self) -> Iterator[tuple[str, str]]:
+        kinds = ("plane", "generator", "usd", "stage")
+        if self.terrain_type not in kinds:
+            yield "terrain_type", f"is '{self.terrain_type}', must be one of {', '.join(map(repr, kinds))}"
+        if self.terrain_type == "generator" and self.terrain_generator is None:
+            yield "terrain_generator", "is None; terrain_type 'generator' needs a TerrainGeneratorCfg"
+        if self.terrain_type == "usd":
+            if self.usd_path is None:
+                yield "usd_path", "is None; terrain_type 'usd' needs a file"
+            elif not Path(self.usd_path).expanduser().is_file():
+                yield "usd_path", f"'{self.usd_path}' does not exist; give the path of a file"
+
+
+def found_terrain(stage: Usd.Stage) -> TerrainImporterCfg | None:
+    """Config of the terrain whose height field a stage holds; None without a height field.
+
+    Raises:
+        ValueError: if it holds several.
+    """
+    prims = ground_prims(stage)
+    if not prims:
+        return None
+    if len(prims) > 1:
+        raise ValueError(f"'{prims[0].GetPath()}' and '{prims[1].GetPath()}' are height fields; a scene has one ground")
+    path = str(prims[0].GetPath().GetParentPath())
+    return TerrainImporterCfg(prim_path=path, terrain_type="stage", **placement(prims[0]))

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""USD stages that others wrote: read into a model builder, refused with a reason, reported on."""
+"""USD stages from any source: loaded into a model builder with a report, or refused with a reason."""
 
-from .extras import read_lights, read_semantics
-from .lights import Light
 from .loading import inspect_stage, load_stage
-from .report import StageReport
-from .report_build import joint_rows
-from .stage import StageError, asset_prim, open_stage
-from .trial import StageTrial, try_stage
+from .report_rows import joint_rows
+from .semantic_labels import read_semantics
+from .stage_access import StageError, asset_prim, open_stage
+from .stage_lights import Light, read_lights
+from .stage_report import StageReport
+from .stage_trial import StageTrial, try_stage
 from .units import si_stage
 
 __all__ = [

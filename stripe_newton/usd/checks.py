@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons to refuse a stage, before and after Newton has read it."""
+"""Checks of a stage: reasons to refuse it, before and after Newton has read it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator
 import newton
 import numpy as np
 from newton import GeoType, JointType
-from pxr import Gf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
-from .stage import StageError, api_schemas, stage_name, walk
+from .stage_access import StageError, api_schemas, stage_name, walk
 
 __all__ = ["BuilderStart", "check_builder", "check_stage"]
 
@@ -23,11 +23,12 @@ _MUJOCO_JOINTS = {
     JointType.BALL,
     JointType.D6,
 }
+# Attributes of these names enter the simulation; a NaN in any other, such as a texture coordinate, is harmless.
 _PHYSICS_PREFIXES = ("physics:", "drive:", "limit:", "state:", "newton:", "physxJoint:", "physxLimit:", "xformOp:")
 
 
 class BuilderStart:
-    """How much a builder held before a stage was read into it."""
+    """Counts of a builder before a stage is read into it: what comes after them belongs to the stage."""
 
     def __init__(self, builder: newton.ModelBuilder):
         self.body, self.joint, self.shape = builder.body_count, builder.joint_count, builder.shape_count
@@ -38,7 +39,7 @@ class BuilderStart:
 def check_stage(
     stage: Usd.Stage, root_path: str, ignore: Iterable[str], solver: str, allow_static: bool, name: str | None = None
 ) -> None:
-    """Refuse what can be seen on the stage itself.
+    """Refuse problems that the stage itself shows.
 
     Raises:
         StageError: the first reason found.
@@ -49,6 +50,7 @@ def check_stage(
     prims = list(walk(stage, root_path, ignore))
     for path, reason in _reasons(stage, prims, solver):
         raise StageError(name, path, reason)
+    # Last, so that a stage with a better reason is refused for that.
     bodies = any(p.HasAPI(UsdPhysics.RigidBodyAPI) for p in prims)
     if not bodies and not allow_static:
         colliders = sum(p.HasAPI(UsdPhysics.CollisionAPI) for p in prims)
@@ -58,25 +60,27 @@ def check_stage(
 
 
 def _reasons(stage: Usd.Stage, prims: list[Usd.Prim], solver: str) -> Iterator[tuple[str, str]]:
-    for prim in prims:
+    """``(path, reason)`` for everything that keeps the prims from being simulated."""
+    for prim in prims:  # first, as the other checks would speak of such a prim's attributes
         yield from ((str(prim.GetPath()), reason) for reason in _deformable(prim))
     for prim in prims:
-        path = str(prim.GetPath())
-        body, collider = prim.HasAPI(UsdPhysics.RigidBodyAPI), prim.HasAPI(UsdPhysics.CollisionAPI)
-        joint = prim.IsA(UsdPhysics.Joint)
-        if not (body or collider or joint or prim.HasAPI(UsdPhysics.MassAPI) or prim.IsA(UsdPhysics.Scene)):
-            continue
-        checks = [_not_a_number(prim)]
-        if body or collider:
-            checks.append(_transform(prim, body))
-        if prim.HasAPI(UsdPhysics.MassAPI):
-            checks.append(_mass(prim))
-        if collider and prim.IsA(UsdGeom.Mesh):
-            checks.append(_mesh(prim))
-        if joint and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False:
-            checks.append(_joint(stage, prim, solver))
-        for check in checks:
-            yield from ((path, reason) for reason in check)
+        yield from ((str(prim.GetPath()), reason) for reason in _physics_reasons(stage, prim, solver))
+
+
+def _physics_reasons(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
+    body, collider = prim.HasAPI(UsdPhysics.RigidBodyAPI), prim.HasAPI(UsdPhysics.CollisionAPI)
+    joint, mass = prim.IsA(UsdPhysics.Joint), prim.HasAPI(UsdPhysics.MassAPI)
+    if not (body or collider or joint or mass or prim.IsA(UsdPhysics.Scene)):
+        return
+    yield from _not_a_number(prim)
+    if body or collider:
+        yield from _transform(prim, body)
+    if mass:
+        yield from _mass(prim)
+    if collider and prim.IsA(UsdGeom.Mesh):
+        yield from _mesh(prim)
+    if joint and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False:
+        yield from _joint(stage, prim, solver)
 
 
 def _deformable(prim: Usd.Prim) -> Iterator[str]:
@@ -102,10 +106,11 @@ def _not_a_number(prim: Usd.Prim) -> Iterator[str]:
 
 
 def _numbers(value: object) -> np.ndarray | None:
+    """A value of an attribute as an array; None if it is no number."""
     if isinstance(value, (bool, str)) or value is None:
         return None
     if isinstance(value, (Gf.Quatf, Gf.Quatd, Gf.Quath)):
-        value = (value.GetReal(), *value.GetImaginary())
+        value = (value.GetReal(), *value.GetImaginary())  # NumPy cannot convert Gf's quaternions
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -117,7 +122,7 @@ def _transform(prim: Usd.Prim, body: bool) -> Iterator[str]:
     if not np.isfinite(matrix).all():
         yield "its world transform is not finite; author finite xformOps"
         return
-    scale = np.linalg.norm(matrix[:3, :3], axis=1)
+    scale = np.linalg.norm(matrix[:3, :3], axis=1)  # of the rows, as USD multiplies rows of coordinates
     if scale.min() < 1e-9:
         yield f"its world scale is zero ({', '.join(f'{s:g}' for s in scale)}); author a scale other than 0"
     elif body and np.linalg.det(matrix[:3, :3]) < 0.0:
@@ -150,9 +155,9 @@ def _joint(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
     if prim.IsA(UsdPhysics.DistanceJoint) and solver == "mujoco":
         yield "is a distance joint, which the MuJoCo solver does not take; use another joint, or another solver"
     if any(name.startswith("MjcEquality") for name in api_schemas(prim)):
-        return
+        return  # an equality constraint may connect sites, so the checks of its bodies do not apply
     ends = {"body0": joint.GetBody0Rel().GetTargets(), "body1": joint.GetBody1Rel().GetTargets()}
-    for name, targets in ends.items():
+    for name, targets in ends.items():  # no target is the world, one that does not exist is a mistake
         if targets and not stage.GetPrimAtPath(targets[0]):
             yield f"its physics:{name} names {targets[0]}, which does not exist; name a body, or none for the world"
             return
@@ -163,7 +168,8 @@ def _joint(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
         yield f"joins rigid body {owners['body0']} to itself; name two bodies"
 
 
-def _body_above(stage: Usd.Stage, targets: list) -> str:
+def _body_above(stage: Usd.Stage, targets: list[Sdf.Path]) -> str:
+    """Path of the rigid body at or above a joint's target; empty if there is none."""
     prim = stage.GetPrimAtPath(targets[0]) if targets else None
     while prim and not prim.IsPseudoRoot():
         if prim.HasAPI(UsdPhysics.RigidBodyAPI):
@@ -173,12 +179,21 @@ def _body_above(stage: Usd.Stage, targets: list) -> str:
 
 
 def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str, name: str) -> None:
-    """Refuse what shows once Newton has read the stage.
+    """Refuse problems that show only after Newton has read the stage.
 
     Raises:
-        StageError: a body without mass, a body without a joint, a joint the solver cannot take, a value that is not
-            finite, a plane on a moving body.
+        StageError: a body without mass, a body without a joint, a joint that the solver does not support, a value that
+            is not finite, a plane on a moving body.
     """
+    _check_bodies(builder, start, name)
+    _check_joints(builder, start, solver, name)
+    for shape in range(start.shape, builder.shape_count):
+        if builder.shape_type[shape] == GeoType.PLANE and builder.shape_body[shape] >= 0 and solver == "mujoco":
+            reason = "is a plane on a rigid body, which MuJoCo does not take; use a box, or take it off the body"
+            raise StageError(name, builder.shape_label[shape], reason)
+
+
+def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) -> None:
     articulated = {
         builder.joint_child[j] for j in range(start.joint, builder.joint_count) if builder.joint_articulation[j] >= 0
     }
@@ -188,6 +203,7 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
         mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body]).reshape(3, 3)
         if mass < 0.0 or not math.isfinite(mass):
             raise StageError(name, label, f"has mass {mass:g}; it must be positive and finite")
+        # A body without mass is fine if it is welded to one that has some, as a sensor's frame is.
         if not group_mass[body] > 0.0:
             raise StageError(name, label, "has no mass: author physics:mass, or give it a collider with a density")
         if mass and (not np.isfinite(inertia).all() or np.linalg.eigvalsh((inertia + inertia.T) / 2).min() <= 0.0):
@@ -197,6 +213,9 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
             raise StageError(name, label, reason)
         if not np.isfinite(np.array(builder.body_q[body])).all():
             raise StageError(name, label, "its pose is not finite")
+
+
+def _check_joints(builder: newton.ModelBuilder, start: BuilderStart, solver: str, name: str) -> None:
     for joint in range(start.joint, builder.joint_count):
         kind = JointType(builder.joint_type[joint])
         if solver == "mujoco" and kind not in _MUJOCO_JOINTS:
@@ -209,14 +228,11 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
             raise StageError(name, builder.joint_label[joint], "its local frames are not finite")
     if not np.isfinite(np.array(builder.joint_q[start.coord :], dtype=float)).all():
         raise StageError(name, "", "an initial joint position is not finite")
-    for shape in range(start.shape, builder.shape_count):
-        if builder.shape_type[shape] == GeoType.PLANE and builder.shape_body[shape] >= 0 and solver == "mujoco":
-            reason = "is a plane on a rigid body, which MuJoCo does not take; use a box, or take it off the body"
-            raise StageError(name, builder.shape_label[shape], reason)
 
 
 def _group_masses(builder: newton.ModelBuilder, start: BuilderStart) -> dict[int, float]:
-    """For each body the mass of all that is welded to it: infinite where that is the world."""
+    """Mass of each body with everything that is welded to it; infinite where that is the world."""
+    # Union-find over the fixed joints; -1 is the world.
     group = {body: body for body in range(-1, builder.body_count)}
 
     def top(body: int) -> int:

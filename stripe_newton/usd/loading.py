@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stages that others wrote, read into a Newton ``ModelBuilder`` or refused with one clear reason."""
+"""Stage loading: a USD stage read into a Newton ``ModelBuilder``, or refused with one reason."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPh
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from .checks import BuilderStart, check_builder, check_stage
-from .extras import read_lights, read_semantics
 from .prepare import Ignored, prepare
-from .report import StageReport
-from .report_build import build_report
-from .stage import StageError, asset_prim, open_stage, stage_name, walk
+from .report_rows import build_report
+from .stage_access import StageError, open_stage, stage_name, walk
+from .stage_report import StageReport
 
-__all__ = ["StageError", "asset_prim", "inspect_stage", "load_stage", "read_lights", "read_semantics"]
+__all__ = ["inspect_stage", "load_stage"]
 
 
 def load_stage(
@@ -38,44 +37,48 @@ def load_stage(
 ) -> StageReport:
     """Read the rigid bodies, joints, shapes and sites of a stage into ``builder``, in SI units and Z up.
 
-    Labels in the builder are prim paths. Every body ends in an articulation: free bodies get a free joint, whose
+    Labels in the builder are prim paths. Every body is part of an articulation: a free body gets a free joint, whose
     coordinates are the body's world pose. Newton sets ``builder.gravity`` from the stage's first PhysicsScene; a
-    stage without one leaves it. The given stage is not changed.
+    stage without one leaves it unchanged. The given stage is not changed.
 
     Args:
-        builder: Where to. MuJoCo's custom attributes are registered on it, if they are not yet.
+        builder: Builder to add to. MuJoCo's custom attributes are registered on it if necessary.
         stage: A file, or an open stage.
-        root_path: Prim to load from; a PhysicsScene and materials outside it count too.
-        ignore_paths: Regular expressions; prims whose path starts with a match, and what is below, are left out.
-        solver: ``"mujoco"`` refuses joints that ``SolverMuJoCo`` does not take; any other name skips that check.
-        allow_static: Take a stage of static colliders, or of nothing but visible shapes.
+        root_path: Prim to load. A PhysicsScene and materials outside it are read too.
+        ignore_paths: Regular expressions; prims whose path starts with a match, and those below them, are left out.
+        solver: ``"mujoco"`` refuses joints that ``SolverMuJoCo`` does not support; any other name skips that check.
+        allow_static: Accept a stage of static colliders, or of visible shapes only.
 
     Raises:
-        StageError: the stage cannot be simulated. What ``builder`` then holds is unspecified.
+        StageError: the stage cannot be simulated. The content of ``builder`` is then undefined.
     """
     opened = open_stage(stage)
     name, ignore = stage_name(opened), tuple(ignore_paths)
     check_stage(opened, root_path, ignore, solver, allow_static, name)
     prepared, rows = prepare(opened, root_path, ignore)
     start = BuilderStart(builder)
+    # Whatever the solver: attributes of MuJoCo's schemas are read into these.
     if solver == "mujoco" or not any(a.namespace == "mujoco" for a in builder.custom_attributes.values()):
         SolverMuJoCo.register_custom_attributes(builder)
-    with _heard(rows):
+    with _warnings_as_rows(rows):
         try:
             result = builder.add_usd(
                 prepared,
                 root_path=root_path,
                 ignore_paths=list(ignore),
+                # The first that has an attribute decides: Newton's own schemas, then MuJoCo's, then PhysX's.
                 schema_resolvers=[SchemaResolverNewton(), SchemaResolverMjc(), SchemaResolverPhysx()],
                 load_sites=True,
                 load_visual_shapes=True,
                 skip_mesh_approximation=not _can_approximate(),
             )
         except (ValueError, RuntimeError, NotImplementedError, KeyError, ImportError) as error:
+            # What Newton's importer raises for stages that it does not support.
             reason = f"Newton does not read it: {str(error) or type(error).__name__}"
             raise StageError(name, _first_path(str(error), prepared), reason) from error
     _unmirror_meshes(builder, start.shape)
     _articulate_single_joints(builder, start.joint, rows)
+    # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     if not _can_approximate():
         rows.extend(_unapproximated(prepared, root_path, ignore))
@@ -84,7 +87,7 @@ def load_stage(
 
 
 def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> StageReport:
-    """What is in a stage, read as :func:`load_stage` reads it.
+    """Report on a stage, read as :func:`load_stage` reads it.
 
     Raises:
         StageError: the stage cannot be simulated.
@@ -96,13 +99,15 @@ def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> St
 
 
 def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]]:
-    """Bodies whose authored pose is not the one their joints' frames and initial positions give."""
+    """Rows of bodies whose authored pose differs from the one that their joints' frames and positions give."""
+    # The simulation starts where forward kinematics puts the bodies, not where the stage shows them.
     model = builder.finalize(device="cpu")
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     for label, authored, simulated in zip(builder.body_label, builder.body_q, state.body_q.numpy(), strict=True):
         pose = np.array(authored, dtype=np.float32)
         moved = float(np.linalg.norm(pose[:3] - simulated[:3]))
+        # The scalar product of two unit quaternions is the cosine of half the angle between them, or its negative.
         turned = 2.0 * float(np.arccos(min(1.0, abs(float(pose[3:] @ simulated[3:])))))
         if moved > 1e-3 or turned > 1e-2:
             what = f"its joints put it {moved:.3g} m and {np.degrees(turned):.3g} degrees from there"
@@ -110,7 +115,7 @@ def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]
 
 
 def _can_approximate() -> bool:
-    """Whether Newton can make hulls and boxes of meshes itself; without, MuJoCo makes a hull of every mesh."""
+    """Whether Newton can approximate meshes by hulls and boxes itself. If not, MuJoCo makes a hull of every mesh."""
     return importlib.util.find_spec("scipy") is not None
 
 
@@ -123,17 +128,18 @@ def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -
 
 
 @contextmanager
-def _heard(rows: Ignored) -> Iterator[None]:
-    """Gather what Newton warns of, by ``warnings`` or by its log, as rows of the report."""
+def _warnings_as_rows(rows: Ignored) -> Iterator[None]:
+    """Collect Newton's warnings, from ``warnings`` and from its log, as rows of the report."""
     handler = _ListHandler()
     logger = logging.getLogger("newton")
     logger.addHandler(handler)
     try:
         with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+            warnings.simplefilter("always")  # Python shows a warning once; each stage's report needs it
             yield
     finally:
         logger.removeHandler(handler)
+    # The same text may come by both ways, and for many prims.
     texts = [str(w.message) for w in caught if not issubclass(w.category, (ImportWarning, ResourceWarning))]
     rows.extend(("", "warning of Newton", text) for text in dict.fromkeys([*texts, *handler.texts]))
 
@@ -157,15 +163,16 @@ def _first_path(text: str, stage: Usd.Stage) -> str:
 
 
 def _unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
-    """Bake negative scales of meshes into their vertices: the MuJoCo solver refuses them."""
+    """Bake negative scales of meshes into their vertices, as the MuJoCo solver refuses them."""
     for shape in range(first, builder.shape_count):
         scale = np.array(builder.shape_scale[shape], dtype=np.float32)
         mesh = builder.shape_source[shape]
         if builder.shape_type[shape] not in (GeoType.MESH, GeoType.CONVEX_MESH) or (scale >= 0.0).all():
             continue
         faces = np.array(mesh.indices, dtype=np.int32).reshape(-1, 3)
-        if np.prod(np.sign(scale)) < 0.0:
+        if np.prod(np.sign(scale)) < 0.0:  # a mirror turns faces inside out, two mirrors are a rotation
             faces = faces[:, ::-1]
+        # A new mesh: the old one may be shared with shapes that are not mirrored.
         mirrored = newton.Mesh(
             np.array(mesh.vertices) * np.sign(scale),
             faces.reshape(-1).copy(),
@@ -185,10 +192,10 @@ def _unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
 
 
 def _articulate_single_joints(builder: newton.ModelBuilder, first: int, rows: Ignored) -> None:
-    """Make an articulation of a body that hangs on the world by one joint.
+    """Make an articulation of each body that one joint connects to the world.
 
-    OpenUSD's parser reports such an articulation without its body, so Newton leaves the joint out of every articulation
-    and its forward kinematics would skip it.
+    OpenUSD's parser reports such an articulation without its body. Newton then leaves the joint out of every
+    articulation, and its forward kinematics would skip it.
     """
     children = {builder.joint_child[j] for j in range(first, builder.joint_count) if builder.joint_articulation[j] >= 0}
     for joint in range(first, builder.joint_count):
@@ -201,13 +208,14 @@ def _articulate_single_joints(builder: newton.ModelBuilder, first: int, rows: Ig
 
 
 def _sort_articulations(builder: newton.ModelBuilder) -> None:
-    """Put articulations in the order of their joints, which ``finalize`` asks for."""
+    """Sort articulations by their joints, as ``finalize`` demands."""
     order = sorted(range(builder.articulation_count), key=lambda a: builder.articulation_start[a])
     if order == list(range(len(order))):
         return
     for name in ("articulation_start", "articulation_end", "articulation_label", "articulation_world"):
         values = getattr(builder, name)
         values[:] = [values[a] for a in order]
+    # What refers to articulations by index: joints, and custom attributes of articulations.
     new = {old: index for index, old in enumerate(order)}
     for joint, articulation in enumerate(list(builder.joint_articulation)):
         builder.joint_articulation[joint] = new.get(articulation, articulation)

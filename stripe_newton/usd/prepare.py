@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Edits, on a layer of our own, of what Newton's importer would read otherwise than UsdPhysics means it.
+"""Preparation of a stage for Newton's importer: edits where the importer would differ from UsdPhysics.
 
-The given stage is never changed: the edits stand in a session layer of a second stage on the same root layer.
+The given stage is never changed: the edits are made in the session layer of a second stage on the same root layer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from pxr import Sdf, Usd, UsdPhysics
 
-from .stage import StageError, api_schemas, stage_name, walk
+from .stage_access import StageError, api_schemas, stage_name, walk
 from .units import mixed_units, stage_units, to_si
 
 __all__ = ["Ignored", "prepare"]
@@ -23,14 +24,17 @@ _EQUALITIES = {"MjcEqualityConnectAPI", "MjcEqualityWeldAPI"}
 
 
 def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> tuple[Usd.Stage, Ignored]:
-    """A stage that Newton reads as UsdPhysics means it, and what was changed for that.
+    """Edit a stage so that Newton reads it as UsdPhysics defines it.
 
-    * other units than metres and kilograms: converted (:func:`to_si`);
-    * a rigid body that is not enabled becomes static geometry (Newton would let it fall);
-    * targets of ``physics:filteredGroups`` that do not exist are dropped (OpenUSD takes them for the group itself, and
-      its members would pass through each other);
-    * joints outside every articulation get one: a root at the joint to the world, else at the first body that is
-      nobody's child. Joints that close a loop are excluded from the tree and kept as constraints.
+    * Units other than metres and kilograms are converted (:func:`to_si`).
+    * A rigid body that is not enabled becomes static geometry (Newton would let it fall).
+    * Targets of ``physics:filteredGroups`` that do not exist are dropped (OpenUSD takes them for the group itself, and
+      its members would pass through each other).
+    * Joints outside every articulation get one. Its root is at the joint to the world, otherwise at the first body
+      that is no joint's child. Joints that close a loop are excluded from the tree and kept as constraints.
+
+    Returns:
+        The edited stage, and rows that say what was changed.
     """
     name, ignore = stage_name(stage), tuple(ignore)
     metres, kilograms = stage_units(stage)
@@ -40,24 +44,28 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
         rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))
         stage = converted
     edit = _Overlay(stage)
-    _disabled_bodies(edit, root_path, ignore, rows)
-    _dangling_groups(edit, rows)
-    _loose_joints(edit, root_path, ignore, rows, name)
+    _make_disabled_bodies_static(edit, root_path, ignore, rows)
+    _drop_dangling_groups(edit, rows)
+    _articulate_loose_joints(edit, root_path, ignore, rows, name)
     return edit.stage, rows
 
 
 class _Overlay:
-    """A stage that is opened a second time, with a session layer of our own, at the first edit."""
+    """A stage that is opened a second time, with a session layer of its own, at the first edit.
+
+    Most stages need no edit, and opening a large one again takes as long as the first time.
+    """
 
     def __init__(self, stage: Usd.Stage):
         self.stage = stage
         self._own = False
 
     def prim(self, path: Sdf.Path | str) -> Usd.Prim:
-        """The prim to edit; the instance it may stand in is made editable."""
+        """The prim to edit. An instance that it is part of is made editable."""
         if not self._own:
             self._open()
         prim = self.stage.GetPrimAtPath(path)
+        # Instances may be nested: making the outermost one editable may leave the prim in an inner one.
         while prim.IsInstanceProxy():
             instance = prim
             while not instance.IsInstance():
@@ -71,14 +79,16 @@ class _Overlay:
         if base.GetSessionLayer() is not None:
             session.subLayerPaths.append(base.GetSessionLayer().identifier)
         arguments = (base.GetRootLayer(), session, base.GetPathResolverContext())
+        # The same mask, load rules and muted layers, or the second stage would hold other prims than the first.
         self.stage = Usd.Stage.OpenMasked(*arguments, base.GetPopulationMask(), Usd.Stage.LoadAll)
         self.stage.SetLoadRules(base.GetLoadRules())
         self.stage.MuteAndUnmuteLayers(base.GetMutedLayers(), [])
         self.stage.SetEditTarget(session)
-        self._base, self._own = base, True  # the base keeps its session layer alive
+        self._base, self._own = base, True  # the reference keeps the base's session layer alive
 
 
-def _disabled_bodies(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored) -> None:
+def _make_disabled_bodies_static(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored) -> None:
+    # Paths, not prims: the first edit opens another stage.
     bodies = [p.GetPath() for p in walk(edit.stage, root_path, ignore) if p.HasAPI(UsdPhysics.RigidBodyAPI)]
     for path in bodies:
         if UsdPhysics.RigidBodyAPI(edit.stage.GetPrimAtPath(path)).GetRigidBodyEnabledAttr().Get() is False:
@@ -86,7 +96,7 @@ def _disabled_bodies(edit: _Overlay, root_path: str, ignore: tuple[str, ...], ro
             rows.append((str(path), "rigid body", "rigidBodyEnabled is false: its shapes are static geometry"))
 
 
-def _dangling_groups(edit: _Overlay, rows: Ignored) -> None:
+def _drop_dangling_groups(edit: _Overlay, rows: Ignored) -> None:
     for path in [p.GetPath() for p in edit.stage.Traverse() if p.IsA(UsdPhysics.CollisionGroup)]:
         targets = UsdPhysics.CollisionGroup(edit.stage.GetPrimAtPath(path)).GetFilteredGroupsRel().GetTargets()
         if path in targets:
@@ -98,28 +108,40 @@ def _dangling_groups(edit: _Overlay, rows: Ignored) -> None:
             rows.append((str(path), "filteredGroups", f"no such collision group: {', '.join(map(str, missing))}"))
 
 
-def _loose_joints(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored, name: str) -> None:
-    kept = {str(p.GetPath()) for p in walk(edit.stage, root_path, ignore)}
+class _Joint(NamedTuple):
+    """A joint and its bodies by path; ``""`` is the world."""
+
+    path: str
+    body0: str
+    body1: str
+
+
+def _articulate_loose_joints(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored, name: str) -> None:
+    """Make articulations of the mechanisms whose joints belong to none."""
     # OpenUSD 26.8 renamed the parser.
     parse = getattr(UsdPhysics, "UsdPhysicsLoadStageFromPrimRange", None) or UsdPhysics.LoadUsdPhysicsFromRange
     parsed = parse(edit.stage, [root_path])
     articulations = parsed.get(UsdPhysics.ObjectType.Articulation, ((), ()))[1]
-    owned_joints = {str(p) for a in articulations for p in a.articulatedJoints}
     owned_bodies = {str(p) for a in articulations for p in a.articulatedBodies if str(p)}
-    joints = []
-    for kind in _JOINT_TYPES:
-        for path, joint in zip(*parsed.get(getattr(UsdPhysics.ObjectType, kind), ((), ())), strict=True):
-            prim = edit.stage.GetPrimAtPath(path)
-            if (
-                joint.jointEnabled
-                and not joint.excludeFromArticulation
-                and str(path) in kept - owned_joints
-                and not _EQUALITIES.intersection(api_schemas(prim))
-            ):
-                joints.append((str(path), _body(joint.body0, kept), _body(joint.body1, kept)))
-    for component in _components(joints):
-        if not owned_bodies.intersection(body for _, a, b in component for body in (a, b)):
-            _articulate(edit, component, rows, name)
+    owned_joints = {str(p) for a in articulations for p in a.articulatedJoints}
+    kept = {str(p.GetPath()) for p in walk(edit.stage, root_path, ignore)}
+    loose = kept - owned_joints
+    joints = [
+        _Joint(str(path), _body(joint.body0, kept), _body(joint.body1, kept))
+        for kind in _JOINT_TYPES
+        for path, joint in zip(*parsed.get(getattr(UsdPhysics.ObjectType, kind), ((), ())), strict=True)
+        if str(path) in loose and _belongs_in_a_tree(edit.stage.GetPrimAtPath(path), joint)
+    ]
+    for mechanism in _mechanisms(joints):
+        # One that hangs on an articulation is left as it is: check_builder() asks for a root above both.
+        if not owned_bodies.intersection(body for joint in mechanism for body in joint[1:]):
+            _articulate(edit, mechanism, rows, name)
+
+
+def _belongs_in_a_tree(prim: Usd.Prim, joint: UsdPhysics.JointDesc) -> bool:
+    """Whether a joint is enabled, not excluded from articulations and no equality constraint of MuJoCo."""
+    excluded = not joint.jointEnabled or joint.excludeFromArticulation
+    return not excluded and not _EQUALITIES.intersection(api_schemas(prim))
 
 
 def _body(path: Sdf.Path, kept: set[str]) -> str:
@@ -127,11 +149,8 @@ def _body(path: Sdf.Path, kept: set[str]) -> str:
     return str(path) if str(path) in kept and str(path) != "/" else ""
 
 
-_Joint = tuple[str, str, str]  # path, body0, body1
-
-
-def _components(joints: list[_Joint]) -> list[list[_Joint]]:
-    """Joints grouped by what they connect; the world connects nothing."""
+def _mechanisms(joints: list[_Joint]) -> list[list[_Joint]]:
+    """Joints grouped into connected mechanisms. The world connects nothing."""
     groups: list[tuple[set[str], list[_Joint]]] = []
     for joint in joints:
         bodies = {body for body in joint[1:] if body}
@@ -148,35 +167,52 @@ def _components(joints: list[_Joint]) -> list[list[_Joint]]:
 
 
 def _articulate(edit: _Overlay, joints: list[_Joint], rows: Ignored, name: str) -> None:
-    """Root one mechanism and take the joints that close loops out of its tree."""
-    grounded = [j for j in joints if not j[1] or not j[2]]
-    between = [j for j in joints if j[1] and j[2]]
-    children = {j[2] for j in between}
-    bodies = list(dict.fromkeys(body for j in joints for body in j[1:] if body))
+    """Give one mechanism an articulation root, and exclude the joints that close loops from its tree."""
+    bodies = list(dict.fromkeys(body for joint in joints for body in joint[1:] if body))
     if len(bodies) == 1:
         return  # one body on joints to the world: done on the builder, OpenUSD would lose the body
-    root_body = (
-        (grounded[0][2] or grounded[0][1]) if grounded else next((b for b in bodies if b not in children), bodies[0])
-    )
-    reached, tree, growing = {root_body}, [], True
+    grounded = [joint for joint in joints if not joint.body0 or not joint.body1]
+    between = [joint for joint in joints if joint.body0 and joint.body1]
+    root_body = _root_body(bodies, grounded, between)
+    tree = _tree_from(root_body, between, name)
+    root = edit.prim(grounded[0].path if grounded else root_body)
+    UsdPhysics.ArticulationRootAPI.Apply(root)
+    rows.append((str(root.GetPath()), "joints without articulation", f"made one articulation of {len(bodies)} bodies"))
+    # A second joint between the same two bodies closes no loop: Newton merges the two into one D6 joint.
+    in_tree = {joint[1:] for joint in [*tree, *grounded[:1]]}
+    for joint in joints:
+        if joint[1:] not in in_tree:
+            UsdPhysics.Joint(edit.prim(joint.path)).CreateExcludeFromArticulationAttr(True)
+            why = "kept as a constraint, not a coordinate: no drive and no limit"
+            rows.append((joint.path, "joint closes a loop", why))
+
+
+def _root_body(bodies: list[str], grounded: list[_Joint], between: list[_Joint]) -> str:
+    """The body on the first joint to the world, otherwise the first body that is no joint's child."""
+    if grounded:
+        return grounded[0].body1 or grounded[0].body0
+    children = {joint.body1 for joint in between}
+    return next((body for body in bodies if body not in children), bodies[0])
+
+
+def _tree_from(root_body: str, joints: list[_Joint], name: str) -> list[_Joint]:
+    """Joints of a spanning tree that starts at ``root_body`` and leads from ``body0`` to ``body1``.
+
+    Raises:
+        StageError: a joint points the other way, from child to parent.
+    """
+    reached, tree, growing = {root_body}, list[_Joint](), True
     while growing:
         growing = False
-        for joint in between:
-            if joint[1] in reached and joint[2] not in reached:
-                reached.add(joint[2])
+        for joint in joints:
+            if joint.body0 in reached and joint.body1 not in reached:
+                reached.add(joint.body1)
                 tree.append(joint)
                 growing = True
-    lost = [j for j in between if j[1] not in reached]
+    lost = [joint for joint in joints if joint.body0 not in reached]
     if lost:
         reason = (
             f"points from child to parent in the tree that starts at {root_body}; swap physics:body0 and physics:body1"
         )
-        raise StageError(name, lost[0][0], reason)
-    same_pair = {(j[1], j[2]) for j in tree} | ({grounded[0][1:]} if grounded else set())
-    root = edit.prim(grounded[0][0] if grounded else root_body)
-    UsdPhysics.ArticulationRootAPI.Apply(root)
-    rows.append((str(root.GetPath()), "joints without articulation", f"made one articulation of {len(bodies)} bodies"))
-    for path, body0, body1 in joints:
-        if (body0, body1) not in same_pair:
-            UsdPhysics.Joint(edit.prim(path)).CreateExcludeFromArticulationAttr(True)
-            rows.append((path, "joint closes a loop", "kept as a constraint, not a coordinate: no drive and no limit"))
+        raise StageError(name, lost[0].path, reason)
+    return tree

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stage in other units than metres and kilograms, rewritten in SI.
+"""Stage units: a stage in units other than metres and kilograms, converted to SI.
 
-Newton reads lengths and masses as they are authored. A stage in centimetres is therefore copied (flattened) and each
-authored value of a known physical dimension is multiplied. The up axis is left alone: Newton rotates by itself.
+Newton reads lengths and masses as they are authored. A stage in centimetres is therefore copied (flattened), and each
+authored value of a known physical dimension is multiplied by a factor. The up axis stays: Newton rotates by itself.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-from .stage import open_stage
+from .stage_access import open_stage
 
 __all__ = ["mixed_units", "si_stage", "stage_units", "to_si"]
 
 # Exponents (length, mass) of a quantity; time and angle need no conversion.
 _LENGTH, _MASS, _FORCE, _TORQUE, _DENSITY = (1, 0), (0, 1), (1, 1), (2, 1), (-3, 1)
+# A force per length has no length left, a torque per angle is a torque.
 _LINEAR_GAIN, _ANGULAR_GAIN, _INERTIA = (0, 1), (2, 1), (2, 1)
 
 _BY_NAME: list[tuple[re.Pattern[str], tuple[int, int]]] = [
@@ -49,6 +50,7 @@ _BY_NAME: list[tuple[re.Pattern[str], tuple[int, int]]] = [
         (r"newton:inertia", _INERTIA),
     )
 ]
+# Names that mean a length or an angle, depending on the type of the joint.
 _BY_TYPE: dict[str, dict[str, tuple[int, int]]] = {
     "PhysicsPrismaticJoint": {
         "physics:lowerLimit": _LENGTH,
@@ -71,7 +73,7 @@ _BY_TYPE: dict[str, dict[str, tuple[int, int]]] = {
         "newton:limitDamping": _ANGULAR_GAIN,
     },
 }
-# Shapes whose size is in the schema: unauthored, it is this many stage units.
+# Default sizes of shapes in stage units. A size that is not authored must be scaled too, so it is authored first.
 _SHAPE_SIZES: dict[str, dict[str, float]] = {
     "Cube": {"size": 2.0},
     "Sphere": {"radius": 1.0},
@@ -83,16 +85,16 @@ _SHAPE_SIZES: dict[str, dict[str, float]] = {
 
 
 def stage_units(stage: Usd.Stage) -> tuple[float, float]:
-    """Metres and kilograms a unit of the stage. Unauthored metadata counts as SI, as Newton has it."""
+    """Metres and kilograms per unit of the stage. Metadata that is not authored means SI, as in Newton."""
     metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else 1.0
     authored = UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage)
     return metres, (UsdPhysics.GetStageKilogramsPerUnit(stage) if authored else 1.0)
 
 
 def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
-    """``(path, what, why)`` where units look wrong: files of other units referenced as they are, odd gravity.
+    """``(path, what, why)`` where units look wrong: referenced files with other units, or an unlikely gravity.
 
-    USD does not rescale what it references; the scale has to be authored where the reference is.
+    USD does not rescale referenced files; the scale must be authored where the reference is.
     """
     metres, rows = stage_units(stage)[0], []
     for layer in stage.GetUsedLayers():
@@ -102,6 +104,7 @@ def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
             rows.append(("/", "metersPerUnit", why))
     for prim in stage.Traverse():
         magnitude = UsdPhysics.Scene(prim).GetGravityMagnitudeAttr().Get() if prim.IsA(UsdPhysics.Scene) else None
+        # Such as 981 in a stage that claims metres: its lengths are centimetres.
         if magnitude is not None and magnitude * metres > 100.0:
             why = f"is {magnitude * metres:g} m/s^2: are lengths in other units than metersPerUnit {metres:g} says?"
             rows.append((str(prim.GetPath()), "gravityMagnitude", why))
@@ -109,10 +112,11 @@ def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
 
 
 def to_si(stage: Usd.Stage) -> Usd.Stage:
-    """The stage itself where it is in metres and kilograms, else a flattened copy that is."""
+    """The stage itself if it is in metres and kilograms, otherwise a flattened copy that is."""
     metres, kilograms = stage_units(stage)
     if math.isclose(metres, 1.0) and math.isclose(kilograms, 1.0):
         return stage
+    # Into one layer of our own: the files must not change, and one of them may be referenced several times.
     layer = stage.Flatten()
     prims: list[Sdf.PrimSpec] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, lambda path: _collect(layer, path, prims))
@@ -130,9 +134,9 @@ def to_si(stage: Usd.Stage) -> Usd.Stage:
 
 
 def si_stage(path: str | Path) -> Usd.Stage:
-    """A file to be referenced from a scene in metres, kilograms and Z up: converted where its units are others.
+    """Open a file to reference it from a scene in metres, kilograms and Z up, converted to these units.
 
-    USD neither rescales nor rotates what it references. A file with another up axis is warned of: it comes lying.
+    USD neither rescales nor rotates referenced files. A file with another up axis would lie on its side: it warns.
     """
     stage = open_stage(path)
     if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.z:
@@ -148,11 +152,12 @@ def _collect(layer: Sdf.Layer, path: Sdf.Path, prims: list[Sdf.PrimSpec]) -> Non
 
 def _add_shape_sizes(prim: Sdf.PrimSpec) -> None:
     for name, size in _SHAPE_SIZES.get(prim.typeName, {}).items():
-        if name not in prim.attributes:
+        if name not in prim.attributes:  # the default of the schema is in stage units, too
             Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Double).default = size
 
 
 def _dimension(type_name: str, name: str) -> tuple[int, int] | None:
+    """Exponents of length and mass in an attribute's unit; None for a number without unit."""
     if name in _SHAPE_SIZES.get(type_name, {}):
         return _LENGTH
     if name in _BY_TYPE.get(type_name, {}):
@@ -171,11 +176,12 @@ def _scale_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, factor: flo
 def _scaled(value: object, factor: float) -> object:
     if isinstance(value, (Gf.Matrix4d, Gf.Matrix4f)):
         matrix = type(value)(value)
-        for column in range(3):
+        for column in range(3):  # the translation alone: rotation and scale have no unit
             matrix[3, column] = matrix[3, column] * factor
         return matrix
     if isinstance(value, (int, float)):
         return value * factor
+    # Gf's vectors and Vt's arrays have no common base: they are told apart by the names of their types.
     if type(value).__name__.endswith("Array"):
         make: Callable[..., object] = getattr(Vt, type(value).__name__).FromNumpy
         numbers = np.array(value)

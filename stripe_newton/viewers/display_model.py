@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small model made only to be looked at: the static scene and copies of a few environments, in one world."""
+"""Display model: a small model for drawing, with the static scene and copies of a few environments in one world."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import newton
 import numpy as np
@@ -13,41 +12,47 @@ import warp as wp
 from stripe_kernels.picture import gather_bodies
 
 from .recolor import recolor_shapes
+from .viewed_simulation import ViewedSimulation
 
 __all__ = ["DisplayModel"]
 
 _ROUND_TYPES = (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)
 _COLLIDE = int(newton.ShapeFlags.COLLIDE_SHAPES) | int(newton.ShapeFlags.COLLIDE_PARTICLES)
 _GROUND_TYPES = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
-_MANY = 64
-"""Meshes that stand still which make a scene one in nature."""
+_NATURAL_MESHES = 64
+"""Number of static meshes from which a scene counts as outdoors."""
 
 
 class DisplayModel:
-    """Copies of chosen environments of a simulation in one world, kept in their current pose.
+    """Copies of chosen environments of a simulation in one world, in their current pose.
 
     Attributes:
         model: The display model, on the simulation's device.
-        state: Its state; :meth:`update` fills it.
+        state: Its state, set by :meth:`update`.
         roots: Index in the display state of each copy's first body, shape (number of copies,).
         colors: Linear RGB of each shape, shape (shape_count, 3).
         is_ground: Whether each shape is a plane, shape (shape_count,).
         textured: Whether a shape carries a texture.
-        scenery: Shapes that :class:`SceneryTracer` traces in the place of Newton's sensor, shape (n,).
+        scenery: Shapes that :class:`SceneryTracer` traces instead of Newton's sensor, shape (n,).
 
     Args:
-        sim: A simulation with ``template, static, env_origins, state, num_envs, device``.
+        sim: The simulation.
         env_ids: Which environments to copy.
-        floor: Add a floor below everything when the static scene is empty.
+        floor: Add a floor below everything if the static scene is empty.
         recolor: Replace colours that the stage did not author.
-        natural: Leave meshes that stand still to :class:`SceneryTracer`; None: if there are 64 of them.
+        natural: Leave static meshes to :class:`SceneryTracer`. None: if there are 64 of them or more.
 
     Raises:
         IndexError: An environment that the simulation does not have.
     """
 
     def __init__(
-        self, sim: Any, env_ids: Sequence[int], floor: bool = True, recolor: bool = True, natural: bool | None = None
+        self,
+        sim: ViewedSimulation,
+        env_ids: Sequence[int],
+        floor: bool = True,
+        recolor: bool = True,
+        natural: bool | None = None,
     ):
         env_ids = [int(i) for i in env_ids]
         wrong = [i for i in env_ids if not 0 <= i < sim.num_envs]
@@ -58,40 +63,21 @@ class DisplayModel:
         builder = newton.ModelBuilder()
         builder.begin_world()
         builder.add_builder(static)
-        first_shape, first_body = builder.shape_count, builder.body_count
+        self._static_shapes, self._first_body = builder.shape_count, builder.body_count
         for i in env_ids:
             origin = wp.vec3(*(float(x) for x in sim.env_origins[i]))
             builder.add_builder(template, xform=wp.transform(origin, wp.quat_identity()))
-        self._local = _local_bounds(builder)
-        self._static_shapes = first_shape
-        self.body_count = template.body_count
-        index = np.concatenate([np.arange(i * self.body_count, (i + 1) * self.body_count) for i in env_ids])
-        self._index = wp.array(index, dtype=wp.int32, device=sim.device)
-        self._first_body = first_body
-        self.roots = first_body + self.body_count * np.arange(len(env_ids))
-        self._shape_body = np.asarray(builder.shape_body, dtype=int)
-        self._shape_xform = np.asarray([list(x) for x in builder.shape_transform], dtype=float).reshape(-1, 7)
-        self._moves = np.append(np.tile(~_welded_to_world(template), len(env_ids)), False)  # [-1]: the world itself
-        if first_body:
-            self._moves = np.concatenate([np.zeros(first_body, dtype=bool), self._moves])
-        types = np.asarray(builder.shape_type, dtype=int)
+        self._index_bodies(builder, env_ids)
         if floor and not _has_ground(static, template):
+            # Under the lowest point of the current poses, and a little lower so that no surface flickers.
             heights = self._corners(self._pose(sim))[..., 2]
             builder.add_ground_plane(height=float(heights.min(initial=0.0, where=np.isfinite(heights))) - 1e-3)
-            types = np.asarray(builder.shape_type, dtype=int)
         builder.end_world()
         if recolor:
-            recolor_shapes(builder, first_shape, first_body, self.body_count, len(env_ids), template)
-        if self.body_count:
-            _separate_surfaces(builder, first_shape, first_body, self.body_count)
-        builder.shape_flags = [int(f) & ~_COLLIDE for f in builder.shape_flags]
-        if template.shape_count:
-            _keep_one_ground(builder, first_shape, template.shape_count)
-        self.scenery = _scenery(builder, first_shape, natural)
-        for i in self.scenery:
-            builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
+            recolor_shapes(builder, self._static_shapes, self._first_body, template)
+        self._prepare_shapes(builder, template, natural)
         self.sources = builder.shape_source
-        self.is_ground = types == int(newton.GeoType.PLANE)
+        self.is_ground = np.asarray(builder.shape_type, dtype=int) == int(newton.GeoType.PLANE)
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
         self.model = builder.finalize(device=sim.device, skip_all_validations=True)
@@ -99,8 +85,36 @@ class DisplayModel:
         self.body_q = np.zeros((0, 7))
         self.update()
 
+    def _index_bodies(self, builder: newton.ModelBuilder, env_ids: Sequence[int]) -> None:
+        """Keep which bodies and shapes of the builder are whose, before a floor is added to it."""
+        self.body_count = count = self._sim.template.body_count
+        index = np.concatenate([np.arange(i * count, (i + 1) * count) for i in env_ids])
+        self._index = wp.array(index, dtype=wp.int32, device=self._sim.device)
+        self.roots = self._first_body + count * np.arange(len(env_ids))
+        self._local = _local_bounds(builder)
+        self._shape_body = np.asarray(builder.shape_body, dtype=int)
+        self._shape_xform = np.asarray([list(x) for x in builder.shape_transform], dtype=float).reshape(-1, 7)
+        # The last element is for shapes on no body, whose body is -1: the world, which does not move.
+        self._moves = np.append(np.tile(~_welded_to_world(self._sim.template), len(env_ids)), False)
+        if self._first_body:
+            self._moves = np.concatenate([np.zeros(self._first_body, dtype=bool), self._moves])
+
+    def _prepare_shapes(
+        self, builder: newton.ModelBuilder, template: newton.ModelBuilder, natural: bool | None
+    ) -> None:
+        """Adapt the shapes to drawing: no collisions, no coinciding surfaces, scenery hidden from the sensor."""
+        if self.body_count:
+            _separate_surfaces(builder, self._static_shapes, self._first_body, self.body_count)
+        # Nothing collides in a model that is only looked at, and finalize() would pair all its shapes.
+        builder.shape_flags = [int(f) & ~_COLLIDE for f in builder.shape_flags]
+        if template.shape_count:
+            _keep_one_ground(builder, self._static_shapes, template.shape_count)
+        self.scenery = _scenery(builder, self._static_shapes, natural)
+        for i in self.scenery:
+            builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
+
     def update(self) -> np.ndarray:
-        """Take over the simulation's body poses and refit what the rays are traced against.
+        """Copy the body poses of the simulation and refit the hierarchy that rays are traced against.
 
         Returns:
             Poses of the display model's bodies on the host, (x, y, z, qx, qy, qz, qw), shape (bodies, 7).
@@ -110,15 +124,16 @@ class DisplayModel:
             args = [self._sim.state.body_q, self._index, out]
             wp.launch(gather_bodies, dim=len(self._index), inputs=args, device=self.model.device)
             self.body_q = self.state.body_q.numpy()
+        # A refit keeps the tree of the hierarchy and costs far less than a new one.
         if self.model.shape_count and self.model.bvh_shape_count_enabled:
             self.model.bvh_refit_shapes(self.state)
         return self.body_q
 
     def bounds(self) -> np.ndarray:
-        """Corners of the boxes around what a picture should show [m].
+        """Corners of the boxes around everything that a picture should show [m].
 
-        That is the shapes that can move, and of those that cannot (a rail, a base) what lies near them; where nothing
-        moves, every shape of the environment but its ground.
+        These are the shapes that can move and the parts of fixed ones (a rail, a base) near them. If nothing can move,
+        they are all shapes of the environment except its ground.
 
         Returns:
             Points in the world frame, shape (n, 3).
@@ -126,23 +141,25 @@ class DisplayModel:
         corners = self._corners(self.body_q)
         shown = np.isfinite(corners).all(axis=(1, 2))
         own = shown & (np.arange(len(shown)) >= self._static_shapes)
-        moving = own & self._moves[self._shape_body]
+        moving = own & self._moves[self._shape_body]  # a shape of the world has body -1: the last element
         if not moving.any():
             return corners[own if own.any() else shown].reshape(-1, 3)
         points = corners[moving].reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
+        # A long rail or a wide table would make the robot small: of fixed shapes only what is near counts.
         around = 1.3 * float((high - low).max())
         held = corners[own & ~moving]
         near = ((held.max(axis=1) >= low - around) & (held.min(axis=1) <= high + around)).all(axis=1)
         return np.concatenate([points, np.clip(held[near], low - around, high + around).reshape(-1, 3)])
 
-    def _pose(self, sim: Any) -> np.ndarray:
+    def _pose(self, sim: ViewedSimulation) -> np.ndarray:
+        """Poses of the copies' bodies, for use before there is a display model."""
         if not self.body_count:
             return np.zeros((0, 7))
         return np.concatenate([np.zeros((self._first_body, 7)), sim.state.body_q.numpy()[self._index.numpy()]])
 
     def _corners(self, body_q: np.ndarray) -> np.ndarray:
-        """Corners of each shape's box [m], world frame, shape (shapes, 8, 3); not finite where nothing shows."""
+        """Corners of each shape's box in the world frame [m], shape (shapes, 8, 3); not finite for hidden shapes."""
         pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
         corners = np.where(pick[None], self._local[:, None, 1], self._local[:, None, 0])
         with np.errstate(invalid="ignore"):
@@ -154,7 +171,7 @@ class DisplayModel:
 
 
 def _scenery(builder: newton.ModelBuilder, count: int, natural: bool | None) -> np.ndarray:
-    """Visible meshes and height fields without texture among the first ``count`` shapes, which all envs share."""
+    """Visible meshes and height fields without texture among the first ``count`` shapes, the static scene."""
     kinds = (int(newton.GeoType.MESH), int(newton.GeoType.HFIELD))
     visible = int(newton.ShapeFlags.VISIBLE)
     found = [
@@ -165,8 +182,9 @@ def _scenery(builder: newton.ModelBuilder, count: int, natural: bool | None) -> 
         and int(builder.shape_flags[i]) & visible
         and getattr(builder.shape_source[i], "texture", None) is None
     ]
+    # Height fields alone make no scene outdoors: a training terrain has one.
     meshes = sum(int(builder.shape_type[i]) == kinds[0] for i in found)
-    return np.array(found if (meshes >= _MANY if natural is None else natural) else [], dtype=int)
+    return np.array(found if (meshes >= _NATURAL_MESHES if natural is None else natural) else [], dtype=int)
 
 
 def _has_ground(static: newton.ModelBuilder, template: newton.ModelBuilder) -> bool:
@@ -174,9 +192,9 @@ def _has_ground(static: newton.ModelBuilder, template: newton.ModelBuilder) -> b
 
 
 def _separate_surfaces(builder: newton.ModelBuilder, first_shape: int, first_body: int, bodies: int) -> None:
-    """Make round shapes thinner by up to half a percent, each body's by another amount.
+    """Make round shapes thinner by up to half a percent, by a different amount for each body.
 
-    Capsules that meet in a joint share a surface there, and rays would hit now the one, now the other.
+    Capsules that meet in a joint share a surface there: rays would hit either of them at random.
     """
     for i in range(first_shape, builder.shape_count):
         body = int(builder.shape_body[i])
@@ -186,9 +204,9 @@ def _separate_surfaces(builder: newton.ModelBuilder, first_shape: int, first_bod
 
 
 def _keep_one_ground(builder: newton.ModelBuilder, first: int, count: int) -> None:
-    """Hide endless planes that coincide with the first copy's, shapes ``first`` to ``first + count``.
+    """Hide infinite planes that coincide with one of the first copy, shapes ``first`` to ``first + count``.
 
-    Each would slow every ray, and the two would flicker.
+    Each plane slows every ray, and coinciding planes flicker.
     """
     for i in range(first + count, builder.shape_count):
         endless = int(builder.shape_type[i]) == int(newton.GeoType.PLANE) and not any(builder.shape_scale[i][:2])
@@ -206,14 +224,14 @@ def _plane(xform: wp.transform) -> np.ndarray:
 
 
 def _transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points (..., 3) moved by poses (..., 7)."""
-    xyz, w = pose[..., 3:6], pose[..., 6:7]
+    """Points (..., 3) transformed by poses (..., 7)."""
+    xyz, w = pose[..., 3:6], pose[..., 6:7]  # quaternion: v + 2 w (q x v) + 2 q x (q x v)
     cross = 2.0 * np.cross(xyz, points)
     return points + w * cross + np.cross(xyz, cross) + pose[..., :3]
 
 
 def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
-    """Lower and upper corner of each shape in its own frame, shape (shapes, 2, 3); infinite: not shown, or a ground."""
+    """Lower and upper corner of each shape in its own frame, shape (shapes, 2, 3); infinite if hidden or a ground."""
     kinds = newton.GeoType
     bounds, known = np.full((builder.shape_count, 2, 3), np.inf), dict[int, np.ndarray]()
     for i, (kind, scale, source) in enumerate(zip(builder.shape_type, builder.shape_scale, builder.shape_source)):
@@ -222,11 +240,13 @@ def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
         a, b, c = (float(s) for s in scale)
         vertices = getattr(source, "vertices", None)
         if vertices is not None and len(vertices):
-            if id(source) not in known:
+            if id(source) not in known:  # thousands of shapes may share one mesh
                 points = np.asarray(vertices, dtype=float)
                 known[id(source)] = np.stack([points.min(axis=0), points.max(axis=0)])
+            # A negative scale swaps the corners.
             bounds[i] = np.sort(known[id(source)] * (a, b, c), axis=0)
             continue
+        # The meaning of the scale's values depends on the type, see newton.GeoType; a box has half extents.
         half = {
             kinds.SPHERE: (a, a, a),
             kinds.CAPSULE: (a, a, a + b),
@@ -238,7 +258,7 @@ def _local_bounds(builder: newton.ModelBuilder) -> np.ndarray:
 
 
 def _welded_to_world(template: newton.ModelBuilder) -> np.ndarray:
-    """Whether fixed joints alone lead from the world to a body, shape (body_count,)."""
+    """Whether only fixed joints connect a body to the world, shape (body_count,)."""
     welded = np.zeros(template.body_count, dtype=bool)
     fixed = int(newton.JointType.FIXED)
     joints = [
@@ -246,7 +266,7 @@ def _welded_to_world(template: newton.ModelBuilder) -> np.ndarray:
         for k, p, c in zip(template.joint_type, template.joint_parent, template.joint_child)
         if int(k) == fixed
     ]
-    for _ in joints:
+    for _ in joints:  # joints come in any order: each round reaches one body further
         for parent, child in joints:
             welded[child] |= parent < 0 or welded[parent]
     return welded

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Traces what stands still in great number, such as the trees of a forest, in the place of Newton's sensor."""
+"""Scenery tracer: rays against large numbers of static meshes, such as the trees of a forest."""
 
 from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import newton
 import numpy as np
 import warp as wp
 from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.spatial.transform import Rotation
 
 from stripe_kernels.picture_scenery import (
     FOLIAGE,
@@ -30,23 +31,27 @@ if TYPE_CHECKING:
 __all__ = ["SceneryTracer"]
 
 _FAR = 3000.0
+"""Length of the rays [m]."""
 _SUN_SPREAD = 0.005
 """Half the angle of the sun with the halo around it, for the softness of shadows [rad]."""
-_SMOOTH = 0.25
+_MIRROR_ROUGHNESS = 0.25
 """Roughness below which a mesh mirrors the sky."""
 _CELL = 2.0
-"""Side of a cell of the canopy's map [m]."""
+"""Side of a cell of the canopy map [m]."""
 _PIECES = 4
-"""Pieces of a picture for each thread, so that none waits long for another."""
+"""Pieces of a picture per thread, so that no thread waits long for another."""
+_MIN_RAYS_FOR_THREADS = 4096
+"""Number of rays from which a picture is shared by several threads."""
 
 
 class SceneryTracer:
-    """The scenery of a display model: meshes that stand still, and height fields.
+    """Traces the scenery of a display model: static meshes and height fields.
 
-    On the CPU a picture is traced by as many threads as there are cores.
+    It does what Newton's camera sensor cannot: shadows ray by ray, and leaves that let light through. On the CPU, as
+    many threads as there are cores share a picture.
 
     Args:
-        scene: Its ``scenery`` names the shapes.
+        scene: The display model; its ``scenery`` names the shapes.
     """
 
     def __init__(self, scene: DisplayModel):
@@ -57,8 +62,10 @@ class SceneryTracer:
         pose = model.shape_transform.numpy()[index]
         scale = model.shape_scale.numpy()[index]
         fields = np.array([isinstance(s, newton.Heightfield) for s in self._sources])
-        scale[fields] = 1.0
+        scale[fields] = 1.0  # Newton keeps the extent of a height field in the source, not in the scale
+        # scene/scenery.py marks meshes with double-sided triangles as leaves; Newton's Mesh knows no such thing.
         leaves = np.array([bool(getattr(s, "two_sided", False)) for s in self._sources])
+        # One hierarchy over the boxes of all shapes; inside a box the ray meets the mesh's own hierarchy.
         lower, upper = _boxes(bounds, pose, scale)
         make = {"device": self._device}
         self._bvh = wp.Bvh(wp.array(lower, dtype=wp.vec3, **make), wp.array(upper, dtype=wp.vec3, **make))
@@ -68,19 +75,21 @@ class SceneryTracer:
         meshes.pose = wp.array(pose, dtype=wp.transformf, **make)
         meshes.scale = wp.array(scale, dtype=wp.vec3f, **make)
         meshes.shape = wp.array(index.astype(np.int32), dtype=wp.int32, **make)
-        smooth = np.array([(getattr(s, "roughness", None) or 1.0) < _SMOOTH for s in self._sources])
+        smooth = np.array([(getattr(s, "roughness", None) or 1.0) < _MIRROR_ROUGHNESS for s in self._sources])
+        # The first that applies: a leaf may be smooth, too.
         kind = np.select([fields, leaves, smooth], [GROUND, FOLIAGE, SMOOTH], SOLID).astype(np.int32)
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)
         meshes.middle = wp.array(bounds.mean(axis=1).astype(np.float32), dtype=wp.vec3f, **make)
+        # Not 0: places in a mesh are taken relative to its size, and a flat mesh has none along one axis.
         half = np.maximum(0.5 * (bounds[:, 1] - bounds[:, 0]), 1.0e-3)
         meshes.half = wp.array(half.astype(np.float32), dtype=wp.vec3f, **make)
         self._ground(pose[fields])
         self._canopy(lower, upper, leaves)
         self._threads = (os.cpu_count() or 1) if self._device.is_cpu else 1
 
-    def trace(self, look: Look, rays: wp.array, casters: wp.array, images: dict[str, Any]) -> None:
-        """Add the scenery to ``images`` of rays, shape (n, 2): depth, shape, normal and detail."""
+    def trace(self, look: Look, rays: wp.array, casters: wp.array, images: dict[str, wp.array]) -> None:
+        """Add the scenery to the ``images`` depth, shape, normal and detail of rays, shape (n, 2)."""
         count = len(rays)
         buffers = [images[k] for k in ("depth", "shape", "normal", "detail")]
 
@@ -88,16 +97,18 @@ class SceneryTracer:
             args = [look, self._meshes, first, _SUN_SPREAD, rays, casters, *buffers]
             wp.launch(trace_scenery, dim=last - first, inputs=args, device=self._device)
 
-        if self._threads == 1 or count < 4096:
+        if self._threads == 1 or count < _MIN_RAYS_FOR_THREADS:
             piece(0, count)
             return
+        # Loaded before the threads start: each of them would load, and maybe compile, it otherwise.
         wp.load_module(trace_scenery.module.name, device=self._device)
+        # Warp's launches release the GIL while they run on the CPU, so threads do share the work.
         cuts = np.linspace(0, count, self._threads * _PIECES + 1).astype(int).tolist()
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(piece, cuts[:-1], cuts[1:]))
 
     def distances(self, origins: np.ndarray, directions: np.ndarray, limit: float) -> np.ndarray:
-        """How far one sees from each origin (n, 3) along each unit direction (m, 3), shape (n, m) [m]."""
+        """Free distance from each origin (n, 3) along each unit direction (m, 3), shape (n, m), up to ``limit`` [m]."""
         rays = [wp.array(a.astype(np.float32), dtype=wp.vec3f, device=self._device) for a in (origins, directions)]
         out = wp.empty(len(origins) * len(directions), dtype=wp.float32, device=self._device)
         args = [self._meshes, *rays, limit, out]
@@ -105,14 +116,14 @@ class SceneryTracer:
         return out.numpy().reshape(len(origins), len(directions))
 
     def air_at(self, eye: np.ndarray) -> float:
-        """Brightness of haze around a camera: 1 in the open, 0.35 under a closed canopy."""
+        """Brightness of the haze around a camera: 1 in the open, 0.35 under a closed canopy."""
         column, row = ((eye[:2] - self._corner) // _CELL).astype(int)
         if not (0 <= row < self._cover.shape[0] and 0 <= column < self._cover.shape[1]):
             return 1.0
         return float(1.0 - 0.65 * self._cover[row, column] * np.clip((self._top[row, column] - eye[2]) / 8.0, 0.0, 1.0))
 
     def _ground(self, poses: np.ndarray) -> None:
-        """Colours of the first height field that has them."""
+        """Copy the colours of the height field that has any."""
         meshes, found = self._meshes, None
         for source in self._sources:
             if isinstance(source, newton.Heightfield) and getattr(source, "colors", None) is not None:
@@ -128,14 +139,15 @@ class SceneryTracer:
         meshes.ground_cell = wp.vec2f(2.0 * found.hx / (columns - 1), 2.0 * found.hy / (rows - 1))
 
     def _canopy(self, lower: np.ndarray, upper: np.ndarray, leaves: np.ndarray) -> None:
-        """A map of how much of the sky is hidden by leaves above, and of how high they are."""
+        """Make a map of the share of the sky that leaves hide, and of the height of the leaves."""
         corner = lower[:, :2].min(axis=0)
         shape = np.ceil((upper[:, :2].max(axis=0) - corner) / _CELL).astype(int)[::-1] + 1
         cover, top = np.zeros(shape), np.full(shape, -1.0e3)
-        crowns = leaves & (upper[:, 2] - lower[:, 2] > 2.0)
+        crowns = leaves & (upper[:, 2] - lower[:, 2] > 2.0)  # lower leaves are undergrowth
         middle = 0.5 * (lower + upper)[crowns, :2] - corner
         radius = 0.25 * (upper - lower)[crowns, :2].sum(axis=1)
         reach = int(np.ceil(min(radius.max(initial=0.0), 12.0) / _CELL))
+        # A loop over the cells of the largest crown, each time for all crowns at once.
         for dy in range(-reach, reach + 1):
             for dx in range(-reach, reach + 1):
                 column, row = (middle // _CELL).astype(int).T + np.array([[dx], [dy]])
@@ -144,7 +156,7 @@ class SceneryTracer:
                 inside &= (row >= 0) & (column >= 0) & (row < shape[0]) & (column < shape[1])
                 np.add.at(cover, (row[inside], column[inside]), 1.0)
                 np.maximum.at(top, (row[inside], column[inside]), upper[crowns, 2][inside])
-        cover = gaussian_filter(1.0 - np.exp(-0.9 * cover), 1.0)
+        cover = gaussian_filter(1.0 - np.exp(-0.9 * cover), 1.0)  # crowns above one another: Beer's law
         top = maximum_filter(top, 5)
         self._cover, self._top, self._corner = cover, top, corner
         both = np.stack([cover, top], axis=-1).astype(np.float32)
@@ -153,10 +165,11 @@ class SceneryTracer:
         self._meshes.canopy_cell = _CELL
 
 
-def _bounds(source: Any) -> np.ndarray:
+def _bounds(source: newton.Mesh | newton.Heightfield) -> np.ndarray:
     """Lower and upper corner of a mesh or height field in its own frame [m], shape (2, 3)."""
     if isinstance(source, newton.Heightfield):
         return np.array([[-source.hx, -source.hy, source.min_z], [source.hx, source.hy, source.max_z]])
+    # Kept on the mesh itself: it is shared by thousands of shapes, and by the renderers of several pictures.
     known = getattr(source, "_box", None)
     if known is None:
         points = np.asarray(source.vertices, dtype=float)
@@ -165,9 +178,7 @@ def _bounds(source: Any) -> np.ndarray:
 
 
 def _boxes(bounds: np.ndarray, pose: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes along the axes of the world around boxes that are scaled, turned and moved, shapes (n, 3)."""
-    from scipy.spatial.transform import Rotation
-
+    """World-aligned boxes around scaled and posed boxes: lower and upper corners [m], shapes (n, 3)."""
     middle, half = bounds.mean(axis=1) * scale, 0.5 * (bounds[:, 1] - bounds[:, 0]) * scale
     turn = Rotation.from_quat(pose[:, 3:]).as_matrix()
     at = pose[:, :3] + np.einsum("nij,nj->ni", turn, middle)

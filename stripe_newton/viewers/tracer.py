@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a display model to a frame: rays by Newton's camera sensor, shading by kernels of our own."""
+"""Tracer: one frame of a display model, with rays by Newton's camera sensor and shading by own kernels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from newton.sensors import SensorCamera
 
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
 
-from .camera import camera_axes
+from .camera_framing import camera_axes
 from .display_model import DisplayModel
 from .lighting import Lighting
 from .scenery_tracer import SceneryTracer
@@ -20,19 +20,19 @@ from .viewer_cfg import ViewerCfg
 __all__ = ["Tracer"]
 
 _TALLEST = 25.0
-"""How far above what is shown something may stand and still cast its shadow there [m]."""
+"""Height above the shown region up to which things cast their shadow into it [m]."""
 
 _KEY = 0.16
-"""Mean brightness of scenery in a picture, linear, before highlights are compressed."""
+"""Mean linear brightness of scenery in a picture, before highlights are compressed."""
 _EXPOSE_EVERY = 5
-"""Frames between two looks at how bright the scenery is."""
+"""Frames between two measurements of the brightness of the scenery, each of which copies it to the host."""
 
 _TILES = ((0.8, 0.1), (1.4, 0.25), (25.0, 1.0), (120.0, 5.0), (math.inf, 25.0))
-"""Side of the ground's squares [m] by the camera's distance: pairs of a largest distance and a side."""
+"""Pairs of the camera's largest distance and the side of the ground's squares at it [m]."""
 
 
 class Tracer:
-    """The frames' buffers and the passes over them: shadow map, one ray a pixel, more rays on edges."""
+    """Buffers of a frame and the passes over them: shadow map, one ray per pixel, more rays on edges."""
 
     def __init__(self, scene: DisplayModel, cfg: ViewerCfg, lighting: Lighting):
         self._scene, self._cfg, self._lighting = scene, cfg, lighting
@@ -41,6 +41,7 @@ class Tracer:
         config = SensorCamera.RenderConfig(
             enable_textures=scene.textured, enable_backface_culling=False, enable_ambient_lighting=False
         )
+        # Newton's sensor finds what each ray hits; lights, shadows and fog are computed from that here.
         self._sensor = SensorCamera(scene.model, default_render_config=config, load_textures=scene.textured)
         pixels = self._width * self._height
         self.set_fov(cfg.fov)
@@ -49,15 +50,18 @@ class Tracer:
         self._colors = wp.array(scene.colors, dtype=wp.vec3f, device=self._device)
         self._is_ground = wp.array(scene.is_ground.astype(np.int32), dtype=wp.int32, device=self._device)
         self._transform = wp.zeros(1, dtype=wp.transformf, device=self._device)
+        # No shadows of a sun at the horizon: they would be longer than the shadow map reaches.
         size = cfg.shadow_resolution if cfg.shadows and lighting.to_sun[2] > 0.05 else 0
         self._shadow_size = size
         self._shadow_images = self._images(size * size) if size else {}
         self._casters = wp.empty(max(size * size, 1), dtype=wp.float32, device=self._device)
         self._sun_axes = camera_axes(lighting.to_sun, np.zeros(3))
+        self._shadow_half = math.nan  # equal to no size, so that the first frame makes the rays
         still = np.zeros(len(scene.colors) if len(scene.scenery) else 0, dtype=np.int32)
         still[scene.scenery] = 1
         self._still = wp.array(still, dtype=wp.int32, device=self._device)
         self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
+        # Room for a third of the pixels; beyond that, pixels on edges stay as they are.
         self._capacity = pixels // 3 if cfg.anti_aliasing else 0
         if self._capacity:
             self._edge_count = wp.zeros(1, dtype=wp.int32, device=self._device)
@@ -66,7 +70,7 @@ class Tracer:
             self._edge_images = self._images(self._capacity * SAMPLES)
 
     def set_fov(self, fov: float) -> None:
-        """Set the vertical field of view [deg]; the next frame is exposed anew."""
+        """Set the vertical field of view [deg]. The exposure starts anew at the next frame."""
         self._tan_y = math.tan(0.5 * math.radians(fov))
         self._tan_x = self._tan_y * self._width / self._height
         self._rays = wp.array(self._pinhole(), dtype=wp.vec3f, device=self._device)
@@ -79,6 +83,7 @@ class Tracer:
             self._trace_shadows(look)
         pose = _pose(eye, camera_axes(eye, target))
         pixels = self._width * self._height
+        # The sensor first: scenery overwrites a pixel where it is nearer.
         self._trace(pose, self._rays, self._main, (self._height, self._width))
         if self.scenery is not None:
             self.scenery.trace(look, self._rays.reshape((pixels, 2)), self._casters, self._main)
@@ -89,13 +94,14 @@ class Tracer:
         wp.launch(shade_pixels, dim=pixels, inputs=args, device=self._device)
         if self._capacity:
             self._smooth_edges(look, pose, surface, shared)
-        return np.array(self._picture.numpy()).reshape(self._height, self._width, 3)  # on the CPU numpy() shares memory
+        # A copy: on the CPU numpy() shares the memory that the next frame is written to.
+        return np.array(self._picture.numpy()).reshape(self._height, self._width, 3)
 
     def _expose(self) -> float:
-        """Exposure that shows the scenery as bright as a photograph would; it follows what is seen slowly."""
+        """Exposure that makes the scenery as bright as in a photograph. It adapts slowly, as a camera does."""
         if (self._frames % _EXPOSE_EVERY) == 0:
-            detail = self._main["detail"].numpy()[::7]
-            light = detail[detail[:, 3] < 0.0, :3].mean(axis=1)
+            detail = self._main["detail"].numpy()[::7]  # every seventh pixel says enough
+            light = detail[detail[:, 3] < 0.0, :3].mean(axis=1)  # w < 0: pixels of scenery, see picture_scenery.py
             if len(light) > 64:
                 level = math.exp(float(np.log(light + 0.01).mean()))
                 wanted = self._cfg.exposure * float(np.clip(_KEY / level, 0.8, 4.0))
@@ -107,6 +113,7 @@ class Tracer:
         self._edge_count.zero_()
         args = [look, *surface[1:], self._still, self._capacity, self._edge_count, self._edge_pixels, self._edge_rays]
         wp.launch(mark_edges, dim=self._width * self._height, inputs=args, device=self._device)
+        # Reading the number waits for the device, and saves tracing rays for all the room that there is.
         count = min(int(self._edge_count.numpy()[0]), self._capacity)
         if count == 0:
             return
@@ -120,11 +127,11 @@ class Tracer:
         wp.launch(resolve_edges, dim=count, inputs=args, device=self._device)
 
     def _trace_shadows(self, look: Look) -> None:
-        """Distances along parallel rays from the sun over the region of ``look``; other kernels read them."""
+        """Trace the shadow map: distances along parallel rays from the sun over the region of ``look``."""
         size, half = self._shadow_size, look.shadow_half
         center = np.array([look.shadow_center[i] for i in range(3)])
         pose = _pose(center + look.shadow_start * self._lighting.to_sun, self._sun_axes)
-        if getattr(self, "_shadow_half", None) != half:
+        if self._shadow_half != half:
             self._shadow_half = half
             self._shadow_rays = wp.array(_parallel(size, half), dtype=wp.vec3f, device=self._device)
         images = self._shadow_images
@@ -134,7 +141,7 @@ class Tracer:
 
     def _trace(self, pose: np.ndarray, rays: wp.array, images: dict[str, wp.array], size: tuple[int, int]) -> None:
         self._transform.assign(pose[None].astype(np.float32))
-        if not self._scene.model.bvh_shape_count_enabled:
+        if not self._scene.model.bvh_shape_count_enabled:  # nothing that the sensor could trace
             images["shape"].fill_(0xFFFFFFFF)
             return
         shaped = {k: v.reshape((1, *size)) for k, v in images.items() if v.size}
@@ -150,6 +157,7 @@ class Tracer:
 
     def _images(self, count: int) -> dict[str, wp.array]:
         kinds = {"depth": wp.float32, "shape": wp.uint32, "normal": wp.vec3f, "albedo": wp.uint32, "detail": wp.vec4f}
+        # Images that nobody reads stay empty, which saves their memory and the time to write them.
         sizes = {"albedo": count if self._scene.textured else 0, "detail": count if len(self._scene.scenery) else 0}
         return {k: wp.zeros(sizes.get(k, count), dtype=t, device=self._device) for k, t in kinds.items()}
 
@@ -159,6 +167,7 @@ class Tracer:
         y = (1.0 - (np.arange(self._height) + 0.5) / self._height * 2.0) * self._tan_y
         rays = np.zeros((self._height, self._width, 1, 2, 3), dtype=np.float32)
         rays[..., 0, 1, 0], rays[..., 0, 1, 1], rays[..., 0, 1, 2] = x[None], y[:, None], -1.0
+        # Directions of length 1: the sensor's depth then is the distance along the ray.
         rays[..., 1, :] /= np.linalg.norm(rays[..., 1, :], axis=-1, keepdims=True)
         return rays
 
@@ -170,6 +179,7 @@ class Tracer:
             setattr(look, name, wp.vec3f(*value))
         for name in ("to_sun", "sun", "sky", "ground", "horizon", "zenith"):
             setattr(look, name, wp.vec3f(*getattr(self._lighting, name)))
+        # Fog begins behind what the camera looks at, whatever the scale of the scene.
         reach = max(distance, 6.0)
         look.fog_start = 1.2 * reach
         look.fog_length = 9.0 * reach / self._cfg.fog if self._cfg.fog > 0 else 0.0
@@ -177,10 +187,13 @@ class Tracer:
         if self.scenery is not None:
             look.near, look.haze, look.air = self._cfg.near, self._cfg.haze, self.scenery.air_at(eye)
             look.exposure = self._exposure
+        # Squares as large as makes sense at this distance: smaller ones would be noise.
         look.tile = next(side for limit, side in _TILES if distance <= limit)
         look.shadow_size, look.shadow_half = self._shadow_size, radius
+        # Rays of the shadow map start above everything that may cast a shadow into the region.
         look.shadow_start = 2.0 * radius + _TALLEST
-        texel = 2.0 * radius / max(self._shadow_size, 1)  # whole texels only, or the shadows' edges crawl
+        # The map moves by whole texels only, or the edges of shadows would crawl as the camera moves.
+        texel = 2.0 * radius / max(self._shadow_size, 1)
         local = center @ sun
         local[:2] = np.round(local[:2] / texel) * texel
         look.shadow_center = wp.vec3f(*(sun @ local))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames to files: MP4 videos that browsers play, and images. Both appear under their name only when complete."""
+"""Video and image files: MP4 videos that browsers play, and images. A file gets its name only when complete."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ import os
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from av import VideoStream
+    from av.container import OutputContainer
+
 __all__ = ["VideoWriter", "save_image"]
 
+# libx264 is not in every build of FFmpeg, as it is under the GPL.
 _CODECS = ("libx264", "libopenh264", "h264_videotoolbox")
 
 
 class VideoWriter:
-    """Writes an H.264 video (MP4, yuv420p, ready to stream) frame by frame; PyAV brings the encoder with it.
+    """Writes an H.264 video (MP4, yuv420p, ready to stream) frame by frame. PyAV includes the encoder.
 
     ::
 
@@ -26,11 +31,11 @@ class VideoWriter:
                 video.add(renderer.render())
 
     The first frame sets the size. H.264 needs even numbers: an odd width or height is made even by repeating the
-    last column or row. The file is written beside its final place and renamed at the end; if the block is left by an
-    exception nothing remains.
+    last column or row. The file is written under a temporary name beside the final one and renamed at the end. If the
+    block is left by an exception, no file remains.
 
     Args:
-        path: File to write; its folder is made if need be, a file of that name is replaced.
+        path: File to write. Its folder is created if necessary; a file of that name is replaced.
         fps: Frames a second.
         crf: Quality, 0 (lossless) to 51; lower is larger.
 
@@ -46,8 +51,8 @@ class VideoWriter:
             raise ValueError(f"VideoWriter: '{self.path}' must end in .mp4")
         self._fps, self._crf = Fraction(fps).limit_denominator(1001), crf
         self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
-        self._container: Any = None
-        self._stream: Any = None
+        self._container: OutputContainer | None = None
+        self._stream: VideoStream  # exists with the container
         self._shape: tuple[int, ...] = ()
         self._closed = False
         self.frame_count = 0
@@ -70,25 +75,24 @@ class VideoWriter:
             ValueError: Another type or shape.
             RuntimeError: The video is closed, or no H.264 encoder is installed.
         """
-        import av
+        import av  # here and not at the top: saving an image needs no encoder
 
         if self._closed:
             raise RuntimeError(f"VideoWriter: '{self.path}' is closed; no frame can be added")
         frame = _checked(frame)
-        if self._container is None:
-            self._open(frame.shape)
-        elif frame.shape != self._shape:
+        container = self._container or self._open(frame.shape)
+        if frame.shape != self._shape:
             raise ValueError(f"VideoWriter: frame has shape {frame.shape}, the first one had {self._shape}")
         height, width = frame.shape[:2]
         if height % 2 or width % 2:
             frame = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
         picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
         picture.pts = self.frame_count
-        self._container.mux(self._stream.encode(picture))
+        container.mux(self._stream.encode(picture))
         self.frame_count += 1
 
     def close(self) -> None:
-        """Finish the file and give it its name. A second call does nothing.
+        """Finish the file and give it its final name. A second call does nothing.
 
         Raises:
             ValueError: No frame was added.
@@ -99,32 +103,37 @@ class VideoWriter:
         if self._container is None:
             raise ValueError(f"VideoWriter: '{self.path}' was closed without a frame; add at least one")
         try:
-            self._container.mux(self._stream.encode(None))
+            self._container.mux(self._stream.encode(None))  # None: flush the encoder
             self._container.close()
             os.replace(self._partial, self.path)
         finally:
             self._partial.unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Drop what was written; no file remains."""
+        """Discard what was written; no file remains."""
         self._closed = True
         if self._container is not None:
             self._container.close()
             self._partial.unlink(missing_ok=True)
 
-    def _open(self, shape: tuple[int, ...]) -> None:
-        import av
+    def _open(self, shape: tuple[int, ...]) -> OutputContainer:
+        """Open the file and start the stream, for frames of the given shape."""
+        import av  # see add()
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
         codec = next((c for c in _CODECS if c in av.codecs_available), None)
         if codec is None:
             raise RuntimeError(f"VideoWriter: PyAV {av.__version__} has no H.264 encoder; reinstall it: pip install av")
         self._shape = shape
-        self._container = av.open(str(self._partial), mode="w", format="mp4", options={"movflags": "+faststart"})
+        # faststart: the index comes first, so that a browser plays before it has the whole file.
+        options = {"movflags": "+faststart"}
+        self._container = container = av.open(str(self._partial), mode="w", format="mp4", options=options)
+        # Both are options of libx264 alone.
         options = {"crf": str(self._crf), "preset": "veryfast"} if codec == "libx264" else {}
-        self._stream = self._container.add_stream(codec, rate=self._fps, options=options)
+        self._stream = container.add_stream(codec, rate=self._fps, options=options)
         self._stream.height, self._stream.width = shape[0] + shape[0] % 2, shape[1] + shape[1] % 2
         self._stream.pix_fmt = "yuv420p"
+        return container
 
 
 def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
@@ -133,7 +142,7 @@ def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
     Raises:
         ValueError: Another type or shape, or an unknown ending.
     """
-    from PIL import Image
+    from PIL import Image  # here and not at the top: writing a video needs no image formats
 
     path = Path(path)
     kinds = Image.registered_extensions()
@@ -149,6 +158,7 @@ def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
 
 
 def _checked(frame: np.ndarray) -> np.ndarray:
+    """``frame`` if it is a picture, or an error that says what it is."""
     if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
         got = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
         raise ValueError(f"frame: got {got}, expected a NumPy array, uint8, shape (height, width, 3)")

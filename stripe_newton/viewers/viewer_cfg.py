@@ -1,97 +1,109 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a picture of an environment shows, from where, and how large."""
+"""Viewer config: camera, size and style of the pictures of environments. Imports nothing heavy."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from stripe_newton.configclass import configclass
 
 __all__ = ["ORIGIN_TYPES", "ViewerCfg"]
 
 ORIGIN_TYPES = ("world", "env", "asset_root", "asset_heading")
-"""What ``eye`` and ``lookat`` may be measured from."""
+"""Possible values of ``origin_type``."""
 
 
 @configclass
 class ViewerCfg:
-    """The camera of ``env.render()`` and of the videos that training and playing write."""
+    """Camera and style of ``env.render()`` and of the videos that training and playing write."""
 
     eye: tuple[float, float, float] | None = None
-    """Camera position [m], relative to ``origin_type``. None: the environment is framed automatically."""
+    """Camera position [m], relative to ``origin_type``. None: automatic framing of the environment."""
 
     lookat: tuple[float, float, float] | None = None
     """Point in the middle of the picture [m], relative to ``origin_type``. Set it together with ``eye``."""
 
     origin_type: str = "env"
-    """What ``eye`` and ``lookat`` are measured from: ``"world"``, ``"env"`` (the origin of environment ``env_index``),
-    ``"asset_root"`` (the root body of ``asset_name`` in environment ``env_index``: the camera follows it, without
-    turning with it) or ``"asset_heading"`` (it turns with it, too, and comes nearer where something hides it)."""
+    """Frame of ``eye`` and ``lookat``: ``"world"``, ``"env"`` (the origin of environment ``env_index``),
+    ``"asset_root"`` (the root body of ``asset_name`` in environment ``env_index``; the camera follows it without
+    turning) or ``"asset_heading"`` (the camera also turns with it, and comes nearer where scenery hides it)."""
 
     asset_name: str | None = None
-    """The asset that ``origin_type="asset_root"`` follows: a name in its prim path, such as ``"Robot"``, in any case.
-    None: the environment's first asset."""
+    """Asset that ``origin_type="asset_root"`` follows: a name in its prim path, such as ``"Robot"``, in any case.
+    None: the first asset of the environment."""
 
     env_index: int = 0
-    """The environment shown, when the caller names no others."""
+    """Environment to show, unless the caller names others."""
 
     resolution: tuple[int, int] = (640, 360)
-    """Width and height of the picture [px]. Videos need even numbers."""
+    """Width and height of the picture [px]. In videos, odd numbers are made even."""
 
     fov: float = 35.0
     """Vertical field of view [deg]."""
 
     azimuth: float | None = None
-    """Automatic framing: direction in which the camera stands, about +Z from +X [deg]. None: -55, or for what is long
-    and thin, 25 off the perpendicular of its long side."""
+    """Automatic framing: direction from the scene to the camera, about +Z from +X [deg]. None: -55, or 25 from the
+    perpendicular of the long side if the scene is long and thin."""
 
     elevation: float = 13.0
-    """Automatic framing: height of the camera over the horizon [deg]."""
+    """Automatic framing: angle of the camera above the horizon [deg]."""
 
     margin: float = 1.35
-    """Automatic framing: how much wider the picture is than what it must show."""
+    """Automatic framing: size of the picture relative to the scene in it."""
 
     follow: bool = True
-    """Automatic framing: move with robots that are not bolted down, when they walk away."""
+    """Automatic framing: move with robots that are not fixed to the ground."""
 
     follow_time: float = 8.0
-    """Over how many frames the followed robot's motion is smoothed; 0 follows rigidly."""
+    """Number of frames over which the motion of the followed robot is smoothed; 0 follows rigidly."""
 
     anti_aliasing: bool = True
-    """Smooth outlines: pixels on an edge are traced four times more. Costs about a quarter of a frame.
-    Outdoors, of robots alone."""
+    """Smooth outlines: pixels on an edge are traced four more times, which takes about a quarter of a frame's time.
+    Outdoors, only the outlines of robots are smoothed."""
 
     shadows: bool = True
     """Soft shadows of the sun."""
 
     shadow_resolution: int = 256
-    """Side of the shadow map [px], whose rays are traced for every frame; smaller gives softer shadows."""
+    """Side of the shadow map [px], which is traced for every frame; a smaller map gives softer shadows."""
 
     fog: float = 1.0
-    """How strongly distance fades into the horizon; 0 switches it off."""
+    """Strength of the fog that fades distant things into the horizon; 0 switches it off."""
 
     natural: bool | None = None
-    """Draw meshes that stand still as outdoors: all of them cast shadows, ray by ray; grain on ground and bark, light
-    through leaves, haze. None: where the scene has 64 or more."""
+    """Draw static meshes as outdoors: all of them cast ray-traced shadows, with grain on ground and bark, light through
+    leaves, and haze. None: if the scene has 64 or more of them."""
 
     near: float = 0.0
-    """Outdoors: what stands nearer to the camera is not seen [m], so that no leaf in front of it hides all."""
+    """Outdoors: scenery nearer to the camera is not drawn [m], so that no leaf in front of it hides everything."""
 
     haze: float = 0.004
-    """Outdoors: share of the light that is lost to haze on each metre [1/m], in the place of ``fog``."""
+    """Outdoors: share of the light that haze absorbs per metre [1/m]; it replaces ``fog``."""
 
     exposure: float = 1.0
-    """Outdoors: factor on the exposure, which adapts to what is seen."""
+    """Outdoors: factor on the exposure, which adapts to the picture."""
 
     floor: bool = True
-    """Draw a floor under a scene that has no ground of its own."""
+    """Draw a floor under a scene without ground."""
 
     recolor: bool = True
-    """Give shapes for which the stage has no colour one of a small palette, by body."""
+    """Give shapes without a colour in the stage one of a small palette, by body."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         """Pairs of a field and what is wrong with it, for :meth:`validate`."""
+        yield from self._camera_problems()
+        if not _numbers(self.resolution, 2) or any(int(n) != n or not 16 <= n <= 8192 for n in self.resolution):
+            yield "resolution", f"got {self.resolution!r}, expected (width, height), whole numbers from 16 to 8192"
+        if isinstance(self.env_index, bool) or not isinstance(self.env_index, int) or self.env_index < 0:
+            yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
+        for name, low, high in _RANGES:
+            value = getattr(self, name)
+            if value is None and name == "azimuth":
+                continue
+            if not _numbers((value,), 1) or not low <= value <= high:
+                yield name, f"got {value!r}, expected a number from {low:g} to {high:g}"
+
+    def _camera_problems(self) -> Iterator[tuple[str, str]]:
         for name in ("eye", "lookat"):
             value = getattr(self, name)
             if value is not None and not _numbers(value, 3):
@@ -103,16 +115,6 @@ class ViewerCfg:
             yield "lookat", f"is the same point as eye, {tuple(self.eye)}; the camera needs a direction"
         if self.origin_type not in ORIGIN_TYPES:
             yield "origin_type", f"got {self.origin_type!r}, expected one of {', '.join(map(repr, ORIGIN_TYPES))}"
-        if not _numbers(self.resolution, 2) or any(int(n) != n or not 16 <= n <= 8192 for n in self.resolution):
-            yield "resolution", f"got {self.resolution!r}, expected (width, height), whole numbers from 16 to 8192"
-        if isinstance(self.env_index, bool) or not isinstance(self.env_index, int) or self.env_index < 0:
-            yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
-        for name, low, high in _RANGES:
-            value = getattr(self, name)
-            if value is None and name == "azimuth":
-                continue
-            if not _numbers((value,), 1) or not low <= value <= high:
-                yield name, f"got {value!r}, expected a number from {low:g} to {high:g}"
 
 
 _RANGES = (
@@ -129,7 +131,8 @@ _RANGES = (
 )
 
 
-def _numbers(value: Any, count: int) -> bool:
+def _numbers(value: object, count: int) -> bool:
+    """Whether a value is a sequence of so many finite numbers."""
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != count:
         return False
     return all(isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < 1e9 for v in value)

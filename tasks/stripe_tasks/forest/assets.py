@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from stripe_newton.spec import AssetInstance, AssetSpec, DynamicMesh, TerrainInstance
-from stripe_newton.spec.places import footprints
+from stripe_newton.specifications import AssetInstance, AssetSpec, DynamicMesh, TerrainInstance
+from stripe_newton.specifications.places import footprints
 
 from .growth import SPECIES, GrowthCfg, grow
 from .library import BRANCHES, LOGS, ROCK_RADIUS, kinds, tree_choice, tree_meshes

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from stripe_newton.spec import Collider, DynamicMesh
+from stripe_newton.specifications import Collider, DynamicMesh
 
 from .stones import capsule_between, check_positive, face_normals, reach_on_ground, split_faces, tinted, tube
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from stripe_newton.spec import DynamicMesh
+from stripe_newton.specifications import DynamicMesh
 
 from .deadwood import branch, fallen_trunk, stump
 from .stones import rock

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.spec import AssetMesh, TerrainInstance
+from stripe_newton.specifications import AssetMesh, TerrainInstance
 
 from .darts import sample_map
 

@@ -14,7 +14,7 @@ from stripe_newton.configclass import configclass
 from stripe_newton.envs import ManagerBasedRLEnv, mdp
 from stripe_newton.managers import CurriculumTermCfg, ObservationTermCfg, RewardTermCfg, TerminationTermCfg
 from stripe_newton.rl import RslRlPpoAlgorithmCfg
-from stripe_newton.spec import TaskEnvCfg, TrainingSpec
+from stripe_newton.specifications import TaskEnvCfg, TrainingSpec
 from stripe_tasks import navigation_terms
 from stripe_tasks.goal_marker import GoalMarked, goal_marker
 

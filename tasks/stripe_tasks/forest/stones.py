@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from stripe_newton.spec import Collider, DynamicMesh, MeshPart
+from stripe_newton.specifications import Collider, DynamicMesh, MeshPart
 
 __all__ = [
     "capsule_between",

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from stripe_newton.spec import Collider, DynamicMesh, MeshPart
+from stripe_newton.specifications import Collider, DynamicMesh, MeshPart
 
 from .traits import BREAST_HEIGHT
 from .tree_crowns import Crown, Stem, beech, birch, oak, pine, spruce

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from stripe_newton.spec import DynamicMesh, MeshPart
+from stripe_newton.specifications import DynamicMesh, MeshPart
 
 from .stones import check_positive, tinted, tube
 

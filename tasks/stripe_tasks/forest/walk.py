@@ -27,7 +27,7 @@ from stripe_newton.rl import RslRlPpoAlgorithmCfg
 from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.sensors import ContactSensorCfg, GridPatternCfg, RayCasterCfg
 from stripe_newton.sim import MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationCfg
-from stripe_newton.spec import SceneSpec, TaskEnvCfg, TileGridSpec, TrainingSpec
+from stripe_newton.specifications import SceneSpec, TaskEnvCfg, TileGridSpec, TrainingSpec
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from stripe_tasks.velocity import (

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import trimesh
 
-from stripe_newton.spec import Collider, MeshPart
+from stripe_newton.specifications import Collider, MeshPart
 
 from .making import BROKEN, CONCRETE, STEEL, bent, mottled, piece, shades, stub_bars
 from .rafts import raft, upright

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from stripe_newton.spec import Collider, MeshPart
+from stripe_newton.specifications import Collider, MeshPart
 
 from .resting import Piece
 from .shapes import Surface, bar, joined

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from stripe_newton.spec import Collider, MeshPart
+from stripe_newton.specifications import Collider, MeshPart
 
 from .making import BRICKS, CONCRETE, MORTAR, PIPES, PLASTER, piece, shades
 from .rafts import raft, upright

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.spec import AssetInstance, AssetSpec, TerrainInstance
+from stripe_newton.specifications import AssetInstance, AssetSpec, TerrainInstance
 
 from .library import kinds
 from .relief import RubbleTerrain

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from stripe_newton.spec import Collider
+from stripe_newton.specifications import Collider
 
 __all__ = ["MOST", "raft", "upright"]
 

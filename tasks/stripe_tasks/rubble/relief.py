@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import ndimage
 
-from stripe_newton.spec import TerrainInstance
+from stripe_newton.specifications import TerrainInstance
 
 __all__ = ["REPOSE", "Building", "RubbleTerrain", "blocks", "colors", "heap_up", "repose", "roughen", "street_map"]
 

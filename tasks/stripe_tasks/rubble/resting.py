@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.spec import AssetInstance, DynamicMesh, TerrainInstance
+from stripe_newton.specifications import AssetInstance, DynamicMesh, TerrainInstance
 
 __all__ = ["Piece", "Support", "spread"]
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg
-from stripe_newton.spec import Places, SceneSpec, TerrainInstance
-from stripe_newton.spec.places import walkable
+from stripe_newton.specifications import Places, SceneSpec, TerrainInstance
+from stripe_newton.specifications.places import walkable
 from stripe_newton.terrains import Ground
 
 from .pieces import Bars, Debris, Loose, Standing

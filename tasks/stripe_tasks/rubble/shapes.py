@@ -8,7 +8,7 @@ import math
 import numpy as np
 from scipy.spatial import Delaunay
 
-from stripe_newton.spec import MeshPart
+from stripe_newton.specifications import MeshPart
 
 __all__ = ["Surface", "bar", "boxes", "broken_outline", "joined", "plate", "toned", "tube"]
 

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training specification: a scene, a robot and a task, combined into the config of an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from stripe_newton.assets import ArticulationCfg
+from stripe_newton.configclass import configclass
+from stripe_newton.envs import DefaultEventsCfg, ManagerBasedRLEnv, ManagerBasedRLEnvCfg
+from stripe_newton.registration import register_task
+from stripe_newton.scene import ObstaclesCfg
+from stripe_newton.sim import SimulationCfg
+from stripe_newton.viewers import ViewerCfg
+
+from .scene_cfg_factory import SceneEntryCfg
+from .scene_spec import SceneSpec
+
+__all__ = ["TaskEnvCfg", "TrainingSpec"]
+
+TermsCfg: TypeAlias = Any
+"""Config of a manager: a config class with a field for each term, or a dict of terms. Type checkers accept any field of
+it, as each task has its own."""
+
+
+class _CopyMaker:
+    """Makes copies of a config.
+
+    Gymnasium copies the arguments of a registered environment each time it is looked up. That must not copy the
+    config, which may hold a large scene.
+    """
+
+    def __init__(self, cfg: TaskEnvCfg):
+        self._cfg = cfg
+
+    def __call__(self) -> TaskEnvCfg:
+        return self._cfg.copy()
+
+    def __deepcopy__(self, memo: dict[int, object]) -> _CopyMaker:
+        return self
+
+
+@configclass
+class TaskEnvCfg(ManagerBasedRLEnvCfg):
+    """Config of an environment, made by a :class:`TrainingSpec`."""
+
+    def register(
+        self,
+        task_id: str,
+        rsl_rl_cfg: str | Callable[[], object] | None = None,
+        env: str | Callable[..., ManagerBasedRLEnv] = ManagerBasedRLEnv,
+    ) -> str:
+        """Register a task with gymnasium; every environment gets a copy of this config.
+
+        Args:
+            task_id: Such as ``"My-Forest-v0"``.
+            rsl_rl_cfg: Class or function that makes the rsl_rl config, or its ``"module:name"``. None: no such config.
+            env: Class of the environment, or its ``"module:Class"``.
+
+        Returns:
+            ``task_id``.
+        """
+        register_task(task_id, env=env, env_cfg=_CopyMaker(self), rsl_rl_cfg=rsl_rl_cfg)
+        return task_id
+
+
+@dataclass
+class TrainingSpec:
+    """A scene and a task to train in it. Each can be replaced without the other: ``replace(spec, scene=other)``.
+
+    The configs of managers are those of :class:`ManagerBasedRLEnvCfg`.
+
+    Attributes:
+        scene: The scene.
+        robot: The robot.
+        observations: Observation groups.
+        actions: Action terms.
+        rewards: Reward terms.
+        terminations: Termination terms.
+        events: Event terms. By default a reset brings every asset to its default state.
+        commands: Command terms.
+        curriculum: Curriculum terms.
+        metrics: Metric terms.
+        sensors: Sensor configs by name.
+        obstacles: Collider slots for the assets of the scene, so that the time of a step does not depend on their
+            number; terms read them as ``obstacles``. None: every collider is a shape of the model.
+        assets: Further assets by name.
+        sim: Time step and solver.
+        num_envs: Number of environments.
+        env_spacing: Distance between their origins [m].
+    """
+
+    scene: SceneSpec
+    robot: ArticulationCfg
+    observations: TermsCfg
+    actions: TermsCfg
+    rewards: TermsCfg
+    terminations: TermsCfg
+    events: TermsCfg = field(default_factory=DefaultEventsCfg)
+    commands: TermsCfg = None
+    curriculum: TermsCfg = None
+    metrics: TermsCfg = None
+    sensors: Mapping[str, SceneEntryCfg] = field(default_factory=dict)
+    obstacles: ObstaclesCfg | None = None
+    assets: Mapping[str, SceneEntryCfg] = field(default_factory=dict)
+    sim: SimulationCfg = field(default_factory=SimulationCfg)
+    num_envs: int = 4096
+    env_spacing: float = 2.0
+
+    def to_env_cfg(
+        self,
+        viewer: ViewerCfg | None = None,
+        decimation: int = 4,
+        episode_length_s: float = 20.0,
+        seed: int = 0,
+        debug_models: bool = False,
+    ) -> TaskEnvCfg:
+        """The config of the environment. The scene is generated when the environment is made.
+
+        Args:
+            viewer: Camera of videos. None: the default one.
+            decimation: Physics steps per environment step.
+            episode_length_s: Duration of an episode [s].
+            seed: Seed of the scene, ``cfg.scene.scenery.spawn.seed``.
+            debug_models: Whether the scene contains markers.
+
+        Raises:
+            ValueError: if a sensor and an asset have one name.
+        """
+        factory = self.scene.create_instance(self.num_envs, self.env_spacing, debug_models, seed)
+        for name, cfg in self.assets.items():
+            factory.add_asset(name, cfg)
+        if self.obstacles is not None:
+            # The colliders are then those of the scene's assets, whatever the config says of positions.
+            factory.add_sensor("obstacles", self.obstacles.replace(of_scenery=True))
+        for name, cfg in self.sensors.items():
+            factory.add_sensor(name, cfg)
+        managers = ("observations", "actions", "rewards", "terminations", "events", "commands", "curriculum", "metrics")
+        return TaskEnvCfg(
+            viewer=viewer or ViewerCfg(),
+            sim=self.sim,
+            decimation=decimation,
+            episode_length_s=episode_length_s,
+            scene=factory.get_scene(self.robot),
+            **{name: getattr(self, name) for name in managers},
+        )

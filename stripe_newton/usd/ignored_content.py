@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ignored content: what prims author that Newton does not read, or reads differently."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
+from pxr import Usd, UsdGeom, UsdPhysics
+
+from .stage_access import api_schemas
+
+__all__ = ["ignored_content"]
+
+_VENDOR_PREFIXES = ("physx", "omniphysics")
+
+
+def ignored_content(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
+    """``(path, what, why)`` of everything on the prims that is left out or read differently from what is authored."""
+    rows: list[tuple[str, str, str]] = []
+    for prim in prims:
+        path = str(prim.GetPath())
+        rows.extend((path, what, why) for what, why in _prim_ignored(prim))
+    return [*rows, *_vendor_attributes(prims)]
+
+
+def _prim_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
+    if prim.IsA(UsdGeom.Camera):
+        yield "camera", "cameras of a stage are not used; a task's viewer has its own"
+    if prim.IsA(UsdGeom.PointInstancer):
+        yield "point instancer", "its instances are not read; author them as prims"
+    if prim.HasAPI(UsdPhysics.CollisionAPI):
+        yield from _collider_ignored(prim)
+    if prim.HasAPI(UsdPhysics.MaterialAPI):
+        api = UsdPhysics.MaterialAPI(prim)
+        static, dynamic = api.GetStaticFrictionAttr().Get(), api.GetDynamicFrictionAttr().Get()
+        if not math.isclose(static, dynamic, rel_tol=1e-6):
+            yield "staticFriction", f"Newton has one coefficient: dynamicFriction {dynamic:g} is used, not {static:g}"
+    if prim.IsA(UsdPhysics.Joint):
+        yield from _joint_ignored(prim)
+    if any(a.GetNumTimeSamples() for a in prim.GetAuthoredAttributes() if a.GetName().startswith("xformOp:")):
+        yield "animation", "only the default time is read, not time samples"
+
+
+def _collider_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
+    if UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is False:
+        yield "collider", "collisionEnabled is false: visible at most"
+    elif not prim.IsA(UsdGeom.Gprim) and not prim.HasAPI(UsdPhysics.RigidBodyAPI):
+        kind = prim.GetTypeName() or "prim without a type"
+        yield "collider", f"PhysicsCollisionAPI on a {kind}, which has no shape"
+
+
+def _joint_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
+    joint = UsdPhysics.Joint(prim)
+    if joint.GetJointEnabledAttr().Get() is False:
+        yield "joint", "jointEnabled is false"
+    for attribute in (joint.GetBreakForceAttr(), joint.GetBreakTorqueAttr()):
+        if (
+            attribute.Get() is not None and attribute.Get() < 1e30
+        ):  # infinite by default, exporters write the largest float
+            yield attribute.GetName(), "joints do not break"
+    if prim.IsA(UsdPhysics.SphericalJoint) and _has_cone(prim):
+        yield "cone limit", "a ball joint of Newton has no limits"
+    if prim.GetTypeName() == "PhysicsJoint":
+        limited = {name.partition(":")[2] for name in api_schemas(prim) if name.startswith("PhysicsLimitAPI:")}
+        loose = [axis for axis in ("transX", "transY", "transZ", "rotX", "rotY", "rotZ") if axis not in limited]
+        if loose:
+            why = "Newton locks an axis without PhysicsLimitAPI; author wide limits to free it"
+            yield f"free axes {' '.join(loose)}", why
+    for schema in api_schemas(prim):
+        if schema.startswith("PhysicsDriveAPI:"):
+            drive = UsdPhysics.DriveAPI(prim, schema.partition(":")[2])
+            if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
+                yield "acceleration drive", "its gains are taken as those of a force drive"
+
+
+def _has_cone(prim: Usd.Prim) -> bool:
+    """Whether a spherical joint has a cone limit; a negative angle means none."""
+    joint = UsdPhysics.SphericalJoint(prim)
+    angles = (joint.GetConeAngle0LimitAttr().Get(), joint.GetConeAngle1LimitAttr().Get())
+    return any(angle is not None and angle >= 0.0 for angle in angles)
+
+
+def _understood() -> set[str]:
+    """Names of the vendor attributes that Newton's schema resolvers read."""
+    names: set[str] = set()
+    for resolver in (SchemaResolverNewton, SchemaResolverMjc, SchemaResolverPhysx):
+        for attributes in resolver.mapping.values():
+            for attribute in attributes.values():
+                names.update(attribute.attribute_names or (attribute.name,))
+    # Newton reads these into the schema attributes that it returns, and does not use them.
+    return names - {"physxRigidBody:linearDamping", "physxRigidBody:angularDamping"}
+
+
+def _vendor_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
+    """Authored PhysX attributes without a counterpart in Newton: a row for each name, with the number of prims."""
+    understood = _understood()
+    found: dict[str, list[str]] = {}
+    for prim in prims:
+        for attribute in prim.GetAuthoredAttributes():
+            name = attribute.GetName()
+            if name.startswith(_VENDOR_PREFIXES) and name not in understood:
+                found.setdefault(name, []).append(str(prim.GetPath()))
+    # A robot has the same attribute on dozens of links: a row for each would hide everything else.
+    return [
+        (paths[0] + (f" (+{len(paths) - 1} more)" if len(paths) > 1 else ""), name, "Newton has no counterpart")
+        for name, paths in sorted(found.items())
+    ]

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Live viewer: a running simulation in the browser, by Newton's viser viewer."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import warp as wp
+
+from .display_model import DisplayModel
+from .viewed_simulation import ViewedSimulation
+
+if TYPE_CHECKING:
+    from newton.viewer import ViewerViser
+
+__all__ = ["LiveViewer"]
+
+
+class LiveViewer:
+    """Serves a view of chosen environments to a browser.
+
+    Args:
+        sim: The simulation; its ``state`` is read at each :meth:`update`.
+        env_ids: Environments to show, each at its origin.
+        port: Port of the web server; the next free one is taken if it is in use.
+        host: Address that the server listens on; ``"0.0.0.0"`` also accepts other machines.
+
+    Raises:
+        ImportError: viser is not installed.
+        IndexError: An environment that the simulation does not have.
+    """
+
+    def __init__(
+        self, sim: ViewedSimulation, env_ids: Sequence[int] = (0,), *, port: int = 8080, host: str = "127.0.0.1"
+    ):
+        if importlib.util.find_spec("viser") is None:
+            raise ImportError('the live viewer needs viser: pip install "stripe-newton[viser]"')
+        from newton.viewer import ViewerViser  # needs viser, an optional dependency
+
+        with wp.ScopedDevice(sim.device):
+            self._scene = DisplayModel(sim, env_ids)
+            self._viewer: ViewerViser | None = ViewerViser(host=host, port=port, label="stripe-newton", verbose=False)
+            self._viewer.set_model(self._scene.model)
+            self._url = str(self._viewer.url)
+        self._time = 0.0
+
+    @property
+    def url(self) -> str:
+        """Address to open in a browser."""
+        return self._url
+
+    def is_running(self) -> bool:
+        """Whether the viewer is still open."""
+        return self._viewer is not None and bool(self._viewer.is_running())
+
+    def update(self, dt: float = 1.0 / 60.0) -> None:
+        """Show the simulation's current state.
+
+        Args:
+            dt: Simulated time since the last call [s].
+
+        Raises:
+            RuntimeError: The viewer is closed.
+        """
+        if self._viewer is None:
+            raise RuntimeError("LiveViewer.update: the viewer is closed; make a new one")
+        self._time += dt
+        with wp.ScopedDevice(self._scene.model.device):
+            # The display model's state: the simulation's has all environments, the viewer some of them.
+            self._scene.update()
+            self._viewer.begin_frame(self._time)
+            self._viewer.log_state(self._scene.state)
+            self._viewer.end_frame()
+
+    def close(self) -> None:
+        """Stop the server. A second call does nothing."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def __enter__(self) -> LiveViewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene renderer: pictures of a running simulation, ray traced on its device without a display or OpenGL."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import newton
+import numpy as np
+import warp as wp
+
+from .camera_framing import Follower, camera_axes, frame_points, good_azimuth
+from .display_model import DisplayModel
+from .lighting import lighting_from
+from .tracer import Tracer
+from .viewed_simulation import ViewedSimulation
+from .viewer_cfg import ViewerCfg
+
+__all__ = ["SceneRenderer"]
+
+
+class SceneRenderer:
+    """Renders chosen environments of a simulation together in one picture.
+
+    Args:
+        sim: The simulation; its ``state`` is read at each :meth:`render`.
+        cfg: Camera and picture.
+        env_ids: Environments to show; default the one that ``cfg.env_index`` names.
+
+    Raises:
+        ConfigError: ``cfg`` has a problem.
+        IndexError: An environment that the simulation does not have.
+        ValueError: ``cfg.asset_name`` matches no body.
+    """
+
+    def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
+        cfg.validate()
+        self.cfg = cfg
+        self._width, self._height = (int(n) for n in cfg.resolution)
+        env_ids = [cfg.env_index] if env_ids is None else [int(i) for i in env_ids]
+        # Warp's current device is global: several simulations may use different ones.
+        with wp.ScopedDevice(sim.device):
+            self._eye, self._target = np.zeros(3), np.zeros(3)
+            self._scene = DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
+            self._setup_camera(sim, env_ids)
+            away = self._eye - self._target
+            lighting = lighting_from(sim.lights, azimuth=math.atan2(away[1], away[0]))
+            self._open_tracer: Tracer | None = Tracer(self._scene, cfg, lighting)
+
+    @property
+    def _tracer(self) -> Tracer:
+        if self._open_tracer is None:
+            raise RuntimeError("SceneRenderer: the renderer is closed; make a new one")
+        return self._open_tracer
+
+    def distances(self, origins: np.ndarray, directions: np.ndarray, limit: float) -> np.ndarray:
+        """Distance to the scenery from each origin (n, 3) along each unit direction (m, 3), shape (n, m) [m].
+
+        Only ``natural`` scenery counts, not robots. Where there is none, the distance is ``limit`` [m].
+        """
+        tracer = self._tracer.scenery
+        if tracer is None:
+            return np.full((len(origins), len(directions)), limit)
+        return tracer.distances(origins, directions, limit)
+
+    @property
+    def eye(self) -> np.ndarray:
+        """Camera position [m], world frame, shape (3,), before it moves with the robots that it follows."""
+        return self._eye.copy()
+
+    @property
+    def target(self) -> np.ndarray:
+        """Point in the middle of the picture [m], world frame, shape (3,), before it moves with the robots."""
+        return self._target.copy()
+
+    def look(
+        self, eye: Sequence[float], target: Sequence[float], follow: bool = False, fov: float | None = None
+    ) -> None:
+        """Put the camera at ``eye`` and look at ``target`` [m], world frame.
+
+        Args:
+            eye: Camera position.
+            target: Point in the middle of the picture.
+            follow: Move with the robots from now on; otherwise the camera stands still.
+            fov: Vertical field of view [deg]. None: unchanged.
+        """
+        if fov is not None:
+            self._tracer.set_fov(fov)
+        camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
+        self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
+        self._follow(self._movable if follow else self._movable[:0])
+
+    def render(self) -> np.ndarray:
+        """Render the current state of the simulation: sRGB, uint8, shape (height, width, 3).
+
+        Raises:
+            RuntimeError: the renderer is closed.
+        """
+        tracer = self._tracer
+        with wp.ScopedDevice(self._scene.model.device):
+            poses = self._scene.update()
+            # Following moves copies of eye and target, so that look() and the properties stay what was set.
+            shift = self._shift(poses)
+            eye, target = self._eye + shift, self._target + shift
+            if self._turns:
+                eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
+            return tracer.render(eye, target, self._shadow_region(poses, shift))
+
+    def close(self) -> None:
+        """Release the memory of the renderer. A second call does nothing."""
+        self._open_tracer = None
+
+    def _setup_camera(self, sim: ViewedSimulation, env_ids: Sequence[int]) -> None:
+        """Set eye, target and what they follow, automatically or as the config says."""
+        cfg, scene = self.cfg, self._scene
+        points = scene.bounds()
+        middle = points.mean(axis=0) if len(points) else np.zeros(3)
+        self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
+        self._center, self._spread = middle, 0.0
+        free = _free_roots(sim.template)
+        self._movable = np.array([r + b for r in scene.roots for b in free], dtype=int)
+        if cfg.eye is None or cfg.lookat is None:
+            aspect = self._width / self._height
+            azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
+            elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
+            self._eye, self._target = frame_points(points, azimuth, elevation, fov, aspect, cfg.margin)
+            self._follow(self._movable if cfg.follow else self._movable[:0])
+            return
+        origin, followed = np.zeros(3), self._movable[:0]
+        if cfg.origin_type != "world":
+            first = env_ids[0] if cfg.env_index not in env_ids else cfg.env_index
+            # A terrain's curriculum moves the origins after the environments were built.
+            now = sim.env_origins if sim.env_origin is None else sim.env_origin.numpy()
+            origin = np.asarray(now[first], dtype=float)
+        if cfg.origin_type.startswith("asset_"):
+            copy = list(env_ids).index(cfg.env_index) if cfg.env_index in env_ids else 0
+            body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)
+            followed = np.array([body])
+            origin = scene.body_q[body, :3].astype(float)
+        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
+        self._follow(followed)
+        self._turns = cfg.origin_type == "asset_heading"
+
+    def _follow(self, bodies: np.ndarray) -> None:
+        """Let the camera move with the mean position of ``bodies`` from now on, indices into the display state."""
+        self._follow_bodies, self._turns = bodies, False
+        # Turning is smoothed more than moving: the whole picture swings with it. No jump counts as a new episode.
+        self._heading, self._near = Follower(4.0 * self.cfg.follow_time, jump=1.0e9), 1.0
+        self._turned = 0.0
+        # A robot that moves farther than its own size within a frame was reset.
+        self._follower = Follower(self.cfg.follow_time, jump=max(self._radius, 0.5))
+        at = self._scene.body_q[bodies, :3].astype(float) if len(bodies) else np.zeros((1, 3))
+        self._rest = np.nan_to_num(at.mean(axis=0))
+
+    def _shift(self, poses: np.ndarray) -> np.ndarray:
+        """Displacement of the camera with the bodies that it follows since it was set up, shape (3,)."""
+        if len(self._follow_bodies) == 0:
+            return np.zeros(3)
+        at = poses[self._follow_bodies, :3].astype(float)
+        at = at[np.isfinite(at).all(axis=1)]  # a diverged world does not take the others' camera with it
+        if len(at) == 0:
+            return np.zeros(3)
+        return self._follower.follow(at.mean(axis=0)) - self._rest
+
+    def _behind(
+        self, pose: np.ndarray, eye: np.ndarray, target: np.ndarray, about: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Eye and target turned with the body about a point, with the eye in front of scenery that hides the body."""
+        x, y, z, w = (float(q) for q in pose[3:7])
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        if math.isfinite(yaw):
+            # An angle that goes on beyond pi: the filter must not see a jump to -pi.
+            self._turned += math.remainder(yaw - self._turned, 2.0 * math.pi)
+        angle = float(self._heading.follow(np.array([self._turned, 0.0, 0.0]))[0])
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        eye, target = about + turn @ (eye - about), about + turn @ (target - about)
+        away = eye - about
+        length = float(np.linalg.norm(away))
+        free = float(self.distances(about[None], away[None] / length, length + 0.3)[0, 0]) - 0.3
+        share = min(max((free + self.cfg.near) / length, 0.4), 1.0)
+        # In at once, so that no frame shows the inside of a trunk; back slowly, so that the picture stays calm.
+        self._near = share if share < self._near else min(share, self._near + 0.02)
+        return about + self._near * away, target
+
+    def _shadow_region(self, poses: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, float]:
+        """Centre and radius [m] of the ball in which shadows are cast.
+
+        The radius grows in steps: each change moves the texels of the shadow map and makes edges of shadows flicker.
+        """
+        center = self._center + shift
+        if len(poses):
+            far = np.linalg.norm(poses[:, :3] - center, axis=1)
+            far = far[np.isfinite(far)]
+            self._spread = max(self._spread, self._radius)
+            limit = 4.0 * self._radius
+            # Bounded: one robot that falls off the world must not blur the shadows of all.
+            while len(far) and self._spread < min(float(far.max()), limit):
+                self._spread *= 1.25
+        return center, 1.1 * max(self._spread, self._radius)
+
+
+def _free_roots(template: newton.ModelBuilder) -> list[int]:
+    """The first body of the template on a free joint, otherwise the first on none, as a list; empty without either."""
+    held = {int(c) for c in template.joint_child}
+    free = [
+        int(child)
+        for kind, parent, child in zip(template.joint_type, template.joint_parent, template.joint_child)
+        if int(parent) < 0 and int(kind) in (int(newton.JointType.FREE), int(newton.JointType.DISTANCE))
+    ]
+    return free[:1] or [b for b in range(template.body_count) if b not in held][:1]
+
+
+def _root_body(template: newton.ModelBuilder, asset_name: str | None) -> int:
+    """Index of the first body of the template whose label has ``asset_name`` in its path, in any case."""
+    labels = [str(label) for label in template.body_label]
+    if not labels:
+        raise ValueError("viewer.origin_type: 'asset_root' needs a body to follow, but the environment has none")
+    if asset_name is None:
+        return 0
+    for i, label in enumerate(labels):
+        if asset_name.lower() in (part.lower() for part in label.split("/")):
+            return i
+    known = sorted({part for label in labels for part in label.split("/")[:-1] if part}) or labels
+    raise ValueError(f"viewer.asset_name: no body has '{asset_name}' in its path; there is {', '.join(known)}")
