@@ -77,6 +77,7 @@ def write_joints(mask: wp.array[wp.bool], joints: MuJoCoJoints):
             joints.dof_frictionloss[world, i] = joints.joint_friction[dof]
             joints.dof_armature[world, i] = joints.joint_armature[dof]
             damping = joints.joint_damping[dof]
+            # An actuator's damping and the joint's own share one field in MuJoCo.
             if joints.extra_damping.shape[0] > 0:
                 damping += joints.extra_damping[i]
             joints.dof_damping[world, i] = damping

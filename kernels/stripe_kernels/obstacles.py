@@ -41,9 +41,9 @@ class ObstacleData:
     listed: wp.array[int]
     """Indices of obstacles, list after list."""
     low_end: wp.array[wp.vec4]
-    """One end of the axis and the radius [m] of each entry of ``listed``, copied so that the search reads in order."""
+    """First end of the axis and radius [m] of each entry of ``listed``, copied so that the search reads in order."""
     high_end: wp.array[wp.vec4]
-    """The other end of the axis [m] of each entry, and ``4 c + 2 f + g``: the column ``c`` of its cell, and flags
+    """Second end of the axis [m] of each entry, and ``4 c + 2 f + g``: the column ``c`` of its cell, and flags
     whether that is the first column, ``f``, and the first row, ``g``, that list the obstacle."""
     grid: wp.array[float]
     """World x and y of the grid's corner and the size of a cell [m], shape ``(3,)``."""
@@ -59,9 +59,9 @@ class ObstacleData:
     found: wp.array[int]
     """Number of obstacles that have a slot, shape ``(num_envs,)``."""
     low: wp.array2d[wp.vec4]
-    """One end of the axes of the obstacles found, and their radii [m], shape ``(num_envs, slots)``."""
+    """First ends of the axes of the obstacles found, and their radii [m], shape ``(num_envs, slots)``."""
     high: wp.array2d[wp.vec4]
-    """The other end of their axes, and the height of their highest point [m], shape ``(num_envs, slots)``."""
+    """Second ends of their axes, and the heights of their highest points [m], shape ``(num_envs, slots)``."""
     count: wp.array[int]
     """Number of obstacles in reach, with or without a slot, shape ``(num_envs,)``."""
     overflow: wp.array[wp.bool]

@@ -140,6 +140,7 @@ def label_shapes(due: wp.array[wp.bool], shapes: wp.array3d[wp.uint32], labels: 
     if not due[env]:
         return
     shape, label = shapes[env, row, col], wp.int32(0)
+    # Compared as unsigned: a pixel without a shape holds 0xFFFFFFFF, which as an int would be index -1.
     if shape < wp.uint32(labels.shape[0]):
         label = labels[int(shape)]
     out[env, row, col] = label

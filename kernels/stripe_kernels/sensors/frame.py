@@ -60,7 +60,7 @@ def measure_frames(
     source = _pose_of(env, 0, bodies, poses, origin, body_q)
     pose = _pose_of(env, target + 1, bodies, poses, origin, body_q)
     seen = wp.transform_inverse(source) * pose
-    if target == 0:
+    if target == 0:  # the source is the same for all targets: one thread writes it
         frames.source_pos_w[env] = wp.transform_get_translation(source)
         frames.source_quat_w[env] = wp.transform_get_rotation(source)
     frames.target_pos_w[env, target] = wp.transform_get_translation(pose)
