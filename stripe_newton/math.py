@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mathematics in torch: batches of vectors, quaternions and poses, and random samples of them.
+"""Math: functions on batches of vectors, quaternions and poses, and random samples of them.
 
 Quaternions are ``(x, y, z, w)`` and of unit length unless a function says otherwise; angles are radians. Shapes are
-written ``(..., n)``: there may be any leading dimensions, and they broadcast. Results have the type and device of the
-arguments. Functions whose arguments are all tensors can be called from ``@torch.jit.script`` functions.
+written ``(..., n)``: leading dimensions are arbitrary and broadcast. Results have the type and device of the arguments.
+Functions of tensors alone can be called from ``@torch.jit.script`` functions.
 
-Formulas, where none is named: J. Diebel, "Representing Attitude: Euler Angles, Unit Quaternions, and Rotation
-Vectors", Stanford University, 2006.
+Source of formulas, where no other is named: J. Diebel, "Representing Attitude: Euler Angles, Unit Quaternions, and
+Rotation Vectors", Stanford University, 2006.
 """
 
 from __future__ import annotations
@@ -55,29 +55,29 @@ Bound = torch.Tensor | float
 
 
 def normalize(x: torch.Tensor, eps: float = 1e-9) -> torch.Tensor:
-    """Vectors ``(..., n)`` scaled to unit length; those shorter than ``eps`` are divided by ``eps``."""
+    """Normalise vectors ``(..., n)`` to unit length; vectors shorter than ``eps`` are divided by ``eps``."""
     return x / torch.linalg.vector_norm(x, dim=-1, keepdim=True).clamp(min=eps)
 
 
 def wrap_to_pi(angles: torch.Tensor) -> torch.Tensor:
-    """Angles [rad], any shape, brought to (-pi, pi]."""
-    # Angles in range are returned as they are: the formula would change their last digits.
+    """Wrap angles [rad], of any shape, to (-pi, pi]."""
+    # Angles in that range are returned as they are: the remainder would change their last digits.
     wrapped = math.pi - torch.remainder(math.pi - angles, 2.0 * math.pi)
     return torch.where((angles > -math.pi) & (angles <= math.pi), angles, wrapped)
 
 
 def saturate(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
-    """``x`` limited to [``lower``, ``upper``], elementwise; the bounds broadcast, e.g. ``(n,)`` against ``(N, n)``."""
+    """Clamp ``x`` to [``lower``, ``upper``], elementwise; the bounds broadcast, e.g. ``(n,)`` against ``(N, n)``."""
     return torch.maximum(torch.minimum(x, upper), lower)
 
 
 def scale_transform(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
-    """Map [``lower``, ``upper``] to [-1, 1], elementwise. Values outside map outside."""
+    """Map [``lower``, ``upper``] linearly to [-1, 1], elementwise; values outside the bounds are not clamped."""
     return 2.0 * (x - 0.5 * (lower + upper)) / (upper - lower)
 
 
 def unscale_transform(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
-    """Map [-1, 1] to [``lower``, ``upper``], elementwise: the inverse of :func:`scale_transform`."""
+    """Map [-1, 1] linearly to [``lower``, ``upper``], elementwise: the inverse of :func:`scale_transform`."""
     return 0.5 * (x * (upper - lower) + upper + lower)
 
 
@@ -85,7 +85,7 @@ def unscale_transform(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor)
 
 
 def quat_conjugate(q: torch.Tensor) -> torch.Tensor:
-    """Conjugate of quaternions ``(..., 4)``, which for unit quaternions is the inverse rotation."""
+    """Conjugate of quaternions ``(..., 4)``: the inverse rotation if they have unit length."""
     return torch.cat((-q[..., :3], q[..., 3:]), dim=-1)
 
 
@@ -118,7 +118,7 @@ def quat_apply_inverse(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
 
 
 def quat_unique(q: torch.Tensor) -> torch.Tensor:
-    """Of the equal rotations ``q`` and ``-q``, ``(..., 4)``, the one with ``w >= 0``."""
+    """Unique quaternions ``(..., 4)`` of rotations: the ones of ``q`` and ``-q`` with ``w >= 0``."""
     return torch.where(q[..., 3:] < 0.0, -q, q)
 
 
@@ -133,8 +133,8 @@ def quat_from_angle_axis(angle: torch.Tensor, axis: torch.Tensor) -> torch.Tenso
 def axis_angle_from_quat(quat: torch.Tensor, eps: float = 1e-6) -> torch.Tensor:
     """Rotation vectors ``(..., 3)`` [rad], axis times angle in [0, pi], of quaternions ``(..., 4)``.
 
-    Where half the angle is below ``eps``, the quotient is replaced by the first term of its series, so that small
-    rotations keep their value and derivative.
+    Where the sine of half the angle is below ``eps`` the quotient is replaced by the first term of its series, so that
+    small rotations keep their value and derivative.
     """
     quat = quat_unique(quat)  # the shorter of the two ways around
     sine = torch.linalg.vector_norm(quat[..., :3], dim=-1, keepdim=True)
@@ -168,12 +168,13 @@ def euler_xyz_from_quat(
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Roll, pitch and yaw, each ``(...)`` [rad], of quaternions ``(..., 4)``: see :func:`quat_from_euler_xyz`.
 
-    Roll and yaw are in [-pi, pi], pitch is in [-pi/2, pi/2]. With ``wrap_to_2pi`` all three are in [0, 2 pi). At a
-    pitch of a quarter turn, only yaw - roll (+ pi/2) or yaw + roll (- pi/2) is defined; the three angles still describe
-    the rotation.
+    Roll and yaw are in [-pi, pi] and pitch in [-pi/2, pi/2]; with ``wrap_to_2pi`` all three are in [0, 2 pi). At a
+    pitch of pi/2 only yaw - roll is defined, at -pi/2 only yaw + roll; the three angles returned then still give the
+    same rotation.
     """
     x, y, z, w = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
-    # Sums and differences of roll and yaw are each well defined by two components: no division, no lost digits.
+    # Sum and difference of roll and yaw are each given by two components: no division, and no loss of digits near the
+    # singularity.
     total = torch.atan2(x + z, w - y)  # (yaw + roll) / 2
     difference = torch.atan2(z - x, w + y)  # (yaw - roll) / 2
     up = torch.sqrt((x + z).square() + (w - y).square())
@@ -240,11 +241,10 @@ def quat_from_matrix(matrix: torch.Tensor) -> torch.Tensor:
 
 
 def yaw_quat(quat: torch.Tensor) -> torch.Tensor:
-    """The part of rotations ``(..., 4)`` about the vertical: quaternions ``(..., 4)`` whose x and y are zero."""
+    """Yaw of rotations ``(..., 4)`` as quaternions ``(..., 4)``: the part about the vertical, with x and y zero."""
     x, y, z, w = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
-    half = 0.5 * torch.atan2(
-        2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
-    )  # of the rotated x axis, seen from above
+    # Half the angle of the rotated x axis, seen from above.
+    half = 0.5 * torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     zero = torch.zeros_like(half)
     return torch.stack((zero, zero, torch.sin(half), torch.cos(half)), dim=-1)
 
@@ -260,13 +260,13 @@ def quat_apply_yaw(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
 def combine_frame_transforms(
     t01: torch.Tensor, q01: torch.Tensor, t12: torch.Tensor | None = None, q12: torch.Tensor | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pose of frame 2 in frame 0, from that of 1 in 0 and that of 2 in 1.
+    """Combine poses: pose of frame 2 in frame 0, from those of 1 in 0 and of 2 in 1.
 
     Args:
         t01: Position of frame 1 in frame 0, ``(..., 3)`` [m].
         q01: Orientation of frame 1 in frame 0, ``(..., 4)``.
-        t12: Position of frame 2 in frame 1, ``(..., 3)`` [m]; None is zero.
-        q12: Orientation of frame 2 in frame 1, ``(..., 4)``; None is the identity.
+        t12: Position of frame 2 in frame 1, ``(..., 3)`` [m]; None means zero.
+        q12: Orientation of frame 2 in frame 1, ``(..., 4)``; None means the identity.
 
     Returns:
         Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 0.
@@ -279,13 +279,13 @@ def combine_frame_transforms(
 def subtract_frame_transforms(
     t01: torch.Tensor, q01: torch.Tensor, t02: torch.Tensor | None = None, q02: torch.Tensor | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pose of frame 2 in frame 1, from those of 1 and 2 in frame 0.
+    """Relative pose: pose of frame 2 in frame 1, from those of 1 and 2 in frame 0.
 
     Args:
         t01: Position of frame 1 in frame 0, ``(..., 3)`` [m].
         q01: Orientation of frame 1 in frame 0, ``(..., 4)``.
-        t02: Position of frame 2 in frame 0, ``(..., 3)`` [m]; None is zero.
-        q02: Orientation of frame 2 in frame 0, ``(..., 4)``; None is the identity.
+        t02: Position of frame 2 in frame 0, ``(..., 3)`` [m]; None means zero.
+        q02: Orientation of frame 2 in frame 0, ``(..., 4)``; None means the identity.
 
     Returns:
         Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 1.
@@ -307,7 +307,7 @@ def compute_heading_and_up(
     vec1: torch.Tensor,
     up_idx: int,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Uprightness of a torso, and its heading relative to a target.
+    """Heading and up projections: how upright a torso is, and how well it faces a target.
 
     Args:
         torso_rotation: Orientation of the torso in the world, ``(N, 4)``.
@@ -336,7 +336,7 @@ def compute_rot(
     targets: torch.Tensor,
     torso_positions: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Velocities in a torso's frame, its Euler angles and the bearing of a target.
+    """Velocities in a torso's frame, its Euler angles, and the angle to a target.
 
     Args:
         torso_quat: Orientation of the torso in the world, ``(N, 4)``.
@@ -367,7 +367,7 @@ def sample_uniform(
     device: str | torch.device,
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
-    """Samples of shape ``size``, uniform in [``lower``, ``upper``); tensors as bounds broadcast against ``size``."""
+    """Uniform samples in [``lower``, ``upper``), of shape ``size``; bounds that are tensors broadcast against it."""
     return _rand(size, device, generator) * (upper - lower) + lower
 
 
@@ -378,7 +378,7 @@ def sample_log_uniform(
     device: str | torch.device,
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
-    """Samples of shape ``size`` whose logarithm is uniform between those of ``lower`` and ``upper``, both positive."""
+    """Log-uniform samples between ``lower`` and ``upper``, both positive, of shape ``size``."""
     low = torch.log(torch.as_tensor(lower, dtype=torch.float32, device=device))
     high = torch.log(torch.as_tensor(upper, dtype=torch.float32, device=device))
     return torch.exp(sample_uniform(low, high, size, device, generator))
@@ -391,20 +391,21 @@ def sample_gaussian(
     device: str | torch.device,
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
-    """Normal samples of shape ``size``; tensors as ``mean`` and ``std`` broadcast against it."""
+    """Normal samples of shape ``size``; a mean and a standard deviation that are tensors broadcast against it."""
     return torch.randn(_shape(size), device=device, generator=generator) * std + mean
 
 
 def random_orientation(num: int, device: str | torch.device, generator: torch.Generator | None = None) -> torch.Tensor:
-    """Quaternions ``(num, 4)``, uniform over all rotations: normal samples, normalised."""
+    """Random orientations: quaternions ``(num, 4)``, uniform over all rotations."""
+    # Normal samples have no preferred direction, so that their normalised vectors are uniform on the sphere.
     return normalize(torch.randn((num, 4), device=device, generator=generator))
 
 
 def random_yaw_orientation(
     num: int, device: str | torch.device, generator: torch.Generator | None = None
 ) -> torch.Tensor:
-    """Quaternions ``(num, 4)`` of rotations about the vertical by angles uniform in [-pi, pi)."""
-    half = sample_uniform(-0.5 * math.pi, 0.5 * math.pi, num, device, generator)  # half the angle
+    """Random yaw orientations: quaternions ``(num, 4)`` of rotations about the vertical, uniform in [-pi, pi)."""
+    half = sample_uniform(-0.5 * math.pi, 0.5 * math.pi, num, device, generator)
     zero = torch.zeros_like(half)
     return torch.stack((zero, zero, torch.sin(half), torch.cos(half)), dim=-1)
 

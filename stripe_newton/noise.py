@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise on observations and actions.
+"""Noise on observations and actions: configs of distributions, and noise models with a state.
 
-A :class:`NoiseCfg` describes the distribution and how a sample enters the data (``operation``);
-``cfg.func(data, cfg)`` applies it. A noise *model* keeps state for every environment that lasts longer than a step,
-such as a bias drawn once per episode::
+A :class:`NoiseCfg` gives the distribution and the operation that applies it to the data; ``cfg.func(data, cfg)``
+returns noisy data. A noise *model* keeps state for every environment that lasts longer than a step, such as a bias
+drawn once an episode::
 
     observation_noise_model = NoiseModelWithAdditiveBiasCfg(
         noise_cfg=GaussianNoiseCfg(mean=0.0, std=0.01),
@@ -36,46 +36,48 @@ __all__ = [
 ]
 
 Value = torch.Tensor | float
+"""Number of a config: a float, or a tensor that broadcasts against the data."""
 _OPERATIONS = ("add", "scale", "abs")
 
 
 def constant_noise(data: torch.Tensor, cfg: ConstantNoiseCfg, generator: torch.Generator | None = None) -> torch.Tensor:
-    """``data`` with a constant added, multiplied, or as replacement. ``generator`` is not used."""
+    """Apply constant noise to ``data``, by the operation of ``cfg``. ``generator`` is not used."""
     return _combine(data, _like(cfg.bias, data), cfg.operation)
 
 
 def uniform_noise(data: torch.Tensor, cfg: UniformNoiseCfg, generator: torch.Generator | None = None) -> torch.Tensor:
-    """``data`` with noise uniform in [``n_min``, ``n_max``), independent for each element."""
+    """Apply noise uniform in [``n_min``, ``n_max``) to ``data``, drawn anew for each element."""
     low, high = _like(cfg.n_min, data), _like(cfg.n_max, data)
     sample = torch.rand(data.shape, dtype=data.dtype, device=data.device, generator=generator)
     return _combine(data, low + (high - low) * sample, cfg.operation)
 
 
 def gaussian_noise(data: torch.Tensor, cfg: GaussianNoiseCfg, generator: torch.Generator | None = None) -> torch.Tensor:
-    """``data`` with normal noise of the given mean and standard deviation, independent for each element."""
+    """Apply normal noise with the mean and standard deviation of ``cfg`` to ``data``, drawn anew for each element."""
     sample = torch.randn(data.shape, dtype=data.dtype, device=data.device, generator=generator)
     return _combine(data, _like(cfg.mean, data) + _like(cfg.std, data) * sample, cfg.operation)
 
 
 @configclass
 class NoiseCfg:
-    """Base of the noise configs."""
+    """Base config of noise: the function that applies it, and the operation."""
 
     func: Callable[..., torch.Tensor] = MISSING
-    """Called as ``func(data, cfg, generator)``, or without the generator. Returns new data of the same shape."""
+    """Function called as ``func(data, cfg, generator)``, where the generator may be left out; returns new data of the
+    same shape."""
 
     operation: str = "add"
-    """``"add"``: data + noise; ``"scale"``: data * noise; ``"abs"``: the noise instead of the data."""
+    """Operation: ``"add"`` is data + noise, ``"scale"`` data * noise, ``"abs"`` the noise in place of the data."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        """Yield each problem as ``(field, message)``."""
+        """Yield invalid fields as ``(field, message)``."""
         if self.operation not in _OPERATIONS:
             yield "operation", f"got {self.operation!r}, expected one of {', '.join(map(repr, _OPERATIONS))}"
 
 
 @configclass
 class ConstantNoiseCfg(NoiseCfg):
-    """The same value for each environment and step."""
+    """Config of constant noise: the same value for each environment and step."""
 
     func: Callable[..., torch.Tensor] = constant_noise
     """The function that applies it."""
@@ -86,7 +88,7 @@ class ConstantNoiseCfg(NoiseCfg):
 
 @configclass
 class UniformNoiseCfg(NoiseCfg):
-    """Noise uniform in [``n_min``, ``n_max``)."""
+    """Config of uniform noise in [``n_min``, ``n_max``)."""
 
     func: Callable[..., torch.Tensor] = uniform_noise
     """The function that applies it."""
@@ -98,7 +100,7 @@ class UniformNoiseCfg(NoiseCfg):
     """Upper bound, in the unit of the data."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        """Yield each problem as ``(field, message)``."""
+        """Yield invalid fields as ``(field, message)``."""
         yield from NoiseCfg.problems(self)
         if bool((torch.as_tensor(self.n_min) > torch.as_tensor(self.n_max)).any()):
             yield "n_min", f"is {self.n_min}, above n_max = {self.n_max}"
@@ -106,7 +108,7 @@ class UniformNoiseCfg(NoiseCfg):
 
 @configclass
 class GaussianNoiseCfg(NoiseCfg):
-    """Normal noise."""
+    """Config of normal (Gaussian) noise."""
 
     func: Callable[..., torch.Tensor] = gaussian_noise
     """The function that applies it."""
@@ -118,34 +120,41 @@ class GaussianNoiseCfg(NoiseCfg):
     """Standard deviation, in the unit of the data."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        """Yield each problem as ``(field, message)``."""
+        """Yield invalid fields as ``(field, message)``."""
         yield from NoiseCfg.problems(self)
         if bool((torch.as_tensor(self.std) < 0).any()):
             yield "std", f"is {self.std}, must not be negative"
 
 
 class NoiseModel:
-    """Noise without state: ``noise_cfg`` applied at each call."""
+    """Noise model without state: the noise of ``noise_cfg``, drawn anew in each call."""
 
     def __init__(
         self, cfg: NoiseModelCfg, num_envs: int, device: str | torch.device, generator: torch.Generator | None = None
     ):
-        """``generator``, on the same device, is the source of random numbers. None: torch's default generator."""
+        """Build the model.
+
+        Args:
+            cfg: Config of the model.
+            num_envs: Number of environments.
+            device: Device of the data.
+            generator: Random generator on the same device; None uses torch's default generator.
+        """
         self.cfg = cfg
         self.num_envs = num_envs
         self.device = device
         self.generator = generator
 
     def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
-        """Start a new episode in the environments ``env_ids``. None: all."""
+        """Start a new episode in the environments ``env_ids``; None means all of them."""
 
     def __call__(self, data: torch.Tensor) -> torch.Tensor:
-        """Noisy data; ``data`` is ``(num_envs, ...)`` and is not changed."""
+        """Return noisy data; ``data``, shape ``(num_envs, ...)``, is not changed."""
         return _apply(data, self.cfg.noise_cfg, self.generator)
 
 
 class NoiseModelWithAdditiveBias(NoiseModel):
-    """Noise at each call, plus a bias that each environment keeps from one reset to the next."""
+    """Noise model with a bias: noise drawn in each call, plus a bias that each environment keeps until its reset."""
 
     cfg: NoiseModelWithAdditiveBiasCfg
 
@@ -156,14 +165,14 @@ class NoiseModelWithAdditiveBias(NoiseModel):
         device: str | torch.device,
         generator: torch.Generator | None = None,
     ):
-        """See :class:`NoiseModel`. Biases are drawn at the first call, when the shape of the data is known."""
+        """Build the model; arguments as of :class:`NoiseModel`. The first call draws the biases."""
         super().__init__(cfg, num_envs, device, generator)
         self.bias: torch.Tensor | None = None
-        """Biases, ``(num_envs, ...)`` as the data or ``(num_envs, 1, ...)``; None before the first call."""
+        """Biases, shape ``(num_envs, ...)`` as the data or ``(num_envs, 1, ...)``; None before the first call."""
 
     def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
-        """Draw new biases for the environments ``env_ids``. None: all."""
-        if self.bias is None:  # the first call will draw them
+        """Draw new biases for the environments ``env_ids``; None means all of them."""
+        if self.bias is None:
             return
         ids: slice | torch.Tensor = slice(None)
         if env_ids is not None:
@@ -172,7 +181,7 @@ class NoiseModelWithAdditiveBias(NoiseModel):
         self.bias[ids] = self._draw(self.bias[ids])  # in place: a recorded graph may hold its address
 
     def __call__(self, data: torch.Tensor) -> torch.Tensor:
-        """Noisy data plus bias; ``data`` is ``(num_envs, ...)`` and is not changed."""
+        """Return noisy data plus the biases; ``data``, shape ``(num_envs, ...)``, is not changed."""
         if self.bias is None:
             shape = data.shape if self.cfg.sample_bias_per_component else (data.shape[0],) + (1,) * (data.ndim - 1)
             self.bias = self._draw(torch.zeros(shape, dtype=data.dtype, device=data.device))
@@ -184,10 +193,10 @@ class NoiseModelWithAdditiveBias(NoiseModel):
 
 @configclass
 class NoiseModelCfg:
-    """Config of noise without state."""
+    """Config of a noise model without state."""
 
     class_type: type = NoiseModel
-    """Created by ``class_type(cfg, num_envs, device, generator)``, or without the generator."""
+    """Class, built as ``class_type(cfg, num_envs, device, generator)``, where the generator may be left out."""
 
     noise_cfg: NoiseCfg = MISSING
     """The noise of each step."""
@@ -195,20 +204,20 @@ class NoiseModelCfg:
 
 @configclass
 class NoiseModelWithAdditiveBiasCfg(NoiseModelCfg):
-    """Config of noise at each step, plus a bias drawn at each reset."""
+    """Config of a noise model with a bias: noise drawn in each step, plus a bias drawn at each reset."""
 
     class_type: type = NoiseModelWithAdditiveBias
-    """Created by ``class_type(cfg, num_envs, device, generator)``, or without the generator."""
+    """Class, built as ``class_type(cfg, num_envs, device, generator)``, where the generator may be left out."""
 
     bias_noise_cfg: NoiseCfg = MISSING
-    """Distribution of the bias; it is applied to zeros."""
+    """Noise that the biases are drawn from, applied to zeros."""
 
     sample_bias_per_component: bool = True
-    """Whether each component of the data has its own bias, rather than one for all components of an environment."""
+    """Whether each component of the data has its own bias; otherwise all components of an environment share one."""
 
 
 def _apply(data: torch.Tensor, cfg: NoiseCfg, generator: torch.Generator | None) -> torch.Tensor:
-    # Functions of Isaac Lab's form, func(data, cfg), work as long as nobody asks for a generator.
+    # Functions of users, written for Isaac Lab, take no generator.
     return cfg.func(data, cfg) if generator is None else cfg.func(data, cfg, generator)
 
 
@@ -222,5 +231,5 @@ def _combine(data: torch.Tensor, noise: torch.Tensor, operation: str) -> torch.T
     if operation == "scale":
         return data * noise
     if operation == "abs":
-        return noise.expand(data.shape).clone()  # new data, as the other operations return
+        return noise.expand(data.shape).clone()  # a copy: the noise may be a config's own tensor
     raise ValueError(f"operation: got {operation!r}, expected one of {', '.join(map(repr, _OPERATIONS))}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What turns the targets of joints into efforts before a physics step: one launch for all joints of all environments.
+"""Actuators: joint targets become efforts before each physics step, in one launch for all joints and environments.
 
 The laws are those of Newton's actuator library (``newton.actuators``): delay, then drive, then limits. Units are those
 of the joint: N, m and s, or N m, rad and s.
@@ -30,7 +30,7 @@ LAW_PD = wp.constant(1)
 LAW_PID = wp.constant(2)
 """Position, integral and velocity gain."""
 LAW_MADE = wp.constant(3)
-"""The effort has been made already, by a network say; it is only limited."""
+"""The effort was computed by Newton's own actuator, a network for example; it is only limited here."""
 
 _POSITION = wp.constant(int(newton.JointTargetMode.POSITION))
 _VELOCITY = wp.constant(int(newton.JointTargetMode.VELOCITY))
@@ -39,20 +39,20 @@ _BOTH = wp.constant(int(newton.JointTargetMode.POSITION_VELOCITY))
 
 @wp.struct
 class JointDrives:
-    """Everything that decides over the efforts of the joints. Arrays over ``dof`` alone hold for all environments."""
+    """State, targets, gains and limits of all joints. Arrays of shape ``(dofs,)`` hold for all environments."""
 
     dt: float
     """Time step of the physics [s]."""
     feeds_velocity: bool
-    """Whether the solver's position drives know no velocity target, which they are then fed forward with."""
+    """Whether the solver's position drives ignore velocity targets, so that ``kd qd*`` is added as an effort."""
     masks_gains: bool
-    """Whether the solver must not see the gains of explicit actuators."""
+    """Whether the gains of explicit actuators must be hidden from the solver, which would apply them again."""
     coord: wp.array[int]
     """Coordinate of each degree of freedom, -1 where it has none of its own, shape ``(dofs,)``."""
     law: wp.array[int]
-    """Who drives it: ``LAW_SOLVER`` and so on, shape ``(dofs,)``."""
+    """Law of each joint, one of the ``LAW`` constants, shape ``(dofs,)``."""
     mode: wp.array2d[int]
-    """What the solver's drive follows, ``newton.JointTargetMode``, shape ``(num_envs, dofs)``."""
+    """Kind of target that the solver's drive follows, ``newton.JointTargetMode``, shape ``(num_envs, dofs)``."""
     joint_pos: wp.array2d[float]
     """Positions, shape ``(num_envs, coords)``."""
     joint_vel: wp.array2d[float]
@@ -72,13 +72,13 @@ class JointDrives:
     integral_gain: wp.array2d[float]
     """Gains of the integrated position error, shape ``(num_envs, dofs)``."""
     integral_limit: wp.array2d[float]
-    """Largest integrated position error, shape ``(num_envs, dofs)``."""
+    """Largest integrated position error [m s or rad s], shape ``(num_envs, dofs)``."""
     integral: wp.array2d[float]
-    """Integrated position error, shape ``(num_envs, dofs)``."""
+    """Integrated position error [m s or rad s], shape ``(num_envs, dofs)``."""
     bias_effort: wp.array2d[float]
-    """Effort that is always added, shape ``(num_envs, dofs)``."""
+    """Constant effort added to the law's, shape ``(num_envs, dofs)``."""
     made_effort: wp.array2d[float]
-    """Effort that Newton's actuators made, cleared once read, shape ``(num_envs, dofs)``."""
+    """Effort that Newton's own actuators computed, cleared once read, shape ``(num_envs, dofs)``."""
     has_curve: wp.array[wp.bool]
     """Whether the effort is limited by a torque-speed curve, shape ``(dofs,)``."""
     saturation_effort: wp.array2d[float]
@@ -88,23 +88,24 @@ class JointDrives:
     table_start: wp.array[int]
     """First entry of the table of effort limits over the position, shape ``(dofs,)``."""
     table_count: wp.array[int]
-    """Its entries, 0 for none, shape ``(dofs,)``."""
+    """Number of entries of that table, 0 for none, shape ``(dofs,)``."""
     table_pos: wp.array[float]
-    """Positions of the tables, rising in each."""
+    """Positions of the tables, rising within each."""
     table_effort: wp.array[float]
     """Effort limits of the tables."""
     delay_slot: wp.array[int]
     """Column of delayed targets, -1 for none, shape ``(dofs,)``."""
     lag: wp.array2d[int]
-    """Physics steps by which targets are late, shape ``(num_envs, slots)``."""
+    """Delay of the targets in physics steps, shape ``(num_envs, slots)``."""
     pushes: wp.array2d[int]
-    """Targets since the episode began, counted modulo the length of the history once that is full."""
+    """Targets stored since the episode began, shape ``(num_envs, slots)``; once the history is full the count stays
+    between ``depth`` and ``2 depth``, the same modulo ``depth``."""
     history: wp.array3d[wp.vec3]
     """Past position, velocity and effort targets, shape ``(depth, num_envs, slots)``."""
     effort: wp.array2d[float]
-    """Output: generalized force beside the solver's drives, shape ``(num_envs, dofs)``."""
+    """Output: generalised force in addition to the solver's drives, shape ``(num_envs, dofs)``."""
     computed_effort: wp.array2d[float]
-    """Output: what the laws ask for, before any limit, shape ``(num_envs, dofs)``."""
+    """Output: efforts of the laws before any limit, shape ``(num_envs, dofs)``."""
     solver_stiffness: wp.array2d[float]
     """Output where ``masks_gains``: position gains of the solver's drives alone, shape ``(num_envs, dofs)``."""
     solver_damping: wp.array2d[float]
@@ -113,17 +114,17 @@ class JointDrives:
 
 @wp.func
 def dc_motor_range(vel: float, saturation: float, no_load_speed: float, limit: float) -> wp.vec2:
-    """Least and largest effort of a DC motor at a velocity.
+    """Least and largest effort of a DC motor at a velocity: its torque-speed curve.
 
-    ``[max(s (-1 - v/v0), -limit), min(s (1 - v/v0), limit)]``, ``v`` clamped to ``+-v0 (1 + limit/s)``, where the curve
-    meets the limit.
+    Formula: ``[max(s (-1 - v/v0), -limit), min(s (1 - v/v0), limit)]``, ``s`` the effort at standstill, ``v0`` the
+    no-load speed, ``v`` clamped to ``+-v0 (1 + limit/s)``, where the curve meets the limit.
 
     Source: ``newton.actuators.ClampingDCMotor``, as Isaac Lab's ``DCMotor``.
     """
     corner = no_load_speed
     if saturation > 0.0:
         ratio = limit / saturation
-        if not wp.isnan(ratio):
+        if not wp.isnan(ratio):  # infinite effort and infinite limit: the curve has no corner
             corner = no_load_speed * (1.0 + ratio)
     v = wp.clamp(vel, -corner, corner)
     top = wp.min(saturation * (1.0 - v / no_load_speed), limit)
@@ -147,15 +148,18 @@ def interpolate_table(x: float, xs: wp.array[float], ys: wp.array[float], start:
 
 @wp.func
 def delayed_targets(env: int, slot: int, now: wp.vec3, drives: JointDrives) -> wp.vec3:
-    """The targets ``lag`` steps ago, or the oldest of the episode if it is younger; remembers those of ``now``."""
+    """The targets of ``lag`` steps ago, or the oldest of a younger episode; stores ``now`` in the history."""
     depth = drives.history.shape[0]
     n = drives.pushes[env, slot]
     lag = wp.min(drives.lag[env, slot], n)
     late = now
+    # Read before the write: at a lag of ``depth`` both use the same entry of the ring.
     if lag > 0:
         late = drives.history[(n - lag) % depth, env, slot]
     drives.history[n % depth, env, slot] = now
     n += 1
+    # Subtracting a whole ring keeps n % depth and never lets n fall below depth, so no lag is cut short again, and
+    # the counter cannot overflow in an episode of any length.
     if n >= 2 * depth:
         n -= depth
     drives.pushes[env, slot] = n
@@ -164,7 +168,7 @@ def delayed_targets(env: int, slot: int, now: wp.vec3, drives: JointDrives) -> w
 
 @wp.func
 def clamp_number(value: float, low: float, high: float) -> float:
-    """``value`` within bounds; one that is no number stays, so that it shows where it came from."""
+    """``value`` limited to bounds. A NaN stays a NaN: a bound in its place would hide where it came from."""
     if wp.isnan(value):
         return value
     return wp.clamp(value, low, high)
@@ -172,11 +176,12 @@ def clamp_number(value: float, low: float, high: float) -> float:
 
 @wp.kernel(enable_backward=False)
 def drive_joints(drives: JointDrives):
-    """Efforts of all joints; a thread for each degree of freedom of each environment.
+    """Compute the efforts of all joints; a thread for each degree of freedom of each environment.
 
-    Where the solver drives: ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a
-    position alone. Elsewhere ``effort = clamp(kp (q* - q) + ki I + kd (qd* - qd) + effort* + bias)`` within the torque-
-    speed curve, the limit and the table, with delayed targets, and ``I <- clamp(I + dt (q* - q), +-integral_limit)``.
+    Joints driven by the solver: ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a
+    position alone. Joints with an explicit actuator: ``effort = clamp(kp (q* - q) + ki I + kd (qd* - qd) + effort* +
+    bias)`` within the torque-speed curve, the limit and the table, with delayed targets, and
+    ``I <- clamp(I + dt (q* - q), +-integral_limit)``.
     """
     env, dof = wp.tid()
     law = drives.law[dof]
@@ -192,9 +197,12 @@ def drive_joints(drives: JointDrives):
     vel = drives.joint_vel[env, dof]
     if law == LAW_SOLVER:
         mode = drives.mode[env, dof]
+        # Copied in every step, since a randomising event may have changed the gains. Entries of explicit actuators
+        # are never written and stay 0: the solver must not apply their gains a second time.
         if drives.masks_gains:
             drives.solver_stiffness[env, dof] = kp
             drives.solver_damping[env, dof] = kd
+        # The solver's drive reacts to the gains of its mode alone; computed_effort reports what it asks for.
         if mode != _POSITION and mode != _BOTH:
             kp = wp.float32(0.0)
             if mode != _VELOCITY:
@@ -208,34 +216,36 @@ def drive_joints(drives: JointDrives):
     slot = drives.delay_slot[dof]
     if slot >= 0:
         targets = delayed_targets(env, slot, targets, drives)
-    asked = wp.float32(0.0)
+    computed = wp.float32(0.0)
     if law == LAW_MADE:
-        asked = drives.made_effort[env, dof]
+        # Newton's actuators add to this array, so it must be 0 when they run before the next physics step.
+        computed = drives.made_effort[env, dof]
         drives.made_effort[env, dof] = 0.0
     else:
-        asked = drives.bias_effort[env, dof] + targets[2] + kp * (targets[0] - pos)
+        # The sum is taken in the order of Newton's DrivePID: another order would round differently.
+        computed = drives.bias_effort[env, dof] + targets[2] + kp * (targets[0] - pos)
         if law == LAW_PID:
             bound = drives.integral_limit[env, dof]
             integral = wp.clamp(drives.integral[env, dof] + (targets[0] - pos) * drives.dt, -bound, bound)
             drives.integral[env, dof] = integral
-            asked += drives.integral_gain[env, dof] * integral
-        asked += kd * (targets[1] - vel)
-    drives.computed_effort[env, dof] = asked
-    given = asked
+            computed += drives.integral_gain[env, dof] * integral
+        computed += kd * (targets[1] - vel)
+    drives.computed_effort[env, dof] = computed
+    applied = computed
     if drives.has_curve[dof]:
         bounds = dc_motor_range(vel, drives.saturation_effort[env, dof], drives.no_load_speed[env, dof], limit)
-        given = clamp_number(given, bounds[0], bounds[1])
-    given = clamp_number(given, -limit, limit)
+        applied = clamp_number(applied, bounds[0], bounds[1])
+    applied = clamp_number(applied, -limit, limit)
     count = drives.table_count[dof]
     if count > 0:
         most = interpolate_table(pos, drives.table_pos, drives.table_effort, drives.table_start[dof], count)
-        given = clamp_number(given, -most, most)
-    drives.effort[env, dof] = given
+        applied = clamp_number(applied, -most, most)
+    drives.effort[env, dof] = applied
 
 
 @wp.kernel(enable_backward=False)
 def mask_gains(drives: JointDrives):
-    """Gains of the solver's drives alone, as :func:`drive_joints` writes them; a thread for each degree of freedom."""
+    """Write the gains of the solver's own drives, as :func:`drive_joints` does; a thread for each degree of freedom."""
     env, dof = wp.tid()
     if drives.law[dof] == LAW_SOLVER:
         drives.solver_stiffness[env, dof] = drives.stiffness[env, dof]
@@ -251,15 +261,15 @@ def reset_drives(
     rng: wp.array[wp.uint32],
     drives: JointDrives,
 ):
-    """Begin episodes: forget past targets and integrated errors, draw lags; a thread for each environment.
+    """Reset drives where an episode starts: integrated errors, delayed targets, lags; a thread for each environment.
 
     Args:
-        mask: Environments that begin anew, shape ``(num_envs,)``.
-        group: Group that a column of delayed targets draws its lag with, -1 for a lag that stays, shape ``(slots,)``.
+        mask: Environments that start an episode, shape ``(num_envs,)``.
+        group: Group of columns of delayed targets that share one drawn lag, -1 for a fixed lag, shape ``(slots,)``.
         low: Least lag of each group, shape ``(groups,)``.
         high: Largest lag of each group, shape ``(groups,)``.
         rng: Random streams, shape ``(num_envs,)``; one draw for each group.
-        drives: What is reset.
+        drives: The drives to reset.
     """
     env = wp.tid()
     if not mask[env]:
@@ -268,6 +278,7 @@ def reset_drives(
         drives.integral[env, dof] = 0.0
     for slot in range(group.shape[0]):
         drives.pushes[env, slot] = 0
+    # A history needs no clearing: with ``pushes`` at 0 no lag reaches back beyond the start of the episode.
     for g in range(low.shape[0]):
         lag = low[g] + wp.int32(uniform(env, rng) * wp.float32(high[g] - low[g] + 1))
         for slot in range(group.shape[0]):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What terms read: structs of arrays that lead with the environment and share memory with the simulation.
+"""Structs that terms read: arrays that lead with the environment and share memory with the simulation.
 
 SI units, world frame unless a name ends in ``_b``; quaternions (x, y, z, w); spatial vectors (linear, angular); the
 linear part of a velocity is that of the centre of mass. A term is a Warp function whose first argument is the
-environment; the types of the others say what it reads::
+environment; a manager passes the other arguments by their types::
 
     @wp.func
     def joint_vel_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float: ...
@@ -25,7 +25,7 @@ __all__ = [
 
 @wp.struct
 class ArticulationData:
-    """State of an articulation."""
+    """State, targets, limits and defaults of an articulation."""
 
     root_pose: wp.array[wp.transform]
     """Pose of the root link [m], shape ``(num_envs,)``."""
@@ -62,24 +62,25 @@ class ArticulationData:
     joint_drive_effort: wp.array2d[float]
     """Effort of the solver's drives in the last physics step [N or N m], shape ``(num_envs, num_joints)``."""
     joint_other_effort: wp.array2d[float]
-    """Effort of explicit actuators and effort targets in it [N or N m], shape ``(num_envs, num_joints)``."""
+    """Effort of explicit actuators and effort targets in the last physics step [N or N m], shape
+    ``(num_envs, num_joints)``."""
     joint_stiffness: wp.array2d[float]
     """Position gains of the drives, implicit or explicit [N/m or N m/rad], shape ``(num_envs, num_joints)``."""
     joint_damping: wp.array2d[float]
     """Velocity gains of the drives, implicit or explicit [N s/m or N m s/rad], shape ``(num_envs, num_joints)``."""
     joint_pos_lower: wp.array2d[float]
-    """Lower limits [m or rad], shape ``(num_envs, num_joints)``."""
+    """Lower position limits [m or rad], shape ``(num_envs, num_joints)``."""
     joint_pos_upper: wp.array2d[float]
-    """Upper limits [m or rad], shape ``(num_envs, num_joints)``."""
+    """Upper position limits [m or rad], shape ``(num_envs, num_joints)``."""
     joint_vel_limit: wp.array2d[float]
     """Rated speeds [m/s or rad/s], shape ``(num_envs, num_joints)``."""
     joint_effort_limit: wp.array2d[float]
     """Largest efforts [N or N m], shape ``(num_envs, num_joints)``."""
     external_wrench: wp.array2d[wp.spatial_vector]
-    """Wrench that acts on the bodies about their centres of mass until it is changed [N, N m], in the frame that the
-    simulation is told, shape ``(num_envs, num_bodies)``."""
+    """Wrench that acts on the bodies about their centres of mass until it is changed [N, N m], shape
+    ``(num_envs, num_bodies)``; in the body's frame, or in the world's where ``Simulation.wrench_in_world`` is set."""
     soft_limit_factor: float
-    """Share of the range between the position limits that the soft limits cover about their middle."""
+    """Width of the soft position limits as a share of the limits' range; both have the same middle."""
     env_origin: wp.array[wp.vec3]
     """Origins of the environments [m], shape ``(num_envs,)``."""
     gravity_dir: wp.vec3
@@ -90,7 +91,7 @@ class ArticulationData:
 
 @wp.struct
 class ActionData:
-    """What the policy asked for."""
+    """Actions of the policy, before scale and offset."""
 
     action: wp.array2d[float]
     """Actions of this step, shape ``(num_envs, num_actions)``."""
@@ -100,7 +101,7 @@ class ActionData:
 
 @wp.struct
 class CommandData:
-    """What every command has: the numbers an observation shows, and its clock."""
+    """Command data common to all commands: the numbers that observations show, and the clock."""
 
     command: wp.array2d[float]
     """The command as the policy sees it, shape ``(num_envs, num_command)``."""
@@ -112,32 +113,32 @@ class CommandData:
 
 @wp.struct
 class VelocityCommandData:
-    """A velocity to follow."""
+    """Velocity command: a velocity to follow."""
 
     command: wp.array2d[float]
     """Forward and sideways velocity [m/s] and yaw rate [rad/s] in the root's frame, shape ``(num_envs, 3)``."""
     heading_target: wp.array[float]
     """Heading to turn to, in the world frame [rad], shape ``(num_envs,)``."""
     is_heading: wp.array[wp.bool]
-    """Whether the yaw rate follows from the heading, shape ``(num_envs,)``."""
+    """Whether the yaw rate is computed from the heading's error, shape ``(num_envs,)``."""
     is_standing: wp.array[wp.bool]
     """Whether the command is to stand, shape ``(num_envs,)``."""
 
 
 @wp.struct
 class PoseCommandData:
-    """A pose to reach."""
+    """Pose command: a pose of a body to reach."""
 
     pose: wp.array[wp.transform]
-    """Pose in the root's frame [m], shape ``(num_envs,)``; as floats it is the command, ``(num_envs, 7)``."""
+    """Pose in the root's frame [m], shape ``(num_envs,)``; its floats are the command, shape ``(num_envs, 7)``."""
 
 
 @wp.struct
 class Pose2dCommandData:
-    """A place to go to and a heading to have there."""
+    """Position command on the ground: a position to walk to and a heading to have there."""
 
     command: wp.array2d[float]
-    """Position relative to the root, in its yaw frame [m], and turn to the heading [rad], shape ``(num_envs, 4)``."""
+    """Position relative to the root, in its yaw frame [m], and angle to the heading [rad], shape ``(num_envs, 4)``."""
     pos: wp.array[wp.vec3]
     """Position in the world frame [m], shape ``(num_envs,)``."""
     heading: wp.array[float]
@@ -146,16 +147,16 @@ class Pose2dCommandData:
 
 @wp.struct
 class EpisodeData:
-    """How far the episode is, and whether it just ended."""
+    """Episode data: steps so far, and whether the episode ended in this step."""
 
     length: wp.array[wp.int64]
     """Steps taken, shape ``(num_envs,)``."""
     terminated: wp.array[wp.bool]
-    """Whether it ended in failure or success, shape ``(num_envs,)``."""
+    """Whether the episode ended in failure or success, shape ``(num_envs,)``."""
     truncated: wp.array[wp.bool]
-    """Whether it was cut off, by the time limit say, shape ``(num_envs,)``."""
+    """Whether the episode was cut off, by the time limit for example, shape ``(num_envs,)``."""
     term_terminated: wp.array2d[wp.bool]
-    """What each termination term said, those that cut off included, shape ``(num_envs, num_terms)``."""
+    """Result of each termination term, time-outs included, shape ``(num_envs, num_terms)``."""
     max_length: int
     """Steps in an episode."""
     max_length_s: float
@@ -166,9 +167,9 @@ class EpisodeData:
 
 @wp.struct
 class Parameter:
-    """A number that people tune, where it is kept."""
+    """Reference to a tunable number in the device's memory, a reward's weight for example."""
 
     values: wp.array[float]
-    """The numbers of all terms."""
+    """Tunable numbers of all terms."""
     index: int
-    """Which of them it is."""
+    """Index of this number in ``values``."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Beginning and end of a step: episode lengths, worlds that are not finite, the log."""
+"""Episode bookkeeping of a step: the log, random streams, and guards against numbers that are not finite."""
 
 from typing import Any
 
@@ -25,10 +25,14 @@ __all__ = [
 ]
 
 LOG_MEAN = wp.constant(0)
+"""Log entry: mean over the environments that added to it."""
 LOG_COUNT = wp.constant(1)
+"""Log entry: sum over the environments."""
 LOG_LAST = wp.constant(2)
+"""Log entry: sum in the last step in which an environment added to it."""
 
 
+# Warp has no prefetch, so PTX says it. Nothing waits for a prefetch, whereas a load would stall the loads behind it.
 _PREFETCH = """
 #if defined(__CUDA_ARCH__)
     asm volatile("prefetch.global.L1 [%0];" :: "l"((const char*)array.data + (size_t)row * array.strides[0]));
@@ -38,12 +42,14 @@ _PREFETCH = """
 
 @wp.func_native(_PREFETCH)
 def prefetch_row(array: wp.array(dtype=Any, ndim=1), row: int):
-    """Ask for ``array[row]`` without waiting for it; nothing on the CPU."""
+    """Prefetch ``array[row]`` into the L1 cache without waiting for it; does nothing on the CPU."""
 
 
 @wp.func
 def log_add(sums: wp.array[float], counts: wp.array[int], index: int, value: float):
     """Add the value of one environment to an entry of the log."""
+    # Threads add in any order, so the last digits of a logged float may differ from run to run; nothing is trained on
+    # them.
     wp.atomic_add(sums, index, value)
     wp.atomic_add(counts, index, 1)
 
@@ -53,16 +59,17 @@ def row_is_finite(values: wp.array[float]) -> bool:
     """Whether all numbers of a slice are finite."""
     total = wp.float32(0.0)
     for i in range(values.shape[0]):
-        total += 0.0 * values[i]  # what is not finite makes a NaN; nothing to wait for in between
+        # 0 * inf and 0 * NaN are NaN, and a NaN stays in the sum. No branch, so all loads are in flight at once.
+        total += 0.0 * values[i]
     return wp.isfinite(total)
 
 
 @wp.kernel(enable_backward=False)
 def finish_log(kinds: wp.array[int], sums: wp.array[float], counts: wp.array[int], values: wp.array[float]):
-    """Turn the sums of a step into what is handed out, and clear them; one thread an entry.
+    """Turn the sums of a step into the values of the log, and clear the sums; one thread an entry.
 
-    ``LOG_MEAN``: ``sum / count``, which stays as it is in a step without any. ``LOG_COUNT``: ``sum``. ``LOG_LAST``:
-    the sum of the last step that had any.
+    ``LOG_MEAN``: ``sum / count``, or the value of the step before where nothing was added. ``LOG_COUNT``: ``sum``.
+    ``LOG_LAST``: ``sum``, or the value of the step before where nothing was added.
     """
     k = wp.tid()
     if kinds[k] == LOG_COUNT:
@@ -99,7 +106,7 @@ def clear_row(values: wp.array[float]):
 
 @wp.func
 def reset_targets(env: int, robot: ArticulationData):
-    """Bring the targets of all joints back to their state at the start of an episode; no effort is asked for."""
+    """Set the targets of all joints to the default joint state, and the effort targets to 0."""
     for j in range(robot.joint_pos_target.shape[1]):
         robot.joint_pos_target[env, j] = robot.default_joint_pos[env, j]
     for j in range(robot.joint_vel_target.shape[1]):
@@ -109,14 +116,14 @@ def reset_targets(env: int, robot: ArticulationData):
 
 @wp.func
 def clear_wrench(env: int, robot: ArticulationData):
-    """Remove the external wrenches."""
+    """Set the external wrenches of all bodies to zero."""
     for b in range(robot.external_wrench.shape[1]):
         robot.external_wrench[env, b] = wp.spatial_vector()
 
 
 @wp.func
 def finite_action(value: float, bad: wp.array[int]) -> float:
-    """``value``, or 0 where it is no number and +-1e6 where it is infinite; counts those in ``bad[0]``."""
+    """An action with NaN replaced by 0 and infinities by +-1e6; counts the replacements in ``bad[0]``."""
     result = value
     if not wp.isfinite(value):
         wp.atomic_add(bad, 0, 1)
@@ -126,6 +133,6 @@ def finite_action(value: float, bad: wp.array[int]) -> float:
 
 @wp.kernel(enable_backward=False)
 def make_actions_finite(actions: wp.array[float], bad: wp.array[int]):
-    """``finite_action`` of each number, in place."""
+    """Apply :func:`finite_action` to each number, in place; one thread a number."""
     i = wp.tid()
     actions[i] = finite_action(actions[i], bad)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What randomising events change: quantities of the model, by environment, beside their values as the model was built.
+"""Model data for randomising events: quantities of the model by environment, with their values as built.
 
-Arrays lead with the environment and share memory with ``newton.Model``. A field ``default_x`` holds what ``x`` was when
-the model was built; terms start from it, never from ``x``, so that nothing adds up over episodes::
+Arrays lead with the environment and share memory with ``newton.Model``. A field ``default_x`` holds the value of ``x``
+when the model was built. Terms start from it, never from ``x``, so that changes do not add up over episodes::
 
     @wp.func
     def double_the_mass(env: int, model: BodyModelData, body_ids: wp.array[int]):
@@ -22,11 +22,11 @@ class BodyModelData:
     mass: wp.array2d[float]
     """Masses [kg]."""
     inv_mass: wp.array2d[float]
-    """Their inverses [1/kg], 0 for a body without mass."""
+    """Inverse masses [1/kg], 0 for a body without mass."""
     inertia: wp.array2d[wp.mat33]
     """Moments of inertia about the centre of mass, in the body's frame [kg m^2]."""
     inv_inertia: wp.array2d[wp.mat33]
-    """Their inverses [1/(kg m^2)], 0 for a body without inertia."""
+    """Inverse moments of inertia [1/(kg m^2)], 0 for a body without inertia."""
     com: wp.array2d[wp.vec3]
     """Centres of mass in the bodies' frames [m]."""
     default_mass: wp.array2d[float]
@@ -84,15 +84,15 @@ class ShapeModelData:
     restitution: wp.array2d[float]
     """Coefficients of restitution."""
     margin: wp.array2d[float]
-    """Distances from the surface at which contacts rest [m]."""
+    """Contact margins: distances from the surface at which shapes rest on each other [m]."""
     gap: wp.array2d[float]
-    """Further distances within which contacts are found [m]."""
+    """Contact gaps: distances beyond the margin within which contacts are detected [m]."""
     pose: wp.array2d[wp.transform]
     """Poses in the body's frame [m]."""
     size: wp.array2d[wp.vec3]
-    """Sizes as ``newton.Model.shape_scale`` has them: radius, half height, half extents [m]."""
+    """Sizes in the form of ``newton.Model.shape_scale``: radius, half height, half extents [m]."""
     radius: wp.array2d[float]
-    """Radii of the spheres about the shapes [m]."""
+    """Radii of the bounding spheres [m]."""
     color: wp.array2d[wp.vec3]
     """Colours, sRGB from 0 to 1."""
     default_friction: wp.array2d[float]
@@ -111,7 +111,7 @@ class ShapeModelData:
 
 @wp.struct
 class SceneModelData:
-    """What holds for a whole environment; shapes ``(num_envs, 1)``."""
+    """Scene properties of each environment; shapes ``(num_envs, 1)``."""
 
     gravity: wp.array2d[wp.vec3]
     """Gravity in the world frame [m/s^2]."""
@@ -123,4 +123,4 @@ class EncoderData:
     """Errors of the joint encoders of an articulation."""
 
     bias: wp.array2d[float]
-    """What the encoders show too much [m or rad], shape ``(num_envs, num_joints)``."""
+    """Encoder readings minus true joint positions [m or rad], shape ``(num_envs, num_joints)``."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts of spheres, capsules and boxes with height fields, added to those that MuJoCo Warp found itself."""
+"""Ground contacts for MuJoCo Warp: spheres, capsules and boxes on height fields, added to its own contacts."""
 
 import warp as wp
 from mujoco_warp._src.collision_core import contact_margin_gap, contact_material_params, write_contact
@@ -16,17 +16,17 @@ MODEL_FIELDS = (
     "geom_gap", "geom_adhesion", "pair_dim", "pair_solref", "pair_solreffriction", "pair_solimp", "pair_margin",
     "pair_gap", "pair_adhesion", "pair_friction",
 )  # fmt: skip
-"""Fields of MuJoCo Warp's model that the kernel takes, in order."""
+"""Fields of MuJoCo Warp's model that the kernel takes, in the order of its arguments."""
 CONTACT_FIELDS = (
     "dist", "pos", "frame", "includemargin", "friction", "solref", "solreffriction", "solimp", "dim", "geom",
     "efc_address", "worldid", "type", "geomcollisionid", "adhesion",
 )  # fmt: skip
-"""Fields of its contacts that the kernel writes, in order."""
+"""Fields of MuJoCo Warp's contacts that the kernel writes, in the order of its arguments."""
 
 
 @wp.func
-def _extent(kind: int, rot: wp.mat33, size: wp.vec3) -> wp.vec3:
-    """Half extents of a box around a shape, along the axes of the field [m]."""
+def _half_extents(kind: int, rot: wp.mat33, size: wp.vec3) -> wp.vec3:
+    """Half extents of a shape's bounding box along the axes of the field [m]."""
     half = wp.vec3(size[0], size[0], size[0])
     if kind == int(GeomType.CAPSULE):
         half += wp.vec3(wp.abs(rot[0, 2]), wp.abs(rot[1, 2]), wp.abs(rot[2, 2])) * size[1]
@@ -37,10 +37,10 @@ def _extent(kind: int, rot: wp.mat33, size: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _touch(
+def _find_touch(
     index: int, kind: int, field: Field, pos: wp.vec3, rot: wp.mat33, size: wp.vec3, reach: float, touches: Touches
 ) -> Touch:
-    """The touch of a shape that is looked for as number ``index``."""
+    """Find the touch number ``index`` of a shape; a capsule has two at each end, then two along its axis."""
     if kind == int(GeomType.BOX):
         return box_touch(field, pos, rot, size, reach, touches)
     half = wp.vec3(rot[0, 2], rot[1, 2], rot[2, 2]) * size[1]
@@ -100,14 +100,14 @@ def add_ground_contacts(
     contact_adhesion: wp.array[float],
     nacon: wp.array[int],
 ):
-    """Add the contacts of one pair of a world: a height field and another geom, a thread each.
-
-    Neighbouring threads are worlds, whose shapes are of one kind and mostly all on the ground or all above it.
-    """
+    """Add the contacts of pairs of a height field and another geom; a thread for each pair of each world."""
+    # Neighbouring threads are the worlds of one pair: their shapes are of one kind, and mostly all on the ground or all
+    # above it, so that the threads of a warp take the same branches.
     index, world = wp.tid()
     pair = pairs[index]
     ground, geom = pair[0], pair[1]
     margin, gap = contact_margin_gap(geom_margin, geom_gap, pair_margin, pair_gap, pair, -1, world)
+    # Fields of MuJoCo Warp's model have one row for all worlds or one for each, hence the modulo.
     data = geom_dataid[world % geom_dataid.shape[0], ground]
     field = Field()
     field.heights = hfield_data
@@ -121,8 +121,8 @@ def add_ground_contacts(
     rot = wp.transpose(frame) * geom_xmat[world, geom]
     size = geom_size[world % geom_size.shape[0], geom]
     kind = geom_type[geom]
-    extent = _extent(kind, rot, size) + wp.vec3(1.0, 1.0, 1.0) * (margin + gap)
-    if field_peak(field, pos - extent, pos + extent) < pos[2] - extent[2]:
+    extent = _half_extents(kind, rot, size) + wp.vec3(1.0, 1.0, 1.0) * (margin + gap)
+    if field_peak(field, pos - extent, pos + extent) < pos[2] - extent[2]:  # all of the shape is above the ground
         return
     slots = 6
     if kind != int(GeomType.CAPSULE):
@@ -130,11 +130,11 @@ def add_ground_contacts(
     touches, touch, search = Touches(), Touch(), wp.bool(True)
     for slot in range(slots):
         if kind == int(GeomType.CAPSULE) and (slot == 2 or slot == 4):
-            touches.count = 0  # the other end, then the axis
+            touches.count = 0  # the other end of the capsule, then its axis: each is searched on its own
             search = wp.bool(True)
         if search:
-            touch = _touch(slot, kind, field, pos, rot, size, margin + gap, touches)
-        search = search and touch.found  # after none there is no other
+            touch = _find_touch(slot, kind, field, pos, rot, size, margin + gap, touches)
+        search = search and touch.found  # touches come nearest first, so after a miss there is none
         if search:
             touches = add_touch(touches, touch)
             condim, friction, solref, solreffriction, solimp, adhesion = contact_material_params(
@@ -159,6 +159,7 @@ def add_ground_contacts(
                 naconmax,
                 slot,
                 touch.dist,
+                # MuJoCo's contact point lies halfway between the two surfaces.
                 geom_xpos[world, ground] + frame * (touch.point + 0.5 * touch.dist * touch.normal),
                 make_frame(frame * touch.normal),
                 margin,

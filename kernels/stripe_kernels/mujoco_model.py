@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From Newton's model to MuJoCo Warp's, in some worlds: what ``SolverMuJoCo.notify_model_changed`` does in all of them.
+"""MuJoCo model updates: copy changed properties of Newton's model to MuJoCo Warp's, in the worlds of a mask.
 
-Each kernel gets the worlds to update as ``mask``, shape ``(num_envs,)``. Names are those of ``newton.Model`` and, of
-what is written, ``mujoco_warp.Model``.
+``SolverMuJoCo.notify_model_changed`` does the same in all worlds. Each kernel takes the worlds to update as ``mask``,
+shape ``(num_envs,)``. Inputs have the names of ``newton.Model``, outputs those of ``mujoco_warp.Model``.
 """
 
 import newton
@@ -19,21 +19,22 @@ __all__ = ["MuJoCoJoints", "copy_limits", "write_bodies", "write_gravity", "writ
 
 _POSITION = wp.constant(int(newton.JointTargetMode.POSITION))
 _SLIDE = wp.constant(2)
-"""The first of MuJoCo's joint types that have one coordinate."""
+"""MuJoCo's joint type slide; it and the one after it, hinge, have one coordinate."""
 
 
 @wp.struct
 class MuJoCoJoints:
-    """Joint properties of both models. Arrays of Newton's are flat, those of MuJoCo Warp's lead with the world."""
+    """Joint properties of both models. Newton's arrays are flat, those of MuJoCo Warp lead with the world."""
 
     dof_map: wp.array2d[int]
-    """Newton's degree of freedom for each of MuJoCo's, -1 for none."""
+    """Newton's degree of freedom for each of MuJoCo's, -1 for none, shape ``(num_envs, nv)``."""
     joint_map: wp.array2d[int]
-    """Newton's first degree of freedom for each of MuJoCo's joints, -1 for none."""
+    """Newton's first degree of freedom for each of MuJoCo's joints, -1 for none, shape ``(num_envs, njnt)``."""
     actuator_source: wp.array[int]
-    """0 for an actuator that is the drive of a joint."""
+    """Origin of each actuator: 0 for the drive of a joint, shape ``(nu,)``."""
     actuator_map: wp.array[int]
-    """Newton's degree of freedom in an environment: ``d`` for a position gain, ``-2 - d`` for a velocity gain."""
+    """Newton's degree of freedom in an environment: ``d`` for a position gain, ``-2 - d`` for a velocity gain, shape
+    ``(nu,)``."""
     dofs_per_world: int
     joint_friction: wp.array[float]
     joint_damping: wp.array[float]
@@ -46,7 +47,7 @@ class MuJoCoJoints:
     joint_target_kd: wp.array[float]
     joint_target_mode: wp.array[int]
     extra_damping: wp.array[float]
-    """Damping that actuators add to MuJoCo's degrees of freedom, or an empty array."""
+    """Damping that actuators add to MuJoCo's degrees of freedom, shape ``(nv,)``, or an empty array."""
     jnt_type: wp.array[int]
     jnt_qposadr: wp.array[int]
     qpos0: wp.array2d[float]
@@ -62,8 +63,11 @@ class MuJoCoJoints:
 
 @wp.kernel(enable_backward=False)
 def write_joints(mask: wp.array[wp.bool], joints: MuJoCoJoints):
-    """Friction, damping, armature, springs, limits and gains; a thread for each degree of freedom, joint and actuator
-    of a world, whichever are most."""
+    """Write friction, damping, armature, springs, limits and gains of joints and their drives.
+
+    Threads are (world, index): the index counts degrees of freedom, joints and actuators at once, up to the largest of
+    the three numbers.
+    """
     world, i = wp.tid()
     if not mask[world]:
         return
@@ -73,6 +77,7 @@ def write_joints(mask: wp.array[wp.bool], joints: MuJoCoJoints):
             joints.dof_frictionloss[world, i] = joints.joint_friction[dof]
             joints.dof_armature[world, i] = joints.joint_armature[dof]
             damping = joints.joint_damping[dof]
+            # An actuator's damping and the joint's own share one field in MuJoCo.
             if joints.extra_damping.shape[0] > 0:
                 damping += joints.extra_damping[i]
             joints.dof_damping[world, i] = damping
@@ -80,6 +85,7 @@ def write_joints(mask: wp.array[wp.bool], joints: MuJoCoJoints):
         dof = joints.joint_map[world, i]
         if dof >= 0:
             joints.jnt_stiffness[world, i] = joints.joint_stiffness[dof]
+            # Newton's limits count from the reference pose, MuJoCo's from the zero of its own coordinate.
             rest = wp.float32(0.0)
             if joints.jnt_type[i] >= _SLIDE:
                 rest = joints.qpos0[world, joints.jnt_qposadr[i]]
@@ -91,9 +97,11 @@ def write_joints(mask: wp.array[wp.bool], joints: MuJoCoJoints):
         code = joints.actuator_map[i]
         if code >= 0:
             dof = world * joints.dofs_per_world + code
+            # MuJoCo's affine actuator: force = gainprm[0] ctrl + biasprm[1] length + biasprm[2] velocity.
             kp = joints.joint_target_ke[dof]
             joints.actuator_gainprm[world, i][0] = kp
             joints.actuator_biasprm[world, i][1] = -kp
+            # Damping belongs here only if no velocity actuator of the same joint has it.
             if joints.joint_target_mode[code] == _POSITION:
                 joints.actuator_biasprm[world, i][2] = -joints.joint_target_kd[dof]
         elif code <= -2:
@@ -109,7 +117,7 @@ def copy_limits(
     jnt_actfrcrange: wp.array2d[wp.vec2],
     actuator_forcerange: wp.array2d[wp.vec2],
 ):
-    """Limit the forces of drives as the efforts of their joints are; threads (row of the limits, drive)."""
+    """Copy the effort limits of joints to the actuators that drive them; threads (row of the limits, drive)."""
     row, i = wp.tid()
     actuator_forcerange[row, drives[i]] = jnt_actfrcrange[row % jnt_actfrcrange.shape[0], joints[i]]
 
@@ -126,17 +134,17 @@ def write_bodies(
     body_inertia: wp.array2d[wp.vec3],
     body_iquat: wp.array2d[wp.quat],
 ):
-    """Masses, centres of mass, and principal moments with their axes; a thread for each body of a world.
+    """Write masses, centres of mass and principal moments with their axes; a thread for each body of a world.
 
     Args:
         mask: Worlds to update.
         body_map: Newton's body for each of MuJoCo's, -1 for none.
         body_mass_from: Masses [kg].
         body_com: Centres of mass [m].
-        body_inertia_from: Moments of inertia about them [kg m^2].
-        body_mass: Output, masses.
-        body_ipos: Output, centres of mass.
-        body_inertia: Output, principal moments, falling.
+        body_inertia_from: Moments of inertia about the centres of mass [kg m^2].
+        body_mass: Output, masses [kg].
+        body_ipos: Output, centres of mass [m].
+        body_inertia: Output, principal moments, largest first [kg m^2].
         body_iquat: Output, principal axes, quaternions (w, x, y, z).
     """
     world, i = wp.tid()
@@ -147,6 +155,7 @@ def write_bodies(
         return
     body_mass[world, i] = body_mass_from[body]
     body_ipos[world, i] = body_com[body]
+    # Newton's own steps in Newton's order, so that the result is that of notify_model_changed to the last bit.
     vectors, values = _eig_inertia(body_inertia_from[body])
     values, vectors = _sort_eigenpairs_descending(values, vectors)
     axes = wp.normalize(wp.quat_from_matrix(_ensure_proper_rotation(vectors)))
@@ -168,20 +177,20 @@ def write_shapes(
     geom_gap: wp.array2d[float],
     geom_margin: wp.array2d[float],
 ):
-    """Friction, gap and margin; a thread for each geom of a world.
+    """Write friction, gap and margin; a thread for each geom of a world.
 
     Args:
         mask: Worlds to update.
         shape_map: Newton's shape for each of MuJoCo's geoms, -1 for none.
-        has_margin: Whether the solver heeds margins.
+        has_margin: Whether the solver uses margins.
         friction: Coefficients of sliding friction.
-        torsional: Of torsional friction [m].
-        rolling: Of rolling friction [m].
-        gap: Gaps [m].
-        margin: Margins [m].
+        torsional: Coefficients of torsional friction [m].
+        rolling: Coefficients of rolling friction [m].
+        gap: Contact gaps [m].
+        margin: Contact margins [m].
         geom_friction: Output, the three coefficients.
-        geom_gap: Output.
-        geom_margin: Output.
+        geom_gap: Output, contact gaps [m].
+        geom_margin: Output, contact margins [m].
     """
     world, i = wp.tid()
     if not mask[world]:
@@ -197,7 +206,7 @@ def write_shapes(
 
 @wp.kernel(enable_backward=False)
 def write_gravity(mask: wp.array[wp.bool], gravity_from: wp.array[wp.vec3], gravity: wp.array[wp.vec3]):
-    """Gravity [m/s^2]; a thread for each world."""
+    """Write gravity [m/s^2]; a thread for each world."""
     world = wp.tid()
     if mask[world]:
         gravity[world] = gravity_from[world]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warp kernels that turn what Newton's camera sensor traced (distance, normal, shape) into a picture.
+"""Pictures: kernels that shade the distances, normals and shapes traced by Newton's camera sensor.
 
-The sensor's rays give geometry; light, shadow, ground pattern, sky and fog are worked out here, once for each sample.
+The sensor's rays give the geometry. Light, shadow, ground pattern, sky and fog are computed here, once for each sample.
 Colours are linear RGB until :func:`encode` writes sRGB bytes.
 """
 
@@ -18,40 +18,40 @@ NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
 
 @wp.struct
 class Look:
-    """What is the same for all pixels of a frame."""
+    """Camera, light, air and shadow map of a frame: the inputs that all pixels share."""
 
-    width: wp.int32
+    width: wp.int32  # pixels
     height: wp.int32
     tan_x: wp.float32  # half the picture's width and height at distance 1
     tan_y: wp.float32
-    eye: wp.vec3f
-    right: wp.vec3f
+    eye: wp.vec3f  # position of the camera in the world [m]
+    right: wp.vec3f  # axes of the camera in the world, unit vectors; it looks along -back
     up: wp.vec3f
     back: wp.vec3f
-    to_sun: wp.vec3f
-    sun: wp.vec3f
+    to_sun: wp.vec3f  # unit vector
+    sun: wp.vec3f  # radiance of the sun, of the sky from above and of the ground from below, linear RGB
     sky: wp.vec3f
     ground: wp.vec3f
-    horizon: wp.vec3f
+    horizon: wp.vec3f  # colours of the sky, linear RGB
     zenith: wp.vec3f
-    fog_start: wp.float32  # [m]
+    fog_start: wp.float32  # distance from the camera [m]
     fog_length: wp.float32  # [m], 0: none
-    near: wp.float32  # scenery but the ground is seen from here on [m]
+    near: wp.float32  # distance from which on scenery other than the ground is shown [m]
     haze: wp.float32  # share of light lost to haze [1/m], 0: none
     air: wp.float32  # brightness of the haze: less below a canopy
     exposure: wp.float32
     tile: wp.float32  # side of a square of the ground pattern [m]
-    shadow_size: wp.int32  # texels, 0: no shadows
+    shadow_size: wp.int32  # side of the shadow map [texels], 0: no shadows
     shadow_half: wp.float32  # half the side of the shadow map [m]
-    shadow_start: wp.float32  # from the map's centre towards the sun, where its rays begin [m]
-    shadow_center: wp.vec3f
-    shadow_x: wp.vec3f
+    shadow_start: wp.float32  # distance from the map's centre towards the sun at which its rays begin [m]
+    shadow_center: wp.vec3f  # in the world [m]
+    shadow_x: wp.vec3f  # axes of the shadow map in the world, unit vectors
     shadow_y: wp.vec3f
 
 
 @wp.func
 def sample_direction(look: Look, x: float, y: float):
-    """World direction (unit) through the point (x, y) of the picture, in pixels from its upper left corner."""
+    """Unit vector in the world through the point (x, y) of the picture, in pixels from its upper left corner."""
     u = (2.0 * x / float(look.width) - 1.0) * look.tan_x
     v = (1.0 - 2.0 * y / float(look.height)) * look.tan_y
     return wp.normalize(look.right * u + look.up * v - look.back)
@@ -59,7 +59,7 @@ def sample_direction(look: Look, x: float, y: float):
 
 @wp.func
 def sample_offset(sample: int):
-    """Where in its pixel a sample lies: four points no two of which share a row or a column."""
+    """Position of a sample in its pixel, from 0 to 1: a rotated grid, whose points share no row and no column."""
     if sample == 0:
         return wp.vec2f(0.375, 0.125)
     if sample == 1:
@@ -84,14 +84,14 @@ def sky_color(look: Look, direction: wp.vec3f):
 
 @wp.func
 def checker_integral(x: float):
-    """Integral of the square wave that is +1 on [0, 1) and -1 on [1, 2)."""
+    """Integral from 0 to ``x`` of the square wave that is +1 on [0, 1) and -1 on [1, 2)."""
     h = 0.5 * x
     return 1.0 - wp.abs(2.0 * (h - wp.floor(h)) - 1.0)
 
 
 @wp.func
 def line_integral(x: float, half: float):
-    """Integral of the comb that is 1 within ``half`` of a whole number."""
+    """Integral up to ``x`` of the comb that is 1 within ``half`` of a whole number and 0 elsewhere."""
     n = wp.floor(x + half)
     return n * 2.0 * half + wp.min(x + half - n, 2.0 * half)
 
@@ -99,6 +99,8 @@ def line_integral(x: float, half: float):
 @wp.func
 def ground_pattern(look: Look, point: wp.vec3f, direction: wp.vec3f, normal: wp.vec3f, distance: float):
     """Brightness factor of the ground: squares and their joints, averaged over the pixel's footprint."""
+    # A box filter in closed form: the difference of the pattern's integrals at both ends of the footprint, over its
+    # width. A pattern sampled at a point would flicker far away, where many squares fall into a pixel.
     pixel = 2.0 * look.tan_y / float(look.height) * distance
     slope = wp.max(wp.abs(wp.dot(direction, normal)), 1.0e-3)
     flat = wp.vec2f(direction[0], direction[1])
@@ -121,7 +123,7 @@ def ground_pattern(look: Look, point: wp.vec3f, direction: wp.vec3f, normal: wp.
 
 @wp.func
 def shadow_tap(casters: wp.array[wp.float32], size: int, ix: int, iy: int, depth: float):
-    """1 where the caster of texel (ix, iy) is nearer to the sun than ``depth`` [m], else 0; 0 outside the map."""
+    """Shadow test: 1 if the caster of texel (ix, iy) is nearer to the sun than ``depth`` [m], else 0; 0 off the map."""
     if ix < 0 or iy < 0 or ix >= size or iy >= size:
         return 0.0
     if casters[iy * size + ix] < depth:
@@ -131,9 +133,11 @@ def shadow_tap(casters: wp.array[wp.float32], size: int, ix: int, iy: int, depth
 
 @wp.func
 def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, normal: wp.vec3f):
-    """Share of the sun that reaches ``point``: shadow-map texels near it, weighted by a smooth bump."""
+    """Share of the sun that reaches ``point``: the shadow-map texels around it, weighted by a smooth bump."""
     size = look.shadow_size
     texel = 2.0 * look.shadow_half / float(size)
+    # Two texels along the normal here, and 1.5 towards the sun below: a texel holds one depth for all of its area, and
+    # without both a slanted surface would cast shadows on itself.
     p = point + normal * (2.0 * texel) - look.shadow_center
     x = (wp.dot(p, look.shadow_x) / look.shadow_half * 0.5 + 0.5) * float(size)
     y = (0.5 - wp.dot(p, look.shadow_y) / look.shadow_half * 0.5) * float(size)
@@ -142,6 +146,7 @@ def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, n
     depth = look.shadow_start - wp.dot(p, look.to_sun) - 1.5 * texel
     ix = int(wp.floor(x))
     iy = int(wp.floor(y))
+    # Five probes decide for most points, which lie well inside the light or the shadow; only the rest pays for 25.
     probe = (
         shadow_tap(casters, size, ix, iy, depth)
         + shadow_tap(casters, size, ix - 2, iy - 2, depth)
@@ -168,7 +173,7 @@ def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, n
 
 @wp.func
 def to_linear(c: float):
-    """Linear value of an sRGB value, both 0 to 1 (error below 0.002)."""
+    """Linear value of an sRGB value, both 0 to 1, by a polynomial (error below 0.002)."""
     return c * (c * (c * 0.305306 + 0.682171) + 0.012523)
 
 
@@ -185,9 +190,10 @@ def shade(
     casters: wp.array[wp.float32],
     detail: wp.vec4f,
 ):
-    """Colour of one sample as it is shown: linear, 0 to 1.
+    """Colour of one sample after tone mapping: linear RGB, 0 to 1.
 
-    ``detail`` is the radiance of what was lit already and -1, or the share of the sun in its last place.
+    ``detail`` is the radiance of scenery, which was lit before, and -1; otherwise its last number is the share of the
+    sun that scenery lets through.
     """
     backdrop = sky_color(look, direction)
     color = backdrop
@@ -224,6 +230,7 @@ def shade(
             albedo = albedo * ground_pattern(look, point, direction, normal, distance)
         color = wp.cw_mul(albedo, light)
         if not ground:
+            # Blinn-Phong highlight with exponent 32, by five squarings, and a rim of reflected sky.
             half = wp.max(wp.dot(normal, wp.normalize(look.to_sun - direction)), 0.0)
             gloss = half * half
             gloss = gloss * gloss
@@ -235,6 +242,7 @@ def shade(
             color = color + look.sun * (0.16 * gloss * lit) + look.horizon * (0.16 * rim * upness)
     if shape != NO_HIT:
         if look.haze > 0.0:
+            # Haze has the colour of the sky near the horizon, also where the ray points up or down.
             low = wp.vec3f(direction[0], direction[1], wp.max(0.3 * direction[2], 0.0))
             air = sky_color(look, low)
             color = color * look.exposure
@@ -249,14 +257,14 @@ def shade(
 
 @wp.func
 def tone(c: float):
-    """Compress highlights by Reinhard's curve with a white point (Reinhard et al. 2002, eq. 4)."""
+    """Tone mapping: Reinhard's curve with a white point (Reinhard et al. 2002, eq. 4)."""
     x = 1.75 * wp.max(c, 0.0)
     return wp.min(x * (1.0 + x / 3.2) / (1.0 + x), 1.0)
 
 
 @wp.func
 def encode_channel(c: float):
-    """SRGB byte of a linear value, by square roots (error below 1/255)."""
+    """Encode a linear value, 0 to 1, as an sRGB byte, by square roots (error below 1/255)."""
     s1 = wp.sqrt(c)
     s2 = wp.sqrt(s1)
     s3 = wp.sqrt(s2)
@@ -274,7 +282,7 @@ def encode(color: wp.vec3f, pixel: int, picture: wp.array[wp.uint8]):
 
 @wp.kernel(enable_backward=False)
 def gather_bodies(source: wp.array[wp.transformf], index: wp.array[wp.int32], out: wp.array[wp.transformf]):
-    """Copy the poses that ``index`` names: ``out[i] = source[index[i]]``."""
+    """Copy the poses with the indices ``index``: ``out[i] = source[index[i]]``; one thread a pose."""
     i = wp.tid()
     out[i] = source[index[i]]
 
@@ -292,8 +300,9 @@ def shade_pixels(
     detail: wp.array[wp.vec4f],
     picture: wp.array[wp.uint8],
 ):
-    """Shade one ray through the middle of every pixel. ``albedo`` is empty where no shape has a texture, ``detail``
-    where there is no scenery.
+    """Shade one ray through the middle of every pixel; one thread a pixel.
+
+    ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
     """
     pixel = wp.tid()
     x = pixel % look.width
@@ -310,8 +319,8 @@ def shade_pixels(
 
 
 @wp.func
-def stands_still(shape: wp.uint32, still: wp.array[wp.int32]):
-    """Whether a pixel shows scenery or the sky before which it stands."""
+def is_backdrop(shape: wp.uint32, still: wp.array[wp.int32]):
+    """Whether a pixel shows scenery or the sky."""
     if shape == NO_HIT:
         return True
     if shape >= wp.uint32(still.shape[0]):
@@ -321,21 +330,21 @@ def stands_still(shape: wp.uint32, still: wp.array[wp.int32]):
 
 @wp.func
 def is_edge(i: int, j: int, shape: wp.array[wp.uint32], normal: wp.array[wp.vec3f], still: wp.array[wp.int32]):
-    """Whether two pixels show different surfaces: another shape, or a normal turned by over 45 degrees.
+    """Whether two pixels show different surfaces: another shape, or normals more than 45 degrees apart.
 
-    Not within scenery, whose leaves are edges everywhere.
+    Pixels within scenery have no edges: its leaves would be edges everywhere.
     """
     within = wp.bool(False)
     if still.shape[0] > 0:
-        within = stands_still(shape[i], still)
+        within = is_backdrop(shape[i], still)
     if within:
-        within = stands_still(shape[j], still)
+        within = is_backdrop(shape[j], still)
     if within:
         return False
     if shape[i] != shape[j]:
         return True
     if wp.dot(normal[i], normal[j]) < 0.7:
-        return shape[i] != NO_HIT
+        return shape[i] != NO_HIT  # the sky's normals are undefined
     return False
 
 
@@ -350,7 +359,10 @@ def mark_edges(
     pixels: wp.array[wp.int32],
     rays: wp.array2d[wp.vec3f],
 ):
-    """List the pixels whose neighbours show another surface, and write rays (camera frame) for each of them."""
+    """List the pixels whose neighbours show another surface, and write rays (camera frame) for each of them.
+
+    ``count`` may exceed ``capacity``; pixels beyond it are not listed and keep the one sample they have.
+    """
     pixel = wp.tid()
     x = pixel % look.width
     y = pixel // look.width
@@ -365,6 +377,7 @@ def mark_edges(
         edge = is_edge(pixel, pixel + look.width, shape, normal, still)
     if not edge:
         return
+    # The order of the list differs from run to run, the picture does not: each pixel is resolved on its own.
     slot = wp.atomic_add(count, 0, 1)
     if slot >= capacity:
         return
@@ -391,7 +404,7 @@ def resolve_edges(
     detail: wp.array[wp.vec4f],
     picture: wp.array[wp.uint8],
 ):
-    """Shade the samples of each listed pixel and write their mean."""
+    """Shade the samples of each listed pixel and write their mean; one thread a listed pixel."""
     slot = wp.tid()
     pixel = pixels[slot]
     x = pixel % look.width
@@ -413,7 +426,7 @@ def resolve_edges(
 
 @wp.func
 def caster_distance(i: int, depth: wp.array[wp.float32], shape: wp.array[wp.uint32], is_ground: wp.array[wp.int32]):
-    """Distance of what the ray of texel ``i`` meets, FAR if it is a ground or nothing."""
+    """Distance along the sun's ray of texel ``i`` to the first shape, ``FAR`` if that is a ground or nothing [m]."""
     s = shape[i]
     if s == NO_HIT:
         return FAR
@@ -430,9 +443,10 @@ def shadow_casters(
     is_ground: wp.array[wp.int32],
     casters: wp.array[wp.float32],
 ):
-    """Distance of what casts a shadow, along each ray of the sun; grounds only receive.
+    """Write the shadow map: distance along each ray of the sun to what casts a shadow; one thread a texel.
 
-    A ray that hits nothing takes over its neighbours' caster, so that things thinner than a texel leave no gaps.
+    Grounds receive shadows and cast none. A ray that hits nothing takes the nearest caster of its neighbours, so that
+    shapes thinner than a texel leave no gaps.
     """
     i = wp.tid()
     x = i % size

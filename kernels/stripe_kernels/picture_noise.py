@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise for the grain of surfaces in pictures."""
+"""Picture noise: hash and value noise for the grain of surfaces in pictures."""
 
 import warp as wp
 
@@ -8,7 +8,8 @@ __all__ = ["ground_albedo", "lattice", "value_noise"]
 
 @wp.func
 def lattice(x: int, y: int, z: int):
-    """A number in [0, 1) for a point with whole coordinates."""
+    """Hash of a point with whole coordinates to a number in [0, 1)."""
+    # The primes of M. Teschner et al., "Optimized Spatial Hashing", 2003; the shifts mix the low bits further.
     h = wp.uint32(x) * wp.uint32(73856093) ^ wp.uint32(y) * wp.uint32(19349663) ^ wp.uint32(z) * wp.uint32(83492791)
     h = (h ^ (h >> wp.uint32(13))) * wp.uint32(1274126177)
     h = h ^ (h >> wp.uint32(16))
@@ -42,10 +43,11 @@ def value_noise(p: wp.vec3f):
 
 @wp.func
 def ground_albedo(base: wp.vec3f, point: wp.vec3f, footprint: float):
-    """Colour of the ground: patches of moss, litter, and grain as fine as a pixel of ``footprint`` [m] can show.
+    """Colour of the ground: moss, litter, and grain as fine as a pixel of ``footprint`` [m] can show, linear RGB.
 
-    Moss and litter are on soil alone, not on grey ground such as concrete, whose colour is hardly saturated.
+    Moss and litter appear on soil only, not on grey ground such as concrete.
     """
+    # Saturation tells soil from grey ground: the smallest channel over the largest is near 1 for grey.
     soil = wp.clamp(20.0 * (0.53 - wp.min(base) / wp.max(wp.max(base), 1.0e-3)), 0.0, 1.0)
     patch = 0.6 * value_noise(point * 0.35) + 0.4 * value_noise(point * 1.3)
     moss = soil * wp.clamp(4.0 * (patch - 0.52), 0.0, 1.0)
@@ -54,7 +56,7 @@ def ground_albedo(base: wp.vec3f, point: wp.vec3f, footprint: float):
     grain = value_noise(point * 6.0) - 0.5
     color = color * (1.0 + 0.5 * grain)
     near = wp.clamp(1.0 - 12.0 * footprint, 0.0, 1.0)
-    if near > 0.0:
+    if near > 0.0:  # finer than a pixel, the noise would flicker
         chip = value_noise(wp.vec3f(point[0] * 22.0, point[1] * 22.0, point[2] * 5.0))
         fleck = value_noise(wp.vec3f(point[0] * 61.0, point[1] * 61.0, 3.0))
         litter = wp.clamp(6.0 * (chip - 0.58), 0.0, 1.0) * (0.4 + 0.6 * fleck)

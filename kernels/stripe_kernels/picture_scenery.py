@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays against thousands of meshes that stand still: what a pixel sees of them, and whether the sun reaches it.
+"""Scenery in pictures: rays against thousands of static meshes, and their light and shadow.
 
-Meshes are instances under one hierarchy of boxes. A ray asks it for stretches of growing length, nearest first: among
-trees most rays end a few metres away, and what lies behind is never looked at.
+Meshes are instances under one bounding volume hierarchy. A ray queries it in stretches of growing length, nearest
+first: among trees most rays end a few metres away, and meshes behind that are never tested.
 """
 
 import warp as wp
@@ -13,12 +13,13 @@ from stripe_kernels.picture_noise import ground_albedo, lattice, value_noise
 __all__ = ["FOLIAGE", "GROUND", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]
 
 SOLID = 0
+"""Opaque surface with grain: wood, rock."""
 FOLIAGE = 1
-"""Seen from both sides, lets light through."""
+"""Leaves, seen from both sides, which let light through."""
 GROUND = 2
 """The height field."""
 SMOOTH = 3
-"""Mirrors the sky, as water does."""
+"""Surface that mirrors the sky, as water does."""
 
 STRETCH = wp.constant(16.0)
 """Length of the first stretch of a ray [m]; the next ones are each twice as long as the one before."""
@@ -27,57 +28,60 @@ NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
 
 @wp.struct
 class SceneryMeshes:
-    """Instances of meshes, in the world."""
+    """Scenery: instances of meshes in the world, the colours of the ground, and the canopy above it."""
 
-    bvh: wp.uint64  # over their boxes
+    bvh: wp.uint64  # hierarchy over the boxes of the instances, in the world
     far: wp.float32  # longest ray [m]
-    mesh: wp.array[wp.uint64]
-    pose: wp.array[wp.transformf]
+    mesh: wp.array[wp.uint64]  # ids of the instances' meshes
+    pose: wp.array[wp.transformf]  # poses of the instances in the world [m]
     scale: wp.array[wp.vec3f]
-    shape: wp.array[wp.int32]  # index of the model's shape
-    kind: wp.array[wp.int32]
+    shape: wp.array[wp.int32]  # indices of the model's shapes
+    kind: wp.array[wp.int32]  # SOLID, FOLIAGE, GROUND or SMOOTH
     color: wp.array[wp.vec3f]  # linear RGB
-    middle: wp.array[wp.vec3f]  # of the mesh's box, in its frame [m]
-    half: wp.array[wp.vec3f]
-    ground_color: wp.array2d[wp.vec3f]  # linear RGB on the grid of the height field; empty: of its shape
+    middle: wp.array[wp.vec3f]  # centres of the meshes' boxes, in the meshes' frames [m]
+    half: wp.array[wp.vec3f]  # half extents of those boxes [m]
+    ground_color: wp.array2d[wp.vec3f]  # linear RGB on the grid of the height field; empty: its shape's colour
     ground_lower: wp.vec2f  # world x, y of the grid's first point [m]
-    ground_cell: wp.vec2f
+    ground_cell: wp.vec2f  # spacing of the grid in x and y [m]
     canopy: wp.array2d[wp.vec2f]  # cover in [0, 1] and height of its top [m], on a grid of its own
-    canopy_lower: wp.vec2f
-    canopy_cell: wp.float32
+    canopy_lower: wp.vec2f  # world x, y of that grid's corner [m]
+    canopy_cell: wp.float32  # side of its cells [m]
 
 
 @wp.struct
 class SceneryHit:
-    """The nearest point of a ray."""
+    """Nearest hit of a ray with scenery."""
 
-    distance: wp.float32
-    index: wp.int32  # of the instance, -1 for none
-    face: wp.int32
-    normal: wp.vec3f
+    distance: wp.float32  # [m]
+    index: wp.int32  # instance, -1 for none
+    face: wp.int32  # triangle of its mesh
+    normal: wp.vec3f  # unit vector in the world
 
 
 @wp.func
 def to_local_vector(s: SceneryMeshes, i: int, vector: wp.vec3f):
-    """A vector of the world in the frame of instance ``i``; its length changes with the scale."""
+    """Vector of the world in the frame of instance ``i``; its length changes with the scale."""
+    # Not normalised, so that distances along a ray are the same numbers in both frames.
     return wp.cw_div(wp.quat_rotate_inv(wp.transform_get_rotation(s.pose[i]), vector), s.scale[i])
 
 
 @wp.func
 def to_local(s: SceneryMeshes, i: int, point: wp.vec3f):
-    """A point of the world in the frame of instance ``i``."""
+    """Point of the world in the frame of instance ``i`` [m]."""
     return to_local_vector(s, i, point - wp.transform_get_translation(s.pose[i]))
 
 
 @wp.func
 def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, near: float, limit: float):
-    """The nearest hit within ``limit`` [m] along a unit direction; things other than ground count from ``near`` [m]."""
+    """Find the nearest hit within ``limit`` [m] along a unit direction; all but the ground counts from ``near`` [m]."""
     hit = SceneryHit()
     hit.distance = limit
     hit.index = -1
     start = wp.float32(0.0)
     length = wp.float32(STRETCH)
     i = wp.int32(0)
+    # The search ends with the stretch that holds the nearest hit. A mesh whose box reaches over several stretches is
+    # tested in each of them, but only up to the nearest hit so far.
     while start < hit.distance:
         query = wp.bvh_query_ray(s.bvh, origin + direction * start, direction)
         while wp.bvh_query_next(query, i, wp.min(length, hit.distance - start)):
@@ -92,6 +96,7 @@ def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, 
         start += length
         length *= 2.0
     if hit.index >= 0:
+        # A normal transforms by the inverse of the scale, a vector by the scale.
         normal = wp.cw_div(hit.normal, s.scale[hit.index])
         hit.normal = wp.normalize(wp.quat_rotate(wp.transform_get_rotation(s.pose[hit.index]), normal))
     return hit
@@ -99,7 +104,7 @@ def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, 
 
 @wp.func
 def scenery_blocks(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f):
-    """Whether anything stands between a point and the sun."""
+    """Whether scenery stands between a point and the sun."""
     start = wp.float32(0.0)
     length = wp.float32(STRETCH)
     i = wp.int32(0)
@@ -115,9 +120,10 @@ def scenery_blocks(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f):
 
 @wp.func
 def grid_color(s: SceneryMeshes, point: wp.vec3f):
-    """Bilinear colour of the height field at a point."""
+    """Colour of the height field at a point of the world, bilinear, linear RGB."""
     rows = s.ground_color.shape[0]
     columns = s.ground_color.shape[1]
+    # The bound of 1.001 leaves a point to the right and above, c + 1 and r + 1, at the edge of the grid too.
     u = wp.clamp((point[0] - s.ground_lower[0]) / s.ground_cell[0], 0.0, float(columns) - 1.001)
     v = wp.clamp((point[1] - s.ground_lower[1]) / s.ground_cell[1], 0.0, float(rows) - 1.001)
     c = int(u)
@@ -130,7 +136,7 @@ def grid_color(s: SceneryMeshes, point: wp.vec3f):
 
 @wp.func
 def open_sky(s: SceneryMeshes, point: wp.vec3f):
-    """Share of the sky's light that comes through the canopy above a point."""
+    """Share of the sky's light that comes through the canopy above a point of the world."""
     rows = s.canopy.shape[0]
     columns = s.canopy.shape[1]
     u = wp.clamp((point[0] - s.canopy_lower[0]) / s.canopy_cell - 0.5, 0.0, float(columns) - 1.001)
@@ -141,6 +147,7 @@ def open_sky(s: SceneryMeshes, point: wp.vec3f):
     near = s.canopy[r, c] * (1.0 - fu) + s.canopy[r, c + 1] * fu
     far = s.canopy[r + 1, c] * (1.0 - fu) + s.canopy[r + 1, c + 1] * fu
     at = near + (far - near) * (v - float(r))
+    # Full shade from 8 m below the top of the canopy on, none above it.
     below = wp.clamp((at[1] - point[2]) / 8.0, 0.0, 1.0)
     return 1.0 - 0.6 * at[0] * below
 
@@ -155,7 +162,7 @@ def light_scenery(
     to_sun: wp.vec3f,
     casters: wp.array[wp.float32],
 ):
-    """Radiance of a hit, linear RGB: sun, sky through the canopy, light through leaves."""
+    """Radiance of a hit, linear RGB: light of the sun, of the sky through the canopy, and through leaves."""
     i = hit.index
     point = origin + direction * hit.distance
     normal = hit.normal
@@ -169,12 +176,13 @@ def light_scenery(
     facing = wp.dot(normal, to_sun)
     lit = wp.max(facing, 0.0)
     through = wp.float32(0.0)
-    start = point + normal * 0.002
+    start = point + normal * 0.002  # off the surface, or the ray to the sun would hit it
     if kind == GROUND:
         if s.ground_color.shape[0] > 0:
             albedo = grid_color(s, point)
         albedo = ground_albedo(albedo, point, footprint)
     else:
+        # Each instance, and each pair of triangles of a leaf, has a shade of its own, drawn by a hash of its index.
         own = lattice(i, 7, 1)
         albedo = wp.cw_mul(albedo * (0.82 + 0.36 * own), wp.vec3f(1.0 + 0.16 * (lattice(i, 3, 5) - 0.5), 1.0, 1.0))
         if kind == FOLIAGE:
@@ -182,6 +190,7 @@ def light_scenery(
                 albedo * (0.75 + 0.5 * lattice(hit.face / 2, 11, 2)),
                 wp.vec3f(0.9 + 0.25 * lattice(hit.face / 2, 4, 9), 1.0, 1.0),
             )
+            # A crown is lit as a rounded whole: leaf normals bend outwards, and light fades towards the inside.
             out = wp.cw_div(local - s.middle[i], s.half[i])
             depth = wp.min(wp.length(out), 1.2)
             outward = wp.quat_rotate(wp.transform_get_rotation(s.pose[i]), wp.cw_mul(out, wp.vec3f(1.0, 1.0, 0.8)))
@@ -190,6 +199,7 @@ def light_scenery(
             lit = wp.clamp(0.25 + 0.75 * facing, 0.0, 1.0)
             through = 0.35 * wp.clamp(0.6 - 0.4 * facing, 0.0, 1.0)
             open = open * (0.4 + 0.6 * depth * depth)
+            # The ray to the sun starts further out, or almost every leaf would be in the shade of its neighbours.
             start = point + to_sun * (0.02 + 0.12 * wp.min(s.half[i][2] * s.scale[i][2], 1.0))
         elif kind == SOLID:
             grain = value_noise(wp.cw_mul(local, wp.vec3f(31.0, 31.0, 6.0)))
@@ -198,6 +208,7 @@ def light_scenery(
             albedo = albedo * (1.0 + near * (0.7 * (grain - 0.5) + 0.5 * (fine - 0.5)))
             tilt = wp.vec3f(grain - 0.5, value_noise(local * 23.0 + wp.vec3f(9.0, 4.0, 7.0)) - 0.5, fine - 0.5)
             normal = wp.normalize(normal + tilt * (0.9 * near))
+            # The tilted normal must not light a surface that faces away from the sun.
             lit = wp.max(wp.dot(normal, to_sun), 0.0) * wp.clamp(4.0 * facing, 0.0, 1.0)
     sun = wp.float32(0.0)
     blocked = wp.bool(True)
@@ -208,7 +219,7 @@ def light_scenery(
         if look.shadow_size > 0:
             sun = sun_visibility(look, casters, point, normal)
     upness = 0.5 * normal[2] + 0.5
-    under = wp.vec3f(0.20, 0.27, 0.13) * (1.0 - open)  # what the leaves above let through
+    under = wp.vec3f(0.20, 0.27, 0.13) * (1.0 - open)  # green light through the leaves above
     light = wp.cw_mul(look.ground + (look.sky - look.ground) * upness, wp.vec3f(open, open, open) + under)
     light = light + look.sun * (sun * lit)
     color = wp.cw_mul(albedo, light)
@@ -219,7 +230,7 @@ def light_scenery(
     if kind == SMOOTH:
         mirrored = direction - normal * (2.0 * wp.dot(direction, normal))
         share = 1.0 - wp.clamp(-wp.dot(direction, normal), 0.0, 1.0)
-        share = 0.03 + 0.97 * wp.pow(share, 5.0)  # Schlick 1994, water
+        share = 0.03 + 0.97 * wp.pow(share, 5.0)  # Fresnel reflection of water (Schlick 1994)
         color = color * (1.0 - share) + sky_color(look, mirrored) * (share * open)
     return color
 
@@ -237,9 +248,10 @@ def trace_scenery(
     normal: wp.array[wp.vec3f],
     detail: wp.array[wp.vec4f],
 ):
-    """Add the scenery to what rays in the camera's frame met already.
+    """Trace scenery along rays in the camera's frame and overwrite hits that lie behind it; one thread a ray.
 
-    ``detail`` gets the radiance of scenery and -1, or nothing and the share of the sun at what stands before it.
+    ``detail`` becomes the radiance and -1 where a ray hits scenery; elsewhere zeros and the share of the sun (0 or 1)
+    that scenery lets through to the hit in front.
     """
     ray = first + wp.tid()
     d = rays[ray, 1]
@@ -249,7 +261,9 @@ def trace_scenery(
         limit = wp.min(depth[ray], s.far)
     x = ray % look.width
     y = ray // look.width
-    even = 0.0671 * float(x // 2) + 0.00584 * float(y // 2)  # neighbours far apart: Jimenez 2014
+    # One point of the sun's disc for each ray. The four rays of a 2 x 2 block share a radius and lie a quarter turn
+    # apart; radii of neighbouring blocks are far apart (interleaved gradient noise, Jimenez 2014).
+    even = 0.0671 * float(x // 2) + 0.00584 * float(y // 2)
     even = 52.98292 * (even - wp.floor(even))
     even = even - wp.floor(even)
     a = 1.5707963 * (float(x % 2 + 2 * (y % 2)) + lattice(ray, 1, 17))
@@ -284,6 +298,6 @@ def scenery_distances(
     limit: wp.float32,
     out: wp.array[wp.float32],
 ):
-    """How far one sees from each origin along each unit direction, at most ``limit`` [m]."""
+    """Distance to the scenery from each origin along each unit direction, at most ``limit`` [m]."""
     i, j = wp.tid()
     out[i * directions.shape[0] + j] = closest_of_scenery(s, origins[i], directions[j], 0.0, limit).distance

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens to a number between a term and the policy: noise, clip, modifiers, running statistics."""
+"""Processing of observations between a term and the policy: noise and running normalisation."""
 
 import warp as wp
 
@@ -19,31 +19,34 @@ __all__ = [
 ]
 
 NOISE_ADD = wp.constant(0)
+"""Operation of noise: it is added to the value."""
 NOISE_SCALE = wp.constant(1)
+"""Operation of noise: the value is multiplied by it."""
 NOISE_ABS = wp.constant(2)
+"""Operation of noise: it replaces the value."""
 
 
 @wp.func
 def sample_constant(env: int, rng: wp.array[wp.uint32], a: float, b: float) -> float:
-    """``a``."""
+    """Constant ``a``; takes no draw."""
     return a
 
 
 @wp.func
 def sample_uniform(env: int, rng: wp.array[wp.uint32], a: float, b: float) -> float:
-    """Uniform in [``a``, ``b``)."""
+    """Sample uniform in [``a``, ``b``); takes one draw."""
     return a + (b - a) * random.uniform(env, rng)
 
 
 @wp.func
 def sample_gaussian(env: int, rng: wp.array[wp.uint32], a: float, b: float) -> float:
-    """Normal with mean ``a`` and standard deviation ``b``."""
+    """Normal sample with mean ``a`` and standard deviation ``b``; takes two draws."""
     return a + b * random.normal(env, rng)
 
 
 @wp.func
 def combine_noise(value: float, noise: float, operation: int) -> float:
-    """``value + noise``, ``value * noise`` or ``noise``."""
+    """Value with noise: ``value + noise``, ``value * noise`` or ``noise``, by the ``NOISE`` constants."""
     if operation == NOISE_ADD:
         return value + noise
     if operation == NOISE_SCALE:
@@ -52,8 +55,9 @@ def combine_noise(value: float, noise: float, operation: int) -> float:
 
 
 @wp.func
-def _origin(column: int, values: wp.array2d[float], seen: wp.array[float], mean: wp.array[float]) -> float:
-    """What moments are taken about, lest a spread be lost beside a large mean: the mean so far, or the first value."""
+def _moment_origin(column: int, values: wp.array2d[float], seen: wp.array[float], mean: wp.array[float]) -> float:
+    """Origin that moments are taken about: the mean so far, or the first value of the first batch."""
+    # About 0, the squares of a large mean would leave no digits of float32 for a small variance.
     if seen[column] == 0.0:
         return values[0, column]
     return mean[column]
@@ -68,12 +72,20 @@ def sum_moments(
     sums: wp.array2d[float],
     squares: wp.array2d[float],
 ):
-    """Sums and squares of what lies in a slice of the environments, about the present mean; threads (column, slice).
+    """Sum deviations from the present mean and their squares over slices of the environments; threads (column, slice).
 
-    Slices are fixed, so the result does not depend on the order of the threads.
+    Args:
+        values: Observations, shape ``(num_envs, columns)``.
+        count: Number of environments.
+        seen: Environments merged into the statistics so far, shape ``(columns,)``.
+        mean: Running means, shape ``(columns,)``.
+        sums: Output, sums of deviations, shape ``(columns, slices)``.
+        squares: Output, sums of their squares, shape ``(columns, slices)``.
     """
+    # The slices are fixed and each has one thread, without atomics: the sums do not depend on the threads' order, and
+    # two runs give the same statistics to the last bit.
     column, part = wp.tid()
-    origin = _origin(column, values, seen, mean)
+    origin = _moment_origin(column, values, seen, mean)
     size = (count + sums.shape[1] - 1) // sums.shape[1]
     total = wp.float32(0.0)
     square = wp.float32(0.0)
@@ -97,7 +109,18 @@ def merge_statistics(
     mean: wp.array[float],
     var: wp.array[float],
 ):
-    """Merge a batch into a running mean and variance; a thread a column, nothing where ``update[index]`` is 0.
+    """Merge a batch into a running mean and variance; one thread a column.
+
+    Args:
+        values: Observations of the batch, shape ``(num_envs, columns)``.
+        count: Number of environments.
+        update: Flags of the environment; nothing is merged while ``update[index]`` is 0.
+        index: Index of this group's flag.
+        sums: Sums of deviations by :func:`sum_moments`, shape ``(columns, slices)``.
+        squares: Sums of their squares, shape ``(columns, slices)``.
+        seen: Environments merged so far, updated, shape ``(columns,)``.
+        mean: Running means, updated, shape ``(columns,)``.
+        var: Running variances, updated, shape ``(columns,)``.
 
     Source: T. Chan, G. Golub, R. LeVeque, "Algorithms for Computing the Sample Variance", 1983, pairwise update.
     """
@@ -112,8 +135,9 @@ def merge_statistics(
     n = seen[column]
     m = float(count)
     offset = total / m
-    batch = wp.max(square / m - offset * offset, 0.0)
-    delta = _origin(column, values, seen, mean) + offset - mean[column]
+    batch = wp.max(square / m - offset * offset, 0.0)  # rounding may make the difference negative
+    # From the running mean to the batch's. The origin must be that of sum_moments: ``seen`` and ``mean`` change below.
+    delta = _moment_origin(column, values, seen, mean) + offset - mean[column]
     if n == 0.0:
         mean[column] = mean[column] + delta
         var[column] = batch
@@ -132,7 +156,7 @@ def normalize(
     clip: float,
     normalized: wp.array2d[float],
 ):
-    """``clamp((x - mean) / (sqrt(var) + eps), -clip, clip)``; threads (environment, column)."""
+    """Normalise observations: ``clamp((x - mean) / (sqrt(var) + eps), -clip, clip)``; threads (environment, column)."""
     env, column = wp.tid()
     x = (values[env, column] - mean[column]) / (wp.sqrt(var[column]) + eps)
     normalized[env, column] = wp.clamp(x, -clip, clip)

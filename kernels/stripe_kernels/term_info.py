@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Term info: what a manager has to know of a Warp function beside its source, attached to it by decorators.
+"""Term info: metadata of terms for managers, attached to their Warp functions by decorators.
 
-They stand above ``@wp.func``, and change nothing about the function::
+The decorators stand above ``@wp.func`` and do not change what the function computes::
 
     @writes(Each("joint_ids"))
     @wp.func
@@ -34,9 +34,9 @@ Function = TypeVar("Function", bound=wp.Function)
 
 @dataclass(frozen=True)
 class Each:
-    """``size`` numbers for each of the indices or numbers called ``name``, which do not depend on each other.
+    """Observation size: ``size`` numbers for each of the indices or numbers called ``name``.
 
-    A manager may then compute each in a thread of its own.
+    The numbers of one index do not depend on those of another, so a manager may compute each in a thread of its own.
     """
 
     name: str
@@ -47,21 +47,21 @@ class Each:
 
 
 ObservationSize = int | Callable[[Mapping[str, int]], int]
-"""Numbers that an observation writes, or a function of the counts: lengths of index arrays by argument, and
-``num_actions``, ``num_command``, ``num_objects`` and the like where they apply."""
+"""Number of floats that an observation writes, or a function of the counts: the lengths of index arrays by argument,
+and ``num_actions``, ``num_command``, ``num_objects`` and ``num_slots`` where they apply."""
 
 
 @dataclass(frozen=True)
 class Randomization:
-    """What the config of an event that randomises the model may say."""
+    """Parameters of an event that randomises the model: defaults, ranges, and parameters without effect."""
 
     defaults: Mapping[str, object] = field(default_factory=dict)
-    """Parameters that may be left out."""
+    """Values of the parameters that a config may leave out."""
     ranges: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Ranges of the distribution: the field of the model that they change, and what its values must be, ``"positive"``,
-    ``"not negative"`` or ``"any"``."""
+    """Ranges of the distribution by parameter: the field of the model that it changes, and the values allowed there,
+    ``"positive"``, ``"not negative"`` or ``"any"``."""
     ignored: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that are accepted without effect, and why."""
+    """Parameters that are accepted without effect, with the reason."""
     shapes: str = ""
     """Kind of shapes that ``shape_ids`` are, where the term takes them: ``"colliders"``, ``"primitives"`` (colliders
     whose size may change), ``"sites"`` or ``"visible shapes"``."""
@@ -69,16 +69,16 @@ class Randomization:
 
 @dataclass(frozen=True)
 class TerrainNeeds:
-    """What the ground of a scene must have for a term."""
+    """Terrain requirements of a term."""
 
     patches: str = ""
-    """Name of the level patches that it chooses from; empty for none."""
+    """Name of the flat patches that the term draws from; empty for none."""
     curriculum: bool = False
     """Whether the tiles must get harder from level to level."""
 
 
 def writes(size: ObservationSize) -> Callable[[Function], Function]:
-    """Decorator of an observation: how many numbers it writes, so that its config need not say ``size``."""
+    """Decorator of an observation that declares how many numbers it writes; its config then needs no ``size``."""
 
     def attach(function: Function) -> Function:
         function.stripe_size = size
@@ -88,7 +88,7 @@ def writes(size: ObservationSize) -> Callable[[Function], Function]:
 
 
 def observation_size(function: object) -> ObservationSize | None:
-    """What :func:`writes` says of a function; None where it says nothing."""
+    """Size of an observation as :func:`writes` declares it; None for a function without that decorator."""
     size: ObservationSize | None = getattr(function, "stripe_size", None)
     return size
 
@@ -109,13 +109,13 @@ def randomizes(
 
 
 def randomization_of(function: object) -> Randomization:
-    """What :func:`randomizes` says of a function; nothing for one without."""
+    """Parameters of an event as :func:`randomizes` declares them; empty for a function without that decorator."""
     found: Randomization = getattr(function, "stripe_randomization", Randomization())
     return found
 
 
 def needs_terrain(patches: str = "", curriculum: bool = False) -> Callable[[Function], Function]:
-    """Decorator of a term about the ground; the arguments are the fields of :class:`TerrainNeeds`."""
+    """Decorator of a term that needs a certain terrain; the arguments are the fields of :class:`TerrainNeeds`."""
 
     def attach(function: Function) -> Function:
         function.stripe_terrain = TerrainNeeds(patches, curriculum)
@@ -125,17 +125,17 @@ def needs_terrain(patches: str = "", curriculum: bool = False) -> Callable[[Func
 
 
 def terrain_needs(function: object) -> TerrainNeeds:
-    """What :func:`needs_terrain` says of a function; nothing for one without."""
+    """Terrain requirements of a term as :func:`needs_terrain` declares them; empty without that decorator."""
     found: TerrainNeeds = getattr(function, "stripe_terrain", TerrainNeeds())
     return found
 
 
 def for_each_asset(function: Function) -> Function:
-    """Decorator of an event that is run for each asset of the scene where its config names none."""
+    """Decorator of an event that runs once for each asset of the scene if its config names no asset."""
     function.stripe_for_each_asset = True
     return function
 
 
 def is_for_each_asset(function: object) -> bool:
-    """Whether :func:`for_each_asset` stands above a function."""
+    """Whether a function has the decorator :func:`for_each_asset`."""
     return bool(getattr(function, "stripe_for_each_asset", False))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground that all environments share, as terms read it: a height field, and a grid of tiles with origins.
+"""Terrain data: the ground that all environments share, a height field and a grid of tiles, with height lookups.
 
 The field is ``nrow`` by ``ncol`` heights, rows along y, columns along x. Each cell is cut into two triangles from its
-corner (row + 1, column) to its corner (row, column + 1), as contacts have it (``stripe_kernels.heightfield``), so that
-what is found here is the surface that robots stand on. Beyond its edge the field goes on level, for lookups alone.
+corner (row + 1, column) to its corner (row, column + 1), as for contacts (``stripe_kernels.heightfield``): lookups find
+the surface that robots stand on. Beyond the edge of the field lookups return the height at the edge; there is nothing
+to stand on.
 """
 
 import warp as wp
@@ -13,7 +14,7 @@ __all__ = ["TerrainData", "terrain_height", "terrain_max_height", "terrain_norma
 
 @wp.struct
 class TerrainData:
-    """The ground, and on which tile of it each environment stands."""
+    """Height field of the ground, its tiles, and the tile of each environment."""
 
     heights: wp.array2d[float]
     """Heights in the world [m], shape ``(nrow, ncol)``."""
@@ -24,33 +25,35 @@ class TerrainData:
     tile: wp.vec2
     """Size of a tile in x and y [m]."""
     origins: wp.array2d[wp.vec3]
-    """Where robots start on a tile [m], shape ``(num_levels, num_types)``: levels along x, the hardest last."""
+    """Origins of the tiles in the world, at which robots start [m], shape ``(num_levels, num_types)``: levels along x,
+    the hardest last."""
     init_pos: wp.array3d[wp.vec3]
-    """Level patches of ground to start on [m], shape ``(num_levels, num_types, num_patches)``; may have none."""
+    """Flat patches to start on, in the world [m], shape ``(num_levels, num_types, num_patches)``; may be empty."""
     target: wp.array3d[wp.vec3]
-    """Level patches of ground to go to [m], shape ``(num_levels, num_types, num_patches)``; may have none."""
+    """Flat patches to walk to, in the world [m], shape ``(num_levels, num_types, num_patches)``; may be empty."""
     level: wp.array[int]
     """Level of each environment, shape ``(num_envs,)``."""
     kind: wp.array[int]
-    """Type of each environment, a column of the grid, shape ``(num_envs,)``."""
+    """Type of each environment's tile, a column of the grid of tiles, shape ``(num_envs,)``."""
     env_origin: wp.array[wp.vec3]
-    """Origins of the environments [m], shape ``(num_envs,)``; the memory that the assets read, too."""
+    """Origins of the environments in the world [m], shape ``(num_envs,)``; the same memory that assets read."""
 
 
 @wp.func
-def _along(x: float, lower: float, cell: float, count: int) -> float:
-    """Where a coordinate lies among ``count`` vertices, in cells; 0 for what is not a number."""
+def _grid_coordinate(x: float, lower: float, cell: float, count: int) -> float:
+    """Grid coordinate of a point among ``count`` vertices [cells], limited to the grid; 0 for NaN."""
+    # A comparison with NaN is false: a diverged robot gets the first cell rather than an undefined index.
     u = (x - lower) / cell
     return wp.where(u > 0.0, wp.min(u, float(count - 1)), 0.0)
 
 
 @wp.func
 def terrain_height(terrain: TerrainData, x: float, y: float) -> float:
-    """Height of the ground at a point of the world [m]."""
+    """Height of the ground in the world at a point (x, y) of the world [m]."""
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
-    u = _along(x, terrain.lower[0], terrain.cell[0], ncol)
-    v = _along(y, terrain.lower[1], terrain.cell[1], nrow)
-    col, row = wp.min(int(u), ncol - 2), wp.min(int(v), nrow - 2)
+    u = _grid_coordinate(x, terrain.lower[0], terrain.cell[0], ncol)
+    v = _grid_coordinate(y, terrain.lower[1], terrain.cell[1], nrow)
+    col, row = wp.min(int(u), ncol - 2), wp.min(int(v), nrow - 2)  # the last vertex belongs to the last cell
     fx, fy = u - float(col), v - float(row)
     right, up = terrain.heights[row, col + 1], terrain.heights[row + 1, col]
     if fx + fy <= 1.0:
@@ -62,10 +65,10 @@ def terrain_height(terrain: TerrainData, x: float, y: float) -> float:
 
 @wp.func
 def terrain_normal(terrain: TerrainData, x: float, y: float) -> wp.vec3:
-    """Unit normal of the ground at a point of the world, upwards."""
+    """Upward unit normal of the ground in the world at a point (x, y) of the world [m]."""
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
-    u = _along(x, terrain.lower[0], terrain.cell[0], ncol)
-    v = _along(y, terrain.lower[1], terrain.cell[1], nrow)
+    u = _grid_coordinate(x, terrain.lower[0], terrain.cell[0], ncol)
+    v = _grid_coordinate(y, terrain.lower[1], terrain.cell[1], nrow)
     col, row = wp.min(int(u), ncol - 2), wp.min(int(v), nrow - 2)
     right, up = terrain.heights[row, col + 1], terrain.heights[row + 1, col]
     slope_x, slope_y = wp.float32(0.0), wp.float32(0.0)
@@ -86,15 +89,17 @@ def terrain_max_height(terrain: TerrainData, x: float, y: float, reach: float) -
         terrain: The ground.
         x: World x of the middle [m].
         y: World y of the middle [m].
-        reach: Half the side of the square [m]; it is widened to whole cells. 0 or less: the height at the point.
+        reach: Half the side of the square [m], which is widened to whole cells; for 0 or less the height at the point
+            is returned.
     """
     if not reach > 0.0:
         return terrain_height(terrain, x, y)
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
-    first_col = int(wp.floor(_along(x - reach, terrain.lower[0], terrain.cell[0], ncol)))
-    last_col = int(wp.ceil(_along(x + reach, terrain.lower[0], terrain.cell[0], ncol)))
-    first_row = int(wp.floor(_along(y - reach, terrain.lower[1], terrain.cell[1], nrow)))
-    last_row = int(wp.ceil(_along(y + reach, terrain.lower[1], terrain.cell[1], nrow)))
+    first_col = int(wp.floor(_grid_coordinate(x - reach, terrain.lower[0], terrain.cell[0], ncol)))
+    last_col = int(wp.ceil(_grid_coordinate(x + reach, terrain.lower[0], terrain.cell[0], ncol)))
+    first_row = int(wp.floor(_grid_coordinate(y - reach, terrain.lower[1], terrain.cell[1], nrow)))
+    last_row = int(wp.ceil(_grid_coordinate(y + reach, terrain.lower[1], terrain.cell[1], nrow)))
+    # The ground is linear on each triangle, so its maximum over whole cells is at a vertex.
     top = terrain.heights[first_row, first_col]
     for row in range(first_row, last_row + 1):
         for col in range(first_col, last_col + 1):

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms: observations, rewards, terminations, events, commands, actions and curricula as Warp functions.
 
-``observations``, ``rewards`` and ``tracking`` (rewards too), ``terminations``, ``events``, ``commands``, ``actions``
-and ``curriculums`` hold one kind each, ``objects`` the terms about the objects of a pool, ``contact`` and ``feet``
-those about contacts, ``imu`` and ``scan`` those about other sensors, ``terrain`` those about the ground,
-``inverse_kinematics`` the actions that move a body; ``frames``, ``kinematics``, ``least_squares`` and ``random`` hold
-what terms are made of. The ``randomization_*`` modules change the model. docs/terms.md lists them.
+Each term is a function of one environment. ``observations``, ``rewards`` and ``tracking`` (rewards too),
+``terminations``, ``events``, ``commands``, ``actions`` and ``curriculums`` hold one kind each. Other modules hold the
+terms of one subject: ``objects`` those of pools of objects, ``contact`` and ``feet`` those of contacts, ``imu`` and
+``scan`` those of other sensors, ``obstacles`` those of obstacles, ``terrain`` those of the ground,
+``inverse_kinematics`` actions that move a body, ``randomization_*`` events that change the model. ``frames``,
+``kinematics``, ``least_squares`` and ``random`` hold functions that terms call. docs/terms.md lists all terms.
 """
 
+from typing import TYPE_CHECKING
+
+from ..removed_tables import forward_tables
 from . import frames, random
 from .actions import (
     ACTIONS,
@@ -348,3 +352,6 @@ __all__ = [
     "velocity_error_xy",
     "velocity_error_yaw",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"OBSERVATION_SIZES": f"{__name__}.observations"})

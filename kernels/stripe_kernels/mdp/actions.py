@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actions: ``process_*`` turns a policy's numbers into commands once a step, ``apply_*`` sets targets before each
-physics step.
+"""Actions: ``process_*`` scales a policy's action once a step, ``apply_*`` sets targets before each physics step.
 
 ``action`` and ``processed`` are the slices of one environment; ``scale``, ``offset``, ``alpha`` and ``clip`` have one
-entry a number. A bound of ``clip`` that is infinite does nothing. ``ACTIONS`` joins both under the names of Isaac Lab's
-action terms.
+entry a number. An infinite bound of ``clip`` does nothing. ``ACTIONS`` pairs the functions under the names of Isaac
+Lab's action terms.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import warp as wp
 
@@ -45,7 +44,7 @@ def process_action(
     clip: wp.array[wp.vec2],
     processed: wp.array[float],
 ):
-    """Scale, shift and clip.
+    """Process actions by scale, offset and clip.
 
     Formula: ``u_i = clamp(scale_i a_i + offset_i, clip_i)``, in the units of the command.
 
@@ -67,7 +66,7 @@ def process_joint_position(
     use_default_offset: bool,
     processed: wp.array[float],
 ):
-    """Scale, shift by the positions at the start of an episode or by ``offset``, and clip.
+    """Process joint position actions: scale, offset by the default positions or ``offset``, and clip.
 
     Formula: ``u_i = clamp(scale_i a_i + o_i, clip_i)`` [m or rad], ``o_i = q_default,i`` or ``offset_i``.
 
@@ -90,7 +89,7 @@ def process_joint_velocity(
     use_default_offset: bool,
     processed: wp.array[float],
 ):
-    """Scale, shift by the velocities at the start of an episode or by ``offset``, and clip.
+    """Process joint velocity actions: scale, offset by the default velocities or ``offset``, and clip.
 
     Formula: ``u_i = clamp(scale_i a_i + o_i, clip_i)`` [m/s or rad/s], ``o_i = qd_default,i`` or ``offset_i``.
 
@@ -103,6 +102,7 @@ def process_joint_velocity(
 
 @wp.func
 def _to_limits(value: float, clip: wp.vec2, limits: wp.vec2, rescale_to_limits: bool) -> float:
+    """Clip a number and, with ``rescale_to_limits``, map [-1, 1] to the limits."""
     y = wp.clamp(value, clip[0], clip[1])
     if rescale_to_limits:
         x = wp.clamp(y, -1.0, 1.0)
@@ -121,7 +121,7 @@ def process_joint_position_to_limits(
     rescale_to_limits: bool,
     processed: wp.array[float],
 ):
-    """Scale, clip, and map -1 and 1 to the soft limits.
+    """Process joint position actions: scale, clip, and map [-1, 1] to the soft limits.
 
     Formula: ``u_i = (x upper_i - x lower_i + upper_i + lower_i) / 2`` [m or rad], ``x = clamp(y, -1, 1)``,
     ``y = clamp(scale_i a_i, clip_i)``; without ``rescale_to_limits`` it is ``y``.
@@ -145,7 +145,7 @@ def process_ema_joint_position_to_limits(
     alpha: wp.array[float],
     processed: wp.array[float],
 ):
-    """Average ``process_joint_position_to_limits`` over the steps; ``processed`` goes in as of the step before.
+    """Exponential moving average of ``process_joint_position_to_limits``; ``processed`` holds that of the step before.
 
     Formula: ``u_i = clamp(alpha_i v_i + (1 - alpha_i) u_before,i)`` [m or rad] to the soft limits, ``v`` as in
     ``process_joint_position_to_limits``.
@@ -156,6 +156,7 @@ def process_ema_joint_position_to_limits(
         limits = frames.soft_joint_pos_limits(env, robot, joint_ids[i])
         y = _to_limits(scale[i] * action[i], clip[i], limits, rescale_to_limits)
         average = alpha[i] * y + (1.0 - alpha[i]) * processed[i]
+        # Without ``rescale_to_limits`` nothing else keeps the average within the limits.
         processed[i] = wp.clamp(average, limits[0], limits[1])
 
 
@@ -163,7 +164,7 @@ def process_ema_joint_position_to_limits(
 def reset_ema_joint_position_to_limits(
     env: int, robot: ArticulationData, joint_ids: wp.array[int], processed: wp.array[float]
 ):
-    """Start the average of an episode at the joint positions.
+    """Reset the moving average to the joint positions at the start of an episode.
 
     Formula: ``u_i = q_i`` [m or rad].
 
@@ -182,7 +183,7 @@ def process_binary_joint(
     clip: wp.array[wp.vec2],
     processed: wp.array[float],
 ):
-    """Choose between two commands by the sign of one number.
+    """Process a binary action: choose the open or the close command by the sign of one number.
 
     Formula: ``u_i = clamp(close_i if a < 0 else open_i, clip_i)``, in the units of the command.
 
@@ -198,7 +199,7 @@ def process_binary_joint(
 
 @wp.func
 def apply_joint_position(env: int, processed: wp.array[float], robot: ArticulationData, joint_ids: wp.array[int]):
-    """Set position targets.
+    """Set joint position targets.
 
     Formula: ``q*_i = u_i`` [m or rad].
 
@@ -212,12 +213,13 @@ def apply_joint_position(env: int, processed: wp.array[float], robot: Articulati
 def apply_relative_joint_position(
     env: int, processed: wp.array[float], robot: ArticulationData, joint_ids: wp.array[int]
 ):
-    """Set position targets relative to the present positions.
+    """Set joint position targets relative to the positions of that moment.
 
     Formula: ``q*_i = q_i + u_i`` [m or rad].
 
     Source: Isaac Lab, ``RelativeJointPositionAction``.
     """
+    # Before each physics step, as in Isaac Lab: the target moves on with the joint within a step of the environment.
     for i in range(joint_ids.shape[0]):
         joint = joint_ids[i]
         robot.joint_pos_target[env, joint] = robot.joint_pos[env, joint] + processed[i]
@@ -225,7 +227,7 @@ def apply_relative_joint_position(
 
 @wp.func
 def apply_joint_velocity(env: int, processed: wp.array[float], robot: ArticulationData, joint_ids: wp.array[int]):
-    """Set velocity targets.
+    """Set joint velocity targets.
 
     Formula: ``qd*_i = u_i`` [m/s or rad/s].
 
@@ -237,7 +239,7 @@ def apply_joint_velocity(env: int, processed: wp.array[float], robot: Articulati
 
 @wp.func
 def apply_joint_effort(env: int, processed: wp.array[float], robot: ArticulationData, joint_ids: wp.array[int]):
-    """Set effort targets.
+    """Set joint effort targets.
 
     Formula: ``tau*_i = u_i`` [N or N m].
 
@@ -251,12 +253,15 @@ def apply_joint_effort(env: int, processed: wp.array[float], robot: Articulation
 def apply_non_holonomic(
     env: int, processed: wp.array[float], robot: ArticulationData, body_ids: wp.array[int], joint_ids: wp.array[int]
 ):
-    """Drive a base on joints along x, along y and about z, in the order of ``joint_ids``, as a car that cannot slide.
+    """Set velocity targets of a planar base that drives like a car: forward velocity and yaw rate, no sideways motion.
+
+    The base moves on joints along x, along y and about z, in the order of ``joint_ids``.
 
     Formula: ``qd* = (u_0 cos(yaw), u_0 sin(yaw), u_1)`` [m/s, m/s, rad/s], ``yaw`` of the first of ``body_ids``.
 
     Source: Isaac Lab, ``NonHolonomicAction``.
     """
+    # The yaw of the body, as in Isaac Lab, not the position of the joint about z.
     yaw = frames.yaw_of(wp.transform_get_rotation(robot.body_pose[env, body_ids[0]]))
     robot.joint_vel_target[env, joint_ids[0]] = wp.cos(yaw) * processed[0]
     robot.joint_vel_target[env, joint_ids[1]] = wp.sin(yaw) * processed[0]
@@ -264,18 +269,18 @@ def apply_non_holonomic(
 
 
 class ActionTerm(NamedTuple):
-    """The functions of an action term, and how many numbers it takes and keeps for a number of joints."""
+    """Functions of an action term, and its sizes as functions of the number of joints."""
 
-    process: Any
-    """Runs once a step."""
-    apply: Any
-    """Runs before each physics step."""
+    process: wp.Function
+    """Function that runs once a step."""
+    apply: wp.Function
+    """Function that runs before each physics step."""
     action_size: Callable[[int], int]
-    """Numbers of the policy."""
+    """Number of actions of the policy."""
     processed_size: Callable[[int], int]
-    """Numbers that ``process`` writes and ``apply`` reads."""
-    reset: Any | None = None
-    """Runs when an episode starts."""
+    """Number of floats that ``process`` writes and ``apply`` reads."""
+    reset: wp.Function | None = None
+    """Function that runs when an episode starts."""
 
 
 def _same(joints: int) -> int:

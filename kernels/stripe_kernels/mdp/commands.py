@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands: ``resample_*`` draws a new command for one environment, ``update_*`` brings it up to date in every step.
+"""Commands: ``resample_*`` draws a new command for one environment, ``update_*`` updates it in every step.
 
-``COMMANDS`` joins them under the names of Isaac Lab's command terms. A step is ``advance_command``, ``resample_*``
-where that says so, then ``update_*``; a reset is ``restart_command`` and ``resample_*``.
+``COMMANDS`` pairs the functions under the names of Isaac Lab's command terms. A step runs ``advance_command``, then
+``resample_*`` where it returned True, then ``update_*``. A reset runs ``restart_command`` and ``resample_*``.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ __all__ = [
 
 @wp.func
 def restart_command(env: int, command: CommandData, rng: wp.array[wp.uint32], resampling_time_range: wp.vec2):
-    """Start the clock of an episode's first command.
+    """Start the resampling clock at the start of an episode.
 
     Formula: ``time_left = U(resampling_time_range)`` [s], ``counter = 1``.
 
@@ -50,7 +50,7 @@ def restart_command(env: int, command: CommandData, rng: wp.array[wp.uint32], re
 def advance_command(
     env: int, command: CommandData, rng: wp.array[wp.uint32], resampling_time_range: wp.vec2, step_dt: float
 ) -> bool:
-    """Whether a new command is due, for which the clock is started then.
+    """Advance the resampling clock by a step; returns whether a new command is due, and restarts the clock if so.
 
     Formula: ``time_left = time_left - step_dt`` [s]; where that is ``<= 0``: ``time_left = U(resampling_time_range)``,
     ``counter = counter + 1``.
@@ -81,13 +81,14 @@ def resample_uniform_velocity(
     rel_heading_envs: float,
     rel_standing_envs: float,
 ):
-    """Draw a velocity command; ``rel_heading_envs = 0`` is a command without heading.
+    """Draw a uniform velocity command; with ``rel_heading_envs = 0`` no environment has a heading.
 
     Formula: ``c = (U(lin_vel_x), U(lin_vel_y), U(ang_vel_z))`` [m/s, m/s, rad/s], heading ``U(heading)`` [rad]; the
     share ``rel_heading_envs`` turns to the heading, the share ``rel_standing_envs`` stands.
 
     Source: Isaac Lab, ``UniformVelocityCommand``.
     """
+    # Six draws in a fixed order, whatever the options: an environment's stream does not depend on them.
     command.command[env, 0] = random.uniform_range(env, rng, lin_vel_x)
     command.command[env, 1] = random.uniform_range(env, rng, lin_vel_y)
     command.command[env, 2] = random.uniform_range(env, rng, ang_vel_z)
@@ -104,7 +105,7 @@ def update_uniform_velocity(
     heading_control_stiffness: float,
     ang_vel_z: wp.vec2,
 ):
-    """Turn to the heading, where it is asked for, or stand.
+    """Update a velocity command: compute the yaw rate from the heading's error, or set the command to zero to stand.
 
     Formula: ``c.yaw = clamp(k wrap(heading - yaw), ang_vel_z)`` [rad/s], ``k = heading_control_stiffness`` [1/s], where
     the command has a heading; ``c = 0`` where it is to stand.
@@ -114,7 +115,7 @@ def update_uniform_velocity(
     if command.is_heading[env]:
         error = frames.wrap_to_pi(command.heading_target[env] - frames.heading_w(env, robot))
         command.command[env, 2] = wp.clamp(heading_control_stiffness * error, ang_vel_z[0], ang_vel_z[1])
-    if command.is_standing[env]:
+    if command.is_standing[env]:  # after the heading: standing overrides it
         for k in range(3):
             command.command[env, k] = 0.0
 
@@ -129,7 +130,7 @@ def resample_normal_velocity(
     zero_prob: wp.vec3,
     rel_standing_envs: float,
 ):
-    """Draw a velocity command about two means of opposite sign; the command is final, no update follows.
+    """Draw a normal velocity command around the mean, with random sign; it needs no update.
 
     Formula: ``c_k = s N(mean_vel_k, std_vel_k)`` [m/s, m/s, rad/s], ``s`` 1 or -1 with equal chance, 0 with chance
     ``zero_prob_k``; ``c = 0`` for the share ``rel_standing_envs`` that stands.
@@ -150,7 +151,7 @@ def resample_normal_velocity(
 
 @wp.func
 def velocity_error_xy(env: int, command: VelocityCommandData, robot: ArticulationData) -> float:
-    """Error of the horizontal velocity, for the metric ``error_vel_xy``.
+    """Error of the horizontal velocity in the root's frame, for the metric ``error_vel_xy``.
 
     Formula: ``|(c.x - v_b.x, c.y - v_b.y)|`` [m/s].
 
@@ -162,7 +163,7 @@ def velocity_error_xy(env: int, command: VelocityCommandData, robot: Articulatio
 
 @wp.func
 def velocity_error_yaw(env: int, command: VelocityCommandData, robot: ArticulationData) -> float:
-    """Error of the rate of turn, for the metric ``error_vel_yaw``.
+    """Error of the yaw rate in the root's frame, for the metric ``error_vel_yaw``.
 
     Formula: ``|c.yaw - w_b.z|`` [rad/s].
 
@@ -182,7 +183,7 @@ def resample_uniform_pose(
     pose_range: wp.array[wp.vec2],
     make_quat_unique: bool,
 ):
-    """Draw a pose in the root's frame from six bounds: x, y, z [m], roll, pitch, yaw [rad].
+    """Draw a uniform pose command in the root's frame from six bounds: x, y, z [m], roll, pitch, yaw [rad].
 
     Formula: ``p = U`` [m], ``q = Rz(U) Ry(U) Rx(U)``; with ``make_quat_unique`` that of ``q`` and ``-q`` with
     ``w >= 0``.
@@ -208,15 +209,16 @@ def resample_uniform_pose_2d(
     heading: wp.vec2,
     simple_heading: bool,
 ):
-    """Draw a place about the environment's origin, at the height of the root at the start of an episode.
+    """Draw a position around the environment's origin, at the default height of the root, and a heading.
 
     Formula: ``p = origin + (U(pos_x), U(pos_y), p_default.z)`` [m]; heading ``U(heading)`` [rad], or with
-    ``simple_heading`` the direction to the place or the opposite one, whichever is less of a turn.
+    ``simple_heading`` the direction to the position or the opposite one, whichever needs the smaller turn.
 
     Source: Isaac Lab, ``UniformPose2dCommand``.
     """
     x = random.uniform_range(env, rng, pos_x)
     y = random.uniform_range(env, rng, pos_y)
+    # Drawn with ``simple_heading`` too, so that a switch of the option leaves all other draws as they are.
     target = random.uniform_range(env, rng, heading)
     height = wp.transform_get_translation(robot.default_root_pose[env])[2]
     pos = robot.env_origin[env] + wp.vec3(x, y, height)
@@ -224,7 +226,7 @@ def resample_uniform_pose_2d(
         way = pos - wp.transform_get_translation(robot.root_pose[env])
         target = wp.atan2(way[1], way[0])
         turn = wp.abs(frames.wrap_to_pi(target - frames.heading_w(env, robot)))
-        if turn >= 0.5 * wp.pi:
+        if turn >= 0.5 * wp.pi:  # walk there backwards
             target = frames.wrap_to_pi(target + wp.pi)
     command.pos[env] = pos
     command.heading[env] = target
@@ -232,7 +234,7 @@ def resample_uniform_pose_2d(
 
 @wp.func
 def update_uniform_pose_2d(env: int, command: Pose2dCommandData, robot: ArticulationData):
-    """Express the place and the heading as seen from the root.
+    """Update a position command: express position and heading relative to the root, in its yaw frame.
 
     Formula: ``(Rz(yaw)^T (p - p_root), wrap(heading - yaw))`` [m, rad].
 
@@ -248,7 +250,7 @@ def update_uniform_pose_2d(env: int, command: Pose2dCommandData, robot: Articula
 
 @wp.func
 def pose_2d_error_pos(env: int, command: Pose2dCommandData, robot: ArticulationData) -> float:
-    """Horizontal distance to the place, for the metric ``error_pos_2d``.
+    """Horizontal distance from the root to the commanded position, for the metric ``error_pos_2d``.
 
     Formula: ``|(p.x - p_root.x, p.y - p_root.y)|`` [m].
 
@@ -260,7 +262,7 @@ def pose_2d_error_pos(env: int, command: Pose2dCommandData, robot: ArticulationD
 
 @wp.func
 def pose_2d_error_heading(env: int, command: Pose2dCommandData, robot: ArticulationData) -> float:
-    """Angle to the heading, for the metric ``error_heading``.
+    """Angle between the root's heading and the commanded one, for the metric ``error_heading``.
 
     Formula: ``|wrap(heading - yaw)|`` [rad].
 
@@ -270,14 +272,14 @@ def pose_2d_error_heading(env: int, command: Pose2dCommandData, robot: Articulat
 
 
 class CommandTerm(NamedTuple):
-    """The functions of a command term."""
+    """Functions of a command term, and its size."""
 
     resample: wp.Function | None
-    """Draws a new command; None for a command that comes with functions of its own."""
+    """Function that draws a new command; None for a command that comes with functions of its own."""
     update: wp.Function | None
-    """Brings it up to date in every step; None where there is nothing to do."""
+    """Function that updates the command in every step; None where there is nothing to update."""
     size: int
-    """Numbers of the command."""
+    """Number of floats in the command."""
 
 
 COMMANDS: dict[str, CommandTerm] = {

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms about contacts: rewards ``-> float``, a termination ``-> bool``, and observations that write to ``out``.
+"""Contact terms: rewards ``-> float``, a termination ``-> bool``, and observations that write to ``out``.
 
-Sums run over the bodies ``i`` that ``sensor_cfg`` names among those of a contact sensor. ``F_i`` is the largest size of
-a body's force in the sensor's history, ``f_i`` its force now. Rewards for feet are in ``feet``.
+Sums run over the bodies ``i`` of a contact sensor that ``sensor_cfg`` names. ``F_i`` is the largest norm of a body's
+contact force in the sensor's history, ``f_i`` the present force, in the world frame. Rewards for feet are in ``feet``.
 """
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
+from ..removed_tables import forward_tables
 from ..sensors.contact import ContactSensorData, largest_force
 from ..term_info import Each, writes
 
@@ -20,13 +23,16 @@ __all__ = [
     "undesired_contacts",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"CONTACT_OBSERVATION_SIZES": __name__})
+
 
 # -- rewards
 
 
 @wp.func
 def undesired_contacts(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float) -> float:
-    """How many of the bodies have a contact.
+    """Number of bodies in contact (a penalty for contacts of the thighs, for example).
 
     Formula: ``sum_i (F_i > threshold)``, ``threshold`` [N].
 
@@ -41,7 +47,7 @@ def undesired_contacts(env: int, sensor: ContactSensorData, body_ids: wp.array[i
 
 @wp.func
 def desired_contacts(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float = 1.0) -> float:
-    """Whether none of the bodies has a contact.
+    """Penalty of 1 while none of the bodies is in contact.
 
     Formula: ``1`` if ``F_i <= threshold`` for all ``i``, else ``0``; ``threshold`` [N].
 
@@ -55,7 +61,7 @@ def desired_contacts(env: int, sensor: ContactSensorData, body_ids: wp.array[int
 
 @wp.func
 def contact_forces(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float) -> float:
-    """How much contact forces exceed a bound.
+    """Excess of the contact forces over a threshold, summed (a penalty).
 
     Formula: ``sum_i max(F_i - threshold, 0)`` [N].
 
@@ -72,7 +78,7 @@ def contact_forces(env: int, sensor: ContactSensorData, body_ids: wp.array[int],
 
 @wp.func
 def illegal_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], threshold: float) -> bool:
-    """One of the bodies has a contact.
+    """Termination if one of the bodies is in contact.
 
     Formula: ``max_i F_i > threshold``, ``threshold`` [N].
 
@@ -90,7 +96,7 @@ def illegal_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int]
 @writes(Each("body_ids"))
 @wp.func
 def feet_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
-    """Which bodies are in contact.
+    """Contact flag of each body, one number a body.
 
     Formula: ``1`` if ``|f_i| > force_threshold`` of the sensor, else ``0``.
 
@@ -104,7 +110,7 @@ def feet_contact(env: int, sensor: ContactSensorData, body_ids: wp.array[int], o
 @writes(Each("body_ids"))
 @wp.func
 def feet_current_air_time(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
-    """How long bodies have been in the air; 0 in contact.
+    """Time in the air of each body, 0 in contact, one number a body.
 
     Formula: ``t_air,i`` [s].
 
@@ -117,7 +123,7 @@ def feet_current_air_time(env: int, sensor: ContactSensorData, body_ids: wp.arra
 @writes(Each("body_ids", 3))
 @wp.func
 def feet_contact_forces(env: int, sensor: ContactSensorData, body_ids: wp.array[int], out: wp.array[float]):
-    """Contact forces on a scale that large ones fit on, in the world frame, three numbers a body.
+    """Contact forces on a logarithmic scale, in the world frame, three numbers a body.
 
     Formula: ``sign(f_ik) ln(1 + |f_ik|)``, ``f`` [N].
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curriculums: ``term(step, parameter, ...) -> float`` changes a tuned number for all environments.
+"""Curriculums: ``term(step, parameter, ...) -> float`` changes a tunable number for all environments.
 
-One thread runs them at the end of each step; what they write holds from the next step on, and what they return is
-logged. A term that begins with ``env: int`` is one for each environment that ends its episode instead.
+One thread runs them at the end of each step. A change takes effect from the next step on; the returned value is logged.
+A term whose first argument is ``env: int`` runs for each environment that ends its episode instead.
 """
 
 import warp as wp
@@ -14,11 +14,11 @@ __all__ = ["modify_env_param", "modify_reward_weight", "modify_term_cfg"]
 
 @wp.func
 def modify_reward_weight(step: wp.array[wp.int64], parameter: Parameter, weight: float, num_steps: int) -> float:
-    """Give a reward another weight once ``num_steps`` steps were taken; returns the weight.
+    """Set the weight of a reward to ``weight`` after ``num_steps`` steps; returns the weight.
 
     The reward is named by ``params={"term_name": ...}``.
 
-    Formula: ``w = weight`` if ``step >= num_steps``: the step after that many is the first with it.
+    Formula: ``w = weight`` if ``step >= num_steps``; the step after the first ``num_steps`` is the first to use it.
 
     Source: Isaac Lab, ``mdp.modify_reward_weight``.
     """
@@ -36,10 +36,10 @@ def modify_term_cfg(
     num_steps: int,
     start_step: int = -1,
 ) -> float:
-    """Give any parameter another value, once ``num_steps`` steps were taken or in a ramp until then; returns it.
+    """Set any tunable parameter to ``value`` after ``num_steps`` steps, at once or by a ramp; returns the parameter.
 
     The parameter is named by ``params={"address": ...}``. With ``start_step`` of 0 or more it changes linearly from
-    ``v0``, what it is once that many steps were taken. ``memory`` keeps ``v0``, one number, NaN before.
+    ``v0``, its value after ``start_step`` steps. ``memory`` stores ``v0``, one number, NaN until then.
 
     Formula: ``v = value`` if ``step >= num_steps``, else after ``start_step``
     ``v = v0 + (value - v0) (step - start_step) / (num_steps - start_step)``.
@@ -54,6 +54,7 @@ def modify_term_cfg(
     elif start_step >= 0 and now >= start:
         if wp.isnan(memory[0]):
             memory[0] = parameter.values[parameter.index]
+        # float64, since float32 cannot count the steps of a long training one by one.
         share = wp.float32(wp.float64(now - start) / wp.float64(end - start))
         parameter.values[parameter.index] = memory[0] + (value - memory[0]) * share
     return parameter.values[parameter.index]
@@ -68,7 +69,7 @@ def modify_env_param(
     num_steps: int,
     start_step: int = -1,
 ) -> float:
-    """``modify_term_cfg`` for a parameter that belongs to no term.
+    """Set a tunable parameter of the environment, one that belongs to no term, as ``modify_term_cfg`` does.
 
     Formula: that of ``modify_term_cfg``.
 

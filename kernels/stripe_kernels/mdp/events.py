@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Events: ``term(env, ..., rng, ...)`` changes the state of one environment.
 
-Joint positions and velocities are written as state, not as targets; link poses follow once forward kinematics ran.
-``pose_range`` and ``velocity_range`` hold six bounds (low, high): x, y, z [m or m/s], then roll, pitch, yaw [rad] or
-rates about x, y, z [rad/s].
+Joint positions and velocities are written as state, not as targets; link poses are updated when forward kinematics
+runs. ``pose_range`` and ``velocity_range`` hold six bounds (low, high): x, y, z [m or m/s], then roll, pitch, yaw [rad]
+or rates about x, y, z [rad/s].
 
-``interval_is_due`` and ``reset_is_due`` are no terms: by them a manager finds where a term runs.
+``interval_is_due`` and ``reset_is_due`` are no terms: a manager decides with them in which environments a term runs.
 """
 
 import warp as wp
@@ -31,7 +31,7 @@ __all__ = [
 
 @wp.func
 def _write_joint(env: int, robot: ArticulationData, joint: int, pos: float, vel: float):
-    """Write the state of a joint, limited to its soft limits and its rated speed."""
+    """Write position [m or rad] and velocity of a joint, limited to its soft limits and its rated speed."""
     limits = frames.soft_joint_pos_limits(env, robot, joint)
     speed = robot.joint_vel_limit[env, joint]
     robot.joint_pos[env, joint] = wp.clamp(pos, limits[0], limits[1])
@@ -47,7 +47,7 @@ def reset_joints_by_offset(
     position_range: wp.vec2,
     velocity_range: wp.vec2,
 ):
-    """Put joints near their state at the start of an episode, a random offset away.
+    """Reset joints to their default state plus a random offset.
 
     Formula: ``q_i = clamp(q_default,i + U(position_range))`` [m or rad] to the soft limits, ``qd_i`` likewise to the
     rated speeds.
@@ -70,7 +70,7 @@ def reset_joints_by_scale(
     position_range: wp.vec2,
     velocity_range: wp.vec2,
 ):
-    """Put joints at random multiples of their state at the start of an episode.
+    """Reset joints to random multiples of their default state.
 
     Formula: ``q_i = clamp(q_default,i U(position_range))`` [m or rad] to the soft limits, ``qd_i`` likewise to the
     rated speeds.
@@ -85,8 +85,8 @@ def reset_joints_by_scale(
 
 
 @wp.func
-def _within(bounds: wp.vec2, limits: wp.vec2, scale: bool, offset: float) -> wp.vec2:
-    """Bounds to draw from: those given, or shares of the limits; a bound that is not a number is the limit."""
+def _draw_bounds(bounds: wp.vec2, limits: wp.vec2, scale: bool, offset: float) -> wp.vec2:
+    """Bounds of a draw: ``bounds``, or with ``scale`` multiples of the limits; a bound that is NaN is the limit."""
     low = limits[0]
     high = limits[1]
     if not wp.isnan(bounds[0]):
@@ -108,7 +108,7 @@ def reset_joints_within_limits_range(
     use_default_offset: bool,
     scale: bool,
 ):
-    """Put joints anywhere in ranges of their own; all others, as at the start of an episode.
+    """Reset joints uniformly within a range for each, and all other joints to their default state.
 
     Formula: ``q_i = clamp(U(range_i))`` [m or rad] to the soft limits, with ``range_i`` as given, or with ``scale``
     (operation "scale") times the lower and the upper soft limit; a bound that is NaN is the limit; with
@@ -116,18 +116,18 @@ def reset_joints_within_limits_range(
 
     Source: Isaac Lab, ``mdp.reset_joints_within_limits_range``, there with ``operation="abs"`` or ``"scale"``.
     """
-    reset_joints_to_default(env, robot)
+    reset_joints_to_default(env, robot)  # first: joints without a range keep these values
     for i in range(position_joint_ids.shape[0]):
         joint = position_joint_ids[i]
         limits = frames.soft_joint_pos_limits(env, robot, joint)
         offset = wp.where(use_default_offset, robot.default_joint_pos[env, joint], 0.0)
-        pos = random.uniform_range(env, rng, _within(position_range[i], limits, scale, offset))
+        pos = random.uniform_range(env, rng, _draw_bounds(position_range[i], limits, scale, offset))
         robot.joint_pos[env, joint] = wp.clamp(pos, limits[0], limits[1])
     for i in range(velocity_joint_ids.shape[0]):
         joint = velocity_joint_ids[i]
         speed = robot.joint_vel_limit[env, joint]
         offset = wp.where(use_default_offset, robot.default_joint_vel[env, joint], 0.0)
-        vel = random.uniform_range(env, rng, _within(velocity_range[i], wp.vec2(-speed, speed), scale, offset))
+        vel = random.uniform_range(env, rng, _draw_bounds(velocity_range[i], wp.vec2(-speed, speed), scale, offset))
         robot.joint_vel[env, joint] = wp.clamp(vel, -speed, speed)
 
 
@@ -139,7 +139,7 @@ def reset_root_state_uniform(
     pose_range: wp.array[wp.vec2],
     velocity_range: wp.array[wp.vec2],
 ):
-    """Put the root near its state at the start of an episode, random offsets away.
+    """Reset the root to its default state plus random offsets.
 
     Formula: ``p = p_default + origin + U`` [m], ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U``
     [m/s, rad/s].
@@ -150,6 +150,7 @@ def reset_root_state_uniform(
     offset = random.uniform_vec3(env, rng, pose_range, 0)
     angles = random.uniform_vec3(env, rng, pose_range, 3)
     pos = wp.transform_get_translation(pose) + robot.env_origin[env] + offset
+    # The offset is along the world's axes, the angles are about the root's own, as in Isaac Lab.
     rot = wp.transform_get_rotation(pose) * wp.quat_rpy(angles[0], angles[1], angles[2])
     robot.root_pose[env] = wp.transform(pos, rot)
     robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
@@ -163,7 +164,9 @@ def reset_root_state_with_random_orientation(
     pose_range: wp.array[wp.vec2],
     velocity_range: wp.array[wp.vec2],
 ):
-    """Put the root near its place at the start of an episode, turned any way; of ``pose_range`` x, y, z count.
+    """Reset the root to its default position plus a random offset, with a random orientation.
+
+    The angles of ``pose_range`` are ignored.
 
     Formula: ``p = p_default + origin + U`` [m], ``q`` uniform over all rotations, ``v = v_default + U`` [m/s, rad/s].
 
@@ -177,7 +180,7 @@ def reset_root_state_with_random_orientation(
 
 @wp.func
 def reset_root_to_default(env: int, robot: ArticulationData):
-    """Put the root where it is at the start of an episode: part of ``reset_scene_to_default``.
+    """Reset the root to its default state: part of ``reset_scene_to_default``.
 
     Formula: ``p = p_default + origin`` [m], ``q = q_default``, ``v = v_default`` [m/s, rad/s].
 
@@ -191,7 +194,7 @@ def reset_root_to_default(env: int, robot: ArticulationData):
 
 @wp.func
 def reset_joints_to_default(env: int, robot: ArticulationData):
-    """Put all joints where they are at the start of an episode: part of ``reset_scene_to_default``.
+    """Reset all joints to their default state: part of ``reset_scene_to_default``.
 
     Formula: ``q = q_default`` [m or rad], ``qd = qd_default`` [m/s or rad/s].
 
@@ -205,7 +208,7 @@ def reset_joints_to_default(env: int, robot: ArticulationData):
 
 @wp.func
 def reset_joint_targets_to_default(env: int, robot: ArticulationData):
-    """Set the targets of all joints to their state at the start of an episode: part of ``reset_scene_to_default``.
+    """Reset the targets of all joints to their default state: part of ``reset_scene_to_default``.
 
     Formula: ``q* = q_default`` [m or rad], ``qd* = qd_default`` [m/s or rad/s].
 
@@ -220,7 +223,7 @@ def reset_joint_targets_to_default(env: int, robot: ArticulationData):
 @for_each_asset
 @wp.func
 def reset_scene_to_default(env: int, robot: ArticulationData, reset_joint_targets: bool = True):
-    """Put root and joints where they are at the start of an episode; with ``reset_joint_targets`` the targets, too.
+    """Reset root and joints to their default state; with ``reset_joint_targets`` the joint targets too.
 
     Formula: ``p = p_default + origin`` [m], ``quat = quat_default``, ``v = v_default`` [m/s, rad/s], ``q = q_default``,
     ``qd = qd_default``, ``q* = q_default`` [m or rad], ``qd* = qd_default`` [m/s or rad/s].
@@ -237,7 +240,7 @@ def reset_scene_to_default(env: int, robot: ArticulationData, reset_joint_target
 def push_by_setting_velocity(
     env: int, robot: ArticulationData, rng: wp.array[wp.uint32], velocity_range: wp.array[wp.vec2]
 ):
-    """Push the root: change its velocity at random.
+    """Push the root by a random change of its velocity.
 
     Formula: ``v = v + U`` [m/s, rad/s].
 
@@ -255,7 +258,7 @@ def apply_external_force_torque(
     force_range: wp.vec2,
     torque_range: wp.vec2,
 ):
-    """Let a random wrench act on bodies about their centres of mass, until it is changed.
+    """Apply a random force and torque to bodies, about their centres of mass, until the next change.
 
     Formula: ``f_i = U(force_range)`` [N], ``t_i = U(torque_range)`` [N m], each component on its own.
 
@@ -275,14 +278,16 @@ def apply_external_force_torque(
 def interval_is_due(
     env: int, rng: wp.array[wp.uint32], steps_left: wp.array[int], interval_range_s: wp.vec2, step_dt: float
 ) -> bool:
-    """Let a step pass on a clock, and say whether its time is up; a clock at 0 draws a new time first.
+    """Advance an interval clock by a step; returns whether the interval is over. A clock at 0 draws an interval first.
 
-    Formula: up after ``n = max(1, ceil(U(interval_range_s) / step_dt - 0.001))`` steps: the first multiple of
+    Formula: over after ``n = max(1, ceil(U(interval_range_s) / step_dt - 0.001))`` steps: the first multiple of
     ``step_dt`` that is not earlier, but for rounding.
     """
     left = steps_left[env]
     if left <= 0:
         time = random.uniform_range(env, rng, interval_range_s)
+        # 0.001 of a step as a tolerance: 0.3 s must be 3 steps of 0.1 s, however float32 rounds the quotient. The bound
+        # of 2e9 keeps an infinite interval within int32.
         left = wp.int32(wp.clamp(wp.ceil(time / step_dt - 1.0e-3), 1.0, 2.0e9))
     left = left - 1
     steps_left[env] = left
@@ -291,7 +296,7 @@ def interval_is_due(
 
 @wp.func
 def reset_is_due(env: int, step: wp.array[wp.int64], last_run: wp.array[wp.int64], min_steps: int) -> bool:
-    """Whether a term that runs at resets may run again, noted if so; it may if it never did.
+    """Whether a reset term is due: at its first reset, then ``min_steps`` steps after its last run; records the run.
 
     ``last_run`` holds ``step[0] + 1`` of the last run, 0 before the first.
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rewards for how feet are lifted, moved and put down: ``term(env, ...) -> float``, penalties positive.
+"""Foot rewards: how feet are lifted, moved and put down; ``term(env, ...) -> float``, penalties are positive.
 
-Sums run over the feet ``i`` that ``sensor_cfg`` names among the bodies of a contact sensor. A foot has landed in a step
-when its contact began in it and lasts. ``F_i`` is the largest size of its contact force in the sensor's history,
-``f_i`` the force now. Terms that read times need the sensor's ``track_air_time``. Where a term reads an asset too,
-``asset_cfg`` names the same bodies among those of the asset, in the same order.
+Sums run over the feet ``i``, the bodies of a contact sensor that ``sensor_cfg`` names. A foot has landed in a step if
+its contact began in that step and still exists. ``F_i`` is the largest norm of its contact force in the sensor's
+history, ``f_i`` the present force. Terms that read times need the sensor's ``track_air_time``. If a term reads an asset
+too, ``asset_cfg`` names the same bodies among those of the asset, in the same order.
 """
 
 import warp as wp
@@ -24,14 +24,15 @@ __all__ = [
 
 
 @wp.func
-def _told_to_go(env: int, command: VelocityCommandData, threshold: float) -> bool:
-    """Whether the robot is told to go somewhere: ``|c.xy| > threshold``."""
+def _is_commanded_to_walk(env: int, command: VelocityCommandData, threshold: float) -> bool:
+    """Whether the command is to walk: ``|c.xy| > threshold`` [m/s]."""
     return wp.length(wp.vec2(command.command[env, 0], command.command[env, 1])) > threshold
 
 
 @wp.func
-def _told_to_move(env: int, command: VelocityCommandData, threshold: float) -> bool:
-    """Whether the robot is told to move at all: ``|c.xy| + |c.yaw| > threshold``."""
+def _is_commanded_to_move(env: int, command: VelocityCommandData, threshold: float) -> bool:
+    """Whether the command is to walk or to turn: ``|c.xy| + |c.yaw| > threshold``."""
+    # The sum of a speed and a rate is mjlab's; thresholds of its configs are meant for it.
     c = command.command[env]
     return wp.length(wp.vec2(c[0], c[1])) + wp.abs(c[2]) > threshold
 
@@ -59,7 +60,7 @@ def feet_air_time(
     step_dt: float,
     command_threshold: float = 0.1,
 ) -> float:
-    """How much longer than a bound the feet that landed in this step were in the air.
+    """Air time beyond a threshold of the feet that landed in this step, summed (a reward for long steps).
 
     Formula: ``sum_i landed_i (t_air,i - threshold)`` [s], ``0`` where ``|c.xy| <= command_threshold`` [m/s].
 
@@ -69,7 +70,7 @@ def feet_air_time(
     for i in range(body_ids.shape[0]):
         if first_contact(env, sensor, body_ids[i], step_dt):
             total += sensor.last_air_time[env, body_ids[i]] - threshold
-    return wp.where(_told_to_go(env, command, command_threshold), total, 0.0)
+    return wp.where(_is_commanded_to_walk(env, command, command_threshold), total, 0.0)
 
 
 @wp.func
@@ -81,7 +82,7 @@ def feet_air_time_positive_biped(
     threshold: float,
     command_threshold: float = 0.1,
 ) -> float:
-    """How long a robot has stood on one foot with all others in the air, up to a bound.
+    """Time that a robot has stood on one foot with all others in the air, up to a threshold.
 
     Formula: ``min(threshold, min_i t_i)`` [s] if one foot is in contact, else ``0``; ``t_i`` the time since the foot
     came into contact, or left it; ``0`` where ``|c.xy| <= command_threshold`` [m/s].
@@ -97,7 +98,8 @@ def feet_air_time_positive_biped(
         else:
             time = sensor.current_air_time[env, body_ids[i]]
         least = wp.min(least, time)
-    return wp.where(standing == 1 and _told_to_go(env, command, command_threshold), least, 0.0)
+    # Exactly one foot: neither standing on both nor hopping is rewarded.
+    return wp.where(standing == 1 and _is_commanded_to_walk(env, command, command_threshold), least, 0.0)
 
 
 @wp.func
@@ -109,7 +111,7 @@ def feet_slide(
     body_ids: wp.array[int],
     threshold: float = 1.0,
 ) -> float:
-    """How fast the feet move over what they touch.
+    """Speed of the feet that are in contact, summed (a slip penalty).
 
     Formula: ``sum_i (F_i > threshold) |v_i.xy|`` [m/s], ``v_i`` of the centre of mass, ``threshold`` [N].
 
@@ -132,7 +134,7 @@ def feet_slip(
     body_ids: wp.array[int],
     command_threshold: float = 0.01,
 ) -> float:
-    """Square of the speed at which the feet move over what they touch.
+    """Squared speed of the feet that are in contact, summed, while the command is to move (a slip penalty).
 
     Formula: ``sum_i (|f_i| > force_threshold) |v_i.xy|^2`` [m^2/s^2], ``v_i`` of the centre of mass,
     ``force_threshold`` of the sensor [N]; ``0`` where ``|c.xy| + |c.yaw| <= command_threshold``.
@@ -144,7 +146,7 @@ def feet_slip(
         if wp.length(sensor.net_forces_w[env, sensor_body_ids[i]]) > sensor.force_threshold:
             speed = _speed_xy(env, robot, body_ids[i])
             total += speed * speed
-    return wp.where(_told_to_move(env, command, command_threshold), total, 0.0)
+    return wp.where(_is_commanded_to_move(env, command, command_threshold), total, 0.0)
 
 
 @wp.func
@@ -156,7 +158,7 @@ def feet_clearance(
     target_height: float,
     command_threshold: float = 0.01,
 ) -> float:
-    """How far from a height the feet move, weighted by how fast; needs no sensor.
+    """Error of the feet's height, weighted by their speed (a penalty); needs no sensor.
 
     Formula: ``sum_i |z_i - target_height| |v_i.xy|`` [m^2/s], ``z_i`` the height of the body's frame above the
     environment's origin [m]; ``0`` where ``|c.xy| + |c.yaw| <= command_threshold``.
@@ -166,7 +168,7 @@ def feet_clearance(
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         total += wp.abs(_height(env, robot, body_ids[i]) - target_height) * _speed_xy(env, robot, body_ids[i])
-    return wp.where(_told_to_move(env, command, command_threshold), total, 0.0)
+    return wp.where(_is_commanded_to_move(env, command, command_threshold), total, 0.0)
 
 
 @wp.func
@@ -182,11 +184,11 @@ def feet_swing_height(
     step_dt: float,
     command_threshold: float = 0.05,
 ) -> float:
-    """How far from a height the feet that landed in this step had been at their highest.
+    """Relative error of the peak height of the feet that landed in this step, squared and summed (a penalty).
 
     Formula: ``sum_i landed_i (peak_i / target_height - 1)^2``, ``peak_i`` the largest height of the body's frame above
     the environment's origin [m] since the foot left the ground; ``0`` where ``|c.xy| + |c.yaw| <= command_threshold``.
-    A foot that had not been in the air in its episode has not landed. ``peak`` is the term's own memory.
+    A foot that has not yet been in the air in its episode does not land. ``peak`` stores the heights between steps.
 
     Source: mjlab, ``mdp.feet_swing_height`` of its velocity task, there with heights above the terrain.
     """
@@ -195,15 +197,16 @@ def feet_swing_height(
         body = sensor_body_ids[i]
         height = _height(env, robot, body_ids[i])
         if sensor.current_contact_time[env, body] > 0.0:
+            # A robot set down at a reset touches the ground for the first time without having taken a step.
             if sensor.last_air_time[env, body] > 0.0 and first_contact(env, sensor, body, step_dt):
                 error = peak[env, i] / target_height - 1.0
                 total += error * error
             peak[env, i] = height
-        elif first_air(env, sensor, body, step_dt):
+        elif first_air(env, sensor, body, step_dt):  # a new swing: forget the peak of the last one
             peak[env, i] = height
         else:
             peak[env, i] = wp.max(peak[env, i], height)
-    return wp.where(_told_to_move(env, command, command_threshold), total, 0.0)
+    return wp.where(_is_commanded_to_move(env, command, command_threshold), total, 0.0)
 
 
 @wp.func
@@ -215,7 +218,7 @@ def soft_landing(
     step_dt: float,
     command_threshold: float = 0.05,
 ) -> float:
-    """How hard the feet that landed in this step touch the ground.
+    """Contact force of the feet that landed in this step, summed (a penalty for hard landings).
 
     Formula: ``sum_i landed_i F_i`` [N], ``0`` where ``|c.xy| + |c.yaw| <= command_threshold``.
 
@@ -225,4 +228,4 @@ def soft_landing(
     for i in range(body_ids.shape[0]):
         if first_contact(env, sensor, body_ids[i], step_dt):
             total += largest_force(env, sensor, body_ids[i])
-    return wp.where(_told_to_move(env, command, command_threshold), total, 0.0)
+    return wp.where(_is_commanded_to_move(env, command, command_threshold), total, 0.0)

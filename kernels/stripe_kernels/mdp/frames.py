@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles, rotations and body-frame quantities that the terms are made of.
+"""Frames: angles, rotations and body-frame quantities that terms call.
 
 Quaternions are (x, y, z, w), of unit length. Linear velocities are those of the centre of mass.
 """
@@ -28,7 +28,8 @@ __all__ = [
 
 @wp.func
 def wrap_to_pi(angle: float) -> float:
-    """An angle [rad] brought to (-pi, pi]; what lies there already is returned as it is."""
+    """Wrap an angle [rad] to (-pi, pi]."""
+    # An angle in that range is returned as it is: the formula below would change its last digits.
     if angle > -wp.pi and angle <= wp.pi:
         return angle
     return angle - 2.0 * wp.pi * wp.ceil((angle - wp.pi) / (2.0 * wp.pi))
@@ -36,7 +37,7 @@ def wrap_to_pi(angle: float) -> float:
 
 @wp.func
 def quat_unique(q: wp.quat) -> wp.quat:
-    """The one of ``q`` and ``-q`` with ``w >= 0``: both are the same rotation."""
+    """Unique quaternion of a rotation: the one of ``q`` and ``-q`` with ``w >= 0``."""
     if q[3] < 0.0:
         return -q
     return q
@@ -44,20 +45,20 @@ def quat_unique(q: wp.quat) -> wp.quat:
 
 @wp.func
 def yaw_of(q: wp.quat) -> float:
-    """Angle of the rotated x axis in the horizontal plane [rad], in [-pi, pi]; 0 where that axis is vertical."""
+    """Yaw [rad], in [-pi, pi]: angle of the rotated x axis in the horizontal plane; 0 where that axis is vertical."""
     return wp.atan2(2.0 * (q[3] * q[2] + q[0] * q[1]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]))
 
 
 @wp.func
 def yaw_quat(q: wp.quat) -> wp.quat:
-    """The part of a rotation about the vertical."""
+    """Yaw of a rotation as a quaternion: the part of the rotation about the vertical."""
     half = 0.5 * yaw_of(q)
     return wp.quat(0.0, 0.0, wp.sin(half), wp.cos(half))
 
 
 @wp.func
 def rotate_inverse_yaw(q: wp.quat, v: wp.vec3) -> wp.vec3:
-    """A vector of the world in the frame that shares the yaw of ``q`` and stays upright."""
+    """Rotate a vector from the world to the upright frame with the yaw of ``q``."""
     yaw = yaw_of(q)
     c = wp.cos(yaw)
     s = wp.sin(yaw)
@@ -66,12 +67,13 @@ def rotate_inverse_yaw(q: wp.quat, v: wp.vec3) -> wp.vec3:
 
 @wp.func
 def euler_xyz(q: wp.quat) -> wp.vec3:
-    """Roll, pitch and yaw [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``, the inverse of ``wp.quat_rpy``.
+    """Euler angles roll, pitch and yaw [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``, the inverse of ``wp.quat_rpy``.
 
-    Roll and yaw are in (-pi, pi], pitch is in [-pi/2, pi/2]. At a pitch of a quarter turn, where only yaw - roll or
-    yaw + roll is defined, the three still give the rotation back.
+    Roll and yaw are in (-pi, pi], pitch is in [-pi/2, pi/2]. At a pitch of +-pi/2 only yaw - roll or yaw + roll is
+    defined; the three angles returned then still give the same rotation.
     """
-    # Sum and difference of roll and yaw are each well defined by two components: no division, no lost digits.
+    # Sum and difference of roll and yaw are each given by two components: no division, and no loss of digits near the
+    # singularity.
     a = q[0] + q[2]
     b = q[3] - q[1]
     c = q[2] - q[0]
@@ -88,7 +90,7 @@ def quat_error(current: wp.quat, desired: wp.quat) -> wp.vec3:
     q = quat_unique(desired * wp.quat_inverse(current))
     v = wp.vec3(q[0], q[1], q[2])
     sine = wp.length(v)
-    if sine < 1.0e-6:  # the quotient's limit
+    if sine < 1.0e-6:  # the limit of the quotient below, which would be 0 / 0
         return 2.0 * v
     return v * (2.0 * wp.atan2(sine, q[3]) / sine)
 
@@ -137,9 +139,10 @@ def soft_joint_pos_limits(env: int, robot: ArticulationData, joint: int) -> wp.v
 
 @wp.func
 def effort_excess(env: int, robot: ArticulationData, joint: int) -> wp.vec2:
-    """Effort that the drive's law asks for beyond the limit, and the limited effort [N or N m].
+    """Excess of a drive's computed effort over its limit, and the limited effort [N or N m].
 
-    ``law = kp (q* - q) + kd (qd* - qd) + effort*``, at the present state; ``(|law - clamp(law)|, clamp(law))``.
+    Formula: ``(|tau - t|, t)``, ``tau = kp (q* - q) + kd (qd* - qd) + tau*`` at the present state,
+    ``t = clamp(tau, -limit, limit)``.
     """
     law = robot.joint_stiffness[env, joint] * (robot.joint_pos_target[env, joint] - robot.joint_pos[env, joint])
     law += robot.joint_damping[env, joint] * (robot.joint_vel_target[env, joint] - robot.joint_vel[env, joint])

@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observations of an IMU, named by ``sensor_cfg`` or, as in Isaac Lab, by ``asset_cfg``; the only one there
-is needs no name.
-"""
+"""IMU observations; ``sensor_cfg``, or ``asset_cfg`` as in Isaac Lab, names the IMU if a scene has several."""
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
+from ..removed_tables import forward_tables
 from ..sensors.imu import ImuData
 from ..term_info import writes
 
 __all__ = ["imu_ang_vel", "imu_lin_acc", "imu_orientation", "imu_projected_gravity"]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"IMU_OBSERVATION_SIZES": __name__})
+
 
 @writes(3)
 @wp.func
 def imu_ang_vel(env: int, asset: ImuData, out: wp.array[float]):
-    """Angular velocity in the IMU's frame.
+    """IMU angular velocity, in the IMU's frame.
 
     Formula: ``R^T w`` [rad/s].
 
@@ -27,7 +31,7 @@ def imu_ang_vel(env: int, asset: ImuData, out: wp.array[float]):
 @writes(3)
 @wp.func
 def imu_lin_acc(env: int, asset: ImuData, out: wp.array[float]):
-    """Acceleration in the IMU's frame, the sensor's gravity bias included.
+    """IMU linear acceleration, in the IMU's frame, with the sensor's gravity bias.
 
     Formula: ``R^T (a + bias)`` [m/s^2].
 
@@ -40,7 +44,7 @@ def imu_lin_acc(env: int, asset: ImuData, out: wp.array[float]):
 @writes(4)
 @wp.func
 def imu_orientation(env: int, asset: ImuData, out: wp.array[float]):
-    """Orientation of the IMU's frame in the world, (x, y, z, w).
+    """IMU orientation in the world, quaternion (x, y, z, w).
 
     Formula: ``q``.
 
@@ -53,7 +57,7 @@ def imu_orientation(env: int, asset: ImuData, out: wp.array[float]):
 @writes(3)
 @wp.func
 def imu_projected_gravity(env: int, asset: ImuData, out: wp.array[float]):
-    """Direction of gravity in the IMU's frame; (0, 0, -1) when upright.
+    """IMU projected gravity: direction of gravity in the IMU's frame; (0, 0, -1) when upright.
 
     Formula: ``R^T g / |g|``.
 

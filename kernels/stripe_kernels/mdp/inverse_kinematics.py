@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actions in the space of a body: the pose it shall have becomes position targets of the joints that carry it.
+"""Differential inverse kinematics: actions that command the pose of a body by position targets of its joints.
 
-``process_differential_ik`` runs once a step and keeps the desired pose as 7 numbers, position [m] and quaternion (x, y,
-z, w) in the root's frame; one of ``DIFFERENTIAL_IK_METHODS`` runs before each physics step, on the Jacobian of that
-moment. The frame that moves is the body's, shifted by ``body_offset_pos`` and turned by ``body_offset_rot``.
+``process_differential_ik`` runs once a step and stores the desired pose as 7 numbers, position [m] and quaternion
+(x, y, z, w) in the root's frame. One of ``DIFFERENTIAL_IK_METHODS`` runs before each physics step, with the Jacobian of
+that moment. The controlled frame is the body's, shifted by ``body_offset_pos`` [m] and turned by ``body_offset_rot``.
+
+All methods solve in the space of the error, ``dq = J^T y`` with ``y`` from ``J J^T``: at most six equations, for any
+number of joints.
 """
-
-from typing import Any
 
 import warp as wp
 
@@ -27,13 +28,13 @@ __all__ = [
 def _frame_pose(
     env: int, robot: ArticulationData, body_ids: wp.array[int], body_offset_pos: wp.vec3, body_offset_rot: wp.quat
 ) -> wp.transform:
-    """Pose of the frame that moves, in the world [m]."""
+    """Pose of the controlled frame in the world [m]."""
     return robot.body_pose[env, body_ids[0]] * wp.transform(body_offset_pos, wp.normalize(body_offset_rot))
 
 
 @wp.func
 def _pose_error(env: int, processed: wp.array[float], robot: ArticulationData, now: wp.transform) -> wp.spatial_vectord:
-    """What is missing to the desired pose, in the world: position [m] and rotation vector [rad]."""
+    """Error of the pose in the world: position [m] and rotation vector [rad] from ``now`` to the desired pose."""
     wanted = robot.root_pose[env] * wp.transform(
         wp.vec3(processed[0], processed[1], processed[2]),
         wp.quat(processed[3], processed[4], processed[5], processed[6]),
@@ -58,7 +59,8 @@ def _set_targets(
     factor: float,
     y: wp.spatial_vectord,
 ):
-    """``q* = q + factor J^T y``."""
+    """Set the joint position targets ``q* = q + factor J^T y``."""
+    # Columns of the Jacobian are computed again rather than stored: their number is unknown when Warp compiles.
     for i in range(joint_ids.shape[0]):
         column = kinematics.jacobian_column(env, robot, joint_ids, chain, i, point)
         step = wp.float64(0.0)
@@ -84,7 +86,7 @@ def process_differential_ik(
     is_relative: bool,
     processed: wp.array[float],
 ):
-    """Set the desired pose of a body in the root's frame.
+    """Process an inverse kinematics action: compute the desired pose of a body in the root's frame.
 
     Formula: with ``u_i = scale_i a_i``: ``p* = u_0..2``, ``q* = u_3..6 / |u_3..6|``, the present one where that is 0;
     relative ``p* = p + u_0..2`` [m], ``q* = exp(u_3..5) q`` [rad]; without ``has_rotation`` ``q*`` is ``q`` and does
@@ -103,9 +105,10 @@ def process_differential_ik(
         u = wp.vec3(scale[3] * action[3], scale[4] * action[4], scale[5] * action[5])
         if is_relative:
             angle = wp.length(u)
-            if angle > 1.0e-6:
+            if angle > 1.0e-6:  # below, the axis is undefined and the rotation negligible
                 turn = wp.quat_from_axis_angle(u / angle, angle) * turn
         else:
+            # A policy's four numbers are no unit quaternion; near zero they have no direction, and the body keeps its.
             q = wp.quat(u[0], u[1], u[2], scale[6] * action[6])
             if wp.length(q) > 1.0e-6:
                 turn = wp.normalize(q)
@@ -131,8 +134,9 @@ def apply_differential_ik_pinv(
     has_rotation: bool,
     k_val: float,
 ):
-    """Step towards the desired pose by the pseudo-inverse of the Jacobian; singular values below 1e-4 of the largest
-    one, about what float32 poses tell, count as zero.
+    """Set joint targets towards the desired pose by the pseudo-inverse of the Jacobian.
+
+    Singular values below 1e-4 of the largest one, about the precision of float32 poses, count as zero.
 
     Formula: ``q*_i = q_i + k_val (J^+ e)_i`` [m or rad], ``e = (p* - p, log(q* q^-1))``, of which the first three
     without ``has_rotation``.
@@ -142,6 +146,7 @@ def apply_differential_ik_pinv(
     rows = wp.where(has_rotation, 6, 3)
     now = _frame_pose(env, robot, body_ids, body_offset_pos, body_offset_rot)
     point = wp.transform_get_translation(now)
+    # J^+ = J^T (J J^T)^+
     gram = kinematics.gram(env, robot, joint_ids, chain, point, rows)
     y = least_squares.solve_truncated(
         gram, _pose_error(env, processed, robot, now), rows, wp.float64(0.0), wp.float64(1.0e-4)
@@ -163,7 +168,7 @@ def apply_differential_ik_svd(
     k_val: float,
     min_singular_value: float,
 ):
-    """Step towards the desired pose by the pseudo-inverse of the Jacobian without its small singular values.
+    """Set joint targets towards the desired pose by the pseudo-inverse of the Jacobian without small singular values.
 
     Formula: ``q*_i = q_i + k_val (V S^+ U^T e)_i`` [m or rad] for ``J = U S V^T``, ``1 / s`` only where
     ``s > min_singular_value``; ``U`` and ``S^2`` are those of ``J J^T``. ``e`` as in ``apply_differential_ik_pinv``.
@@ -175,6 +180,8 @@ def apply_differential_ik_svd(
     point = wp.transform_get_translation(now)
     gram = kinematics.gram(env, robot, joint_ids, chain, point, rows)
     error = _pose_error(env, processed, robot, now)
+    # 1e-7 of the largest singular value bounds the rest where ``min_singular_value`` is 0: its square is the precision
+    # of float64 in J J^T.
     y = least_squares.solve_truncated(gram, error, rows, wp.float64(min_singular_value), wp.float64(1.0e-7))
     _set_targets(env, robot, joint_ids, chain, point, rows, k_val, y)
 
@@ -192,7 +199,7 @@ def apply_differential_ik_trans(
     has_rotation: bool,
     k_val: float,
 ):
-    """Step towards the desired pose by the transpose of the Jacobian.
+    """Set joint targets towards the desired pose by the transpose of the Jacobian.
 
     Formula: ``q*_i = q_i + k_val (J^T e)_i`` [m or rad], ``e`` as in ``apply_differential_ik_pinv``.
 
@@ -217,7 +224,7 @@ def apply_differential_ik_dls(
     has_rotation: bool,
     lambda_val: float,
 ):
-    """Step towards the desired pose by damped least squares.
+    """Set joint targets towards the desired pose by damped least squares.
 
     Formula: ``q*_i = q_i + (J^T (J J^T + lambda_val^2 1)^-1 e)_i`` [m or rad], ``e`` as in
     ``apply_differential_ik_pinv``.
@@ -228,16 +235,18 @@ def apply_differential_ik_dls(
     now = _frame_pose(env, robot, body_ids, body_offset_pos, body_offset_rot)
     point = wp.transform_get_translation(now)
     gram = kinematics.gram(env, robot, joint_ids, chain, point, rows)
+    # J^T (J J^T + l^2 1)^-1 = (J^T J + l^2 1)^-1 J^T, so that six equations do here too. The damping makes the matrix
+    # definite unless ``lambda_val`` is 0.
     for k in range(rows):
         gram[k, k] += wp.float64(lambda_val) * wp.float64(lambda_val)
     y = least_squares.solve_definite(gram, _pose_error(env, processed, robot, now), rows)
     _set_targets(env, robot, joint_ids, chain, point, rows, 1.0, y)
 
 
-DIFFERENTIAL_IK_METHODS: dict[str, Any] = {
+DIFFERENTIAL_IK_METHODS: dict[str, wp.Function] = {
     "pinv": apply_differential_ik_pinv,
     "svd": apply_differential_ik_svd,
     "trans": apply_differential_ik_trans,
     "dls": apply_differential_ik_dls,
 }
-"""What runs before each physics step, by the names of Isaac Lab's ``ik_method``."""
+"""Functions that run before each physics step, by Isaac Lab's names of ``ik_method``."""

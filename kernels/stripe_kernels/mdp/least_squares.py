@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small symmetric systems, in one thread and in float64: up to six equations, of which ``rows`` count."""
+"""Least squares: small symmetric systems in one thread, in float64, of the first ``rows`` of six equations."""
 
 import warp as wp
 
 __all__ = ["solve_definite", "solve_truncated"]
 
 _SWEEPS = wp.constant(12)
-_NONE = wp.constant(wp.float64(1.0e-14))  # share of the trace below which float64 tells nothing
+"""Largest number of Jacobi sweeps; convergence is quadratic, and matrices of this size need about six."""
+_NONE = wp.constant(wp.float64(1.0e-14))
+"""Share of the trace that counts as zero: about the rounding of float64."""
 
 
 @wp.func
 def solve_definite(gram: wp.spatial_matrixd, error: wp.spatial_vectord, rows: int) -> wp.spatial_vectord:
-    """``A^-1 e`` by Cholesky's factors; a direction in which ``A`` is zero gets nothing."""
+    """Solve ``A y = e`` for a semidefinite ``A`` by Cholesky's factors; ``y`` is 0 where a pivot vanishes."""
     factor = wp.spatial_matrixd()
     y = wp.spatial_vectord()
     least = _NONE * wp.trace(gram)
@@ -27,6 +29,7 @@ def solve_definite(gram: wp.spatial_matrixd, error: wp.spatial_vectord, rows: in
                 for k in range(j):
                     entry -= factor[i, k] * factor[j, k]
                 factor[i, j] = entry / root
+    # Forward substitution, then back substitution, both over the pivots that did not vanish.
     for i in range(rows):
         if factor[i, i] > wp.float64(0.0):
             value = error[i]
@@ -47,9 +50,11 @@ def solve_definite(gram: wp.spatial_matrixd, error: wp.spatial_vectord, rows: in
 def solve_truncated(
     gram: wp.spatial_matrixd, error: wp.spatial_vectord, rows: int, least: wp.float64, share: wp.float64
 ) -> wp.spatial_vectord:
-    """``A^+ e`` without the eigenvalues whose roots are below ``least`` or ``share`` of the largest root.
+    """Solve ``A y = e`` by the truncated pseudo-inverse of a semidefinite ``A``.
 
-    The eigenvectors are Jacobi's: sweeps of plane rotations, each of which makes one pair of entries zero.
+    Eigenvalues whose roots, the singular values of ``J`` for ``A = J J^T``, are below ``least`` or ``share`` of the
+    largest root are left out. The eigenvectors come from Jacobi's method: sweeps of plane rotations, each of which
+    makes one pair of entries zero.
     """
     a = wp.spatial_matrixd(gram)
     v = wp.identity(n=6, dtype=wp.float64)
@@ -63,6 +68,8 @@ def solve_truncated(
             for q in range(p + 1, rows):
                 if wp.abs(a[p, q]) > small * wp.float64(0.01):
                     turned = wp.int32(1)
+                    # ``t`` is the tangent of the smaller of two possible angles, which makes the sweeps converge, in a
+                    # form without cancellation.
                     slope = (a[q, q] - a[p, p]) / (wp.float64(2.0) * a[p, q])
                     t = wp.float64(1.0) / (wp.abs(slope) + wp.sqrt(slope * slope + wp.float64(1.0)))
                     if slope < wp.float64(0.0):
@@ -87,7 +94,7 @@ def solve_truncated(
     largest = wp.float64(0.0)
     for k in range(rows):
         largest = wp.max(largest, a[k, k])
-    bound = wp.max(least * least, share * share * largest)
+    bound = wp.max(least * least, share * share * largest)  # eigenvalues are squares of singular values
     out = wp.spatial_vectord()
     for k in range(rows):
         if a[k, k] > bound:

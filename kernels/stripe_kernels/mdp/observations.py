@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observations: ``term(env, ..., out)`` writes the numbers of one environment into its slice ``out``.
 
-``@writes`` says how many numbers those are.
+The decorator ``@writes`` declares how many numbers those are.
 """
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ..data import ActionData, ArticulationData, CommandData, EpisodeData
+from ..removed_tables import forward_tables
 from ..term_info import Each, writes
 from . import frames
 
@@ -34,9 +37,13 @@ __all__ = [
     "root_quat_w",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"OBSERVATION_SIZES": __name__})
+
 
 @wp.func
 def _write_vec3(v: wp.vec3, first: int, out: wp.array[float]):
+    """Write three numbers from index ``first`` on."""
     for k in range(3):
         out[first + k] = v[k]
 
@@ -92,7 +99,7 @@ def projected_gravity(env: int, robot: ArticulationData, out: wp.array[float]):
 @writes(3)
 @wp.func
 def root_pos_w(env: int, robot: ArticulationData, out: wp.array[float]):
-    """Position of the root link relative to the environment's origin, in the axes of the world.
+    """Position of the root link relative to the environment's origin, in the world's axes.
 
     Formula: ``p - origin`` [m].
 
@@ -104,7 +111,7 @@ def root_pos_w(env: int, robot: ArticulationData, out: wp.array[float]):
 @writes(4)
 @wp.func
 def root_quat_w(env: int, robot: ArticulationData, make_quat_unique: bool, out: wp.array[float]):
-    """Orientation of the root link in the world, (x, y, z, w).
+    """Orientation of the root link in the world, quaternion (x, y, z, w).
 
     Formula: ``q``; with ``make_quat_unique`` that of ``q`` and ``-q`` with ``w >= 0``.
 
@@ -144,7 +151,7 @@ def root_ang_vel_w(env: int, robot: ArticulationData, out: wp.array[float]):
 @writes(Each("body_ids", 7))
 @wp.func
 def body_pose_w(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
-    """Poses of link frames relative to the environment's origin, in the axes of the world.
+    """Poses of link frames relative to the environment's origin, in the world's axes.
 
     Formula: ``(p_i - origin, q_i)`` [m], quaternion (x, y, z, w), seven numbers a body.
 
@@ -161,7 +168,7 @@ def body_pose_w(env: int, robot: ArticulationData, body_ids: wp.array[int], out:
 @writes(Each("body_ids", 3))
 @wp.func
 def body_projected_gravity_b(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
-    """Direction of gravity in the frames of links.
+    """Direction of gravity in the frames of links, unit length.
 
     Formula: ``R_i^T g / |g|``, three numbers a body.
 
@@ -175,7 +182,7 @@ def body_projected_gravity_b(env: int, robot: ArticulationData, body_ids: wp.arr
 @writes(Each("body_ids", 6))
 @wp.func
 def body_incoming_wrench(env: int, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]):
-    """Force and torque that bodies get from their parent joints, about their centres of mass, in the world.
+    """Force and torque on bodies from their parent joints, about their centres of mass, in the world.
 
     Formula: ``(f_i, t_i)`` [N, N m], six numbers a body.
 
@@ -203,7 +210,7 @@ def joint_pos(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: 
 @writes(Each("joint_ids"))
 @wp.func
 def joint_pos_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
-    """Joint positions relative to those at the start of an episode.
+    """Joint positions relative to the default positions.
 
     Formula: ``q_i - q_default,i`` [m or rad].
 
@@ -217,7 +224,7 @@ def joint_pos_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], o
 @writes(Each("joint_ids"))
 @wp.func
 def joint_pos_limit_normalized(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
-    """Joint positions on a scale that is -1 and 1 at the soft limits.
+    """Joint positions normalised to -1 and 1 at the soft limits.
 
     Formula: ``(2 q_i - upper - lower) / (upper - lower)``, 0 where the limits coincide.
 
@@ -248,7 +255,7 @@ def joint_vel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: 
 @writes(Each("joint_ids"))
 @wp.func
 def joint_vel_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
-    """Joint velocities relative to those at the start of an episode.
+    """Joint velocities relative to the default velocities.
 
     Formula: ``qd_i - qd_default,i`` [m/s or rad/s].
 
@@ -262,7 +269,7 @@ def joint_vel_rel(env: int, robot: ArticulationData, joint_ids: wp.array[int], o
 @writes(Each("joint_ids"))
 @wp.func
 def joint_effort(env: int, robot: ArticulationData, joint_ids: wp.array[int], out: wp.array[float]):
-    """Efforts of drives and actuators in the last physics step.
+    """Joint efforts of drives and actuators in the last physics step.
 
     Formula: ``tau_i = tau_drive,i + tau_other,i`` [N or N m].
 
@@ -276,7 +283,7 @@ def joint_effort(env: int, robot: ArticulationData, joint_ids: wp.array[int], ou
 @writes(Each("num_actions"))
 @wp.func
 def last_action(env: int, actions: ActionData, out: wp.array[float]):
-    """What the policy asked for in this step, before scale and offset.
+    """Action of the policy in this step, before scale and offset.
 
     Formula: ``a_i``.
 
@@ -289,7 +296,7 @@ def last_action(env: int, actions: ActionData, out: wp.array[float]):
 @writes(Each("num_command"))
 @wp.func
 def generated_commands(env: int, command: CommandData, out: wp.array[float]):
-    """The numbers of a command.
+    """Command of a command term, as the policy sees it.
 
     Formula: ``c_i``, in the units of the command.
 
@@ -314,7 +321,7 @@ def current_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
 @writes(1)
 @wp.func
 def remaining_time_s(env: int, episode: EpisodeData, out: wp.array[float]):
-    """Time until the episode is cut off.
+    """Time until the time-out of the episode.
 
     Formula: ``T - n dt`` [s], ``n`` the steps taken and ``T`` the length of an episode.
 

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observations and terminations of a robot among many obstacles; see :mod:`stripe_kernels.obstacles`."""
+"""Obstacle terms: observations and a termination of a robot among obstacles; see :mod:`stripe_kernels.obstacles`."""
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ..obstacles import ObstacleData, nearest_on_axis
+from ..removed_tables import forward_tables
 from ..sensors.ray import RayCasterData
 from ..term_info import Each, writes
 from .frames import rotate_inverse_yaw, yaw_of
@@ -15,14 +18,17 @@ __all__ = [
     "obstacle_too_close",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"OBSTACLE_OBSERVATION_SIZES": __name__})
+
 
 @writes(Each("num_slots", 4))
 @wp.func
 def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
-    """Where the surfaces of the nearest obstacles are, nearest first: four numbers for each slot.
+    """Nearest points of the nearest obstacles and their distances, nearest first: four numbers for each slot.
 
     The first three are the nearest point of the surface relative to the root, in the frame of its yaw [m]; the fourth
-    is its distance, negative if the root is inside [m]. A slot without an obstacle reads ``0, 0, 0, sight``.
+    is its distance, negative if the root is inside [m]. A slot without an obstacle holds ``0, 0, 0, sight``.
 
     Formula: ``Rz(yaw)^T (a - p) d / |a - p|`` and ``d = |a - p| - r`` [m], ``a`` the nearest point of the axis, ``p``
     the root, ``r`` the radius.
@@ -38,7 +44,7 @@ def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
             to_axis = nearest_on_axis(obstacles, i, root) - root
             away = wp.length(to_axis)
             distance = away - obstacles.radius[i]
-            if away > 0.0:
+            if away > 0.0:  # on the axis the direction is undefined, and the point stays at the root
                 point = rotate_inverse_yaw(wp.transform_get_rotation(pose), to_axis * (distance / away))
         for axis in range(3):
             out[4 * slot + axis] = point[axis]
@@ -47,7 +53,7 @@ def obstacle_distance(env: int, obstacles: ObstacleData, out: wp.array[float]):
 
 @wp.func
 def obstacle_too_close(env: int, obstacles: ObstacleData, threshold: float) -> bool:
-    """Whether the surface of an obstacle is nearer to the root than ``threshold`` [m], at most ``sight``.
+    """Termination if the surface of an obstacle is nearer to the root than ``threshold`` [m], at most ``sight``.
 
     Formula: ``d_0 < threshold``, ``d_0`` the distance of the nearest one [m].
 
@@ -57,8 +63,12 @@ def obstacle_too_close(env: int, obstacles: ObstacleData, threshold: float) -> b
 
 
 @wp.func
-def _way_to(origin: wp.vec2, direction: wp.vec2, a: wp.vec2, b: wp.vec2, radius: float) -> float:
-    """How far a ray goes in the plane before it meets the points within ``radius`` of a segment; 1e30 if never [m]."""
+def _ray_to_outline(origin: wp.vec2, direction: wp.vec2, a: wp.vec2, b: wp.vec2, radius: float) -> float:
+    """Length of a ray in the plane up to the outline of a capsule, the points within ``radius`` of ``a`` to ``b`` [m].
+
+    0 for an origin inside, 1e30 for a ray that misses.
+    """
+    # First the circles about both ends, then the two long sides.
     found = wp.float32(1.0e30)
     for end in range(2):
         to = a - origin
@@ -71,7 +81,7 @@ def _way_to(origin: wp.vec2, direction: wp.vec2, a: wp.vec2, b: wp.vec2, radius:
         elif ahead > 0.0 and inner >= 0.0:
             found = wp.min(found, ahead - wp.sqrt(inner))
     length = wp.length(b - a)
-    if length > 1.0e-6:
+    if length > 1.0e-6:  # an upright stem is a circle, seen from above
         along = (b - a) / length
         across = wp.vec2(-along[1], along[0])
         beside, turn = wp.dot(origin - a, across), wp.dot(direction, across)
@@ -92,11 +102,11 @@ def _way_to(origin: wp.vec2, direction: wp.vec2, a: wp.vec2, b: wp.vec2, radius:
 def obstacle_proximity(
     env: int, obstacles: ObstacleData, direction_ids: wp.array[int], below: float, out: wp.array[float]
 ):
-    """How near obstacles are in each direction about the root, the first one ahead, then counterclockwise.
+    """Proximity of obstacles in each direction around the root, from 0 to 1; straight ahead first, counterclockwise.
 
-    Rays lie in the horizontal plane and end at the outlines of obstacles seen from above, which are widened as far as
-    rays lie apart there, so that no stem is too thin to be seen; obstacles whose top is more than ``below`` [m] lower
-    than the root are left out, as what can be stepped onto.
+    Rays lie in the horizontal plane and end at the outlines of obstacles seen from above. Outlines are widened by the
+    spacing of the rays at their distance, so that no thin stem slips between two rays. Obstacles whose top is more than
+    ``below`` [m] lower than the root are ignored, since the robot can step onto them.
 
     Formula: ``max(0, 1 - d / sight)``, ``d`` the length of the ray [m], with radii ``r + max(s, 0) tan(pi / n)``, ``s``
     the distance of the obstacle [m], ``n`` the number of directions; 0 where nothing is in sight.
@@ -114,14 +124,14 @@ def obstacle_proximity(
             low, high = obstacles.low[env, slot], obstacles.high[env, slot]
             if high[3] > root[2] - below:
                 radius = low[3] + wp.max(obstacles.distance[env, slot], 0.0) * wider
-                way = _way_to(origin, direction, wp.vec2(low[0], low[1]), wp.vec2(high[0], high[1]), radius)
-                near = wp.max(near, 1.0 - way / obstacles.sight)
+                way = _ray_to_outline(origin, direction, wp.vec2(low[0], low[1]), wp.vec2(high[0], high[1]), radius)
+                near = wp.max(near, 1.0 - way / obstacles.sight)  # 1e30 of a miss leaves 0
         out[k] = near
 
 
 @wp.func
-def _top(point: wp.vec2, low: wp.vec4, high: wp.vec4) -> float:
-    """Height of a capsule over a point of the plane, -1e30 beside it [m].
+def _top_height(point: wp.vec2, low: wp.vec4, high: wp.vec4) -> float:
+    """Height of a capsule's top over a point of the plane [m]; -1e30 beside the capsule.
 
     The spheres about ``a + t (b - a)`` have their tops at ``a.z + t d.z + sqrt(R^2 - H^2 (t - t_0)^2)``, with ``H`` the
     length of the axis seen from above, ``t_0`` where it passes the point, ``R^2`` the radius squared less the distance
@@ -130,7 +140,7 @@ def _top(point: wp.vec2, low: wp.vec4, high: wp.vec4) -> float:
     to = point - wp.vec2(low[0], low[1])
     axis, rise, radius = wp.vec2(high[0] - low[0], high[1] - low[1]), high[2] - low[2], low[3]
     flat = wp.dot(axis, axis)
-    if flat < 1.0e-10:
+    if flat < 1.0e-10:  # upright: the formula would divide by zero
         outside = radius * radius - wp.dot(to, to)
         if outside < 0.0:
             return -1.0e30
@@ -143,6 +153,7 @@ def _top(point: wp.vec2, low: wp.vec4, high: wp.vec4) -> float:
     first, last = wp.max(middle - span, 0.0), wp.min(middle + span, 1.0)
     if first > last:
         return -1.0e30
+    # Where the derivative of the height vanishes; clamping is right because the height is concave in ``t``.
     t = wp.clamp(middle + span * rise / wp.sqrt(flat + rise * rise), first, last)
     return low[2] + t * rise + wp.sqrt(wp.max(inside - flat * (t - middle) * (t - middle), 0.0))
 
@@ -157,7 +168,7 @@ def height_scan_over(
     out: wp.array[float],
     offset: float = 0.5,
 ):
-    """``height_scan`` of a sensor that looks straight down, with the obstacles that were found standing on the ground.
+    """Height scan over ground and obstacles: ``height_scan`` of a sensor with vertical rays, raised by the obstacles.
 
     Formula: ``out_i = p.z - max(hit_i.z, top_i) - offset`` [m], ``top_i`` the highest point of an obstacle over
     or below the point that the ray hits.
@@ -169,6 +180,6 @@ def height_scan_over(
         hit = sensor.ray_hits_w[env, ray_ids[i]]
         height = hit[2]
         for slot in range(found):
-            top = _top(wp.vec2(hit[0], hit[1]), obstacles.low[env, slot], obstacles.high[env, slot])
+            top = _top_height(wp.vec2(hit[0], hit[1]), obstacles.low[env, slot], obstacles.high[env, slot])
             height = wp.max(height, top)
         out[i] = sensor.pos_w[env][2] - height - offset

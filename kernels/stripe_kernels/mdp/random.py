@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random draws, one stream for each environment.
+"""Random draws from one stream for each environment.
 
 ``rng`` holds one number an environment, shape ``(num_envs,)``, which every draw advances in place. The stream of an
-environment depends on the seed and on its index, not on how many others there are, nor on how the draws are split over
+environment depends on the seed and on its index, not on the number of environments, nor on how draws are split over
 launches.
 
-A draw hashes the number together with the index. Environments whose numbers meet, which among thousands of streams
-over 2^32 numbers does happen, therefore do not go on in step, as they would if the number itself were the draw.
+A draw hashes the number together with the index. Among thousands of streams over 2^32 numbers, two environments do
+reach the same number at times. Without the index in the hash they would draw the same values from then on.
 """
 
 import warp as wp
@@ -27,13 +27,13 @@ __all__ = [
 
 @wp.func
 def seed_stream(seed: int, env: int) -> wp.uint32:
-    """The number at which the stream of environment ``env`` starts, for a ``seed``."""
+    """First number of the stream of environment ``env`` for a ``seed``."""
     return wp.rand_init(seed, env)
 
 
 @wp.func
 def draw(env: int, rng: wp.array[wp.uint32]) -> wp.uint32:
-    """32 random bits.
+    """Draw 32 random bits.
 
     Formula: ``h(env + h(n)); n <- n + 1``, ``h`` the hash PCG-RXS-M-XS.
 
@@ -46,45 +46,48 @@ def draw(env: int, rng: wp.array[wp.uint32]) -> wp.uint32:
 
 @wp.func
 def uniform(env: int, rng: wp.array[wp.uint32]) -> float:
-    """A multiple of 2^-24, uniform in [0, 1)."""
+    """Uniform draw in [0, 1), a multiple of 2^-24."""
     return wp.randf(draw(env, rng))
 
 
 @wp.func
 def uniform_range(env: int, rng: wp.array[wp.uint32], bounds: wp.vec2) -> float:
-    """Uniform between ``bounds[0]`` and ``bounds[1]``; takes one draw even where they are equal."""
+    """Uniform draw between ``bounds[0]`` and ``bounds[1]``; takes one draw even if they are equal."""
+    # So that a config with an empty range leaves all other draws of its environment as they are.
     u = uniform(env, rng)
     return bounds[0] + (bounds[1] - bounds[0]) * u
 
 
 @wp.func
 def bernoulli(env: int, rng: wp.array[wp.uint32], probability: float) -> bool:
-    """True with this probability: never at 0, always at 1."""
+    """Bernoulli draw: True with a probability; never at 0, always at 1."""
     return uniform(env, rng) < probability
 
 
 @wp.func
 def normal(env: int, rng: wp.array[wp.uint32]) -> float:
-    """Normal with mean 0 and standard deviation 1, at most 5.8 in size; takes two draws.
+    """Normal draw with mean 0 and standard deviation 1, at most 5.8 in size; takes two draws.
 
     Formula: ``sqrt(-2 ln(1 - u)) cos(2 pi v)``.
 
     Source: G. Box and M. Muller, "A Note on the Generation of Random Normal Deviates", 1958.
     """
-    u = uniform(env, rng)  # not wp.randn: in which order that takes its two draws is up to the compiler
+    # Not wp.randn: there the compiler chooses the order of the two draws.
+    u = uniform(env, rng)
     v = uniform(env, rng)
+    # 1 - u is never 0, for u < 1; its least value, 2^-24, gives the bound of 5.8.
     return wp.sqrt(-2.0 * wp.log(1.0 - u)) * wp.cos(2.0 * wp.pi * v)
 
 
 @wp.func
 def gaussian(env: int, rng: wp.array[wp.uint32], mean: float, std: float) -> float:
-    """Normal with the given mean and standard deviation; takes two draws."""
+    """Normal draw with a mean and a standard deviation; takes two draws."""
     return mean + std * normal(env, rng)
 
 
 @wp.func
 def uniform_vec3(env: int, rng: wp.array[wp.uint32], bounds: wp.array[wp.vec2], first: int) -> wp.vec3:
-    """Three numbers, uniform within ``bounds[first]`` and the two bounds after it."""
+    """Vector of three uniform draws, within ``bounds[first]`` and the two bounds after it."""
     x = uniform_range(env, rng, bounds[first])
     y = uniform_range(env, rng, bounds[first + 1])
     z = uniform_range(env, rng, bounds[first + 2])
@@ -93,7 +96,7 @@ def uniform_vec3(env: int, rng: wp.array[wp.uint32], bounds: wp.array[wp.vec2], 
 
 @wp.func
 def uniform_twist(env: int, rng: wp.array[wp.uint32], bounds: wp.array[wp.vec2]) -> wp.spatial_vector:
-    """A linear and an angular part, uniform within six bounds: x, y, z, then about x, y, z."""
+    """Twist of six uniform draws, within six bounds: linear x, y, z, then angular about x, y, z."""
     linear = uniform_vec3(env, rng, bounds, 0)
     angular = uniform_vec3(env, rng, bounds, 3)
     return wp.spatial_vector(linear, angular)
@@ -101,7 +104,7 @@ def uniform_twist(env: int, rng: wp.array[wp.uint32], bounds: wp.array[wp.vec2])
 
 @wp.func
 def random_quat(env: int, rng: wp.array[wp.uint32]) -> wp.quat:
-    """An orientation, uniform over all rotations; takes three draws.
+    """Random orientation, uniform over all rotations; takes three draws.
 
     Formula: ``(sqrt(1 - u) sin a, sqrt(1 - u) cos a, sqrt(u) sin b, sqrt(u) cos b)``, ``a = 2 pi v``, ``b = 2 pi w``.
 

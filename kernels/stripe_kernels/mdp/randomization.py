@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distributions and operations of randomising events.
 
-A term changes a quantity of the model where it runs, always from the value that the model was built with. The
-``randomization_*`` modules hold the terms by what they change; ``@randomizes`` says what their configs may say.
+A randomising event computes a quantity of the model from its default, the value that the model was built with. The
+modules ``randomization_*`` hold the terms by the quantities that they change; the decorator ``@randomizes`` declares
+their parameters.
 """
 
 import math
+import warnings
+from typing import TYPE_CHECKING
 
 import warp as wp
 
+from .. import term_info
 from . import random
 
 __all__ = [
@@ -21,14 +25,29 @@ __all__ = [
     "sample",
 ]
 
+if not TYPE_CHECKING:  # a type checker takes every name of a module that has a __getattr__ for defined
+
+    def __getattr__(name: str) -> object:
+        """Forward ``Randomization``, with a warning, to where it has moved."""
+        if name != "Randomization":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        new = "stripe_kernels.term_info.Randomization"
+        warnings.warn(
+            f"{__name__}.Randomization has moved to {new}; the old name goes with the next release",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return term_info.Randomization
+
+
 OPERATIONS: dict[str, int] = {"add": 0, "scale": 1, "abs": 2}
-"""What becomes of a draw, by Isaac Lab's names, and the number that a term is given."""
+"""Operations that combine a default with a draw, by Isaac Lab's names, with the codes that terms receive."""
 
 DISTRIBUTIONS: dict[str, int] = {"uniform": 0, "log_uniform": 1, "gaussian": 2}
-"""What is drawn from, by Isaac Lab's names, and the number that a term is given."""
+"""Distributions by Isaac Lab's names, with the codes that terms receive."""
 
 KEEP = (math.nan, math.nan)
-"""In the place of a range: the quantity stays as it is."""
+"""Range of a quantity that a term must not change."""
 
 ADD = wp.constant(OPERATIONS["add"])
 SCALE = wp.constant(OPERATIONS["scale"])
@@ -38,7 +57,7 @@ GAUSSIAN = wp.constant(DISTRIBUTIONS["gaussian"])
 
 @wp.func
 def sample(env: int, rng: wp.array[wp.uint32], params: wp.vec2, distribution: int) -> float:
-    """A draw from a distribution with two parameters.
+    """Draw from a distribution with two parameters.
 
     Formula: ``U(a, b)``; log-uniform ``exp(U(ln a, ln b))``; Gaussian with mean ``a`` and standard deviation ``b``.
     """
@@ -51,7 +70,7 @@ def sample(env: int, rng: wp.array[wp.uint32], params: wp.vec2, distribution: in
 
 @wp.func
 def operate(default: float, draw: float, operation: int) -> float:
-    """``default + draw``, ``default * draw`` or ``draw``, as ``OPERATIONS`` numbers them."""
+    """Combine a default with a draw: ``default + draw``, ``default * draw`` or ``draw``; codes as of ``OPERATIONS``."""
     if operation == ADD:
         return default + draw
     if operation == SCALE:
@@ -63,11 +82,11 @@ def operate(default: float, draw: float, operation: int) -> float:
 def randomize(
     env: int, rng: wp.array[wp.uint32], default: float, params: wp.vec2, operation: int, distribution: int
 ) -> float:
-    """A new value for a quantity whose default is ``default``."""
+    """Draw a new value of a quantity from its default."""
     return operate(default, sample(env, rng, params, distribution), operation)
 
 
 @wp.func
 def is_kept(params: wp.vec2) -> bool:
-    """Whether a range is ``KEEP``."""
+    """Whether a range is ``KEEP``: its bounds are NaN."""
     return wp.isnan(params[0])

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events that randomise masses, inertias and centres of mass.
+"""Randomisation of bodies: events that change masses, inertias and centres of mass.
 
-``operation`` and ``distribution`` are numbers of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``; a config names
-them. A body without mass stays without.
+``operation`` and ``distribution`` are codes of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``; a config gives their
+names. A body without mass stays without.
 """
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ..model_data import BodyModelData
+from ..removed_tables import forward_tables
 from ..term_info import randomizes
 from . import random
 from .randomization import operate, sample
@@ -19,12 +22,16 @@ __all__ = [
     "randomize_rigid_body_mass",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, randomizations={"BODY_RANDOMIZATIONS": __name__})
+
 _STAY = (0.0, 0.0)
 _PSEUDO = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
 
 
 @wp.func
-def _inverse(matrix: wp.mat33) -> wp.mat33:
+def _inverse_or_zero(matrix: wp.mat33) -> wp.mat33:
+    """Inverse of a matrix with a positive determinant, else zero: that of a body that cannot be turned."""
     if wp.determinant(matrix) > 0.0:
         return wp.inverse(matrix)
     return wp.mat33()
@@ -32,21 +39,23 @@ def _inverse(matrix: wp.mat33) -> wp.mat33:
 
 @wp.func
 def _is_positive(m: wp.mat33) -> bool:
-    """Whether a symmetric matrix is positive definite: its leading minors are positive."""
+    """Whether a symmetric matrix is positive definite, by Sylvester's criterion: its leading minors are positive."""
     minor = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
     return m[0, 0] > 0.0 and minor > 0.0 and wp.determinant(m) > 0.0
 
 
 @wp.func
 def _write_mass(env: int, model: BodyModelData, body: int, mass: float):
+    """Write the mass of a body [kg] and its inverse, which Newton keeps apart."""
     model.mass[env, body] = mass
     model.inv_mass[env, body] = 1.0 / mass
 
 
 @wp.func
 def _write_inertia(env: int, model: BodyModelData, body: int, inertia: wp.mat33):
+    """Write the inertia of a body [kg m^2] and its inverse."""
     model.inertia[env, body] = inertia
-    model.inv_inertia[env, body] = _inverse(inertia)
+    model.inv_inertia[env, body] = _inverse_or_zero(inertia)
 
 
 @randomizes(
@@ -65,7 +74,7 @@ def randomize_rigid_body_mass(
     recompute_inertia: bool,
     min_mass: float,
 ):
-    """Draw new masses of bodies; with ``recompute_inertia`` the inertias go with them, as of the same density.
+    """Randomise the masses of bodies; with ``recompute_inertia`` their inertias scale with them.
 
     Formula: ``m_i = max(op(m_default,i, draw_i), min_mass)`` [kg], ``I_i = I_default,i m_i / m_default,i`` [kg m^2].
 
@@ -74,6 +83,7 @@ def randomize_rigid_body_mass(
     for i in range(body_ids.shape[0]):
         body = body_ids[i]
         default = model.default_mass[env, body]
+        # Drawn for bodies without mass too: the draws of other bodies do not depend on them.
         draw = sample(env, rng, mass_distribution_params, distribution)
         if default > 0.0:
             mass = wp.max(operate(default, draw, operation), min_mass)
@@ -97,7 +107,7 @@ def randomize_rigid_body_inertia(
     distribution: int,
     diagonal_only: bool,
 ):
-    """Draw new moments of inertia of bodies, one draw a body for its diagonal or for the whole matrix.
+    """Randomise the inertias of bodies, by one draw a body for its diagonal or for the whole matrix.
 
     Formula: ``I_i,kl = op(I_default,i,kl, draw_i)`` [kg m^2], for ``k = l`` alone with ``diagonal_only``; the default
     where that is not positive definite.
@@ -113,6 +123,7 @@ def randomize_rigid_body_inertia(
             for j in range(3):
                 if k == j or not diagonal_only:
                     inertia[k, j] = operate(default[k, j], draw, operation)
+        # Operation "add" may leave a matrix that is not positive definite, which no body has: the solver would diverge.
         if not _is_positive(inertia):
             inertia = default
         if model.default_mass[env, body] > 0.0:
@@ -124,12 +135,13 @@ def randomize_rigid_body_inertia(
 def randomize_rigid_body_com(
     env: int, model: BodyModelData, rng: wp.array[wp.uint32], body_ids: wp.array[int], com_range: wp.array[wp.vec2]
 ):
-    """Shift the centres of mass of bodies, all by one offset; of ``com_range`` x, y and z count.
+    """Randomise the centres of mass of bodies, all by one offset; only x, y and z of ``com_range`` are used.
 
     Formula: ``c_i = c_default,i + U(com_range)`` [m], in the frame of each body.
 
     Source: Isaac Lab, ``mdp.randomize_rigid_body_com``.
     """
+    # Inertias are about the centre of mass, so they do not change with it.
     offset = random.uniform_vec3(env, rng, com_range, 0)
     for i in range(body_ids.shape[0]):
         body = body_ids[i]
@@ -158,7 +170,7 @@ def randomize_pseudo_inertia(
     t3_range: wp.vec2,
     distribution: int,
 ):
-    """Draw mass, centre of mass and inertia of bodies together, so that some distribution of mass has them.
+    """Randomise mass, centre of mass and inertia of bodies together, so that they stay physically consistent.
 
     Formula: ``J = U J_default U^T``, ``J = [[S, m c], [m c^T, m]]``, ``S = tr(I_o) / 2 - I_o`` about the body's origin,
     ``U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]``: density times
@@ -167,6 +179,7 @@ def randomize_pseudo_inertia(
     Source: C. Rucker and P. Wensing, "Smooth Parameterization of Rigid-Body Inertia", IEEE RA-L 7(2), 2022; mjlab,
     ``dr.pseudo_inertia``.
     """
+    # All ten draws are taken for every body, whatever its mass and the ranges: the stream does not depend on them.
     for i in range(body_ids.shape[0]):
         body = body_ids[i]
         scale = wp.exp(sample(env, rng, alpha_range, distribution))
@@ -181,8 +194,8 @@ def randomize_pseudo_inertia(
         t3 = sample(env, rng, t3_range, distribution)
         mass = model.default_mass[env, body]
         if mass > 0.0:
-            # With the affine map x -> A x + t of the body's matter, density times e^(2 alpha):
-            # the centre goes to A c + t, second moments about it to A S A^T.
+            # U is the affine map x -> A x + t of the body's matter, with density times e^(2 alpha). It maps the centre
+            # of mass to A c + t, and the second moments about it to A S A^T: no 4 x 4 matrix is needed.
             inertia = model.default_inertia[env, body]
             moments = 0.5 * wp.trace(inertia) * wp.identity(n=3, dtype=wp.float32) - inertia
             stretch = wp.mat33(d1, s12, s13, 0.0, d2, s23, 0.0, 0.0, d3)
@@ -190,4 +203,4 @@ def randomize_pseudo_inertia(
             new = wp.trace(moments) * wp.identity(n=3, dtype=wp.float32) - moments
             model.com[env, body] = stretch * model.default_com[env, body] + wp.vec3(t1, t2, t3)
             _write_mass(env, model, body, mass * scale * scale)
-            _write_inertia(env, model, body, 0.5 * (new + wp.transpose(new)))
+            _write_inertia(env, model, body, 0.5 * (new + wp.transpose(new)))  # rounding left it slightly asymmetric

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint encoders that are off by a constant: the event that draws it, and observations and actions through them.
+"""Encoder bias: the event that draws it, and observations and actions of joint encoders that are off by a constant.
 
-A controller sees ``q + b``. Its policy observes that, and where its drives hold a position by the encoder they stop at
-``q* - b``.
+An encoder with a bias ``b`` reads ``q + b``. The policy observes that, and drives that hold a position by the encoder
+stop at ``q* - b``.
 """
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ..data import ArticulationData
 from ..model_data import EncoderData
+from ..removed_tables import forward_tables
 from ..term_info import Each, randomizes, writes
 from . import random
 
@@ -19,13 +22,18 @@ __all__ = [
     "randomize_encoder_bias",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(
+        __name__, sizes={"ENCODER_OBSERVATION_SIZES": __name__}, randomizations={"ENCODER_RANDOMIZATIONS": __name__}
+    )
+
 
 @randomizes(ranges={"bias_range": ("", "any")})
 @wp.func
 def randomize_encoder_bias(
     env: int, encoder: EncoderData, rng: wp.array[wp.uint32], joint_ids: wp.array[int], bias_range: wp.vec2
 ):
-    """Draw by how much the encoders of joints are off.
+    """Randomise the bias of joint encoders.
 
     Formula: ``b_i = U(bias_range)`` [m or rad].
 
@@ -40,7 +48,7 @@ def randomize_encoder_bias(
 def joint_pos_biased(
     env: int, robot: ArticulationData, encoder: EncoderData, joint_ids: wp.array[int], out: wp.array[float]
 ):
-    """Joint positions as their encoders show them [m or rad].
+    """Joint positions as read by their encoders [m or rad].
 
     Formula: ``q_i + b_i``.
 
@@ -56,7 +64,7 @@ def joint_pos_biased(
 def joint_pos_rel_biased(
     env: int, robot: ArticulationData, encoder: EncoderData, joint_ids: wp.array[int], out: wp.array[float]
 ):
-    """Joint positions as their encoders show them, relative to those at the start of an episode [m or rad].
+    """Joint positions as read by their encoders, relative to the default positions [m or rad].
 
     Formula: ``q_i + b_i - q_default,i``.
 
@@ -72,7 +80,7 @@ def joint_pos_rel_biased(
 def apply_joint_position_biased(
     env: int, processed: wp.array[float], robot: ArticulationData, encoder: EncoderData, joint_ids: wp.array[int]
 ):
-    """Set position targets that drives hold by their encoders: ``JointPositionActionCfg(apply=...)``.
+    """Set joint position targets for drives that measure by encoders; use with ``JointPositionActionCfg(apply=...)``.
 
     Formula: ``q*_i = u_i - b_i`` [m or rad].
 

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events that randomise drives and joints.
+"""Randomisation of joints: events that change gains, limits, friction, armature and default positions of joints.
 
-``operation`` and ``distribution`` are numbers of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``; a config names
-them. Quantities whose range is ``randomization.KEEP`` stay as they are and take no draw.
+``operation`` and ``distribution`` are codes of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``; a config gives their
+names. Quantities whose range is ``randomization.KEEP`` are not changed and take no draw.
 """
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ..data import ArticulationData
 from ..model_data import JointModelData
+from ..removed_tables import forward_tables
 from ..term_info import randomizes
 from .randomization import KEEP, is_kept, randomize
 
@@ -20,6 +23,9 @@ __all__ = [
     "randomize_pd_gains",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, randomizations={"JOINT_RANDOMIZATIONS": __name__})
+
 _BY_VALUE: dict[str, object] = {"operation": "abs", "distribution": "uniform"}
 _BY_FACTOR: dict[str, object] = {"operation": "scale", "distribution": "uniform"}
 
@@ -28,6 +34,7 @@ _BY_FACTOR: dict[str, object] = {"operation": "scale", "distribution": "uniform"
 def _not_negative(
     env: int, rng: wp.array[wp.uint32], default: float, params: wp.vec2, operation: int, distribution: int
 ) -> float:
+    """Draw a new value of a quantity, limited to 0 from below."""
     return wp.max(randomize(env, rng, default, params, operation, distribution), 0.0)
 
 
@@ -49,7 +56,7 @@ def randomize_actuator_gains(
     operation: int,
     distribution: int,
 ):
-    """Draw new gains of the drives of joints, implicit or explicit.
+    """Randomise the gains of joint drives, implicit or explicit.
 
     Formula: ``kp_i = max(op(kp_default,i, draw), 0)`` [N/m or N m/rad], ``kd_i = max(op(kd_default,i, draw), 0)``
     [N s/m or N m s/rad].
@@ -82,7 +89,7 @@ def randomize_pd_gains(
     operation: int,
     distribution: int,
 ):
-    """``randomize_actuator_gains`` by mjlab's parameters: factors, if nothing else is said.
+    """Randomise the gains of joint drives, with mjlab's parameters; the default operation is ``"scale"``.
 
     Formula: ``kp_i = max(op(kp_default,i, draw), 0)`` [N/m or N m/rad], ``kd_i = max(op(kd_default,i, draw), 0)``
     [N s/m or N m s/rad].
@@ -103,7 +110,7 @@ def randomize_effort_limits(
     operation: int,
     distribution: int,
 ):
-    """Draw new effort limits of joints.
+    """Randomise the effort limits of joints.
 
     Formula: ``limit_i = max(op(limit_default,i, draw), 0)`` [N or N m].
 
@@ -145,10 +152,11 @@ def randomize_joint_parameters(
     operation: int,
     distribution: int,
 ):
-    """Draw new Coulomb friction, armature, limits, and passive stiffness and damping of joints.
+    """Randomise Coulomb friction, armature, position limits, and passive stiffness and damping of joints.
 
-    Formula: ``x_i = op(x_default,i, draw)``, not below 0 but for limits [N or N m; kg or kg m^2; m or rad; per m, rad
-    and their rates]; limits that would cross both lie at their middle, or at the one that is kept.
+    Formula: ``x_i = op(x_default,i, draw)``; friction [N or N m], armature [kg or kg m^2], stiffness [N/m or N m/rad]
+    and damping [N s/m or N m s/rad] not below 0; limits [m or rad] that would cross are both set to their middle, or to
+    the one that is kept.
 
     Source: Isaac Lab, ``mdp.randomize_joint_parameters``; stiffness and damping: mjlab, ``dr.joint_stiffness``,
     ``dr.joint_damping``.
@@ -165,6 +173,7 @@ def randomize_joint_parameters(
             model.armature[env, joint] = _not_negative(
                 env, rng, armature, armature_distribution_params, operation, distribution
             )
+        # Present values: a limit that is kept may have been changed by an earlier term.
         lower = model.lower[env, joint]
         upper = model.upper[env, joint]
         if not is_kept(lower_limit_distribution_params):
@@ -175,7 +184,7 @@ def randomize_joint_parameters(
             upper = randomize(
                 env, rng, model.default_upper[env, joint], upper_limit_distribution_params, operation, distribution
             )
-        if lower > upper:
+        if lower > upper:  # the solver needs an ordered pair; a limit that is kept wins over a drawn one
             if is_kept(lower_limit_distribution_params):
                 upper = lower
             elif is_kept(upper_limit_distribution_params):
@@ -209,13 +218,16 @@ def randomize_joint_default_pos(
     operation: int,
     distribution: int,
 ):
-    """Draw new positions of joints at the start of an episode, from which actions and observations are counted too, and
-    make them the targets. Name it before the term that brings the joints there.
+    """Randomise the default positions of joints, and set their targets to them.
+
+    Resets, actions with ``use_default_offset`` and relative observations use the new default positions. List this term
+    before the term that resets the joints.
 
     Formula: ``q_default,i = op(q_configured,i, draw)``, ``q*_i = q_default,i`` [m or rad].
 
     Source: mjlab, ``dr.joint_default_pos``.
     """
+    # From the configured position, not from the present default, which an earlier episode has randomised.
     for i in range(joint_ids.shape[0]):
         joint = joint_ids[i]
         configured = model.initial_joint_pos[env, joint]

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events that randomise what holds for a whole environment."""
+"""Randomisation of the scene: events that change properties of a whole environment, such as gravity."""
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ..model_data import SceneModelData
+from ..removed_tables import forward_tables
 from ..term_info import randomizes
 from .randomization import randomize
 
 __all__ = ["randomize_physics_scene_gravity"]
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, randomizations={"SCENE_RANDOMIZATIONS": __name__})
 
 
 @randomizes(defaults={"distribution": "uniform"})
@@ -20,10 +26,10 @@ def randomize_physics_scene_gravity(
     operation: int,
     distribution: int,
 ):
-    """Draw a new gravity for the environment, each component on its own.
+    """Randomise gravity, each component on its own.
 
-    ``gravity_distribution_params`` holds the first parameters of the three components and the second ones. What is
-    projected onto the robot, such as ``projected_gravity``, stays the direction that the scene was built with.
+    ``gravity_distribution_params`` holds the first parameters of the three components, then the second ones. Terms such
+    as ``projected_gravity`` go on to use the direction that the scene was built with.
 
     Formula: ``g_k = op(g_default,k, draw_k)`` [m/s^2].
 

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events that randomise colliders, sites, and what cameras see.
+"""Randomisation of shapes: events that change colliders, sites and visible colours.
 
-``shape_ids`` are the shapes of the bodies that a config names, narrowed by its ``shape_names``; ``operation`` and
-``distribution`` are numbers of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``. Quantities whose range is
-``randomization.KEEP`` stay as they are and take no draw.
+``shape_ids`` are the shapes of the bodies that a config names, or those of them that match its ``shape_names``;
+``operation`` and ``distribution`` are codes of ``randomization.OPERATIONS`` and ``DISTRIBUTIONS``. Quantities whose
+range is ``randomization.KEEP`` are not changed and take no draw.
 """
+
+from typing import TYPE_CHECKING
 
 import newton
 import warp as wp
 
 from ..model_data import ShapeModelData
+from ..removed_tables import forward_tables
 from ..term_info import randomizes
 from . import random
 from .randomization import KEEP, is_kept, operate, randomize, sample
@@ -24,6 +27,9 @@ __all__ = [
     "randomize_visual_color",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, randomizations={"SHAPE_RANDOMIZATIONS": __name__})
+
 _ONE_COEFFICIENT = "Newton has one coefficient of sliding friction, drawn from static_friction_range"
 _BY_VALUE = {"operation": "abs", "distribution": "uniform"}
 
@@ -33,6 +39,7 @@ _CAPSULE = wp.constant(int(newton.GeoType.CAPSULE))
 _CYLINDER = wp.constant(int(newton.GeoType.CYLINDER))
 _ELLIPSOID = wp.constant(int(newton.GeoType.ELLIPSOID))
 _SMALLEST = wp.constant(1.0e-4)
+"""Smallest length of a shape [m]."""
 
 
 @randomizes(
@@ -57,7 +64,7 @@ def randomize_rigid_body_material(
     static_friction_range: wp.vec2,
     restitution_range: wp.vec2,
 ):
-    """Draw new coefficients of friction and restitution of colliders.
+    """Randomise the coefficients of friction and restitution of colliders.
 
     Formula: ``mu_i = U(static_friction_range)``, ``e_i = U(restitution_range)``.
 
@@ -91,7 +98,7 @@ def randomize_geom_friction(
     operation: int,
     distribution: int,
 ):
-    """Draw new coefficients of sliding friction of colliders, and of torsional [m] and rolling [m] friction.
+    """Randomise the coefficients of sliding, torsional [m] and rolling [m] friction of colliders.
 
     Formula: ``mu_i = max(op(mu_default,i, draw), 0)``, each of the three on its own.
 
@@ -130,7 +137,7 @@ def randomize_rigid_body_collider_offsets(
     contact_offset_distribution_params: wp.vec2,
     distribution: int,
 ):
-    """Draw at which distance contacts of colliders rest and within which they are found.
+    """Randomise the contact margin and gap of colliders, by PhysX's rest offset and contact offset.
 
     Formula: ``margin_i = draw`` [m], ``gap_i = max(draw - margin_i, 0)`` [m].
 
@@ -141,6 +148,7 @@ def randomize_rigid_body_collider_offsets(
         if not is_kept(rest_offset_distribution_params):
             model.margin[env, shape] = sample(env, rng, rest_offset_distribution_params, distribution)
         if not is_kept(contact_offset_distribution_params):
+            # PhysX's contact offset counts from the surface, Newton's gap from the margin, which may be new by now.
             reach = sample(env, rng, contact_offset_distribution_params, distribution)
             model.gap[env, shape] = wp.max(reach - model.margin[env, shape], 0.0)
 
@@ -150,7 +158,7 @@ def randomize_rigid_body_collider_offsets(
 def randomize_geom_pose(
     env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], pose_range: wp.array[wp.vec2]
 ):
-    """Move and turn colliders on their bodies; masses stay as they are.
+    """Randomise the poses of colliders on their bodies; masses do not change.
 
     Formula: ``p_i = p_default,i + U`` [m] in the body's frame, ``q_i = q_default,i Rz(U) Ry(U) Rx(U)``.
 
@@ -172,7 +180,7 @@ def randomize_geom_pose(
 def randomize_site_pose(
     env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], pose_range: wp.array[wp.vec2]
 ):
-    """Move and turn sites on their bodies, for what reads them from the model.
+    """Randomise the poses of sites on their bodies, for readers of the model's sites.
 
     Formula: ``p_i = p_default,i + U`` [m] in the body's frame, ``q_i = q_default,i Rz(U) Ry(U) Rx(U)``.
 
@@ -182,8 +190,8 @@ def randomize_site_pose(
 
 
 @wp.func
-def _lengths(kind: int) -> int:
-    """How many numbers the size of a primitive has."""
+def _num_lengths(kind: int) -> int:
+    """Number of lengths in the size of a primitive."""
     if kind == _SPHERE:
         return 1
     if kind == _CAPSULE:
@@ -195,7 +203,7 @@ def _lengths(kind: int) -> int:
 
 @wp.func
 def _bounding_radius(kind: int, size: wp.vec3) -> float:
-    """Radius of the smallest sphere about a primitive's centre that holds it."""
+    """Bounding radius of a primitive: of the smallest sphere around its centre that contains it [m]."""
     if kind == _SPHERE:
         return size[0]
     if kind == _CAPSULE:
@@ -223,8 +231,9 @@ def randomize_geom_size(
     distribution: int,
     shared_random: bool,
 ):
-    """Draw new sizes of spheres, capsules, cylinders, ellipsoids and boxes; with ``shared_random`` one draw a shape for
-    all its lengths. Masses stay as they are.
+    """Randomise the sizes of spheres, capsules, cylinders, ellipsoids and boxes; masses do not change.
+
+    With ``shared_random`` all lengths of a shape share one draw.
 
     Formula: ``s_i,k = max(op(s_default,i,k, draw), 0.0001)`` [m]: radius, half height, or half extents.
 
@@ -235,11 +244,12 @@ def randomize_geom_size(
         kind = model.kind[shape]
         size = model.default_size[env, shape]
         draw = wp.float32(0.0)
-        for k in range(_lengths(kind)):
+        for k in range(_num_lengths(kind)):
             if k == 0 or not shared_random:
                 draw = sample(env, rng, ranges, distribution)
             size[k] = wp.max(operate(size[k], draw, operation), _SMALLEST)
         model.size[env, shape] = size
+        # The broad phase tests bounding spheres: with the old radius a grown shape would miss contacts.
         model.radius[env, shape] = _bounding_radius(kind, size)
 
 
@@ -248,7 +258,9 @@ def randomize_geom_size(
 def randomize_visual_color(
     env: int, model: ShapeModelData, rng: wp.array[wp.uint32], shape_ids: wp.array[int], colors: wp.array[wp.vec2]
 ):
-    """Draw new colours of visible shapes, for cameras; a config says ``colors={"r": (low, high), "g": ..., "b": ...}``.
+    """Randomise the colours of visible shapes, as cameras see them.
+
+    A config gives the bounds as ``colors={"r": (low, high), "g": ..., "b": ...}``.
 
     Formula: ``c_i = (U(colors_r), U(colors_g), U(colors_b))``, sRGB from 0 to 1.
 

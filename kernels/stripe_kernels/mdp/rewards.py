@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rewards: ``term(env, ...) -> float``, the value of one environment, not yet weighted or multiplied by a time step.
+"""Rewards: ``term(env, ...) -> float``, the value of one environment before its weight and the time step.
 
 Sums run over the joints of ``joint_ids`` or the bodies of ``body_ids``. Penalties are positive: their weight is
 negative. Rewards for following a command are in ``tracking``.
@@ -38,7 +38,7 @@ __all__ = [
 
 @wp.func
 def is_alive(env: int, episode: EpisodeData) -> float:
-    """Whether the episode did not end in failure or success.
+    """Reward of 1 unless the episode has terminated, in failure or success.
 
     Formula: ``0`` if terminated, else ``1``.
 
@@ -49,7 +49,7 @@ def is_alive(env: int, episode: EpisodeData) -> float:
 
 @wp.func
 def is_terminated(env: int, episode: EpisodeData) -> float:
-    """Whether the episode ended in failure or success.
+    """Penalty of 1 if the episode has terminated, in failure or success.
 
     Formula: ``1`` if terminated, else ``0``.
 
@@ -60,7 +60,7 @@ def is_terminated(env: int, episode: EpisodeData) -> float:
 
 @wp.func
 def is_terminated_term(env: int, episode: EpisodeData, term_ids: wp.array[int]) -> float:
-    """How many of the named termination terms ended the episode.
+    """Number of the named termination terms that ended the episode (a penalty).
 
     Formula: ``sum_k terminated_k``, ``0`` in an episode that was cut off.
 
@@ -78,7 +78,7 @@ def is_terminated_term(env: int, episode: EpisodeData, term_ids: wp.array[int]) 
 
 @wp.func
 def lin_vel_z_l2(env: int, robot: ArticulationData) -> float:
-    """Square of the root's velocity along its own z axis.
+    """Squared velocity of the root along its own z axis.
 
     Formula: ``v_b.z^2`` [m^2/s^2].
 
@@ -90,7 +90,7 @@ def lin_vel_z_l2(env: int, robot: ArticulationData) -> float:
 
 @wp.func
 def ang_vel_xy_l2(env: int, robot: ArticulationData) -> float:
-    """Square of the root's roll and pitch rates in its own frame.
+    """Squared roll and pitch rates of the root in its own frame.
 
     Formula: ``w_b.x^2 + w_b.y^2`` [rad^2/s^2].
 
@@ -102,7 +102,7 @@ def ang_vel_xy_l2(env: int, robot: ArticulationData) -> float:
 
 @wp.func
 def flat_orientation_l2(env: int, robot: ArticulationData) -> float:
-    """Square of the sine of the root's tilt.
+    """Squared sine of the root's tilt: penalty for an orientation that is not flat.
 
     Formula: ``g_b.x^2 + g_b.y^2``, ``g_b`` the direction of gravity in the root's frame.
 
@@ -114,7 +114,7 @@ def flat_orientation_l2(env: int, robot: ArticulationData) -> float:
 
 @wp.func
 def base_height_l2(env: int, robot: ArticulationData, target_height: float) -> float:
-    """Square of the error of the root link's height in the world.
+    """Squared error of the root link's height in the world.
 
     Formula: ``(p.z - target_height)^2`` [m^2].
 
@@ -126,7 +126,7 @@ def base_height_l2(env: int, robot: ArticulationData, target_height: float) -> f
 
 @wp.func
 def body_lin_acc_l2(env: int, robot: ArticulationData, body_ids: wp.array[int]) -> float:
-    """Size of the accelerations of the bodies' centres of mass. Not squared, despite its name.
+    """Norm of the linear accelerations of the bodies' centres of mass, summed; not squared, despite its name.
 
     Formula: ``sum_i |a_i|`` [m/s^2].
 
@@ -143,7 +143,7 @@ def body_lin_acc_l2(env: int, robot: ArticulationData, body_ids: wp.array[int]) 
 
 @wp.func
 def joint_torques_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """Square of the efforts in the last physics step.
+    """Squared joint efforts in the last physics step, summed.
 
     Formula: ``sum_i tau_i^2`` [N^2 or N^2 m^2], ``tau = tau_drive + tau_other``.
 
@@ -159,7 +159,7 @@ def joint_torques_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]
 
 @wp.func
 def joint_vel_l1(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """Size of the joint velocities.
+    """Absolute joint velocities, summed.
 
     Formula: ``sum_i |qd_i|`` [m/s or rad/s].
 
@@ -173,7 +173,7 @@ def joint_vel_l1(env: int, robot: ArticulationData, joint_ids: wp.array[int]) ->
 
 @wp.func
 def joint_vel_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """Square of the joint velocities.
+    """Squared joint velocities, summed.
 
     Formula: ``sum_i qd_i^2`` [m^2/s^2 or rad^2/s^2].
 
@@ -188,7 +188,7 @@ def joint_vel_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) ->
 
 @wp.func
 def joint_acc_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """Square of the joint accelerations over the last physics step.
+    """Squared joint accelerations over the last physics step, summed.
 
     Formula: ``sum_i ((qd_i - qd_before,i) / dt)^2`` [m^2/s^4 or rad^2/s^4], ``dt`` of the physics.
 
@@ -204,7 +204,7 @@ def joint_acc_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int]) ->
 
 @wp.func
 def joint_deviation_l1(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """Distance of the joints from their positions at the start of an episode.
+    """Deviation of the joints from their default positions, absolute values summed.
 
     Formula: ``sum_i |q_i - q_default,i|`` [m or rad].
 
@@ -219,7 +219,7 @@ def joint_deviation_l1(env: int, robot: ArticulationData, joint_ids: wp.array[in
 
 @wp.func
 def joint_pos_target_l2(env: int, robot: ArticulationData, joint_ids: wp.array[int], target: float) -> float:
-    """Square of the joints' distance from one position, angles wrapped.
+    """Squared error of the joints from one target position, summed; angles are wrapped.
 
     Formula: ``sum_i (wrap(q_i) - target)^2`` [m^2 or rad^2], ``wrap`` to (-pi, pi].
 
@@ -234,7 +234,7 @@ def joint_pos_target_l2(env: int, robot: ArticulationData, joint_ids: wp.array[i
 
 @wp.func
 def joint_pos_limits(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """How far the joints are beyond their soft limits.
+    """Excess of the joint positions beyond their soft limits, summed (a penalty).
 
     Formula: ``sum_i max(lower_i - q_i, 0) + max(q_i - upper_i, 0)`` [m or rad].
 
@@ -250,7 +250,7 @@ def joint_pos_limits(env: int, robot: ArticulationData, joint_ids: wp.array[int]
 
 @wp.func
 def joint_vel_limits(env: int, robot: ArticulationData, joint_ids: wp.array[int], soft_ratio: float) -> float:
-    """How far the joints are beyond a share of their rated speeds, at most 1 a joint.
+    """Excess of the joint speeds over a share of their rated speeds, at most 1 a joint, summed (a penalty).
 
     Formula: ``sum_i clamp(|qd_i| - soft_ratio limit_i, 0, 1)`` [m/s or rad/s].
 
@@ -266,7 +266,7 @@ def joint_vel_limits(env: int, robot: ArticulationData, joint_ids: wp.array[int]
 
 @wp.func
 def applied_torque_limits(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> float:
-    """Effort that the drives' laws ask for beyond the limits, at the present state.
+    """Excess of the drives' computed efforts over their limits, at the present state, summed (a penalty).
 
     Formula: ``sum_i |tau_i - clamp(tau_i, -limit_i, limit_i)|`` [N or N m],
     ``tau = kp (q* - q) + kd (qd* - qd) + tau*``.
@@ -284,7 +284,7 @@ def applied_torque_limits(env: int, robot: ArticulationData, joint_ids: wp.array
 
 @wp.func
 def action_rate_l2(env: int, actions: ActionData) -> float:
-    """Square of the change of the actions from one step to the next.
+    """Squared change of the actions since the step before, summed.
 
     Formula: ``sum_i (a_i - a_before,i)^2``.
 
@@ -299,7 +299,7 @@ def action_rate_l2(env: int, actions: ActionData) -> float:
 
 @wp.func
 def action_l2(env: int, actions: ActionData) -> float:
-    """Square of the actions.
+    """Squared actions, summed.
 
     Formula: ``sum_i a_i^2``.
 

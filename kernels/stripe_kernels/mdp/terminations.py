@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terminations: ``term(env, ...) -> bool``, whether the episode of one environment ends.
+"""Terminations: ``term(env, ...) -> bool``, True where the episode of one environment ends.
 
-A comparison with a number that is not finite is false: such worlds are not the business of these terms.
+A comparison with NaN is False, so that these terms ignore a diverged world; the termination manager ends its episode.
 """
 
 import warp as wp
@@ -24,7 +24,7 @@ __all__ = [
 
 @wp.func
 def time_out(env: int, episode: EpisodeData) -> bool:
-    """The episode has its full length.
+    """Time-out: the episode has reached its maximum length.
 
     Formula: ``n >= n_max``, ``n`` the steps taken.
 
@@ -35,7 +35,7 @@ def time_out(env: int, episode: EpisodeData) -> bool:
 
 @wp.func
 def command_resample(env: int, command: CommandData, episode: EpisodeData, num_resamples: int) -> bool:
-    """The last of a number of commands is about to be replaced.
+    """Termination if the last of ``num_resamples`` commands is about to be resampled.
 
     Formula: ``time_left <= dt and counter = num_resamples``, ``dt`` [s] of the environment.
 
@@ -46,7 +46,7 @@ def command_resample(env: int, command: CommandData, episode: EpisodeData, num_r
 
 @wp.func
 def bad_orientation(env: int, robot: ArticulationData, limit_angle: float) -> bool:
-    """The root leans more than an angle.
+    """Termination if the root tilts by more than an angle.
 
     Formula: ``angle(-g_b, z) > limit_angle`` [rad], ``g_b`` the direction of gravity in the root's frame.
 
@@ -58,7 +58,7 @@ def bad_orientation(env: int, robot: ArticulationData, limit_angle: float) -> bo
 
 @wp.func
 def root_height_below_minimum(env: int, robot: ArticulationData, minimum_height: float) -> bool:
-    """The root link is too low in the world.
+    """Termination if the root link is below a height in the world.
 
     Formula: ``p.z < minimum_height`` [m].
 
@@ -69,7 +69,7 @@ def root_height_below_minimum(env: int, robot: ArticulationData, minimum_height:
 
 @wp.func
 def joint_pos_out_of_limit(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> bool:
-    """A joint is beyond its soft limits.
+    """Termination if a joint is beyond its soft limits.
 
     Formula: ``any_i q_i < lower_i or q_i > upper_i`` [m or rad].
 
@@ -85,7 +85,7 @@ def joint_pos_out_of_limit(env: int, robot: ArticulationData, joint_ids: wp.arra
 
 @wp.func
 def joint_pos_out_of_manual_limit(env: int, robot: ArticulationData, joint_ids: wp.array[int], bounds: wp.vec2) -> bool:
-    """A joint is outside given bounds.
+    """Termination if a joint is outside given bounds.
 
     Formula: ``any_i q_i < bounds[0] or q_i > bounds[1]`` [m or rad].
 
@@ -100,7 +100,7 @@ def joint_pos_out_of_manual_limit(env: int, robot: ArticulationData, joint_ids: 
 
 @wp.func
 def joint_vel_out_of_limit(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> bool:
-    """A joint is faster than its rated speed.
+    """Termination if a joint is faster than its rated speed.
 
     Formula: ``any_i |qd_i| > limit_i`` [m/s or rad/s].
 
@@ -117,7 +117,7 @@ def joint_vel_out_of_limit(env: int, robot: ArticulationData, joint_ids: wp.arra
 def joint_vel_out_of_manual_limit(
     env: int, robot: ArticulationData, joint_ids: wp.array[int], max_velocity: float
 ) -> bool:
-    """A joint is faster than a given speed.
+    """Termination if a joint is faster than a given speed.
 
     Formula: ``any_i |qd_i| > max_velocity`` [m/s or rad/s].
 
@@ -131,7 +131,7 @@ def joint_vel_out_of_manual_limit(
 
 @wp.func
 def joint_effort_out_of_limit(env: int, robot: ArticulationData, joint_ids: wp.array[int]) -> bool:
-    """A drive's law asks for more than its limit, at the present state.
+    """Termination if a drive's computed effort exceeds its limit, at the present state.
 
     Formula: ``any_i |tau_i - t_i| > 1e-8 + 1e-5 |t_i|`` [N or N m], ``t = clamp(tau, -limit, limit)``, ``tau`` as in
     ``applied_torque_limits``.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms about the ground: who stands on which tile of it, starts on it, walks off it.
+"""Terrain terms: level curriculums, terminations, resets and commands that use the ground.
 
-``terrain`` is the ground of the scene. Where it is no grid of generated tiles (a plane, a file), environments keep
-their origins, and a term that draws a patch takes the origin instead.
+``terrain`` is the ground of the scene. If it is no grid of generated tiles (a plane, a file), environments keep their
+origins, and a term that draws a patch takes the origin instead.
 """
 
 import warp as wp
@@ -23,6 +23,7 @@ __all__ = [
 ]
 
 _TRIES = wp.constant(24)
+"""Number of patches drawn before the best of them is taken."""
 
 
 @needs_terrain(curriculum=True)
@@ -36,7 +37,7 @@ def terrain_levels_vel(
     rng: wp.array[wp.uint32],
     distance: float = 0.0,
 ) -> float:
-    """Move a robot to a harder tile when it got far, to an easier one when it did not get as far as told.
+    """Terrain curriculum by distance: up a level after a long walk, down after less than half the commanded distance.
 
     Formula: ``d = |(p - origin).xy|`` [m]; ``level + 1`` if ``d > distance``, else ``level - 1`` if
     ``d < |c.xy| T / 2``, ``T`` the length of an episode [s]; past the last level any level, with equal chance; then
@@ -45,19 +46,22 @@ def terrain_levels_vel(
     Source: Isaac Lab, ``mdp.terrain_levels_vel``, there without ``distance``; N. Rudin et al., "Learning to Walk in
     Minutes", 2022.
     """
+    # Curriculums run before the reset events of a step, which then reset the robot on its new tile. The distance counts
+    # from the origin of the old tile, so that it is computed before the origin changes.
     levels = terrain.origins.shape[0]
     if levels > 1:
         level = terrain.level[env]
         way = wp.transform_get_translation(robot.root_pose[env]) - terrain.env_origin[env]
         walked = wp.length(wp.vec2(way[0], way[1]))
-        told = wp.length(wp.vec2(command.command[env, 0], command.command[env, 1])) * episode.max_length_s
+        commanded = wp.length(wp.vec2(command.command[env, 0], command.command[env, 1])) * episode.max_length_s
         far = distance
         if distance <= 0.0:
             far = 0.5 * terrain.tile[0]
         if walked > far:
             level += 1
-        elif walked < 0.5 * told:
+        elif walked < 0.5 * commanded:
             level = wp.max(level - 1, 0)
+        # A robot that has mastered the last level goes to a random one, so that it does not forget the easier ones.
         if level >= levels:
             level = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
         terrain.level[env] = level
@@ -67,7 +71,7 @@ def terrain_levels_vel(
 
 @wp.func
 def terrain_levels_survival(env: int, terrain: TerrainData, episode: EpisodeData, rng: wp.array[wp.uint32]) -> float:
-    """Move a robot to a harder tile when its episode lasted, to an easier one when it was terminated.
+    """Terrain curriculum by survival: up a level after an episode of full length, down after a termination.
 
     Formula: ``level - 1`` if terminated, else ``level + 1``; past the last level any level, with equal chance; then
     ``origin = origins[level, kind]``. Returns the level.
@@ -90,7 +94,7 @@ def terrain_levels_survival(env: int, terrain: TerrainData, episode: EpisodeData
 def terrain_out_of_bounds(
     env: int, robot: ArticulationData, terrain: TerrainData, distance_buffer: float = 3.0
 ) -> bool:
-    """The root is near the edge of the ground, or past it; a plane has none.
+    """Termination if the root is near the edge of the ground or beyond it; a plane has no edge.
 
     Formula: ``p.x < x_min + b or p.x > x_max - b``, the same for y, ``b = distance_buffer`` [m].
 
@@ -109,7 +113,7 @@ def terrain_out_of_bounds(
 def root_height_over_ground_below_minimum(
     env: int, robot: ArticulationData, terrain: TerrainData, minimum_height: float
 ) -> bool:
-    """The root is nearer to the ground below it than ``minimum_height`` [m], as that of a robot that lies on its belly.
+    """Termination if the root is less than ``minimum_height`` [m] above the ground below it.
 
     Formula: ``p.z - ground(p.x, p.y) < minimum_height``.
 
@@ -121,9 +125,9 @@ def root_height_over_ground_below_minimum(
 
 @wp.func
 def _draw_patch(env: int, terrain: TerrainData, patches: wp.array3d[wp.vec3], rng: wp.array[wp.uint32]) -> wp.vec3:
-    """One of the patches of the environment's tile, its origin where there are none; takes one draw."""
+    """Draw a flat patch of the environment's tile, or take its origin if the tile has none [m]; takes one draw."""
     count = patches.shape[2]
-    u = random.uniform(env, rng)
+    u = random.uniform(env, rng)  # drawn without patches too: the stream does not depend on the terrain
     if count == 0:
         return terrain.env_origin[env]
     index = wp.min(int(u * float(count)), count - 1)
@@ -141,9 +145,9 @@ def reset_root_state_from_terrain(
     velocity_range: wp.array[wp.vec2],
     move_origin: bool = False,
 ):
-    """Put the root over one of the level patches ``init_pos`` of its tile; of ``pose_range`` the angles count.
+    """Reset the root to a random flat patch ``init_pos`` of its tile; only the angles of ``pose_range`` are used.
 
-    With ``move_origin`` the patch becomes the environment's origin, from which distances are counted.
+    With ``move_origin`` the patch becomes the environment's origin, from which distances are measured.
 
     Formula: ``p = patch + p_default`` [m], ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U`` [m/s, rad/s].
 
@@ -170,10 +174,10 @@ def reset_root_state_uniform_on_terrain(
     velocity_range: wp.array[wp.vec2],
     footprint: float = 0.0,
 ):
-    """``reset_root_state_uniform`` with the height counted from the ground below the root, not from the origin.
+    """Reset the root as ``reset_root_state_uniform``, but with heights above the ground below the root.
 
-    With a ``footprint`` [m] it is counted from the highest ground in the square of that half side about the root, so
-    that no foot starts in a step.
+    With a ``footprint`` [m] heights are above the highest ground in the square of that half side around the root, so
+    that no foot starts inside a step of the terrain.
 
     Formula: ``p.xy = (p_default + origin + U).xy``, ``p.z = max(ground) + (p_default + U).z`` [m],
     ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U`` [m/s, rad/s].
@@ -203,21 +207,22 @@ def resample_terrain_based_pose_2d(
     simple_heading: bool,
     distance: wp.vec2,
 ):
-    """Draw one of the level patches ``target`` of the environment's tile, at the height of the root over the ground.
+    """Draw a position command from the flat patches ``target`` of the environment's tile, and a heading.
 
-    Draws again, up to ``_TRIES`` times, until the patch lies as far from the root as ``distance`` allows; the one that
-    misses it least is taken if none does.
+    Up to 24 patches are drawn until one lies within ``distance`` (least, greatest) [m] of the root; if none does, the
+    one that comes closest to these bounds is taken.
 
     Formula: ``p = patch + (0, 0, p_default.z)`` [m]; heading ``U(heading)`` [rad], or with ``simple_heading`` the
-    direction to the place or the opposite one, whichever is less of a turn.
+    direction to the position or the opposite one, whichever needs the smaller turn.
 
     Source: Isaac Lab, ``TerrainBasedPose2dCommand``, there without ``distance``.
     """
+    # ``least`` is the smallest miss of the distance bounds so far; 0 ends the search.
     height = wp.transform_get_translation(robot.default_root_pose[env])[2]
     root = wp.transform_get_translation(robot.root_pose[env])
     pos, least = wp.vec3(0.0), wp.float32(1.0e30)
     for _ in range(_TRIES):
-        if least > 0.0:
+        if least > 0.0:  # no further draw once a patch fits
             patch = _draw_patch(env, terrain, terrain.target, rng)
             far = wp.length(wp.vec2(patch[0] - root[0], patch[1] - root[1]))
             miss = wp.max(wp.max(distance[0] - far, far - distance[1]), 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rewards for following a command: ``term(env, ...) -> float``, not yet weighted or multiplied by a time step."""
+"""Tracking rewards: terms for following a command, ``term(env, ...) -> float`` before weight and time step."""
 
 import warp as wp
 
@@ -24,6 +24,7 @@ __all__ = [
 
 @wp.func
 def _exp_of_error_xy(command: VelocityCommandData, env: int, vel: wp.vec3, std: float) -> float:
+    """Exponential kernel ``exp(-error^2 / std^2)`` of the horizontal velocity's error."""
     x = command.command[env, 0] - vel[0]
     y = command.command[env, 1] - vel[1]
     return wp.exp(-(x * x + y * y) / (std * std))
@@ -31,13 +32,14 @@ def _exp_of_error_xy(command: VelocityCommandData, env: int, vel: wp.vec3, std: 
 
 @wp.func
 def _exp_of_error_yaw(command: VelocityCommandData, env: int, rate: float, std: float) -> float:
+    """Exponential kernel ``exp(-error^2 / std^2)`` of the yaw rate's error."""
     error = command.command[env, 2] - rate
     return wp.exp(-error * error / (std * std))
 
 
 @wp.func
 def track_lin_vel_xy_exp(env: int, robot: ArticulationData, command: VelocityCommandData, std: float) -> float:
-    """How well the root's horizontal velocity, in its own frame, follows the command.
+    """Tracking of the horizontal velocity command in the root's frame, exponential kernel, from 0 to 1.
 
     Formula: ``exp(-((c.x - v_b.x)^2 + (c.y - v_b.y)^2) / std^2)``, ``std`` [m/s].
 
@@ -48,7 +50,7 @@ def track_lin_vel_xy_exp(env: int, robot: ArticulationData, command: VelocityCom
 
 @wp.func
 def track_ang_vel_z_exp(env: int, robot: ArticulationData, command: VelocityCommandData, std: float) -> float:
-    """How well the root's rate of turn about its own z axis follows the command.
+    """Tracking of the yaw rate command about the root's own z axis, exponential kernel, from 0 to 1.
 
     Formula: ``exp(-(c.yaw - w_b.z)^2 / std^2)``, ``std`` [rad/s].
 
@@ -61,7 +63,7 @@ def track_ang_vel_z_exp(env: int, robot: ArticulationData, command: VelocityComm
 def track_lin_vel_xy_yaw_frame_exp(
     env: int, robot: ArticulationData, command: VelocityCommandData, std: float
 ) -> float:
-    """How well the root's horizontal velocity, in the upright frame of its heading, follows the command.
+    """Tracking of the horizontal velocity command in the root's yaw frame, exponential kernel, from 0 to 1.
 
     Formula: ``exp(-((c.x - v_y.x)^2 + (c.y - v_y.y)^2) / std^2)``, ``v_y = Rz(yaw)^T v``, ``std`` [m/s].
 
@@ -74,7 +76,7 @@ def track_lin_vel_xy_yaw_frame_exp(
 
 @wp.func
 def track_ang_vel_z_world_exp(env: int, robot: ArticulationData, command: VelocityCommandData, std: float) -> float:
-    """How well the root's rate of turn about the vertical follows the command.
+    """Tracking of the yaw rate command about the vertical, exponential kernel, from 0 to 1.
 
     Formula: ``exp(-(c.yaw - w.z)^2 / std^2)``, ``std`` [rad/s].
 
@@ -91,7 +93,7 @@ def stand_still(
     joint_ids: wp.array[int],
     command_threshold: float,
 ) -> float:
-    """Distance of the joints from their positions at the start of an episode, while the command is to stand.
+    """Deviation of the joints from their default positions while the command is to stand (a penalty).
 
     Formula: ``sum_i |q_i - q_default,i|`` [m or rad] where ``|(c.x, c.y)| < command_threshold``, else ``0``.
 
@@ -110,7 +112,7 @@ def stand_still(
 def position_command_error(
     env: int, robot: ArticulationData, command: PoseCommandData, body_ids: wp.array[int]
 ) -> float:
-    """Distance of a link from the commanded position; the first of ``body_ids`` counts.
+    """Distance of a link, the first of ``body_ids``, from the commanded position (a penalty).
 
     Formula: ``|p_body - (p_root + R_root c)|`` [m].
 
@@ -124,7 +126,7 @@ def position_command_error(
 def position_command_error_tanh(
     env: int, robot: ArticulationData, command: PoseCommandData, body_ids: wp.array[int], std: float
 ) -> float:
-    """How close a link is to the commanded position; the first of ``body_ids`` counts.
+    """Closeness of a link, the first of ``body_ids``, to the commanded position, from 0 to 1.
 
     Formula: ``1 - tanh(d / std)``, ``d`` as in ``position_command_error``, ``std`` [m].
 
@@ -137,7 +139,7 @@ def position_command_error_tanh(
 def orientation_command_error(
     env: int, robot: ArticulationData, command: PoseCommandData, body_ids: wp.array[int]
 ) -> float:
-    """Angle between a link and the commanded orientation; the first of ``body_ids`` counts.
+    """Angle between the orientation of a link, the first of ``body_ids``, and the commanded one (a penalty).
 
     Formula: ``angle(q_body, q_root c)`` [rad], in [0, pi].
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors measure, as structs that terms read, and the kernels that fill them: a file for each kind of sensor."""
+"""Sensors: structs with the measurements that terms read, and the kernels that fill them; one file a kind of sensor."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras: where they look from, and what is made of the pixels that Newton's camera sensor renders."""
+"""Camera sensor: poses of the cameras, and conversion of the pixels that Newton's camera sensor renders."""
 
 import warp as wp
 
@@ -8,12 +8,15 @@ __all__ = ["CameraData", "CameraSetup", "aim_cameras", "clip_depth", "label_shap
 
 @wp.struct
 class CameraData:
-    """What a camera saw; pixels lie in rows from the upper left. Arrays that were not asked for are empty."""
+    """Camera data: pose and images of the last measurement. Rows of pixels run from the upper left corner.
+
+    Images that the sensor's config does not request are empty.
+    """
 
     pos_w: wp.array[wp.vec3]
-    """Position [m], shape ``(num_envs,)``."""
+    """Position in the world [m], shape ``(num_envs,)``."""
     quat_w_world: wp.array[wp.quat]
-    """Orientation, (x, y, z, w), of a frame with x forward and z up, shape ``(num_envs,)``."""
+    """Orientation in the world, (x, y, z, w), of a frame with x forward and z up, shape ``(num_envs,)``."""
     rgb: wp.array4d[wp.uint8]
     """Colours, sRGB, shape ``(num_envs, height, width, 3)``."""
     distance_to_image_plane: wp.array3d[float]
@@ -23,29 +26,29 @@ class CameraData:
     normals: wp.array3d[wp.vec3]
     """Unit normals of the surfaces in the world, zero where there is none, shape ``(num_envs, height, width)``."""
     semantic_segmentation: wp.array3d[int]
-    """Assets, 0 for none, shape ``(num_envs, height, width)``."""
+    """Labels of the assets, 0 for none, shape ``(num_envs, height, width)``."""
     instance_segmentation: wp.array3d[int]
-    """Bodies and static prims, 0 for none, shape ``(num_envs, height, width)``."""
+    """Labels of bodies and static prims, 0 for none, shape ``(num_envs, height, width)``."""
     instance_id_segmentation: wp.array3d[int]
-    """Shapes, 0 for none, shape ``(num_envs, height, width)``."""
+    """Labels of the shapes, 0 for none, shape ``(num_envs, height, width)``."""
 
 
 @wp.struct
 class CameraSetup:
-    """What carries a camera, and when it looks."""
+    """Camera setup: the body that carries the camera, its mounting pose, and the environments that measure."""
 
     body_pose: wp.array[wp.transform]
-    """Poses of the bodies of all environments [m]."""
+    """Poses of the bodies of all environments in the world [m], shape ``(num_envs * num_bodies,)``."""
     body: int
-    """The body among those of an environment; negative for a camera that is fixed to the environment."""
+    """Index of the body in an environment; negative for a camera that is fixed to the environment."""
     num_bodies: int
-    """Bodies of an environment."""
+    """Number of bodies in an environment."""
     env_origin: wp.array[wp.vec3]
-    """Origins of the environments [m], shape ``(num_envs,)``."""
+    """Origins of the environments in the world [m], shape ``(num_envs,)``."""
     mount: wp.array[wp.transform]
     """Poses in the frame of the body or the environment, x forward and z up [m], shape ``(num_envs,)``."""
     due: wp.array[wp.bool]
-    """Whether it looks in this step, shape ``(num_envs,)``."""
+    """Whether an environment takes a picture in this step, shape ``(num_envs,)``."""
 
 
 @wp.kernel(enable_backward=False)
@@ -57,15 +60,15 @@ def aim_cameras(
     pose: wp.array[wp.transform],
     world: wp.array[int],
 ):
-    """Say from where each environment is seen, and which are not looked at: one thread an environment.
+    """Compute the camera poses for the renderer, and skip environments that are not due; one thread an environment.
 
     Args:
         setup: The camera.
-        to_opengl: Turns the frame with x forward and z up into one with y up that looks along -z.
-        idle: What stands for a world whose picture stays as it is.
-        data: Where the pose is noted.
-        pose: Poses of the cameras, for the renderer [m], shape ``(num_envs,)``.
-        world: Worlds that they show, shape ``(num_envs,)``.
+        to_opengl: Rotation from the frame with x forward and z up to OpenGL's, which looks along -z with y up.
+        idle: World index that makes the renderer leave a picture as it is.
+        data: Output, position and orientation of the camera.
+        pose: Output, poses of the cameras in the world, in OpenGL's convention [m], shape ``(num_envs,)``.
+        world: Output, worlds to render, shape ``(num_envs,)``.
     """
     env = wp.tid()
     if not setup.due[env]:
@@ -83,7 +86,8 @@ def aim_cameras(
 
 
 @wp.func
-def _clipped(length: float, far: float, missing: float) -> float:
+def _depth_or_missing(length: float, far: float, missing: float) -> float:
+    """Depth from 0 to ``far`` as it is, and ``missing`` for any other, NaN included [m]."""
     if length >= 0.0 and length <= far:
         return length
     return missing
@@ -99,14 +103,14 @@ def clip_depth(
     plane: wp.array3d[float],
     length: wp.array3d[float],
 ):
-    """From what the renderer notes to depths: one thread a pixel.
+    """Convert the renderer's ray lengths and depths to those of the sensor, in place; one thread a pixel.
 
     Args:
-        due: Environments that were looked at, shape ``(num_envs,)``.
-        slant: Cosine of each pixel's ray to the optical axis, shape ``(height, width)``.
+        due: Environments that measure, shape ``(num_envs,)``.
+        slant: Cosine of the angle between each pixel's ray and the optical axis, shape ``(height, width)``.
         near: Depth at which the rays start [m].
         far: Largest depth [m].
-        missing: What stands for nothing [m].
+        missing: Depth of pixels where nothing was hit, or something beyond ``far`` [m].
         plane: Depths along the axis, negative where nothing was hit [m]; may be empty.
         length: Lengths of the rays from their starts, negative where nothing was hit [m]; may be empty.
     """
@@ -114,28 +118,29 @@ def clip_depth(
     if not due[env]:
         return
     if plane.shape[0] > 0:
-        plane[env, row, col] = _clipped(plane[env, row, col], far, missing)
+        plane[env, row, col] = _depth_or_missing(plane[env, row, col], far, missing)
     if length.shape[0] > 0:
         ray = length[env, row, col]
         if ray >= 0.0:
-            ray += near / slant[row, col]
-        length[env, row, col] = _clipped(ray, far, missing)
+            ray += near / slant[row, col]  # rays start on the near plane, distances count from the camera
+        length[env, row, col] = _depth_or_missing(ray, far, missing)
 
 
 @wp.kernel(enable_backward=False)
 def label_shapes(due: wp.array[wp.bool], shapes: wp.array3d[wp.uint32], labels: wp.array[int], out: wp.array3d[int]):
-    """What each pixel shows: one thread a pixel.
+    """Write the label of the shape that each pixel shows; one thread a pixel.
 
     Args:
-        due: Environments that were looked at, shape ``(num_envs,)``.
-        shapes: Shapes, or a number above all for none, shape ``(num_envs, height, width)``.
-        labels: Label of each shape.
-        out: Labels, 0 for none, shape ``(num_envs, height, width)``.
+        due: Environments that measure, shape ``(num_envs,)``.
+        shapes: Indices of shapes, larger than any index for none, shape ``(num_envs, height, width)``.
+        labels: Label of each shape, shape ``(num_shapes,)``.
+        out: Output, labels, 0 for none, shape ``(num_envs, height, width)``.
     """
     env, row, col = wp.tid()
     if not due[env]:
         return
     shape, label = shapes[env, row, col], wp.int32(0)
+    # Compared as unsigned: a pixel without a shape holds 0xFFFFFFFF, which as an int would be index -1.
     if shape < wp.uint32(labels.shape[0]):
         label = labels[int(shape)]
     out[env, row, col] = label

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact forces on bodies, and how long they have been in contact or in the air.
+"""Contact sensor: contact forces on bodies, and times in contact and in the air.
 
-A measurement is two launches: ``begin_contacts`` shifts the history and zeroes what is summed, then one kernel adds the
+A measurement is two launches: ``begin_contacts`` shifts the history and clears the sums, then one kernel adds the
 forces, a thread a contact (``contact_mujoco.add_mujoco_contacts``, or ``add_newton_contacts`` for the other solvers).
-The times of a measurement are kept by the next ``begin_contacts``, or by ``finish_contacts`` at the end of the step.
+Times need the complete sums, so they are updated by the next ``begin_contacts``, or by ``finish_contacts`` at the end
+of the step.
 """
 
 import warp as wp
@@ -23,14 +24,15 @@ __all__ = [
 
 @wp.struct
 class ContactSensorData:
-    """What a contact sensor measures; forces act on the body, in the world frame, friction included."""
+    """Contact sensor data: forces on the bodies, in the world frame and friction included, and contact times."""
 
     net_forces_w: wp.array2d[wp.vec3]
     """Contact force on each body [N], shape ``(num_envs, num_bodies)``."""
     net_forces_w_history: wp.array3d[wp.vec3]
-    """The last measurements of it, newest first [N], shape ``(num_envs, max(1, history_length), num_bodies)``."""
+    """Last measurements of the contact forces, newest first [N], shape
+    ``(num_envs, max(1, history_length), num_bodies)``."""
     force_matrix_w: wp.array3d[wp.vec3]
-    """The part of each filter in it [N], shape ``(num_envs, num_bodies, num_filters)``."""
+    """Contact force on each body from the bodies of each filter [N], shape ``(num_envs, num_bodies, num_filters)``."""
     current_air_time: wp.array2d[float]
     """Time in the air; 0 in contact [s], shape ``(num_envs, num_bodies)``."""
     last_air_time: wp.array2d[float]
@@ -47,19 +49,20 @@ class ContactSensorData:
 
 @wp.func
 def first_contact(env: int, sensor: ContactSensorData, body: int, dt: float) -> bool:
-    """Whether a contact began in the last ``dt`` seconds and lasts.
+    """Whether a body came into contact in the last ``dt`` seconds and is still in contact.
 
     Formula: ``0 < t_contact < dt + h / 2``, ``h`` the time between two measurements.
 
     Source: Isaac Lab, ``ContactSensor.compute_first_contact``, there with a tolerance of 1e-8 s.
     """
+    # Half a measurement as a tolerance: the time is a sum of float32 steps, which may end just above ``dt``.
     time = sensor.current_contact_time[env, body]
     return time > 0.0 and time < dt + 0.5 * sensor.measurement_dt
 
 
 @wp.func
 def first_air(env: int, sensor: ContactSensorData, body: int, dt: float) -> bool:
-    """Whether a body left the contact in the last ``dt`` seconds and is in the air.
+    """Whether a body lost contact in the last ``dt`` seconds and is still in the air.
 
     Formula: ``0 < t_air < dt + h / 2``, ``h`` the time between two measurements.
 
@@ -71,7 +74,7 @@ def first_air(env: int, sensor: ContactSensorData, body: int, dt: float) -> bool
 
 @wp.func
 def largest_force(env: int, sensor: ContactSensorData, body: int) -> float:
-    """Size of the largest contact force in the history [N]."""
+    """Norm of the largest contact force in the history of a body [N]."""
     largest = wp.float32(0.0)
     for k in range(sensor.net_forces_w_history.shape[1]):
         largest = wp.max(largest, wp.length(sensor.net_forces_w_history[env, k, body]))
@@ -82,11 +85,12 @@ def largest_force(env: int, sensor: ContactSensorData, body: int) -> float:
 
 
 @wp.func
-def _keep_times(env: int, body: int, elapsed: float, sensor: ContactSensorData):
+def _update_times(env: int, body: int, elapsed: float, sensor: ContactSensorData):
+    """Update the times in contact and in the air by the forces of the last measurement, ``elapsed`` [s] long."""
     air = sensor.current_air_time[env, body]
     contact = sensor.current_contact_time[env, body]
     if wp.length(sensor.net_forces_w[env, body]) > sensor.force_threshold:
-        if air > 0.0:
+        if air > 0.0:  # landed: as in Isaac Lab, the time in the air runs up to this measurement
             sensor.last_air_time[env, body] = air + elapsed
         sensor.current_air_time[env, body] = 0.0
         sensor.current_contact_time[env, body] = contact + elapsed
@@ -105,23 +109,26 @@ def begin_contacts(
     pending: wp.array2d[wp.bool],
     sensor: ContactSensorData,
 ):
-    """Make room for a measurement; threads (environment, body).
+    """Begin a measurement: update the times of the last one, shift the history, clear the sums.
+
+    Threads are (environment, body).
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
         elapsed: Time between two measurements [s], shape ``(1,)``.
-        track_times: Whether times in contact and in the air are kept.
-        pending: Whether those of the last measurement are yet to be, shape ``(num_envs, num_bodies)``.
-        sensor: What is written.
+        track_times: Whether times in contact and in the air are tracked.
+        pending: Whether the times lack the last measurement, shape ``(num_envs, num_bodies)``.
+        sensor: The sensor to write.
     """
     env, body = wp.tid()
     if not due[env]:
         return
+    # First the times: they are computed from the sums that are cleared below.
     if pending[env, body]:
-        _keep_times(env, body, elapsed[0], sensor)
+        _update_times(env, body, elapsed[0], sensor)
     pending[env, body] = track_times
     count = sensor.net_forces_w_history.shape[1]
-    for k in range(1, count):
+    for k in range(1, count):  # from the oldest entry on, so that none is overwritten before it is copied
         slot = count - k
         sensor.net_forces_w_history[env, slot, body] = sensor.net_forces_w_history[env, slot - 1, body]
     sensor.net_forces_w[env, body] = wp.vec3()
@@ -131,20 +138,20 @@ def begin_contacts(
 
 @wp.kernel(enable_backward=False)
 def finish_contacts(elapsed: wp.array[float], pending: wp.array2d[wp.bool], sensor: ContactSensorData):
-    """Keep the times of the last measurement; threads (environment, body)."""
+    """Update the times by the last measurement of a step; threads (environment, body)."""
     env, body = wp.tid()
     if pending[env, body]:
-        _keep_times(env, body, elapsed[0], sensor)
+        _update_times(env, body, elapsed[0], sensor)
         pending[env, body] = False
 
 
 @wp.kernel(enable_backward=False)
 def reset_contacts(mask: wp.array[wp.bool], pending: wp.array2d[wp.bool], sensor: ContactSensorData):
-    """Forget everything in the environments of ``mask``; threads (environment, body)."""
+    """Clear forces and times in the environments of ``mask``; threads (environment, body)."""
     env, body = wp.tid()
     if not mask[env]:
         return
-    pending[env, body] = False
+    pending[env, body] = False  # or the new episode would start with the contacts of the old one
     for k in range(sensor.net_forces_w_history.shape[1]):
         sensor.net_forces_w_history[env, k, body] = wp.vec3()
     for k in range(sensor.force_matrix_w.shape[2]):
@@ -160,10 +167,14 @@ def reset_contacts(mask: wp.array[wp.bool], pending: wp.array2d[wp.bool], sensor
 
 @wp.func
 def add_force(row: int, column: int, force: wp.vec3, sensor: ContactSensorData):
-    """Add a force to a body and, where ``column`` is not negative, to a filter; ``row = env * num_bodies + body``."""
+    """Add a contact force [N] to a body and, if ``column`` is not negative, to a filter of it.
+
+    ``row`` is ``env * num_bodies + body``.
+    """
     bodies = sensor.net_forces_w.shape[1]
     env = row // bodies
     body = row - env * bodies
+    # Threads of several contacts add to one body, in any order: the last digits may differ from run to run.
     wp.atomic_add(sensor.net_forces_w, env, body, force)
     if column >= 0:
         wp.atomic_add(sensor.force_matrix_w, env, body, column, force)
@@ -180,20 +191,20 @@ def add_newton_contacts(
     shape_column: wp.array[int],
     sensor: ContactSensorData,
 ):
-    """Add the forces of Newton's contacts, a thread each.
+    """Add the forces of Newton's contacts; one thread a contact.
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
-        contact_count: Contacts there are, shape ``(1,)``.
+        contact_count: Number of contacts, shape ``(1,)``.
         contact_shape0: First shapes of the contacts.
         contact_shape1: Second shapes.
         contact_force: Wrenches on the first shapes, in the world frame [N, N m].
         shape_row: ``env * num_bodies + body`` of each shape of a sensing body, else -1; shape ``(shape_count,)``.
         shape_column: Filter that each shape belongs to, else -1; shape ``(shape_count,)``.
-        sensor: What is added to.
+        sensor: The sensor to add to.
     """
     contact = wp.tid()
-    if contact >= contact_count[0]:
+    if contact >= contact_count[0]:  # a graph launches a thread for every slot, used or not
         return
     shape0 = contact_shape0[contact]
     shape1 = contact_shape1[contact]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact forces straight from MuJoCo Warp's contacts and constraints."""
+"""Contact sensor for MuJoCo Warp: contact forces read from its contacts and constraints."""
 
 import warp as wp
 from mujoco_warp._src.support import contact_force_fn
@@ -10,7 +10,7 @@ from .contact import ContactSensorData, add_force
 __all__ = ["CONTACT_FIELDS", "add_mujoco_contacts"]
 
 CONTACT_FIELDS = ("frame", "friction", "dim", "efc_address", "adhesion", "geom", "worldid")
-"""Fields of MuJoCo Warp's contacts that the kernel takes, in order."""
+"""Fields of MuJoCo Warp's contacts that the kernel takes, in the order of its arguments."""
 
 
 @wp.kernel(enable_backward=False)
@@ -31,13 +31,13 @@ def add_mujoco_contacts(
     nacon: wp.array[int],
     sensor: ContactSensorData,
 ):
-    """Add the forces of all contacts, a thread for each slot; those without a contact or a constraint do nothing.
+    """Add the forces of MuJoCo Warp's contacts; one thread a slot for a contact, which may be empty.
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
-        geom_row: Body that each geom is of, among those that sense, else -1, shape ``(num_envs or 1, num_geoms)``.
+        geom_row: Index of each geom's body among the sensor's, else -1, shape ``(num_envs or 1, num_geoms)``.
         geom_column: Filter that each geom belongs to, else -1, same shape.
-        cone: MuJoCo's friction cone.
+        cone: MuJoCo's type of friction cone.
         contact_frame: Contact frames; the normal points from the first geom to the second.
         contact_friction: Friction coefficients.
         contact_dim: Dimension of each contact's force: 1, 3, 4 or 6.
@@ -46,15 +46,16 @@ def add_mujoco_contacts(
         contact_geom: The two geoms.
         contact_worldid: World, which is the environment.
         efc_force: Constraint forces, shape ``(num_envs, njmax)``.
-        njmax: Constraints a world has room for.
-        nacon: Contacts there are, shape ``(1,)``.
-        sensor: What is added to.
+        njmax: Capacity for constraints of a world.
+        nacon: Number of contacts in all worlds, shape ``(1,)``.
+        sensor: The sensor to add to.
     """
     contact = wp.tid()
+    # A contact without a row of constraints lies within the gap and carries no force.
     if contact >= nacon[0] or contact_efc_address[contact, 0] < 0:
         return
     pair = contact_geom[contact]
-    if pair[0] < 0 or pair[1] < 0:
+    if pair[0] < 0 or pair[1] < 0:  # a flex, not a geom
         return
     world = contact_worldid[contact]
     table = world % geom_row.shape[0]

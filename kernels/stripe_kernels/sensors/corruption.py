@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise, bias and delay on what a sensor measures, ``(num_envs, size)`` floats.
+"""Corruption of measurements: noise, bias and delay on ``(num_envs, size)`` floats of a sensor.
 
 ``begin_corruption`` takes the random numbers of a measurement from the environments' streams, then ``corrupt`` works
-on all floats at once: a thread draws what :mod:`stripe_kernels.mdp.random` would draw after all floats before its own.
+on all floats at once: the thread of a float computes the numbers that :mod:`stripe_kernels.mdp.random` would give it
+if the floats drew one after another.
 """
 
 import warp as wp
@@ -21,19 +22,23 @@ __all__ = [
 ]
 
 NOISE_NONE = wp.constant(0)
+"""Kind of noise: none."""
 NOISE_CONSTANT = wp.constant(1)
+"""Kind of noise: a constant."""
 NOISE_UNIFORM = wp.constant(2)
+"""Kind of noise: uniform between two bounds."""
 NOISE_GAUSSIAN = wp.constant(3)
+"""Kind of noise: normal with a mean and a standard deviation."""
 
 
 @wp.struct
 class Noise:
-    """What is drawn for each float, shape ``(size,)`` each."""
+    """Noise of each float of a measurement; shape ``(size,)`` each."""
 
     kind: wp.array[int]
-    """``NOISE_NONE``, ``NOISE_CONSTANT``, ``NOISE_UNIFORM`` or ``NOISE_GAUSSIAN``."""
+    """Kind of noise: ``NOISE_NONE``, ``NOISE_CONSTANT``, ``NOISE_UNIFORM`` or ``NOISE_GAUSSIAN``."""
     operation: wp.array[int]
-    """How it enters, as ``stripe_kernels.processing.combine_noise`` has it."""
+    """Operation, one of those of ``stripe_kernels.processing.combine_noise``."""
     a: wp.array[float]
     """The constant, the lower bound, or the mean."""
     b: wp.array[float]
@@ -42,13 +47,13 @@ class Noise:
 
 @wp.func
 def _uniform_at(env: int, n: wp.uint32) -> float:
-    """What ``random.uniform`` draws at number ``n`` of the stream."""
+    """Uniform draw in [0, 1) at number ``n`` of a stream, the same as ``random.uniform``'s."""
     return wp.randf(wp.rand_init(env, wp.int32(n)))
 
 
 @wp.func
 def _sample_at(env: int, n: wp.uint32, kind: int, a: float, b: float) -> float:
-    """What ``stripe_kernels.processing.sample_*`` draws at number ``n`` of the stream."""
+    """Noise drawn at number ``n`` of a stream, the same as that of ``stripe_kernels.processing.sample_*``."""
     if kind == NOISE_UNIFORM:
         return a + (b - a) * _uniform_at(env, n)
     if kind == NOISE_GAUSSIAN:
@@ -61,15 +66,16 @@ def _sample_at(env: int, n: wp.uint32, kind: int, a: float, b: float) -> float:
 def begin_corruption(
     due: wp.array[wp.bool], draws: int, rng: wp.array[wp.uint32], first: wp.array[wp.uint32], count: wp.array[int]
 ):
-    """Take ``draws`` random numbers of each stream and count the measurement.
+    """Reserve ``draws`` random numbers of each stream and count the measurement; one thread an environment.
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
         draws: Random numbers that a measurement takes.
-        rng: Random streams, shape ``(num_envs,)``.
-        first: The first of the numbers, shape ``(num_envs,)``.
-        count: Measurements in the episode, shape ``(num_envs,)``.
+        rng: Random streams, advanced, shape ``(num_envs,)``.
+        first: Output, the first of the reserved numbers, shape ``(num_envs,)``.
+        count: Measurements in the episode, counted up, shape ``(num_envs,)``.
     """
+    # A launch of its own: in ``corrupt`` the threads of an environment's floats would race for its stream.
     env = wp.tid()
     if due[env]:
         first[env] = rng[env]
@@ -88,18 +94,17 @@ def corrupt(
     ring: wp.array3d[float],
     out: wp.array2d[float],
 ):
-    """Put noise and bias on a measurement, and hand out an earlier one; threads (environment, float).
+    """Add noise and bias to a measurement, store it, and output the one ``delay`` before; threads (environment, float).
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
-        noise: What is drawn; each float takes two random numbers, used or not.
-        bias: What is added in the whole episode, shape ``(num_envs, size)``.
-        first: The first random number, shape ``(num_envs,)``.
-        count: Measurements in the episode, shape ``(num_envs,)``.
+        noise: Noise of the floats; each takes two random numbers, used or not.
+        bias: Bias of the episode, shape ``(num_envs, size)``.
+        first: First random number of the measurement, shape ``(num_envs,)``.
+        count: Measurements in the episode, this one included, shape ``(num_envs,)``.
         raw: The measurement, shape ``(num_envs, size)``.
-        ring: The last ``delay + 1`` of them, filled with the first of an episode, shape
-            ``(num_envs, delay + 1, size)``.
-        out: What is read, shape ``(num_envs, size)``.
+        ring: The last ``delay + 1`` noisy measurements, shape ``(num_envs, delay + 1, size)``.
+        out: Output, the delayed measurement, shape ``(num_envs, size)``.
     """
     env, i = wp.tid()
     if not due[env]:
@@ -110,11 +115,11 @@ def corrupt(
         value = combine_noise(value, _sample_at(env, n, noise.kind[i], noise.a[i], noise.b[i]), noise.operation[i])
     value += bias[env, i]
     depth = ring.shape[1]
-    if count[env] == 1:
+    if count[env] == 1:  # the first measurement of an episode stands for those before it
         for k in range(depth):
             ring[env, k, i] = value
     ring[env, count[env] % depth, i] = value
-    out[env, i] = ring[env, (count[env] + 1) % depth, i]
+    out[env, i] = ring[env, (count[env] + 1) % depth, i]  # the entry that the next measurement replaces is the oldest
 
 
 @wp.kernel(enable_backward=False)
@@ -126,15 +131,15 @@ def restart_corruption(
     count: wp.array[int],
     bias: wp.array2d[float],
 ):
-    """Forget the measurements of an episode and draw a new bias, where ``mask`` says so.
+    """Start an episode: set the count of measurements to 0 and draw a new bias; one thread an environment.
 
     Args:
-        mask: Environments, shape ``(num_envs,)``.
-        noise: What the bias is drawn from, applied to zero; empty where no float has one.
-        shared: Whether a float has the bias of the one before it, shape ``(size,)``.
-        rng: Random streams, shape ``(num_envs,)``.
+        mask: Environments that start an episode, shape ``(num_envs,)``.
+        noise: Noise that the biases are drawn from, applied to zero; empty if no float has a bias.
+        shared: Whether a float shares the bias of the float before it, shape ``(size,)``.
+        rng: Random streams, advanced, shape ``(num_envs,)``.
         count: Measurements in the episode, shape ``(num_envs,)``.
-        bias: Biases, shape ``(num_envs, size)``.
+        bias: Output, biases, shape ``(num_envs, size)``.
     """
     env = wp.tid()
     if not mask[env]:

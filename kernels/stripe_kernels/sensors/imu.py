@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An inertial measurement unit: pose, velocities and accelerations of a frame that is fixed to a body."""
+"""IMU sensor (inertial measurement unit): pose, velocities and accelerations of a frame fixed to a body."""
 
 import warp as wp
 
@@ -8,7 +8,7 @@ __all__ = ["ImuData", "measure_imu", "restart_imu"]
 
 @wp.struct
 class ImuData:
-    """What an IMU measures. A subscript ``_b`` means its own frame; shape ``(num_envs,)`` each."""
+    """IMU data: pose, velocities and accelerations; ``_b`` means in the IMU's own frame; shape ``(num_envs,)`` each."""
 
     pos_w: wp.array[wp.vec3]
     """Origin of the frame in the world [m]."""
@@ -19,7 +19,7 @@ class ImuData:
     ang_vel_b: wp.array[wp.vec3]
     """Angular velocity [rad/s]."""
     lin_acc_b: wp.array[wp.vec3]
-    """Acceleration of the origin plus the gravity bias, by default what an accelerometer reads [m/s^2]."""
+    """Acceleration of the origin plus the gravity bias [m/s^2]; with the default bias an accelerometer's reading."""
     ang_acc_b: wp.array[wp.vec3]
     """Angular acceleration [rad/s^2]."""
     projected_gravity_b: wp.array[wp.vec3]
@@ -27,7 +27,7 @@ class ImuData:
 
 
 @wp.func
-def _write(
+def _write_imu(
     env: int,
     body: int,
     mount: wp.transform,
@@ -39,15 +39,17 @@ def _write(
     acc: wp.spatial_vector,
     imu: ImuData,
 ):
+    """Write a measurement from the velocity and acceleration of the body's centre of mass, in the world."""
     pose = body_q[env, body]
     arm = wp.quat_rotate(wp.transform_get_rotation(pose), wp.transform_get_translation(mount) - com)
     frame = pose * mount
     q = wp.transform_get_rotation(frame)
     w = wp.spatial_bottom(vel)
     alpha = wp.spatial_bottom(acc)
+    # Rigid-body kinematics: from the centre of mass to the origin of the IMU's frame.
     point_vel = wp.spatial_top(vel) + wp.cross(w, arm)
     point_acc = wp.spatial_top(acc) + wp.cross(alpha, arm) + wp.cross(w, wp.cross(w, arm))
-    down = wp.vec3(0.0, 0.0, -1.0)
+    down = wp.vec3(0.0, 0.0, -1.0)  # in a world without gravity its direction is still defined
     if wp.length_sq(gravity) > 0.0:
         down = wp.normalize(gravity)
     imu.pos_w[env] = wp.transform_get_translation(frame)
@@ -73,30 +75,30 @@ def measure_imu(
     previous: wp.array[wp.spatial_vector],
     imu: ImuData,
 ):
-    """Measure, a thread an environment.
+    """Measure; one thread an environment.
 
     Formula: ``a = (v - v_before) / h + alpha x r + w x (w x r)``, ``alpha = (w - w_before) / h``, ``v`` of the centre
     of mass, ``r`` from there to the frame, ``h`` the time since the velocities before were taken.
 
     Args:
-        due: Environments that measure, shape ``(num_envs,)``; velocities are remembered everywhere.
+        due: Environments that measure, shape ``(num_envs,)``; velocities are stored in all of them.
         body: Body that carries the frame.
-        mount: Pose of the frame in the body's [m].
-        bias: What is added to the acceleration, in the world frame [m/s^2].
+        mount: Pose of the frame in the body's frame [m].
+        bias: Gravity bias, added to the acceleration, in the world frame [m/s^2].
         elapsed: Time since the last call [s], shape ``(1,)``.
         body_com: Centres of mass in the bodies' frames [m], shape ``(num_envs, num_bodies)``.
         gravity: Gravity [m/s^2], shape ``(num_envs + 1,)``.
         body_q: Poses of the bodies [m], shape ``(num_envs, num_bodies)``.
         body_qd: Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_bodies)``.
-        previous: Velocity of the body at the last call [m/s, rad/s], shape ``(num_envs,)``.
-        imu: What is written.
+        previous: Velocity of the body at the last call, updated [m/s, rad/s], shape ``(num_envs,)``.
+        imu: Output, the measurement.
     """
     env = wp.tid()
     vel = body_qd[env, body]
     acc = (vel - previous[env]) / elapsed[0]
-    previous[env] = vel
+    previous[env] = vel  # also where no measurement is due, or ``elapsed`` would not be the time since then
     if due[env]:
-        _write(env, body, mount, bias, body_com[env, body], gravity[env], body_q, vel, acc, imu)
+        _write_imu(env, body, mount, bias, body_com[env, body], gravity[env], body_q, vel, acc, imu)
 
 
 @wp.kernel(enable_backward=False)
@@ -112,11 +114,12 @@ def restart_imu(
     previous: wp.array[wp.spatial_vector],
     imu: ImuData,
 ):
-    """Measure without acceleration where ``mask`` says that an episode begins; see :func:`measure_imu`."""
+    """Measure with zero acceleration where an episode starts; ``mask`` is the ``due`` of :func:`measure_imu`."""
     env = wp.tid()
     if not mask[env]:
         return
+    # A difference to the velocity of the old episode would be no acceleration but a jump.
     vel = body_qd[env, body]
     previous[env] = vel
     still = wp.spatial_vector()
-    _write(env, body, mount, bias, body_com[env, body], gravity[env], body_q, vel, still, imu)
+    _write_imu(env, body, mount, bias, body_com[env, body], gravity[env], body_q, vel, still, imu)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays from a body: where they start, and what is noted of them; and those against a height field alone."""
+"""Ray caster: rays from a body, their measurements, and the kernels for rays against a height field alone."""
 
 import warp as wp
 
@@ -19,62 +19,64 @@ __all__ = [
 ]
 
 ALIGN_BASE = wp.constant(0)
-"""Rays turn with the body."""
+"""Alignment of rays: they turn with the body."""
 ALIGN_YAW = wp.constant(1)
-"""Rays turn with the body's heading and stay upright."""
+"""Alignment of rays: they turn with the body's heading only."""
 ALIGN_WORLD = wp.constant(2)
-"""Rays keep their direction."""
+"""Alignment of rays: they keep their direction in the world."""
 
 
 @wp.struct
 class RayCasterData:
-    """What a ray caster measured."""
+    """Ray caster data: pose of the sensor, hit points and lengths of the rays."""
 
     pos_w: wp.array[wp.vec3]
-    """Position of the body that carries it, with its drift [m], shape ``(num_envs,)``."""
+    """Position in the world of the body that carries the sensor, with drift [m], shape ``(num_envs,)``."""
     quat_w: wp.array[wp.quat]
-    """Orientation of that body, (x, y, z, w), shape ``(num_envs,)``."""
+    """Orientation of that body in the world, (x, y, z, w), shape ``(num_envs,)``."""
     ray_hits_w: wp.array2d[wp.vec3]
-    """Points that the rays hit [m], infinite where they hit nothing, shape ``(num_envs, num_rays)``."""
+    """Hit points in the world [m], infinite where a ray hits nothing, shape ``(num_envs, num_rays)``."""
     distances: wp.array2d[float]
     """Lengths of the rays [m], ``max_distance`` where they hit nothing, shape ``(num_envs, num_rays)``."""
 
 
 @wp.struct
 class RaySetup:
-    """Where the rays of a sensor start and when they are cast."""
+    """Ray caster setup: starts and directions of the rays, their drift, and the environments that measure."""
 
     body_pose: wp.array[wp.transform]
-    """Poses of the bodies of all environments [m]."""
+    """Poses of the bodies of all environments in the world [m], shape ``(num_envs * num_bodies,)``."""
     body: int
-    """The body among those of an environment; negative for a sensor that is fixed to the environment."""
+    """Index of the body in an environment; negative for a sensor that is fixed to the environment."""
     num_bodies: int
-    """Bodies of an environment."""
+    """Number of bodies in an environment."""
     env_origin: wp.array[wp.vec3]
-    """Origins of the environments [m], shape ``(num_envs,)``."""
+    """Origins of the environments in the world [m], shape ``(num_envs,)``."""
     starts: wp.array[wp.vec3]
-    """Where the rays start in the body's frame [m], shape ``(num_rays,)``."""
+    """Starts of the rays in the body's frame [m], shape ``(num_rays,)``."""
     directions: wp.array[wp.vec3]
     """Unit vectors along the rays in the body's frame, shape ``(num_rays,)``."""
     alignment: int
-    """One of the ``ALIGN`` constants."""
+    """Alignment of the rays, one of the ``ALIGN`` constants."""
     max_distance: float
     """Length of the rays [m]."""
     missed: float
-    """What is noted as the length of a ray that hits nothing [m]."""
+    """Measured length of a ray that hits nothing [m]."""
     drift: wp.array[wp.vec3]
-    """Error of the body's position [m], shape ``(num_envs,)``."""
+    """Error of the body's position in the world [m], shape ``(num_envs,)``."""
     ray_drift: wp.array[wp.vec3]
-    """Shift of the starts in the frame of the rays, and of the hits along the vertical [m], shape ``(num_envs,)``."""
+    """Shift x, y of the starts in the frame of the rays, and z of the hit points in the world [m], shape
+    ``(num_envs,)``."""
     due: wp.array[wp.bool]
-    """Whether it measures in this step, shape ``(num_envs,)``."""
+    """Whether an environment measures in this step, shape ``(num_envs,)``."""
 
 
-# -- where
+# -- starts and directions
 
 
 @wp.func
 def _body_pose(env: int, setup: RaySetup) -> wp.transform:
+    """Pose in the world of the body that carries the sensor, with drift [m]."""
     pose = wp.transform(setup.env_origin[env], wp.quat_identity())
     if setup.body >= 0:
         pose = setup.body_pose[env * setup.num_bodies + setup.body]
@@ -82,38 +84,39 @@ def _body_pose(env: int, setup: RaySetup) -> wp.transform:
 
 
 @wp.func
-def _turn(alignment: int, q: wp.quat, v: wp.vec3) -> wp.vec3:
-    """A vector of the frame of the rays in the world."""
+def _rotate_to_world(alignment: int, q: wp.quat, v: wp.vec3) -> wp.vec3:
+    """Rotate a vector from the frame of the rays to the world, for a body of orientation ``q``."""
     if alignment == ALIGN_BASE:
         return wp.quat_rotate(q, v)
     if alignment == ALIGN_WORLD:
         return v
+    # (x, y) is the body's x axis seen from above: its direction gives cosine and sine of the yaw without atan2.
     x = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
     y = 2.0 * (q[0] * q[1] + q[2] * q[3])
     length = wp.sqrt(x * x + y * y)
-    if length < 1.0e-6:  # the body's x axis is vertical
+    if length < 1.0e-6:  # the body's x axis is vertical: it has no heading
         return v
     c, s = x / length, y / length
     return wp.vec3(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
 @wp.func
-def _from_pose(env: int, ray: int, p: wp.vec3, q: wp.quat, setup: RaySetup) -> tuple[wp.vec3, wp.vec3]:
-    """Start and unit direction of a ray of a body at a pose."""
+def _ray_from_pose(env: int, ray: int, p: wp.vec3, q: wp.quat, setup: RaySetup) -> tuple[wp.vec3, wp.vec3]:
+    """Start and unit direction of a ray in the world, for a body at position ``p`` with orientation ``q``."""
     shift = setup.ray_drift[env]
-    start = p + _turn(setup.alignment, q, setup.starts[ray] + wp.vec3(shift[0], shift[1], 0.0))
-    return start, _turn(setup.alignment, q, setup.directions[ray])
+    start = p + _rotate_to_world(setup.alignment, q, setup.starts[ray] + wp.vec3(shift[0], shift[1], 0.0))
+    return start, _rotate_to_world(setup.alignment, q, setup.directions[ray])
 
 
 @wp.func
 def ray_in_world(env: int, ray: int, setup: RaySetup, data: RayCasterData) -> tuple[wp.vec3, wp.vec3]:
-    """Start and unit direction of a ray; the first ray notes the body's pose."""
+    """Start and unit direction of a ray in the world; the thread of ray 0 also writes the body's pose to ``data``."""
     pose = _body_pose(env, setup)
     p, q = wp.transform_get_translation(pose), wp.transform_get_rotation(pose)
     if ray == 0:
         data.pos_w[env] = p
         data.quat_w[env] = q
-    start, direction = _from_pose(env, ray, p, q, setup)
+    start, direction = _ray_from_pose(env, ray, p, q, setup)
     return start, direction
 
 
@@ -121,7 +124,7 @@ def ray_in_world(env: int, ray: int, setup: RaySetup, data: RayCasterData) -> tu
 def write_ray(
     env: int, ray: int, start: wp.vec3, direction: wp.vec3, distance: float, setup: RaySetup, data: RayCasterData
 ):
-    """Note how far a ray got; a negative distance stands for one that hit nothing."""
+    """Write hit point and length of a ray; a negative distance [m] means that it hit nothing."""
     hit = wp.vec3(wp.inf, wp.inf, wp.inf)
     length = setup.missed
     if distance >= 0.0 and distance <= setup.max_distance:
@@ -136,7 +139,7 @@ def write_ray(
 
 @wp.kernel(enable_backward=False)
 def scan_field(setup: RaySetup, field: RayField, data: RayCasterData):
-    """Cast rays that point straight down: one thread a ray, three heights each."""
+    """Cast rays that point straight down by a height lookup each; one thread a ray."""
     env, ray = wp.tid()
     if setup.due[env]:
         start, direction = ray_in_world(env, ray, setup, data)
@@ -145,7 +148,7 @@ def scan_field(setup: RaySetup, field: RayField, data: RayCasterData):
 
 @wp.kernel(enable_backward=False)
 def march_rays(setup: RaySetup, field: RayField, data: RayCasterData):
-    """Cast rays of any direction against the height field alone: one thread a ray."""
+    """Cast rays of any direction against the height field alone; one thread a ray."""
     env, ray = wp.tid()
     if setup.due[env]:
         start, direction = ray_in_world(env, ray, setup, data)
@@ -154,13 +157,13 @@ def march_rays(setup: RaySetup, field: RayField, data: RayCasterData):
 
 @wp.kernel(enable_backward=False)
 def place_rays(setup: RaySetup, measured: wp.array2d[float], data: RayCasterData):
-    """Make hits of a pose and lengths that noise and delay have passed: one thread a ray.
+    """Compute hit points from a pose and lengths that went through noise and delay; one thread a ray.
 
     Args:
         setup: The sensor.
         measured: Position, quaternion (x, y, z, w), then the lengths, infinite where a ray hit nothing, shape
             ``(num_envs, 7 + num_rays)``.
-        data: What is written.
+        data: Output, the measurement.
     """
     env, ray = wp.tid()
     if not setup.due[env]:
@@ -170,8 +173,9 @@ def place_rays(setup: RaySetup, measured: wp.array2d[float], data: RayCasterData
     if ray == 0:
         data.pos_w[env] = p
         data.quat_w[env] = q
-    start, direction = _from_pose(env, ray, p, q, setup)
+    start, direction = _ray_from_pose(env, ray, p, q, setup)
     length = measured[env, 7 + ray]
+    # Noise may make a short length negative, which write_ray would take for a miss.
     if length <= setup.max_distance:
         length = wp.max(length, 0.0)
     else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drift of a ray caster: errors of its position that last for an episode."""
+"""Ray caster drift: errors of the sensor's position that last for an episode."""
 
 import warp as wp
 
@@ -11,13 +11,13 @@ __all__ = ["reset_rays"]
 
 @wp.kernel(enable_backward=False)
 def reset_rays(mask: wp.array[wp.bool], bounds: wp.array[wp.vec2], setup: RaySetup, rng: wp.array[wp.uint32]):
-    """Draw the drift of an episode that begins.
+    """Draw the drift of a new episode; one thread an environment.
 
     Args:
-        mask: Environments.
-        bounds: Of the body's drift along x, y and z, and of the rays' [m].
-        setup: The sensor.
-        rng: Its random streams.
+        mask: Environments that start an episode, shape ``(num_envs,)``.
+        bounds: Bounds of the body's drift along x, y and z, then of the rays' drift [m], shape ``(6,)``.
+        setup: The sensor, whose drift is written.
+        rng: Random streams of the sensor, advanced, shape ``(num_envs,)``.
     """
     env = wp.tid()
     if mask[env]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where rays meet a height field: straight down by a lookup, slanted ones by a march from cell to cell.
+"""Rays against a height field: vertical rays by a height lookup, slanted rays by a march from cell to cell.
 
 A height field is ``nrow`` by ``ncol`` heights, rows along y; each cell is cut into two triangles from its corner
-(row + 1, column) to its corner (row, column + 1), as Newton and MuJoCo do for contacts. It is a surface without sides:
-a ray that starts below it meets it from below.
+(row + 1, column) to its corner (row, column + 1), as Newton and MuJoCo do for contacts. It is a surface without
+thickness: a ray that starts below it hits it from below.
 """
 
 import warp as wp
@@ -15,7 +15,7 @@ _HUGE = wp.constant(1.0e30)
 
 @wp.struct
 class RayField:
-    """A height field in the world."""
+    """Height field in the world, for rays."""
 
     heights: wp.array2d[float]
     """Heights [m], shape ``(nrow, ncol)``; empty where there is no field."""
@@ -24,15 +24,16 @@ class RayField:
     cell: wp.vec2
     """Spacing in x and y [m]."""
     bounds: wp.array[float]
-    """Lowest and highest height [m], shape ``(2,)``; in memory, so that a graph goes on with other heights."""
+    """Lowest and highest height [m], shape ``(2,)``; an array, so that a recorded graph works with new heights too."""
 
 
 @wp.func
 def field_height(field: RayField, x: float, y: float) -> float:
-    """Height of the surface at a point [m]; infinite beside the field."""
+    """Height of the surface at a point (x, y) of the world [m]; infinite outside the field."""
     u, v = (x - field.lower[0]) / field.cell[0], (y - field.lower[1]) / field.cell[1]
     nrow, ncol = field.heights.shape[0], field.heights.shape[1]
-    if not (u >= 0.0 and v >= 0.0 and u <= float(ncol - 1) and v <= float(nrow - 1)):  # not a number neither
+    # The condition is negated, so that NaN counts as outside: as an index it would be undefined.
+    if not (u >= 0.0 and v >= 0.0 and u <= float(ncol - 1) and v <= float(nrow - 1)):
         return wp.inf
     col, row = wp.min(int(u), ncol - 2), wp.min(int(v), nrow - 2)
     u -= float(col)
@@ -46,8 +47,9 @@ def field_height(field: RayField, x: float, y: float) -> float:
 
 
 @wp.func
-def _clip(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
-    """The part of ``span`` in which one coordinate of a ray is between two bounds; empty where first exceeds last."""
+def _clip_span(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
+    """Part of ``span`` in which one coordinate of a ray is between two bounds; empty where first exceeds last."""
+    # The slab method; a ray along the slab would divide by zero.
     if wp.abs(direction) < 1.0e-12:
         if start < lower or start > upper:
             return wp.vec2(1.0, 0.0)
@@ -57,8 +59,8 @@ def _clip(lower: float, upper: float, start: float, direction: float, span: wp.v
 
 
 @wp.func
-def _above(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -> float:
-    """Height of a point over the plane of one triangle of a cell, whose corners are in the order of rows."""
+def _over_plane(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -> float:
+    """Height of a point above the plane of one triangle of a cell [m]; ``corners`` are heights, row by row."""
     if far_side:
         return z - corners[3] - (1.0 - u) * (corners[2] - corners[3]) - (1.0 - v) * (corners[1] - corners[3])
     return z - corners[0] - u * (corners[1] - corners[0]) - v * (corners[2] - corners[0])
@@ -66,25 +68,31 @@ def _above(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -> fl
 
 @wp.func
 def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: float) -> float:
-    """Distance along a ray to the surface [m]; -1 if it is over ``limit`` or there is none.
+    """Distance along a ray to the surface [m]; -1 if there is none within ``limit``.
 
-    The ray goes from cell to cell, and the sign of its height over the surface from triangle to triangle, so that it
-    slips through no edge.
+    Args:
+        field: The height field.
+        start: Start of the ray in the world [m].
+        direction: Unit vector along it.
+        limit: Length of the ray [m].
     """
+    # The ray visits the triangles in order. A hit is a change of the side of the surface on which the ray is, and that
+    # side is carried from triangle to triangle: computed anew in each, rounding could let a ray slip through an edge.
     nrow, ncol = field.heights.shape[0], field.heights.shape[1]
     upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
     upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
-    span = _clip(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
-    span = _clip(field.lower[1], upper_y, start[1], direction[1], span)
-    span = _clip(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
-    if not (span[0] <= span[1]):
+    span = _clip_span(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
+    span = _clip_span(field.lower[1], upper_y, start[1], direction[1], span)
+    # 1 mm more than the heights' range, so that a ray which enters through a summit or a flat field is not lost.
+    span = _clip_span(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
+    if not (span[0] <= span[1]):  # false for NaN too
         return -1.0
     u0, v0 = (start[0] - field.lower[0]) / field.cell[0], (start[1] - field.lower[1]) / field.cell[1]
     du, dv = direction[0] / field.cell[0], direction[1] / field.cell[1]
     t = span[0]
     col = wp.clamp(int(wp.floor(u0 + t * du)), 0, ncol - 2)
     row = wp.clamp(int(wp.floor(v0 + t * dv)), 0, nrow - 2)
-    side = wp.float32(0.0)  # of the surface on which the ray is, 0 at its start
+    side = wp.float32(0.0)  # 1 above the surface, -1 below it, 0 before the first triangle
     while True:
         next_u, next_v = _HUGE, _HUGE
         if wp.abs(du) > 1.0e-12:
@@ -94,7 +102,8 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
         leave = wp.min(wp.min(next_u, next_v), span[1])
         a, b = field.heights[row, col], field.heights[row, col + 1]
         corners = wp.vec4(a, b, field.heights[row + 1, col], field.heights[row + 1, col + 1])
-        u, v = u0 - float(col), v0 - float(row)  # where the ray would be at its start, seen from this cell
+        u, v = u0 - float(col), v0 - float(row)  # start of the ray in coordinates of this cell
+        # ``middle`` is where the ray crosses the cell's diagonal, from one triangle to the other.
         middle = leave
         if wp.abs(du + dv) > 1.0e-12:
             diagonal = (1.0 - u - v) / (du + dv)
@@ -105,8 +114,8 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
             if part == 0 or middle < leave:
                 centre = 0.5 * (first + last)
                 far_side = u + v + centre * (du + dv) > 1.0
-                before = _above(corners, u + first * du, v + first * dv, start[2] + first * direction[2], far_side)
-                after = _above(corners, u + last * du, v + last * dv, start[2] + last * direction[2], far_side)
+                before = _over_plane(corners, u + first * du, v + first * dv, start[2] + first * direction[2], far_side)
+                after = _over_plane(corners, u + last * du, v + last * dv, start[2] + last * direction[2], far_side)
                 if side == 0.0:
                     side = wp.where(before >= 0.0, 1.0, -1.0)
                 if side * after <= 0.0:
@@ -117,6 +126,7 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
         if leave >= span[1]:
             return -1.0
         t = leave
+        # Steps are counted in whole cells, never recomputed from ``t``: rounding could stay in a cell for ever.
         if next_u <= next_v:
             col += wp.where(du > 0.0, 1, -1)
         else:

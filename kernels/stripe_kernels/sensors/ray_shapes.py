@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays from a body to shapes of any kind, by Newton's bounding volumes and intersections, and to a height field."""
+"""Ray caster against shapes: rays through Newton's bounding volume hierarchy, and against a height field."""
 
 import warp as wp
-from newton._src.geometry.raycast import (  # of newton.intersect_ray, which makes a new kernel at each call
+from newton._src.geometry.raycast import (  # private, since newton.intersect_ray makes a new kernel at each call
     map_ray_to_local,
     ray_intersect_mesh_no_normal,
     ray_intersect_shape_no_normal,
@@ -18,27 +18,27 @@ _INACTIVE = wp.constant(wp.uint32(0xFFFFFFFF))
 
 @wp.struct
 class RayTargets:
-    """Shapes that rays may hit, and the tree of their bounds, as ``newton.Model`` holds them."""
+    """Shapes that rays may hit and the hierarchy of their bounds, in the form of ``newton.Model``."""
 
     tree: wp.uint64
-    """The tree; a group for each environment, and one last for what all share."""
+    """Id of the hierarchy; it has a group for each environment, and a last one for shapes that all share."""
     roots: wp.array[int]
-    """Roots of the groups, -1 where a group is empty."""
+    """Roots of the groups, -1 where a group is empty, shape ``(num_envs + 1,)``."""
     leaves: wp.array[wp.uint32]
     """Shapes of the leaves."""
     pose: wp.array[wp.transform]
-    """Poses of the shapes in the world [m]."""
+    """Poses of the shapes in the world [m], shape ``(num_shapes,)``."""
     kind: wp.array[int]
-    """Their ``newton.GeoType``."""
+    """``newton.GeoType`` of the shapes, shape ``(num_shapes,)``."""
     scale: wp.array[wp.vec3]
-    """Their sizes."""
+    """Sizes of the shapes in the form of ``newton.Model.shape_scale`` [m], shape ``(num_shapes,)``."""
     source: wp.array[wp.uint64]
-    """Their meshes, 0 for those that have none."""
+    """Ids of the shapes' meshes, 0 for shapes without, shape ``(num_shapes,)``."""
 
 
 @wp.func
 def nearest_shape(env: int, start: wp.vec3, direction: wp.vec3, limit: float, targets: RayTargets) -> float:
-    """Distance along a ray to a shape of its environment or a shared one [m]; -1 if none is nearer than ``limit``."""
+    """Distance along a ray to the nearest shape of its environment or of all [m]; -1 if none within ``limit``."""
     best, found = limit, wp.float32(-1.0)
     for group in range(2):
         root = targets.roots[wp.where(group == 0, env, targets.roots.shape[0] - 1)]
@@ -46,7 +46,7 @@ def nearest_shape(env: int, start: wp.vec3, direction: wp.vec3, limit: float, ta
             continue
         query = wp.bvh_query_ray(targets.tree, start, direction, root)
         leaf = wp.int32(0)
-        while wp.bvh_query_next(query, leaf, best):
+        while wp.bvh_query_next(query, leaf, best):  # boxes farther away than the best hit are skipped
             entry = targets.leaves[leaf]
             if entry == _INACTIVE:
                 continue
@@ -69,7 +69,7 @@ def nearest_shape(env: int, start: wp.vec3, direction: wp.vec3, limit: float, ta
 
 @wp.kernel(enable_backward=False)
 def cast_rays(setup: RaySetup, field: RayField, targets: RayTargets, data: RayCasterData):
-    """Cast rays against shapes, and a height field where there is one: one thread a ray."""
+    """Cast rays against shapes, and a height field if there is one; one thread a ray."""
     env, ray = wp.tid()
     if not setup.due[env]:
         return
@@ -77,6 +77,6 @@ def cast_rays(setup: RaySetup, field: RayField, targets: RayTargets, data: RayCa
     ground = wp.float32(-1.0)
     if field.heights.shape[0] > 0:
         ground = march_field(field, start, direction, setup.max_distance)
-    limit = wp.where(ground >= 0.0, ground, setup.max_distance)
+    limit = wp.where(ground >= 0.0, ground, setup.max_distance)  # shapes behind the ground need no test
     nearest = nearest_shape(env, start, direction, limit, targets)
     write_ray(env, ray, start, direction, wp.where(nearest >= 0.0, nearest, ground), setup, data)

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms for manager-based environments: the functions of ``stripe_kernels.mdp``, those about the objects of pools among
-them, and the configs of action and command terms, under one name as users write it: ``mdp.track_lin_vel_xy_exp``,
-``mdp.reach_object``, ``mdp.JointPositionActionCfg``."""
+"""Terms for manager-based environments: all functions of ``stripe_kernels.mdp``, and configs of actions and commands.
+
+Users write them with one prefix: ``mdp.track_lin_vel_xy_exp``, ``mdp.reach_object``, ``mdp.JointPositionActionCfg``.
+"""
+
+from typing import TYPE_CHECKING
 
 from stripe_kernels import mdp as _terms
 from stripe_kernels.mdp import *  # noqa: F403
@@ -13,6 +16,7 @@ from stripe_kernels.mdp.objects.events import *  # noqa: F403
 from stripe_kernels.mdp.objects.observations import *  # noqa: F403
 from stripe_kernels.mdp.objects.rewards import *  # noqa: F403
 from stripe_kernels.mdp.objects.terminations import *  # noqa: F403
+from stripe_kernels.removed_tables import forward_tables as _forward_tables
 from stripe_newton.managers import actions_cfg as _actions
 from stripe_newton.managers import commands_cfg as _commands
 from stripe_newton.managers.actions_cfg import *  # noqa: F403
@@ -29,3 +33,12 @@ __all__ = [
     *_commands.__all__,
     "image",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = _forward_tables(
+        __name__,
+        sizes={
+            "OBSERVATION_SIZES": f"{_terms.__name__}.observations",
+            "OBJECT_OBSERVATION_SIZES": _object_observations.__name__,
+        },
+    )

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pool of rigid objects in each environment, and the terms about them.
+"""Object pools: a pool of rigid objects in each environment, and the terms for them.
 
 All bodies of a pool exist from the start. Those that are not *active* wait at rest in a parking place where they touch
-nothing; terms leave them out. Spawning and retiring is writing: pose, velocity and a flag, in one environment.
+nothing, and terms ignore them. To spawn or retire an object means to write its pose, its velocity and a flag in one
+environment.
 
 A slot is the index of an object in its pool. Linear velocities are those of the centre of mass, distances are between
-link origins. ``pool`` holds the state and what terms are made of; ``events``, ``observations``, ``rewards`` and
+link origins. ``pool`` holds the state and functions that terms call; ``events``, ``observations``, ``rewards`` and
 ``terminations`` hold one kind of term each.
 """
 
+from typing import TYPE_CHECKING
+
+from ...removed_tables import forward_tables
 from . import events, observations, pool, rewards, terminations
 from .events import (
     reset_object_targets,
@@ -89,3 +93,6 @@ __all__ = [
     "terminations",
     "update_objects",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"OBJECT_OBSERVATION_SIZES": f"{__name__}.observations"})

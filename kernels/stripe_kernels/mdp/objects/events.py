@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events: objects come and go."""
+"""Object events: spawn and retire the objects of a pool, and draw their targets."""
 
 import warp as wp
 
@@ -32,19 +32,20 @@ def retire_objects(env: int, pool: ObjectPoolData):
 
 @wp.func
 def retire_objects_out_of_bounds(env: int, pool: ObjectPoolData, lower: wp.vec3, upper: wp.vec3):
-    """Retire the active objects outside a box about the environment's origin; those that are nowhere (NaN) too.
+    """Retire the active objects outside a box around the environment's origin, and those whose position is NaN.
 
     Formula: ``active_k = 0`` unless ``lower <= p_k - origin <= upper`` [m] in x, y and z.
 
     Source: this project.
     """
     for k in range(pool.active.shape[1]):
-        if pool.active[env, k] and not _inside(object_position(env, pool, k) - pool.env_origin[env], lower, upper):
+        if pool.active[env, k] and not _is_inside(object_position(env, pool, k) - pool.env_origin[env], lower, upper):
             retire_object(env, pool, k)
 
 
 @wp.func
-def _inside(p: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
+def _is_inside(p: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
+    """Whether a point is in a box; False for NaN."""
     x = p[0] >= lower[0] and p[0] <= upper[0]
     y = p[1] >= lower[1] and p[1] <= upper[1]
     z = p[2] >= lower[2] and p[2] <= upper[2]
@@ -53,7 +54,7 @@ def _inside(p: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
 
 @wp.func
 def _draw_number(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint32], num_range: wp.vec2) -> int:
-    """A whole number from ``num_range[0]`` to ``num_range[1]``, no more than objects are retired; one draw."""
+    """Whole number from ``num_range[0]`` to ``num_range[1]``, at most the number of retired objects; one draw."""
     low = wp.int32(num_range[0])
     high = wp.int32(num_range[1])
     number = wp.min(low + wp.int32(random.uniform(env, rng) * wp.float32(high - low + 1)), high)
@@ -62,7 +63,7 @@ def _draw_number(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint32], num_r
 
 @wp.func
 def _draw_retired(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint32]) -> int:
-    """Slot of one of the retired objects, each with the same chance; -1 where there is none; one draw."""
+    """Slot of a random retired object, all with the same chance; -1 if there is none; one draw."""
     count = pool.active.shape[1] - num_active_objects(env, pool)
     wanted = wp.min(wp.int32(random.uniform(env, rng) * wp.float32(count)), count - 1)
     slot = wp.int32(-1)
@@ -77,7 +78,7 @@ def _draw_retired(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint32]) -> i
 
 @wp.func
 def spawn_objects_at_home(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint32], num_range: wp.vec2):
-    """Spawn some of the retired objects, chosen at random, where their configs put them.
+    """Spawn some of the retired objects, chosen at random, at the poses of their configs.
 
     Formula: ``p_k = p_home,k + origin`` [m], ``q_k = q_home,k``, ``v_k = v_home,k`` [m/s, rad/s], for ``n`` of the
     retired, ``n`` whole and uniform over ``num_range``, both ends included.
@@ -91,7 +92,7 @@ def spawn_objects_at_home(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint3
 
 @wp.func
 def _is_free(env: int, pool: ObjectPoolData, p: wp.vec3, min_distance: float, keep: wp.vec3, keep_off: float) -> bool:
-    """Whether no active object is near ``p``, and ``keep`` not either, seen from above."""
+    """Whether ``p`` is ``min_distance`` [m] from all active objects, and ``keep_off`` [m] from ``keep``, from above."""
     free = wp.length(wp.vec2(p[0] - keep[0], p[1] - keep[1])) >= keep_off
     for k in range(pool.active.shape[1]):
         if pool.active[env, k] and wp.length(object_position(env, pool, k) - p) < min_distance:
@@ -112,6 +113,7 @@ def _spawn_apart(
     keep: wp.vec3,
     keep_off: float,
 ):
+    """Spawn retired objects apart from each other and, in the horizontal plane, ``keep_off`` [m] from ``keep``."""
     for _i in range(_draw_number(env, pool, rng, num_range)):
         slot = _draw_retired(env, pool, rng)
         home = pool.home_pose[env, slot]
@@ -121,7 +123,7 @@ def _spawn_apart(
             tries += 1
             pos = pool.env_origin[env] + height + random.uniform_vec3(env, rng, pose_range, 0)
             if _is_free(env, pool, pos, min_distance, keep, keep_off):
-                tries = max_tries
+                tries = max_tries  # ends the loop
                 angles = random.uniform_vec3(env, rng, pose_range, 3)
                 rot = wp.transform_get_rotation(home) * wp.quat_rpy(angles[0], angles[1], angles[2])
                 vel = pool.home_vel[env, slot] + random.uniform_twist(env, rng, velocity_range)
@@ -178,7 +180,7 @@ def spawn_objects_in_region(
 
 @wp.func
 def sample_object_targets(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint32], pose_range: wp.array[wp.vec2]):
-    """Draw where the objects should get to.
+    """Draw target poses of the objects.
 
     Formula: ``p*_k = (0, 0, p_home,k.z) + U`` [m], ``q*_k = q_home,k Rz(U) Ry(U) Rx(U)``, in the environment's frame.
 
@@ -195,7 +197,7 @@ def sample_object_targets(env: int, pool: ObjectPoolData, rng: wp.array[wp.uint3
 
 @wp.func
 def reset_object_targets(env: int, pool: ObjectPoolData):
-    """Make the homes the places where the objects should get to.
+    """Reset the target poses of the objects to the poses of their configs.
 
     Formula: ``p*_k = p_home,k`` [m], ``q*_k = q_home,k``, in the environment's frame.
 

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observations of the objects of a pool."""
+"""Object observations: positions, velocities, targets and activity of the objects of a pool."""
+
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from ...data import ArticulationData
+from ...removed_tables import forward_tables
 from ...term_info import Each, writes
 from .pool import ObjectPoolData, nearest_active_object, object_position, object_target
 
@@ -15,10 +18,13 @@ __all__ = [
     "object_velocities_b",
 ]
 
+if not TYPE_CHECKING:
+    __getattr__ = forward_tables(__name__, sizes={"OBJECT_OBSERVATION_SIZES": __name__})
+
 
 @wp.func
 def _write_b(point: wp.vec3, active: bool, root: wp.transform, first: int, out: wp.array[float]):
-    """A point of the world in the root's frame, zeros where the object is not active."""
+    """Write a point of the world in the root's frame [m], or zeros if the object is not active."""
     p = wp.vec3()
     if active:
         p = wp.quat_rotate_inv(wp.transform_get_rotation(root), point - wp.transform_get_translation(root))
@@ -42,7 +48,7 @@ def object_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, 
 @writes(Each("num_objects", 3))
 @wp.func
 def object_target_positions_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
-    """Places where the objects should get to, relative to the root link, in its frame; zeros for those not active.
+    """Target positions of the objects relative to the root link, in its frame; zeros for those that are not active.
 
     Formula: ``R^T (p*_k + origin - p)`` [m], three numbers an object.
 
@@ -55,12 +61,13 @@ def object_target_positions_b(env: int, pool: ObjectPoolData, robot: Articulatio
 @writes(Each("num_objects", 3))
 @wp.func
 def object_velocities_b(env: int, pool: ObjectPoolData, robot: ArticulationData, out: wp.array[float]):
-    """Linear velocities of the objects in the world, in the axes of the root's frame; zeros for those not active.
+    """Linear velocities of the objects in the world, in the root's axes; zeros for those that are not active.
 
     Formula: ``R^T v_k`` [m/s], three numbers an object.
 
     Source: this project.
     """
+    # A pose at the origin, so that _write_b rotates the velocity and shifts nothing.
     axes = wp.transform(wp.vec3(), wp.transform_get_rotation(robot.root_pose[env]))
     for k in range(pool.active.shape[1]):
         _write_b(wp.spatial_top(pool.vel[env, k]), pool.active[env, k], axes, 3 * k, out)
@@ -69,7 +76,7 @@ def object_velocities_b(env: int, pool: ObjectPoolData, robot: ArticulationData,
 @writes(Each("num_objects"))
 @wp.func
 def object_active(env: int, pool: ObjectPoolData, out: wp.array[float]):
-    """Which objects take part.
+    """Activity flag of each object.
 
     Formula: ``1`` where active, else ``0``, one number an object.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of a pool, and what spawning and retiring an object is."""
+"""Object pool: state of a pool of objects, and functions that spawn, retire and query objects."""
 
 import warp as wp
 
@@ -26,33 +26,33 @@ class ObjectPoolData:
     """State of a pool of rigid objects; poses in the world unless said otherwise."""
 
     pose: wp.array2d[wp.transform]
-    """Poses of the link frames [m], shape ``(num_envs, num_objects)``; the rows of the simulation's state."""
+    """Poses of the link frames [m], shape ``(num_envs, num_objects)``; the memory of the simulation's state."""
     vel: wp.array2d[wp.spatial_vector]
-    """Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_objects)``; rows of the state too."""
+    """Velocities of the centres of mass [m/s, rad/s], shape ``(num_envs, num_objects)``; memory of the state too."""
     active: wp.array2d[wp.bool]
-    """Whether an object takes part, shape ``(num_envs, num_objects)``."""
+    """Whether an object is active, shape ``(num_envs, num_objects)``."""
     age: wp.array2d[int]
     """Steps since an active object was spawned, shape ``(num_envs, num_objects)``."""
     written: wp.array2d[wp.bool]
-    """Whether it was spawned or retired since the last ``update_objects``, shape ``(num_envs, num_objects)``."""
+    """Whether an object was spawned or retired since the last ``update_objects``, shape ``(num_envs, num_objects)``."""
     home_pose: wp.array2d[wp.transform]
     """Poses of the objects' configs, in the environment's frame [m], shape ``(num_envs, num_objects)``."""
     home_vel: wp.array2d[wp.spatial_vector]
     """Velocities of the objects' configs [m/s, rad/s], shape ``(num_envs, num_objects)``."""
     target_pose: wp.array2d[wp.transform]
-    """Where the objects should get to, in the environment's frame [m], shape ``(num_envs, num_objects)``."""
+    """Target poses of the objects, in the environment's frame [m], shape ``(num_envs, num_objects)``."""
     parking_pose: wp.array[wp.transform]
-    """Where retired objects wait, in the environment's frame [m], shape ``(num_objects,)``."""
+    """Parking poses of retired objects, in the environment's frame [m], shape ``(num_objects,)``."""
     env_origin: wp.array[wp.vec3]
     """Origins of the environments [m], shape ``(num_envs,)``."""
 
 
-# -- reading
+# -- queries
 
 
 @wp.func
 def object_is_active(env: int, pool: ObjectPoolData, slot: int) -> bool:
-    """Whether there is such a slot and its object takes part."""
+    """Whether a slot exists and its object is active."""
     if slot < 0 or slot >= pool.active.shape[1]:
         return False
     return pool.active[env, slot]
@@ -60,7 +60,7 @@ def object_is_active(env: int, pool: ObjectPoolData, slot: int) -> bool:
 
 @wp.func
 def num_active_objects(env: int, pool: ObjectPoolData) -> int:
-    """How many objects take part."""
+    """Number of active objects."""
     count = wp.int32(0)
     for k in range(pool.active.shape[1]):
         if pool.active[env, k]:
@@ -70,26 +70,26 @@ def num_active_objects(env: int, pool: ObjectPoolData) -> int:
 
 @wp.func
 def object_position(env: int, pool: ObjectPoolData, slot: int) -> wp.vec3:
-    """Position of the link frame in the world [m]."""
+    """Position of an object's link frame in the world [m]."""
     return wp.transform_get_translation(pool.pose[env, slot])
 
 
 @wp.func
 def object_target(env: int, pool: ObjectPoolData, slot: int) -> wp.vec3:
-    """Where an object should get to, in the world [m]."""
+    """Target position of an object in the world [m]."""
     return wp.transform_get_translation(pool.target_pose[env, slot]) + pool.env_origin[env]
 
 
 @wp.func
 def pose_in_world(env: int, pool: ObjectPoolData, pose: wp.transform) -> wp.transform:
-    """A pose of the environment's frame, in the world."""
+    """Pose in the world [m] of a pose in the environment's frame."""
     pos = wp.transform_get_translation(pose) + pool.env_origin[env]
     return wp.transform(pos, wp.transform_get_rotation(pose))
 
 
 @wp.func
 def nearest_object(env: int, pool: ObjectPoolData, point: wp.vec3) -> int:
-    """Slot of the active object nearest to a point of the world, -1 where none is active."""
+    """Slot of the active object nearest to a point of the world [m]; -1 where none is active."""
     nearest = wp.int32(-1)
     least = wp.float32(wp.inf)
     for k in range(pool.active.shape[1]):
@@ -108,9 +108,9 @@ def nearest_active_object(env: int, pool: ObjectPoolData, robot: ArticulationDat
 
 @wp.func
 def spawn_object(env: int, pool: ObjectPoolData, slot: int, pose: wp.transform, vel: wp.spatial_vector):
-    """Make an object active at a pose of the world [m] with a velocity [m/s, rad/s]; one that is active is moved there.
+    """Spawn an object at a pose in the world [m] with a velocity [m/s, rad/s]; an active object is moved.
 
-    A slot that does not exist changes nothing.
+    A slot that does not exist is ignored.
     """
     if slot >= 0 and slot < pool.active.shape[1]:
         pool.pose[env, slot] = pose
@@ -122,14 +122,15 @@ def spawn_object(env: int, pool: ObjectPoolData, slot: int, pose: wp.transform, 
 
 @wp.func
 def park_object(env: int, pool: ObjectPoolData, slot: int):
-    """Put an object to where the retired ones wait, at rest."""
+    """Move an object to its parking pose, at rest."""
     pool.pose[env, slot] = pose_in_world(env, pool, pool.parking_pose[slot])
     pool.vel[env, slot] = wp.spatial_vector()
 
 
 @wp.func
 def retire_object(env: int, pool: ObjectPoolData, slot: int):
-    """Take an object out: it waits in the parking place, at rest. A slot that does not exist changes nothing."""
+    """Retire an object: move it to its parking pose, at rest, and make it inactive. A slot that does not exist is
+    ignored."""
     if slot >= 0 and slot < pool.active.shape[1]:
         park_object(env, pool, slot)
         pool.active[env, slot] = False
@@ -139,12 +140,13 @@ def retire_object(env: int, pool: ObjectPoolData, slot: int):
 
 @wp.func
 def update_objects(env: int, pool: ObjectPoolData, moved: wp.array[wp.bool]):
-    """Count the age of active objects and put retired ones back where they wait, as physics lets them fall a little.
+    """Update a pool once a step: count the age of active objects, and put retired ones back to their parking poses.
 
     ``moved`` is set where an object was spawned or retired since the last call.
     """
+    # Retired objects are put back in every step, since physics lets them fall a little.
     for k in range(pool.active.shape[1]):
-        written = wp.bool(pool.written[env, k])  # a copy: the 'elif' looks at what it reads again
+        written = wp.bool(pool.written[env, k])  # a copy, or the ``elif`` would read the array again, cleared by then
         if written:
             pool.written[env, k] = False
             moved[env] = True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rewards for what a robot does with the objects of a pool."""
+"""Object rewards: reach, lift and move the objects of a pool."""
 
 import warp as wp
 
@@ -18,7 +18,7 @@ __all__ = [
 
 @wp.func
 def _distance_to_bodies(env: int, pool: ObjectPoolData, robot: ArticulationData, body_ids: wp.array[int]) -> float:
-    """Least distance between a link and an active object [m]; infinite where there is none."""
+    """Smallest distance between a link and an active object [m]; infinite where none is active."""
     least = wp.float32(wp.inf)
     for i in range(body_ids.shape[0]):
         point = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
@@ -30,7 +30,7 @@ def _distance_to_bodies(env: int, pool: ObjectPoolData, robot: ArticulationData,
 
 @wp.func
 def object_distance_tanh(env: int, pool: ObjectPoolData, robot: ArticulationData, std: float) -> float:
-    """How near the root link is to the nearest active object; 0 where none is active.
+    """Closeness of the root link to the nearest active object, from 0 to 1; 0 where none is active.
 
     Formula: ``1 - tanh(min_k |p_k - p| / std)``, ``std`` [m].
 
@@ -47,7 +47,7 @@ def object_distance_tanh(env: int, pool: ObjectPoolData, robot: ArticulationData
 def object_ee_distance(
     env: int, pool: ObjectPoolData, robot: ArticulationData, body_ids: wp.array[int], std: float
 ) -> float:
-    """How near a link is to an active object, for the nearest of both; 0 where none is active.
+    """Closeness of the nearest pair of a link and an active object, from 0 to 1; 0 where none is active.
 
     Formula: ``1 - tanh(min_ik |p_k - p_i| / std)``, ``std`` [m].
 
@@ -60,7 +60,7 @@ def object_ee_distance(
 def reach_object(
     env: int, pool: ObjectPoolData, robot: ArticulationData, body_ids: wp.array[int], threshold: float
 ) -> float:
-    """Whether a link is within reach of an active object.
+    """Reward of 1 while a link is within reach of an active object.
 
     Formula: ``1`` if ``min_ik |p_k - p_i| < threshold`` [m], else ``0``.
 
@@ -71,7 +71,7 @@ def reach_object(
 
 @wp.func
 def object_moved_to_goal(env: int, pool: ObjectPoolData, std: float) -> float:
-    """How near the active objects are to where they should get to; 0 where none is active.
+    """Closeness of the active objects to their targets, from 0 to 1; 0 where none is active.
 
     Formula: mean over the active of ``1 - tanh(|p_k - p*_k - origin| / std)``, ``std`` [m].
 
@@ -86,7 +86,7 @@ def object_moved_to_goal(env: int, pool: ObjectPoolData, std: float) -> float:
 
 @wp.func
 def object_velocity_toward_goal(env: int, pool: ObjectPoolData) -> float:
-    """Speed of the active objects toward where they should get to; 0 where none is active.
+    """Speed of the active objects toward their targets; 0 where none is active.
 
     Formula: mean over the active of ``v_k . d_k / |d_k|`` [m/s], ``d_k = p*_k + origin - p_k``; 0 where ``d_k = 0``.
 
@@ -95,14 +95,15 @@ def object_velocity_toward_goal(env: int, pool: ObjectPoolData) -> float:
     total = wp.float32(0.0)
     for k in range(pool.active.shape[1]):
         if pool.active[env, k]:
-            way = wp.normalize(object_target(env, pool, k) - object_position(env, pool, k))  # of nothing it is nothing
+            # wp.normalize returns zero for a zero vector: an object at its target adds nothing.
+            way = wp.normalize(object_target(env, pool, k) - object_position(env, pool, k))
             total += wp.dot(wp.spatial_top(pool.vel[env, k]), way)
     return total / wp.float32(wp.max(num_active_objects(env, pool), 1))
 
 
 @wp.func
 def object_lifted(env: int, pool: ObjectPoolData, minimal_height: float) -> float:
-    """Share of the active objects that are off the ground; 0 where none is active.
+    """Share of the active objects that are lifted above a height; 0 where none is active.
 
     Formula: mean over the active of ``1`` if ``p_k.z - origin.z > minimal_height`` [m], else ``0``.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terminations by the objects of a pool; a comparison with a number that is not finite is false."""
+"""Object terminations: an object left its bounds, or all objects reached their targets. NaN terminates no episode."""
 
 import warp as wp
 
@@ -13,7 +13,7 @@ __all__ = [
 
 @wp.func
 def object_out_of_bounds(env: int, pool: ObjectPoolData, lower: wp.vec3, upper: wp.vec3) -> bool:
-    """An active object is outside a box about the environment's origin.
+    """Termination if an active object is outside a box around the environment's origin.
 
     Formula: ``any_k p_k - origin < lower or > upper`` [m] in x, y or z, over the active.
 
@@ -29,7 +29,7 @@ def object_out_of_bounds(env: int, pool: ObjectPoolData, lower: wp.vec3, upper: 
 
 @wp.func
 def object_reached_goal(env: int, pool: ObjectPoolData, threshold: float) -> bool:
-    """There are active objects, and all of them are where they should get to.
+    """Termination if there are active objects and all of them have reached their targets.
 
     Formula: ``all_k |p_k - p*_k - origin| < threshold`` [m] over the active.
 
