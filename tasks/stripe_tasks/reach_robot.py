@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of the reach task: six joints, of the class of Universal Robots' UR5e; see ``tools/author_arm.py``."""
+"""The arm of the reach task: six joints, of the class of Universal Robots' UR5e.
+
+``tools/authoring/author_arm.py`` writes its file.
+"""
 
 from __future__ import annotations
 

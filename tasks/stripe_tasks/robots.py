@@ -185,4 +185,5 @@ QUADRUPED_CFG = ArticulationCfg(
         ),
     },
 )
-"""A quadruped of 15 kg with twelve joints, of the class of Unitree's Go2; see ``tools/author_quadruped.py``."""
+"""A quadruped of 15 kg with twelve joints, of the class of Unitree's Go2. ``tools/authoring/author_quadruped.py``
+writes its file."""

@@ -20,8 +20,8 @@ from stripe_newton.actuators import (
 )
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import ConfigError
-from tests.actuator_world import KINDS, actuator_scene
-from tests.worlds import make_scene, mjcf_robot, sim_cfg, sliders
+from tests.helpers.actuator_world import KINDS, actuator_scene
+from tests.helpers.small_scenes import make_scene, mjcf_robot, sim_cfg, sliders
 
 
 def test_problems_of_actuators_come_at_once(tmp_path):

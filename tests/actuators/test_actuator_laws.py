@@ -10,7 +10,7 @@ import warp as wp
 
 from stripe_newton.actuators import DCMotorCfg, DelayedPDActuatorCfg, IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.sim import FeatherstoneSolverCfg
-from tests.actuator_world import (
+from tests.helpers.actuator_world import (
     I_MAX,
     JOINTS,
     KD,
@@ -25,7 +25,7 @@ from tests.actuator_world import (
     actuator_scene,
     world_mask,
 )  # fmt: skip
-from tests.worlds import DT, MASS, make_scene, mjcf_robot, numpy, sim_cfg, sliders
+from tests.helpers.small_scenes import DT, MASS, make_scene, mjcf_robot, numpy, sim_cfg, sliders
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from onnx import TensorProto, helper
 from stripe_newton.actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 from stripe_newton.actuators.networks import prepare_lstm, prepare_mlp
 from stripe_newton.configclass import ConfigError
-from tests.actuator_world import Drill, actuator_scene, world_mask
-from tests.worlds import numpy
+from tests.helpers.actuator_world import Drill, actuator_scene, world_mask
+from tests.helpers.small_scenes import numpy
 
 N = 3
 LIMIT = 2.5

@@ -31,8 +31,8 @@ from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_tasks.robots import CARTPOLE_CFG
 from stripe_tasks.scene_cfg import RobotSceneCfg
-from tests.actuator_world import GAINS, JOINTS, KINDS, LATE, Drill, actuator_scene, world_mask
-from tests.worlds import different_arrays, make_scene, sim_cfg
+from tests.helpers.actuator_world import GAINS, JOINTS, KINDS, LATE, Drill, actuator_scene, world_mask
+from tests.helpers.small_scenes import different_arrays, make_scene, sim_cfg
 
 
 @pytest.fixture(scope="module")

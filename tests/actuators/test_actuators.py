@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.sim import XPBDSolverCfg
-from tests.worlds import DT, MASS, G, make_scene, mjcf_robot, numpy, sim_cfg, sliders
+from tests.helpers.small_scenes import DT, MASS, G, make_scene, mjcf_robot, numpy, sim_cfg, sliders
 
 JOINTS = ("bare", "drive", "weak", "fast", "heavy", "sticky", "ideal", "speed", "lift", "damped")
 ARMATURE, FRICTION, VISCOUS = 3.0, 4.0, 1.5

@@ -10,8 +10,8 @@ import warp as wp
 from stripe_newton.actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 from stripe_newton.envs.call_counts import warp_calls
 from stripe_newton.sim.capture import capture_graph
-from tests.actuator_world import JOINTS, KINDS, Drill, actuator_scene, world_mask
-from tests.worlds import sim_cfg
+from tests.helpers.actuator_world import JOINTS, KINDS, Drill, actuator_scene, world_mask
+from tests.helpers.small_scenes import sim_cfg
 
 pytestmark = pytest.mark.gpu
 

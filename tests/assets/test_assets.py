@@ -25,7 +25,7 @@ from stripe_newton.sim import (
     RigidBodyPropertiesCfg,
     UrdfFileCfg,
 )
-from tests.worlds import ARM, COM, DT, INERTIA, LOPSIDED, G, make_scene, mjcf_robot, numpy, sim_cfg
+from tests.helpers.small_scenes import ARM, COM, DT, INERTIA, LOPSIDED, G, make_scene, mjcf_robot, numpy, sim_cfg
 
 GYM = Path(gymnasium.__file__).parent / "envs/mujoco/assets"
 PASSIVE = {"all": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=0.0, damping=0.0)}

@@ -19,7 +19,7 @@ from stripe_newton.actuators import ImplicitActuatorCfg
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, file_spawner, find_robot
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import GroundPlaneCfg, MjcfFileCfg, MuJoCoSolverCfg, UrdfFileCfg, UsdFileCfg
-from tests.worlds import MASS, G, make_scene, numpy, sim_cfg
+from tests.helpers.small_scenes import MASS, G, make_scene, numpy, sim_cfg
 
 GROUND = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
 AS_THE_FILE_SAYS = ArticulationCfg.InitialStateCfg(pos=None, rot=None, joint_pos=None)

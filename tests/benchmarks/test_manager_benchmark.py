@@ -14,7 +14,7 @@ import pytest
 import warp as wp
 
 from stripe_newton.envs.fusion_gain import MANAGERS, fused_kernels, term_configs
-from tests.benchmarks.ant import SIZES, ant
+from tests.helpers.benchmark_ant import SIZES, ant
 
 REPEATS = 100
 

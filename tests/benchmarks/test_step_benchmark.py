@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from stripe_newton.envs.measure import random_actions
-from tests.benchmarks.ant import SIZES, ant
+from tests.helpers.benchmark_ant import SIZES, ant
 
 
 @pytest.mark.parametrize("ending", [0.0, 0.01, 1.0], ids=lambda share: f"{100 * share:g}%")

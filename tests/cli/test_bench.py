@@ -25,9 +25,9 @@ from stripe_newton.envs.fusion_gain import fused_kernels, fusion_gain, launch_us
 from stripe_newton.envs.measure import benchmark, random_actions
 from stripe_newton.envs.step_times import LEAD, Clock, measure_step
 from stripe_newton.managers import RewardManager, RewardTermCfg, TerminationManager, TerminationTermCfg
-from tests.cart_env import CartEnv, make
-from tests.manager_world import manager_context
-from tools import benchmark_table
+from tests.helpers.cart_env import CartEnv, make
+from tests.helpers.manager_world import manager_context
+from tools.benchmarks import benchmark_table
 
 TASK = "Stripe-Cartpole-Direct-v0"
 KEYS = {

@@ -21,11 +21,10 @@ from stripe_newton.cli.common import command, program
 from stripe_newton.cli.fields import apply_options, apply_saved, options_of
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
-from tests.fake_env import TASK
+from tests.helpers.checkout import HELPERS, PYTHONPATH
+from tests.helpers.fake_env import TASK
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
@@ -139,7 +138,7 @@ def test_list(capsys):
     assert TASK in capsys.readouterr().out.splitlines()
     assert main(["list", "--json"]) == 0
     (entry,) = [task for task in json.loads(capsys.readouterr().out) if task["id"] == TASK]
-    assert entry["rsl_rl_cfg"] == "tests.fake_env:FakeCartRunnerCfg"
+    assert entry["rsl_rl_cfg"] == "tests.helpers.fake_env:FakeCartRunnerCfg"
 
 
 def test_list_and_help_import_no_torch():
@@ -147,8 +146,7 @@ def test_list_and_help_import_no_torch():
         "import sys; from stripe_newton.cli import main; assert main(['--help']) == 0; assert main(['list']) == 0; "
         "assert not {'torch', 'warp', 'newton', 'matplotlib'} & set(sys.modules), 'heavy import'"
     )
-    path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
-    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | {"PYTHONPATH": path})
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | {"PYTHONPATH": PYTHONPATH})
 
 
 def test_help_shows_fields_of_the_task(capsys):
@@ -316,7 +314,7 @@ def test_live_view(monkeypatch, capsys):
             seen.append("closed")
 
     monkeypatch.setattr(stripe_newton.viewers, "LiveViewer", View, raising=False)
-    monkeypatch.setattr("tests.fake_env.FakeCartEnv.sim", None, raising=False)
+    monkeypatch.setattr("tests.helpers.fake_env.FakeCartEnv.sim", None, raising=False)
     monkeypatch.setattr("time.sleep", lambda seconds: None)
     assert main(["play", TASK, "--agent", "zero", "--viewer", "viser", "--num-envs", "2"]) == 0
     assert seen == [[0, 1], 0.1, 0.1, 0.1, "closed"]
@@ -324,11 +322,10 @@ def test_live_view(monkeypatch, capsys):
 
 
 def test_interrupted_command_leaves_a_run_that_goes_on():
-    path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
-    words = [sys.executable, "-m", "stripe_newton.cli", "--import", str(ROOT / "tests/fake_env.py"), "train", TASK]
+    words = [sys.executable, "-m", "stripe_newton.cli", "--import", str(HELPERS / "fake_env.py"), "train", TASK]
     process = subprocess.Popen(
         [*words, "--device", "cpu", "--max-iterations", "100000"],
-        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        env=os.environ | {"PYTHONPATH": PYTHONPATH, "OMP_NUM_THREADS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -17,9 +17,9 @@ from stripe_newton.registration import register_scene, scene_class, scene_names
 from stripe_newton.scene.scenery import add_scenery, read_scenery
 from stripe_newton.spec.pictures import EYE_HEIGHT, ScenePictures
 from stripe_newton.terrains.exchange import ground_prims, read_ground
-from tests.small_wood import SmallWood
+from tests.helpers.small_wood import SmallWood
 
-WOOD = "tests.small_wood:SmallWood"
+WOOD = "tests.helpers.small_wood:SmallWood"
 
 
 def table_of(text: str) -> dict[str, str]:
@@ -162,11 +162,11 @@ def test_registered_scenes_are_found_by_name(monkeypatch, tmp_path, capsys):
         (["build", WOOD, "--count", "3", "--density", "5", "--out", "w.usd"], "--density and --count: give one"),
         (["build", WOOD, "--count", "-3", "--out", "w.usd"], "count is -3, must be 0 or more"),
         (["build", WOOD, "--size", "-3", "5", "--out", "w.usd"], "must be two positive lengths"),
-        (["build", "tests.small_wood:FixedWood", "--count", "3", "--out", "w.usd"],
+        (["build", "tests.helpers.small_wood:FixedWood", "--count", "3", "--out", "w.usd"],
          "FixedWood does not take --count; of these it takes --size"),
-        (["build", "tests.small_wood:NeedsNumber", "--out", "w.usd"], "NeedsNumber needs number"),
-        (["build", "tests.small_wood:Missing", "--out", "w.usd"], "has no 'Missing'"),
-        (["build", "tests.small_wood:tree", "--out", "w.usd"], "must be a subclass of SceneSpec"),
+        (["build", "tests.helpers.small_wood:NeedsNumber", "--out", "w.usd"], "NeedsNumber needs number"),
+        (["build", "tests.helpers.small_wood:Missing", "--out", "w.usd"], "has no 'Missing'"),
+        (["build", "tests.helpers.small_wood:tree", "--out", "w.usd"], "must be a subclass of SceneSpec"),
         (["build", "stripe_newton.spec:SceneSpec", "--out", "w.usd"], "SceneSpec is abstract"),
         (["build", "no_such.module:Wood", "--out", "w.usd"], "there is no module 'no_such.module'"),
         (["preview", WOOD, "--resolution", "5", "5"], "must be from 16 to 4096 pixels"),

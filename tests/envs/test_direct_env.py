@@ -14,7 +14,7 @@ from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg, EventTermCfg, to_spa
 from stripe_newton.noise import ConstantNoiseCfg, NoiseModelCfg, NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_tasks.robots import CARTPOLE_CFG
-from tests.cart_env import CartCfg, CartEnv, N, make, zeros
+from tests.helpers.cart_env import CartCfg, CartEnv, N, make, zeros
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import torch
 
 from stripe_newton.envs import EventTermCfg
 from stripe_newton.noise import ConstantNoiseCfg, NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
-from tests.cart_env import CartCfg, CartEnv, N, make, rollout, zeros
+from tests.helpers.cart_env import CartCfg, CartEnv, N, make, rollout, zeros
 
 
 @pytest.fixture

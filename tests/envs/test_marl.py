@@ -9,7 +9,7 @@ import torch
 from stripe_newton.configclass import ConfigError
 from stripe_newton.noise import ConstantNoiseCfg, NoiseModelCfg
 from stripe_tasks.cart_double_pole_marl import CartDoublePoleMARLEnv
-from tests.marl_world import AGENTS, N, Told, actions, config
+from tests.helpers.marl_cart import AGENTS, N, Told, actions, config
 
 
 @pytest.fixture(scope="module")

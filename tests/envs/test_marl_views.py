@@ -13,7 +13,7 @@ from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs import ParallelEnvView, multi_agent_to_single_agent
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, ZeroPolicy, evaluate
 from stripe_tasks.cart_double_pole_marl import CartDoublePoleMARLEnv
-from tests.marl_world import AGENTS, N, Told, actions, config
+from tests.helpers.marl_cart import AGENTS, N, Told, actions, config
 
 TASK = "Stripe-CartDoublePole-MARL-Direct-v0"
 SINGLE = "Stripe-CartDoublePole-Direct-v0"

@@ -26,7 +26,7 @@ from stripe_newton.fusion import (
     bind_term,
 )
 from stripe_newton.managers import MetricsManager, MetricTermCfg, RewardManager, RewardTermCfg
-from tests.manager_world import manager_context, plan, run, set_reset
+from tests.helpers.manager_world import manager_context, plan, run, set_reset
 
 
 @wp.func

@@ -18,7 +18,7 @@ from stripe_newton.actuators import (
     RemotizedPDActuatorCfg,
 )
 from stripe_newton.scene import InteractiveScene
-from tests.worlds import make_scene, mjcf_robot, sliders
+from tests.helpers.small_scenes import make_scene, mjcf_robot, sliders
 
 KP, KD, LIMIT = 50.0, 3.0, 6.0
 KI, I_MAX = 400.0, 0.004

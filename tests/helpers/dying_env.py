@@ -12,7 +12,7 @@ import time
 
 import gymnasium
 
-from tests.fake_env import FakeCartEnv
+from tests.helpers.fake_env import FakeCartEnv
 
 TASK = "Fake-Dying-v0"
 STEP = 2 * 16 + 5
@@ -39,7 +39,7 @@ if TASK not in gymnasium.registry:
         id=TASK,
         vector_entry_point=f"{__name__}:DyingEnv",
         kwargs={
-            "env_cfg_entry_point": "tests.fake_env:FakeCartCfg",
-            "rsl_rl_cfg_entry_point": "tests.fake_env:FakeCartRunnerCfg",
+            "env_cfg_entry_point": "tests.helpers.fake_env:FakeCartCfg",
+            "rsl_rl_cfg_entry_point": "tests.helpers.fake_env:FakeCartRunnerCfg",
         },
     )

@@ -16,8 +16,8 @@ from stripe_newton.managers import ActionManager, ManagerContext
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
 from stripe_tasks.reach_robot import ARM_CFG
-from tests.manager_world import plan
-from tests.worlds import numpy
+from tests.helpers.manager_world import plan
+from tests.helpers.small_scenes import numpy
 
 ARM = ARM_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
 """The arm of the reach task."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,8 +14,9 @@ import torch
 import stripe_tasks  # noqa: F401
 from stripe_newton.rl import RslRlVecEnvWrapper, evaluate
 from stripe_tasks.cartpole import CartpoleEnvCfg
+from tests.helpers.checkout import ROOT
 
-PAGE = Path(__file__).parent.parent / "docs" / "learners.md"
+PAGE = ROOT / "docs" / "learners.md"
 TASK = "Stripe-Cartpole-Direct-v0"
 
 

@@ -14,7 +14,7 @@ from stripe_newton.assets import ArticulationCfg
 from stripe_newton.managers import EventManager, EventTermCfg, ManagerContext
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, Simulation, SimulationCfg
-from tests.manager_world import plan, set_reset
+from tests.helpers.manager_world import plan, set_reset
 
 SOLVER_FIELDS = (
     "body_mass", "body_ipos", "body_inertia", "body_iquat", "body_subtreemass", "body_invweight0", "dof_invweight0",

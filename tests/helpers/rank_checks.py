@@ -14,7 +14,7 @@ from rsl_rl.storage import RolloutStorage
 from stripe_newton.cli.common import set_seeds
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, find_checkpoint, load_checkpoint, read_metrics
 from stripe_newton.rl.distributed import as_rank, exchange, world
-from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
+from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 ENVS = 4
 

@@ -16,7 +16,7 @@ from stripe_newton.configclass import configclass
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sensors import SensorBase, SensorBaseCfg
 from stripe_newton.sim import CollisionPropertiesCfg, CuboidCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
-from tests.worlds import make_scene
+from tests.helpers.small_scenes import make_scene
 
 ROWS, COLS, CELL = 21, 31, 0.2
 LOWER = np.array([-0.5 * CELL * (COLS - 1), -0.5 * CELL * (ROWS - 1)])

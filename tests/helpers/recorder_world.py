@@ -13,7 +13,7 @@ import torch
 from stripe_newton.fusion import Eager
 from stripe_newton.managers.recorder_manager import RecorderManager
 from stripe_newton.managers.recorders import ActionStateRecorderManagerCfg
-from tests.manager_world import manager_context, plan, set_reset
+from tests.helpers.manager_world import manager_context, plan, set_reset
 
 ENVS, ACTIONS, JOINTS, BOX = 3, 2, 4, 7
 QUAT = [0.1, 0.2, 0.3, 0.927]

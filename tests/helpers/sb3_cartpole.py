@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
-from tests.learners import cartpole
+from tests.helpers.learner_examples import cartpole
 
 N = 4
 SHORT = 12

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from stripe_kernels import data, mdp
-from tools import term_table
+from tools.documentation import term_table
 
 KINDS: dict[str, tuple[Any, ...]] = {name.lower()[:-1]: modules for name, modules in term_table.KINDS.items()}
 """The modules of each kind: observation, reward, termination, event, command, action."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.term_reference import Params, Values, rotation
-from tests.term_reference_random import Stream, Written
+from tests.helpers.term_reference import Params, Values, rotation
+from tests.helpers.term_reference_random import Stream, Written
 
 # -- reading
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.term_reference import (
+from tests.helpers.term_reference import (
     Params,
     Values,
     ang_vel_b,

@@ -29,9 +29,9 @@ from stripe_newton.sensors import ContactSensorCfg, ImuCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from stripe_tasks.scene_cfg import RobotSceneCfg
-from tests import term_kernels as tk
-from tests.test_terms import close, rounded
-from tests.worlds import numpy
+from tests.helpers import term_kernels as tk
+from tests.helpers.small_scenes import numpy
+from tests.kernels.test_terms import close, rounded
 
 NUM_ENVS, BODIES, HISTORY = 64, 6, 3
 STEP_DT, DT = 0.02, 0.005

@@ -28,7 +28,7 @@ from stripe_newton.sim import (
     MuJoCoSolverCfg,
     SimulationCfg,
 )
-from tests.obstacle_world import (
+from tests.helpers.obstacle_world import (
     REACH,
     WalkCfg,
     ball_scene,

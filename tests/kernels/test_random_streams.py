@@ -14,8 +14,8 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from tests import term_kernels as tk
-from tests.term_reference_random import Stream
+from tests.helpers import term_kernels as tk
+from tests.helpers.term_reference_random import Stream
 
 SEED = 42
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from stripe_kernels import mdp
 from stripe_newton.managers import EventTermCfg, SceneEntityCfg
 from stripe_tasks.robots import QUADRUPED_CFG
-from tests.randomization_world import RandomizedWorld, all_arrays
-from tests.term_reference_random import Stream
+from tests.helpers.randomization_world import RandomizedWorld, all_arrays
+from tests.helpers.term_reference_random import Stream
 
 SEED, N = 5, 4
 

@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from stripe_kernels import mdp
 from stripe_newton.envs import mdp as public
-from tests import term_kernels as tk
-from tests import term_reference as reference
-from tests import term_reference_random as random_reference
-from tests.term_reference_random import Stream
-from tools import term_table
+from tests.helpers import term_kernels as tk
+from tests.helpers import term_reference as reference
+from tests.helpers import term_reference_random as random_reference
+from tests.helpers.checkout import ROOT
+from tests.helpers.term_reference_random import Stream
+from tools.documentation import term_table
 
 NUM_ENVS = 64
 SEED = 42
@@ -408,7 +409,7 @@ LEFT_OUT: dict[str, str] = {
     **dict.fromkeys(("terrain_out_of_bounds", "reset_root_state_from_terrain"), TERRAIN),
     **{name: MODEL for name in EXPECTED["event"].split() if name.startswith("randomize_")},
     "NullCommand": "does nothing: the manager needs no function for it",
-    "DifferentialInverseKinematics": "needs the joint frames of a model; tests/test_inverse_kinematics.py",
+    "DifferentialInverseKinematics": "needs the joint frames of a model; tests/managers/test_inverse_kinematics.py",
 }
 
 
@@ -447,8 +448,8 @@ def test_signatures_are_those_of_their_kind():
 
 
 def test_the_page_is_up_to_date():
-    page = Path(__file__).parents[1] / "docs" / "terms.md"
-    assert page.read_text() == term_table.page(), "python tools/term_table.py writes docs/terms.md anew"
+    page = ROOT / "docs" / "terms.md"
+    assert page.read_text() == term_table.page(), "python tools/documentation/term_table.py writes docs/terms.md anew"
 
 
 def test_the_page_has_every_term_that_users_find():

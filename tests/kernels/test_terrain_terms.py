@@ -15,10 +15,10 @@ from stripe_kernels import mdp
 from stripe_kernels.data import ArticulationData, EpisodeData, Pose2dCommandData, VelocityCommandData
 from stripe_kernels.terrain import TerrainData
 from stripe_newton.terrains import Ground
-from tests.term_kernels import import_source
-from tests.term_reference import heading, wrap
-from tests.term_reference_random import Stream
-from tests.terrain_world import ground_data, hills, reference_height
+from tests.helpers.term_kernels import import_source
+from tests.helpers.term_reference import heading, wrap
+from tests.helpers.term_reference_random import Stream
+from tests.helpers.terrain_world import ground_data, hills, reference_height
 
 SEED, NUM_ENVS = 11, 64
 LEVELS, TYPES, TILE = 4, 3, (4.0, 3.0)

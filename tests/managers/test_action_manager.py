@@ -17,8 +17,8 @@ from stripe_newton.envs import mdp as cfgs
 from stripe_newton.fusion import Section, bind_term
 from stripe_newton.managers import ActionManager, ActionTermCfg, ManagerContext
 from stripe_newton.noise import ConstantNoiseCfg, GaussianNoiseCfg, NoiseCfg, UniformNoiseCfg
-from tests import term_reference_random as reference
-from tests.manager_world import manager_context, plan, set_reset
+from tests.helpers import term_reference_random as reference
+from tests.helpers.manager_world import manager_context, plan, set_reset
 
 N = 4
 INF = np.inf

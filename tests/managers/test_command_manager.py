@@ -18,9 +18,9 @@ from stripe_newton.envs import mdp as cfgs
 from stripe_newton.fusion import Captured, Section, bind_term
 from stripe_newton.managers import CommandManager, CommandTermCfg
 from stripe_newton.noise import UniformNoiseCfg
-from tests import term_reference, term_reference_random
-from tests.manager_world import manager_context, plan, set_reset
-from tests.term_reference_random import Stream
+from tests.helpers import term_reference, term_reference_random
+from tests.helpers.manager_world import manager_context, plan, set_reset
+from tests.helpers.term_reference_random import Stream
 
 N, DT = 4, 1.0 / 60.0
 INF = math.inf

@@ -14,7 +14,7 @@ from stripe_kernels import mdp
 from stripe_kernels.data import EpisodeData, Parameter
 from stripe_newton.fusion import Captured, Eager, Plan
 from stripe_newton.managers import CurriculumManager, CurriculumTermCfg, RewardManager, RewardTermCfg, TermState
-from tests.manager_world import manager_context, plan, set_reset
+from tests.helpers.manager_world import manager_context, plan, set_reset
 
 STEPS = 50
 

@@ -20,8 +20,8 @@ from stripe_newton.envs.events import EventTermCfg as FromEnvs
 from stripe_newton.fusion import Eager
 from stripe_newton.managers import EventManager, EventTermCfg, SceneEntityCfg, TermState, prestartup_events
 from stripe_newton.sim import CuboidCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
-from tests.manager_world import manager_context, plan, run, set_reset
-from tests.term_reference_random import Stream
+from tests.helpers.manager_world import manager_context, plan, run, set_reset
+from tests.helpers.term_reference_random import Stream
 
 DT, STEPS = 1.0 / 60.0, 50
 

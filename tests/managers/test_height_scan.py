@@ -19,8 +19,8 @@ from stripe_newton.managers import EventTermCfg, ObservationTermCfg, SceneEntity
 from stripe_newton.noise import GaussianNoiseCfg, NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
 from stripe_newton.sensors import GridPatternCfg, RayCasterCfg
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
-from tests.manager_world import observation_group
-from tests.ray_world import SceneryCfg, add_field, body, rays_of, surface_height
+from tests.helpers.manager_world import observation_group
+from tests.helpers.ray_world import SceneryCfg, add_field, body, rays_of, surface_height
 
 GRID = GridPatternCfg(resolution=0.1, size=(1.6, 1.0))
 SENSOR = {"sensor_cfg": SceneEntityCfg("scanner")}

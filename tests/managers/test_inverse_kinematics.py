@@ -15,8 +15,8 @@ from stripe_kernels.data import ArticulationData
 from stripe_kernels.mdp.kinematics import KinematicChain, jacobian_column
 from stripe_newton.managers.kinematic_chain import kinematic_chain
 from stripe_tasks.robots import ANT_CFG
-from tests.ik_world import ARM, FLANGE, NONE, OFFSET, TROLLEY, World, action, frames_of
-from tests.worlds import mjcf_robot, numpy
+from tests.helpers.inverse_kinematics_world import ARM, FLANGE, NONE, OFFSET, TROLLEY, World, action, frames_of
+from tests.helpers.small_scenes import mjcf_robot, numpy
 
 ANT = ANT_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
 

@@ -24,8 +24,18 @@ from stripe_newton.managers import (
 )
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_tasks.scene_cfg import RobotSceneCfg
-from tests.ik_world import ARM, FLANGE, NONE, OFFSET, Action, Controller, World, action, frames_of
-from tests.worlds import mjcf_robot, numpy
+from tests.helpers.inverse_kinematics_world import (
+    ARM,
+    FLANGE,
+    NONE,
+    OFFSET,
+    Action,
+    Controller,
+    World,
+    action,
+    frames_of,
+)
+from tests.helpers.small_scenes import mjcf_robot, numpy
 
 # -- in the loop
 

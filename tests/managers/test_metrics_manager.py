@@ -13,7 +13,7 @@ import warp as wp
 from stripe_kernels.data import ArticulationData
 from stripe_newton.fusion import Captured, Eager
 from stripe_newton.managers import MetricsManager, MetricTermCfg
-from tests.manager_world import manager_context, plan, set_reset
+from tests.helpers.manager_world import manager_context, plan, set_reset
 
 NUM_ENVS, STEPS = 3, 40
 

@@ -31,7 +31,7 @@ from stripe_newton.sim import (
     XPBDSolverCfg,
 )
 from stripe_tasks.robots import ANT_CFG
-from tests.manager_world import manager_context, plan, run, set_reset
+from tests.helpers.manager_world import manager_context, plan, run, set_reset
 
 N, DT, SUBSTEPS, RADIUS = 4, 1.0 / 120.0, 2, 0.1
 REGION = {"x": (-1.5, 1.5), "y": (-1.0, 1.0), "z": (0.0, 0.2), "yaw": (-3.0, 3.0)}

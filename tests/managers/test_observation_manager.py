@@ -31,9 +31,9 @@ from stripe_newton.noise import (
     NoiseModelWithAdditiveBiasCfg,
     UniformNoiseCfg,
 )
-from tests.manager_world import ObservationWorld, manager_context
-from tests.manager_world import observation_group as group
-from tests.term_reference import OBSERVATIONS
+from tests.helpers.manager_world import ObservationWorld, manager_context
+from tests.helpers.manager_world import observation_group as group
+from tests.helpers.term_reference import OBSERVATIONS
 
 N = 4
 J = 8  # joints of the ant: legs and feet in turn

@@ -13,8 +13,8 @@ from stripe_kernels import processing
 from stripe_newton.envs import mdp
 from stripe_newton.managers import ObservationTermCfg as Term
 from stripe_newton.managers import RunningNormCfg, SceneEntityCfg
-from tests.manager_world import ObservationWorld
-from tests.manager_world import observation_group as group
+from tests.helpers.manager_world import ObservationWorld
+from tests.helpers.manager_world import observation_group as group
 
 N = 4
 J = 8  # joints of the ant: legs and feet in turn

@@ -33,9 +33,9 @@ from stripe_newton.noise import (
     NoiseModelWithAdditiveBiasCfg,
     UniformNoiseCfg,
 )
-from tests.manager_world import ObservationWorld
-from tests.manager_world import observation_group as group
-from tests.term_reference_random import Stream
+from tests.helpers.manager_world import ObservationWorld
+from tests.helpers.manager_world import observation_group as group
+from tests.helpers.term_reference_random import Stream
 
 N = 4
 J = 8  # joints of the ant: legs and feet in turn

@@ -11,7 +11,7 @@ from stripe_kernels import mdp
 from stripe_newton.assets import RigidObjectCfg
 from stripe_newton.managers import EventManager, EventTermCfg, ManagerContext, SceneEntityCfg
 from stripe_newton.sim import CollisionPropertiesCfg, CuboidCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
-from tests.manager_world import manager_context
+from tests.helpers.manager_world import manager_context
 
 MASS: dict[str, Any] = {"mass_distribution_params": (0.5, 2.0), "operation": "scale"}
 BOX = RigidObjectCfg(

@@ -18,7 +18,7 @@ from stripe_newton.assets import ArticulationCfg
 from stripe_newton.managers import EventTermCfg, SceneEntityCfg
 from stripe_newton.sim import FeatherstoneSolverCfg, MjcfFileCfg, MuJoCoSolverCfg
 from stripe_tasks.robots import CARTPOLE_CFG, QUADRUPED_CFG
-from tests.randomization_world import RandomizedWorld
+from tests.helpers.randomization_world import RandomizedWorld
 
 N = 3
 

@@ -20,8 +20,8 @@ from stripe_newton.managers.episode_file import EpisodeFile
 from stripe_newton.managers.recorder_cfg import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
 from stripe_newton.managers.recorder_manager import RecorderManager
 from stripe_newton.managers.recorders import ActionStateRecorderManagerCfg, RecorderTerm
-from tests.manager_world import manager_context, plan, set_reset
-from tests.recorder_world import ACTIONS, ENVS, QUAT, World, number, read, settings
+from tests.helpers.manager_world import manager_context, plan, set_reset
+from tests.helpers.recorder_world import ACTIONS, ENVS, QUAT, World, number, read, settings
 
 MODES = DatasetExportMode
 

@@ -18,8 +18,8 @@ import tyro
 from stripe_newton.cli import COMMANDS
 from stripe_newton.cli.common import parse
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
+from tests.helpers.checkout import ROOT
 
-ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 TASK = "Stripe-Cartpole-Direct-v0"
 

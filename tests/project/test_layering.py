@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.helpers.checkout import ROOT
+
 PACKAGES = {
     "stripe_kernels": ROOT / "kernels" / "stripe_kernels",
     "stripe_newton": ROOT / "stripe_newton",

@@ -19,7 +19,7 @@ from stripe_newton.rl import (
     RslRlVecEnvWrapper,
     export_policy,
 )
-from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
+from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -35,7 +35,8 @@ from stripe_newton.rl import (
     record_video,
     save_checkpoint,
 )
-from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
+from tests.helpers.checkout import ROOT
+from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -529,4 +530,4 @@ def test_filming_does_not_change_a_training(tmp_path):
 
 def test_configs_import_no_torch():
     code = "import stripe_newton.rl, sys; assert not {'torch', 'rsl_rl', 'warp'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parent.parent)
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

@@ -20,7 +20,7 @@ from stripe_newton.sim import (
     XPBDSolverCfg,
 )
 from stripe_newton.spec.mesh import Collider
-from tests.obstacle_world import (
+from tests.helpers.obstacle_world import (
     REACH,
     BallCfg,
     StaticCapsulesCfg,

@@ -11,7 +11,7 @@ import warp as wp
 from pxr import UsdGeom
 
 from stripe_newton.scene.scenery import read_scenery
-from tests.regenerate_world import (
+from tests.helpers.regenerate_world import (
     N,
     arrays,
     copy_state,

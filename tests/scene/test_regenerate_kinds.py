@@ -13,7 +13,7 @@ from stripe_newton.scene import ObstaclesCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg, XPBDSolverCfg
 from stripe_newton.spec import TileGridSpec
 from stripe_tasks.robots import ANT_CFG
-from tests.regenerate_world import Hills, N, Posts, make, scanner, training
+from tests.helpers.regenerate_world import Hills, N, Posts, make, scanner, training
 
 
 def test_pictures_show_the_new_scene():

@@ -16,8 +16,8 @@ from stripe_newton.scene.scenery import read_scenery
 from stripe_newton.sensors import CameraCfg
 from stripe_newton.sim import CapsuleCfg, CollisionPropertiesCfg
 from stripe_newton.spec import BoxMesh, CylinderMesh
-from tests.cart_env import make as make_cart
-from tests.regenerate_world import Hills, N, Posts, make, scanner, small_hills, training
+from tests.helpers.cart_env import make as make_cart
+from tests.helpers.regenerate_world import Hills, N, Posts, make, scanner, small_hills, training
 
 
 @pytest.fixture(scope="module")

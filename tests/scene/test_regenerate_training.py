@@ -14,7 +14,7 @@ from stripe_newton.rl import (
     RslRlPpoAlgorithmCfg,
     RslRlVecEnvWrapper,
 )
-from tests.regenerate_world import N, make, scanner, small_hills, training
+from tests.helpers.regenerate_world import N, make, scanner, small_hills, training
 
 
 def runner(folder, count):

@@ -32,7 +32,7 @@ from stripe_tasks.cart_double_pole import CartDoublePoleEnvCfg
 from stripe_tasks.cartpole import CartpoleEnvCfg
 from stripe_tasks.humanoid import HumanoidEnvCfg
 from stripe_tasks.robots import CARTPOLE_CFG
-from tests.worlds import DT, MASS, G, different_arrays, make_scene, mjcf_robot, numpy, sim_cfg, sliders
+from tests.helpers.small_scenes import DT, MASS, G, different_arrays, make_scene, mjcf_robot, numpy, sim_cfg, sliders
 
 TASKS = {"cartpole": CartpoleEnvCfg, "double": CartDoublePoleEnvCfg, "ant": AntEnvCfg, "humanoid": HumanoidEnvCfg}
 CONTACTS = MuJoCoSolverCfg()

@@ -18,9 +18,9 @@ from stripe_newton.managers import ObservationTermCfg, SceneEntityCfg
 from stripe_newton.noise import UniformNoiseCfg
 from stripe_newton.sensors import CameraCfg, PinholeCameraCfg, TiledCameraCfg
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
-from tests.manager_world import observation_group
-from tests.ray_world import SceneryCfg, body, place, random_poses, ray_scene
-from tests.worlds import DT
+from tests.helpers.manager_world import observation_group
+from tests.helpers.ray_world import SceneryCfg, body, place, random_poses, ray_scene
+from tests.helpers.small_scenes import DT
 
 WIDTH, HEIGHT = 32, 24
 LENS = PinholeCameraCfg(focal_length=20.0, horizontal_aperture=24.0, clipping_range=(0.2, 12.0))

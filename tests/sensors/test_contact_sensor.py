@@ -29,7 +29,7 @@ from stripe_newton.sim import (
     XPBDSolverCfg,
 )
 from stripe_tasks.robots import QUADRUPED_CFG
-from tests.worlds import G, numpy, sim_cfg
+from tests.helpers.small_scenes import G, numpy, sim_cfg
 
 DT, RADIUS, MASS = 0.005, 0.1, 2.0
 GROUND = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())

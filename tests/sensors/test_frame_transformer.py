@@ -21,7 +21,7 @@ from stripe_newton.sensors import FrameCfg, FrameTransformerCfg, OffsetCfg
 from stripe_newton.sim import Simulation
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
 from stripe_tasks.robots import QUADRUPED_CFG
-from tests.worlds import DT, numpy, sim_cfg
+from tests.helpers.small_scenes import DT, numpy, sim_cfg
 
 ROBOT = "{ENV_REGEX_NS}/Robot"
 AHEAD = OffsetCfg(pos=(0.3, 0.0, 0.05), rot=(0.0, 0.0, 0.6, 0.8))

@@ -22,7 +22,7 @@ from stripe_newton.noise import (
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sensors import ImuCfg, OffsetCfg
 from stripe_newton.sim import Simulation
-from tests.worlds import ARM, DT, LOPSIDED, G, mjcf_robot, numpy, sim_cfg
+from tests.helpers.small_scenes import ARM, DT, LOPSIDED, G, mjcf_robot, numpy, sim_cfg
 
 BLOCK, HAND = "{ENV_REGEX_NS}/Robot/block", "{ENV_REGEX_NS}/Robot/hand"
 MOUNT = OffsetCfg(pos=(0.3, -0.1, 0.2), rot=(0.5, -0.5, 0.1, 0.7))

@@ -20,8 +20,8 @@ from stripe_newton.sensors import (
     PinholeCameraPatternCfg,
     RayCasterCfg,
 )
-from tests.ray_world import add_field, add_mesh, body, place, random_poses, ray_scene, rays_of, surface_height
-from tests.worlds import DT
+from tests.helpers.ray_world import add_field, add_mesh, body, place, random_poses, ray_scene, rays_of, surface_height
+from tests.helpers.small_scenes import DT
 
 GRID = GridPatternCfg(resolution=0.1, size=(1.6, 1.0))
 LIDAR = LidarPatternCfg(

@@ -14,7 +14,7 @@ from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.managers import ObservationGroupCfg, ObservationTermCfg, RewardTermCfg, SceneEntityCfg
 from stripe_newton.sensors import SensorBase, SensorBaseCfg
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
-from tests.cart_env import CartCfg, CartEnv
+from tests.helpers.cart_env import CartCfg, CartEnv
 
 N = 4
 

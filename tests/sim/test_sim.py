@@ -26,7 +26,7 @@ from stripe_newton.sim import (
     XPBDSolverCfg,
     resolve_device,
 )
-from tests.worlds import (
+from tests.helpers.small_scenes import (
     DT,
     MASS,
     PENDULUM,
@@ -257,7 +257,7 @@ def test_an_external_force_is_felt_after_the_graph_was_recorded():
 
 
 def test_mass_of_the_sliders_is_what_the_tests_assume(tmp_path):
-    from tests.worlds import sliders
+    from tests.helpers.small_scenes import sliders
 
     scene = make_scene({"robot": mjcf_robot(tmp_path, sliders({"x": "1 0 0"}))})
     assert scene.articulations["robot"].data.body_mass[0].tolist() == [1.0, MASS]

@@ -38,7 +38,7 @@ from stripe_newton.sim import (
     UsdFileCfg,
 )
 from stripe_tasks.robots import CARTPOLE_CFG
-from tests.worlds import DT, G, make_scene, numpy, sim_cfg
+from tests.helpers.small_scenes import DT, G, make_scene, numpy, sim_cfg
 
 GROUND = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
 SHAPES = {

@@ -12,9 +12,9 @@ import warp as wp
 from stripe_kernels.data import ArticulationData, Pose2dCommandData
 from stripe_kernels.terrain import TerrainData
 from stripe_tasks import navigation_terms
-from tests.term_kernels import build_struct, random_values
-from tests.term_reference import heading, in_yaw_frame
-from tests.term_reference_random import Stream
+from tests.helpers.term_kernels import build_struct, random_values
+from tests.helpers.term_reference import heading, in_yaw_frame
+from tests.helpers.term_reference_random import Stream
 
 N, SEED = 512, 7
 NEAR, SPEED, THRESHOLD = 1.5, 0.8, 0.6

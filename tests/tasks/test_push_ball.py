@@ -17,7 +17,7 @@ from stripe_kernels.mdp.objects import ObjectPoolData
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
 from stripe_tasks.push_ball_terms import robot_velocity_toward_push
-from tests.worlds import numpy
+from tests.helpers.small_scenes import numpy
 
 TASK = "Stripe-PushBall-Ant-v0"
 N = 4

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import stripe_tasks  # noqa: F401
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RandomPolicy, RslRlVecEnvWrapper, ZeroPolicy, evaluate
-from tests.worlds import numpy
+from tests.helpers.small_scenes import numpy
 
 TASK = "Stripe-Quadcopter-Direct-v0"
 N = 4

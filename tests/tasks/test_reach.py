@@ -6,7 +6,6 @@ from __future__ import annotations
 import importlib.util
 import math
 import sys
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -17,10 +16,10 @@ from scipy.spatial.transform import Rotation
 import stripe_tasks  # noqa: F401
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, ZeroPolicy, evaluate
-from tests.worlds import numpy
+from tests.helpers.checkout import ROOT, TOOLS
+from tests.helpers.small_scenes import numpy
 
 TASK = "Stripe-Reach-v0"
-ROOT = Path(__file__).parent.parent
 N = 4
 FLANGE = -1
 UR5E = [(0.0, 0.1625, 90), (-0.425, 0.0, 0), (-0.3922, 0.0, 0), (0.0, 0.1333, 90), (0.0, 0.0997, -90), (0.0, 0.0996, 0)]
@@ -109,8 +108,8 @@ def test_in_the_default_pose_the_flange_faces_down(env):
 
 
 def test_the_file_is_what_the_tool_writes(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "tools")
-    spec = importlib.util.spec_from_file_location("author_arm", ROOT / "tools" / "author_arm.py")
+    monkeypatch.syspath_prepend(TOOLS / "authoring")
+    spec = importlib.util.spec_from_file_location("author_arm", TOOLS / "authoring" / "author_arm.py")
     tool = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "author_arm", tool)
     spec.loader.exec_module(tool)

@@ -20,9 +20,9 @@ from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import ArticulationRootPropertiesCfg, GroundPlaneCfg, MuJoCoSolverCfg
 from stripe_newton.usd import inspect_stage
 from stripe_tasks.robots import HUMANOID_POSITION_CFG, QUADRUPED_CFG
-from tests.worlds import make_scene, numpy, sim_cfg
+from tests.helpers.checkout import ROOT, TOOLS
+from tests.helpers.small_scenes import make_scene, numpy, sim_cfg
 
-ROOT = Path(__file__).parents[1]
 STAGE = Path(QUADRUPED_CFG.spawn.usd_path)
 GROUND = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
 LEGS = ("FL", "FR", "RL", "RR")
@@ -76,11 +76,12 @@ def test_the_file_lies_in_the_package():
 
 def test_the_tool_writes_the_file_and_always_the_same(tmp_path):
     files = [tmp_path / "one.usda", tmp_path / "two.usda"]
+    tool = TOOLS / "authoring" / "author_quadruped.py"
     for file in files:
-        subprocess.run([sys.executable, ROOT / "tools" / "author_quadruped.py", file], check=True, capture_output=True)
+        subprocess.run([sys.executable, tool, file], check=True, capture_output=True)
     assert files[0].read_bytes() == files[1].read_bytes()
     own, packaged = (Sdf.Layer.FindOrOpen(str(f)).ExportToString() for f in (files[0], STAGE))
-    assert own == packaged, "python tools/author_quadruped.py writes the file anew"
+    assert own == packaged, "python tools/authoring/author_quadruped.py writes the file anew"
 
 
 def test_joints_and_bodies_have_the_names_and_the_order_of_the_field(quadruped):

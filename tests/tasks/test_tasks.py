@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import stripe_tasks  # noqa: F401
 from stripe_newton.configclass import resolve_name
-from tests.worlds import numpy
+from tests.helpers.small_scenes import numpy
 
 IDS = [
     "Stripe-Ant-Direct-v0",

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from tests.terrain_world import yard
+from tests.helpers.terrain_world import yard
 
 
 def wavy(n: int = 21) -> trimesh.Trimesh:

@@ -19,7 +19,7 @@ from stripe_newton.terrains import (
     TerrainImporterCfg,
 )
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
-from tests.terrain_world import TINY, YardCfg, yard
+from tests.helpers.terrain_world import TINY, YardCfg, yard
 
 
 def test_environments_start_on_the_tile_of_their_level_and_type():

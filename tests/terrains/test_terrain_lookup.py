@@ -11,7 +11,7 @@ import warp as wp
 from stripe_kernels.terrain import TerrainData, terrain_height, terrain_max_height, terrain_normal
 from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_newton.terrains import Ground
-from tests.terrain_world import ground_data, hills, reference_height
+from tests.helpers.terrain_world import ground_data, hills, reference_height
 
 
 @wp.kernel(enable_backward=False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two sides of ``tools/compare_mjlab.py`` are the same task: model, observations, rewards, a control step.
+"""Both sides of ``tools/comparison/compare_mjlab.py`` are the same task: model, observations, rewards, control step.
 
 mjlab runs under an interpreter of its own, named by the environment variable ``MJLAB_PYTHON``.
 """
@@ -10,7 +10,6 @@ import json
 import os
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -20,7 +19,9 @@ import torch
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
+from tests.helpers.checkout import TOOLS
+
+sys.path.insert(0, str(TOOLS / "comparison"))
 
 import compare_mjlab as tool
 import compare_mjlab_env as ours

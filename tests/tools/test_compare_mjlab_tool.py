@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``tools/compare_mjlab.py`` without mjlab: how a side is measured, what is printed, what is refused."""
+"""``tools/comparison/compare_mjlab.py`` without mjlab: how a side is measured, what is printed, what is refused."""
 
 from __future__ import annotations
 
 import re
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import torch
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
+from tests.helpers.checkout import TOOLS
+
+sys.path.insert(0, str(TOOLS / "comparison"))
 
 import compare_mjlab as tool
 import compare_mjlab_measure as measuring

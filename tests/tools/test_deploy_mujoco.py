@@ -21,9 +21,10 @@ from stripe_newton.managers import RunningNormCfg
 from stripe_newton.rl import OnPolicyRunner, RslRlMLPModelCfg, RslRlRNNModelCfg, RslRlVecEnvWrapper, export_policy
 from stripe_tasks.velocity_humanoid import HumanoidFlatEnvCfg, HumanoidFlatPPORunnerCfg
 from stripe_tasks.velocity_quadruped import QuadrupedFlatEnvCfg, QuadrupedFlatPPORunnerCfg
+from tests.helpers.checkout import TOOLS
 
 pytest.importorskip("onnxruntime")
-TOOL = Path(__file__).parents[1] / "tools" / "deploy_mujoco.py"
+TOOL = TOOLS / "deployment" / "deploy_mujoco.py"
 
 
 @pytest.fixture(scope="module")

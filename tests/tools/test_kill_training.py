@@ -1,28 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training that is killed by SIGKILL and resumed, again and again, by ``tools/kill_training.py``."""
+"""A training that is killed by SIGKILL and resumed, again and again, by ``tools/checks/kill_training.py``."""
 
 from __future__ import annotations
 
 import itertools
 import os
 import signal
-import sys
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
-
-import kill_training as tool
-
 from stripe_newton.rl import RunFolder, find_checkpoint, load_checkpoint, save_checkpoint
-
-ROOT = Path(__file__).parent.parent
+from tests.helpers.checkout import HELPERS, PYTHONPATH
+from tools.checks import kill_training as tool
 
 
 @pytest.fixture
 def ranks_path(monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", ":".join(str(ROOT / name) for name in (".", "kernels", "tasks")))
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
@@ -54,7 +48,7 @@ def test_killed_inside_a_save(tmp_path, call, after):
 
 @pytest.mark.usefixtures("ranks_path")
 def test_three_moments(tmp_path):
-    options = ("--import", str(ROOT / "tests" / "fake_env.py"))
+    options = ("--import", str(HELPERS / "fake_env.py"))
     training = tool.Training(tmp_path, "Fake-Cart-v0", options, seed=1)
     kinds = ["training", "saving", "anywhere"]
     moments = tool.kill_and_resume(training, kinds)

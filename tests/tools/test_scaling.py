@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``tools/scaling.py``: what it measures and prints, without trainings."""
+"""``tools/benchmarks/scaling.py``: what it measures and prints, without trainings."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
-
-import scaling as tool
+from tools.benchmarks import scaling as tool
 
 
 def columns(iterations: int, size: float, seconds: float) -> dict[str, list[float]]:

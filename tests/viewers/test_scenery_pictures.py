@@ -16,7 +16,7 @@ from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
 from stripe_newton.spec.pictures import ScenePictures, _still_life
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_tasks.robots import ANT_CFG
-from tests.small_wood import SmallWood
+from tests.helpers.small_wood import SmallWood
 
 SIZE = (96, 64)
 

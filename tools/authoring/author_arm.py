@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Author the arm of the reach task: ``python tools/author_arm.py [FILE]``.
+"""Author the arm of the reach task: ``python tools/authoring/author_arm.py [FILE]``.
 
 FILE is ``tasks/stripe_tasks/assets/arm.usda`` by default. A fixed arm of six joints, of the class of Universal Robots'
 UR5e, with colliders and surfaces of its own. The numbers are published:
@@ -25,7 +25,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from quadruped_shapes import Surface, puck, rounded, smooth
 
-OUTPUT = Path(__file__).parents[1] / "tasks" / "stripe_tasks" / "assets" / "arm.usda"
+OUTPUT = Path(__file__).parents[2] / "tasks" / "stripe_tasks" / "assets" / "arm.usda"
 
 D1, A2, A3, D4, D5, D6 = 0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996
 """Lengths [m]: height of the shoulder, upper arm, forearm, and the offsets of the wrists."""
@@ -241,7 +241,9 @@ def author(path: Path) -> None:
     """Write the arm to ``path``."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
-    layer.documentation = "An arm of six joints, written by tools/author_arm.py. Its docstring names the sources."
+    layer.documentation = (
+        "An arm of six joints, written by tools/authoring/author_arm.py. Its docstring names the sources."
+    )
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Author the quadruped of the velocity tasks: ``python tools/author_quadruped.py [FILE]``.
+"""Author the quadruped of the velocity tasks: ``python tools/authoring/author_quadruped.py [FILE]``.
 
 FILE is ``tasks/stripe_tasks/assets/quadruped.usda`` by default. A robot of the class of Unitree's Go2, with colliders
 and surfaces of its own. The numbers are published:
@@ -28,7 +28,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from quadruped_shapes import PARTS
 
-OUTPUT = Path(__file__).parents[1] / "tasks" / "stripe_tasks" / "assets" / "quadruped.usda"
+OUTPUT = Path(__file__).parents[2] / "tasks" / "stripe_tasks" / "assets" / "quadruped.usda"
 
 LEGS = ("FL", "FR", "RL", "RR")
 THIGH = CALF = 0.213
@@ -312,7 +312,8 @@ def author(path: Path) -> None:
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
     layer.documentation = (
-        "A quadruped of 12 joints and 15 kg, written by tools/author_quadruped.py. Its docstring names the sources."
+        "A quadruped of 12 joints and 15 kg, written by tools/authoring/author_quadruped.py. "
+        "Its docstring names the sources."
     )
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the whole set: tasks, cost against the number of environments, fusion, start-up.
 
-    python tools/benchmark_table.py OUT
-    python tools/benchmark_table.py OUT --parts tasks scaling --num-envs 4096 --budget 500
-    python tools/benchmark_table.py OUT --parts            # only tables and pictures of what OUT has
+    python tools/benchmarks/benchmark_table.py OUT
+    python tools/benchmarks/benchmark_table.py OUT --parts tasks scaling --num-envs 4096 --budget 500
+    python tools/benchmarks/benchmark_table.py OUT --parts            # only tables and pictures of what OUT has
 
 Parts: ``tasks`` (each at ``--num-envs``), ``scaling`` (``--scaling-tasks`` at each of ``--sizes``), ``fusion`` (the
 terms of a task in one kernel against one kernel a term), ``start`` (a process with an empty kernel cache, and a second

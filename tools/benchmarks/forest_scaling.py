@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a forest grows: what it takes to make one, and what a step in it costs, against the number of trees.
 
-    python tools/forest_scaling.py OUT                                  # both parts
-    python tools/forest_scaling.py OUT --parts make                     # seconds and memory, each size in a process
-    python tools/forest_scaling.py OUT --parts step --device cuda:0     # quadrupeds that walk in it
-    python tools/forest_scaling.py OUT --parts                          # only the table and the picture
+    python tools/benchmarks/forest_scaling.py OUT                               # both parts
+    python tools/benchmarks/forest_scaling.py OUT --parts make                  # seconds and memory, a process a size
+    python tools/benchmarks/forest_scaling.py OUT --parts step --device cuda:0  # quadrupeds that walk in it
+    python tools/benchmarks/forest_scaling.py OUT --parts                       # only the table and the picture
 
 The density stays that of ordinary woods, so the area grows with the number of trees. The bare ground is the same
 relief without trees, rocks and collider slots. ``OUT/make.json`` and ``OUT/step.json`` have the numbers,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the physics of a walking task costs on which ground and with which solver settings, and what settings cost.
 
-    python tools/physics_settings.py OUT [--num-envs 4096] [--steps 160] [--device cuda:0] [--only NAME ...]
+    python tools/benchmarks/physics_settings.py OUT [--num-envs 4096] [--steps 160] [--device cuda:0] [--only NAME ...]
 
 Each row is the task with one thing changed. Milliseconds are those of an environment step's physics alone, under random
 actions, after episodes have spread. The error is how far joint velocities are, after one environment step from states

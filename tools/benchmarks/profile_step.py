@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the time of a step goes on a GPU: ``python tools/profile_step.py TASK [--num-envs N] [--own]``.
+"""Where the time of a step goes on a GPU: ``python tools/benchmarks/profile_step.py TASK [--num-envs N] [--own]``.
 
 Prints the kernels of a step by their time; with ``--own`` only those that are not the solver's.
 """

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Train a task on 1, 2, 4 ... GPUs and compare the speed.
 
-    python tools/scaling.py OUT --gpus 1 2 4 [--weak | --strong] [--task TASK] [--num-envs N] [--iterations N]
+    python tools/benchmarks/scaling.py OUT --gpus 1 2 4 [--weak | --strong]
+        [--task TASK] [--num-envs N] [--iterations N]
 
 Weak scaling (the default) gives each GPU ``--num-envs`` environments, strong scaling splits them over the GPUs. Each
 training runs through the command line; its speed is the steps of all environments by the median time of an iteration,

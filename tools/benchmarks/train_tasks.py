@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Train tasks one after the other, evaluate and film each, and print a table.
 
-    python tools/train_tasks.py OUT TASK[:ITERATIONS][@NUM_ENVS] ...
+    python tools/benchmarks/train_tasks.py OUT TASK[:ITERATIONS][@NUM_ENVS] ...
 
 Each task is trained, evaluated over 256 episodes and filmed through the command line, as a user would. OUT gets the
 learning curve, metrics, video and evaluation of each, and ``results.md`` with the table: seconds of the whole training

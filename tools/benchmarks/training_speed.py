@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast a task is trained, with rollout and update as graphs and with rsl_rl's own loop, and where the time goes.
 
-    python tools/training_speed.py OUT                                     # the flat quadruped, 4096 environments
-    python tools/training_speed.py OUT --cases graph "graph tf32" rsl_rl --iterations 60
+    python tools/benchmarks/training_speed.py OUT                                # the flat quadruped, 4096 environments
+    python tools/benchmarks/training_speed.py OUT --cases graph "graph tf32" rsl_rl --iterations 60
 
 Networks are 512-256-128, an iteration is 24 steps, 5 epochs of 4 minibatches. ``OUT/training_speed.json`` has the
 numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the wall from the sixth to the last, parts of them

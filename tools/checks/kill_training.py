@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kill a training by SIGKILL at random moments, resume it each time, and print what was lost.
 
-    python tools/kill_training.py OUT [--task TASK] [--moments 20] [--seed 0]
+    python tools/checks/kill_training.py OUT [--task TASK] [--moments 20] [--seed 0]
 
 The training runs through the command line. Of the moments some are anywhere from the start of the process on, most
 while it trains, some while a checkpoint is being written. After each the newest checkpoint must be whole, and no more

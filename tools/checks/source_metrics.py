@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Source metrics: size, complexity, typing, comments and import circles of the packages, as a table.
 
-python tools/source_metrics.py                  the checkout that this file is in
-python tools/source_metrics.py BEFORE AFTER     a column for each checkout
+python tools/checks/source_metrics.py                  the checkout that this file is in
+python tools/checks/source_metrics.py BEFORE AFTER     a column for each checkout
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def row(values: Iterable[int]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("checkouts", nargs="*", type=Path, default=[Path(__file__).parents[1]])
+    parser.add_argument("checkouts", nargs="*", type=Path, default=[Path(__file__).parents[2]])
     roots = parser.parse_args().checkouts
     columns = [metrics(root.resolve()) for root in roots]
     print(f"| | {' | '.join(root.resolve().name for root in roots)} |")

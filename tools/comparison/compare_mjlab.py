@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """This package beside mjlab, on mjlab's own task: its Go1 follows velocity commands on a plane.
 
-    python tools/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
+    python tools/comparison/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
         [--train-iterations 100] [--parts step train walk] [--task TASK] [--no-tf32] [--cone pyramidal] [--njmax 300]
         [--json FILE] [--plot FILE]
 

@@ -135,7 +135,7 @@ def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str
     kinds = ("graph_launches", "kernel_launches", "copies", "host_syncs", "kernels")
     counts: dict[str, float | None] = dict.fromkeys(kinds)
     if side.device != "cpu":
-        counter = by_path("call_counts", Path(__file__).parents[1] / "stripe_newton" / "envs" / "call_counts.py")
+        counter = by_path("call_counts", Path(__file__).parents[2] / "stripe_newton" / "envs" / "call_counts.py")
         counts |= counter.count_calls(lambda index: side.step(actions[index]), len(actions))
     return found | {f"{kind}_per_step": count for kind, count in counts.items()}
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What ``compare_mjlab.py`` runs under mjlab's interpreter.
 
-    python tools/compare_mjlab_peer.py {describe,evaluate,measure} REQUEST.json
+    python tools/comparison/compare_mjlab_peer.py {describe,evaluate,measure} REQUEST.json
 
 Of this repository it imports ``compare_mjlab_measure`` alone. Answers go to the file ``out`` of the request, which also
 has ``num_envs``, ``seed``, ``device`` and ``randomize``:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run an exported policy on a robot in plain MuJoCo. Needs numpy, mujoco and onnxruntime, and nothing of this package.
 
-    python tools/deploy_mujoco.py policy.onnx robot.xml [--command 0.5 0 0] [--episodes 20] [--seconds 20] [--view]
+    python tools/deployment/deploy_mujoco.py policy.onnx robot.xml
+        [--command 0.5 0 0] [--episodes 20] [--seconds 20] [--view]
 
 All it knows of the task stands in ``policy.onnx``: which joints in which order, the pose they start in, gains and
 limits, how actions become targets, what is observed and how that is scaled, the rates. ``robot.xml`` is the robot as

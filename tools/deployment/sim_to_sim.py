@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure a trained walking policy in plain MuJoCo, on the CPU.
 
-    python tools/sim_to_sim.py TASK RUN [--episodes 20] [--seconds 20] [--seed 0] [--out DIR]
+    python tools/deployment/sim_to_sim.py TASK RUN [--episodes 20] [--seconds 20] [--seed 0] [--out DIR]
 
-What ``stripe-newton export RUN --mjcf`` and ``tools/deploy_mujoco.py`` do, in one go; with --out also a video of the
-first episode.
+It does in one go what ``stripe-newton export RUN --mjcf`` and ``tools/deployment/deploy_mujoco.py`` do. With --out it
+also films the first episode.
 """
 
 from __future__ import annotations

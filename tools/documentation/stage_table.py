@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write docs/stages.md: what becomes of every USD stage in the installed Newton.
 
-python tools/stage_table.py [--output docs/stages.md]
+python tools/documentation/stage_table.py [--output docs/stages.md]
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=Path(__file__).parents[1] / "docs" / "stages.md")
+    parser.add_argument("--output", type=Path, default=Path(__file__).parents[2] / "docs" / "stages.md")
     output = parser.parse_args().output
     package = Path(newton.__file__).parent
     paths = sorted(p for folder in FOLDERS for p in (package / folder).rglob("*") if p.suffix in SUFFIXES)
@@ -39,7 +39,8 @@ def main() -> None:
         "1/240 s with SolverMuJoCo on the CPU. *steps* means that after every step all joint and body states were "
         f"finite; *refused* gives the reason. {stepped} of {len(rows)} step.",
         "",
-        "`tests/test_stages.py` holds the same table to account; `python tools/stage_table.py` writes this page.",
+        "`tests/usd/test_stages.py` holds the same table to account; "
+        "`python tools/documentation/stage_table.py` writes this page.",
         "",
         "| stage | outcome | bodies | dofs | shapes | reason |",
         "| --- | --- | ---: | ---: | ---: | --- |",

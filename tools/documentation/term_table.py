@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write docs/terms.md: every term with its formula and what it reads, from the functions themselves.
 
-python tools/term_table.py [--output docs/terms.md]
+python tools/documentation/term_table.py [--output docs/terms.md]
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def page() -> str:
         "action, `q`, `qd` and `tau` positions, velocities and efforts of joints, `*` a target. `parameter` is the "
         "number that a curriculum changes, named by `term_name` (the weight of a reward) or `address` (the path of any "
         "float that is tuned); `pool` is a pool of objects, `k` one of them. Linear velocities are those of the centre "
-        "of mass. `python tools/term_table.py` writes this page; a test compares it.",
+        "of mass. `python tools/documentation/term_table.py` writes this page; a test compares it.",
     ]
     lines += tables(KINDS)
     lines += ["", "The functions of commands and actions belong together as follows.", ""]
@@ -248,7 +248,7 @@ def page() -> str:
 
 def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=Path(__file__).parents[1] / "docs" / "terms.md")
+    parser.add_argument("--output", type=Path, default=Path(__file__).parents[2] / "docs" / "terms.md")
     parser.parse_args(arguments).output.write_text(page())
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the forest: three seeds at three densities, and the scenes that are made of other parts or of the same ones.
 
-python tools/forest_gallery.py docs/images
+python tools/pictures/forest_gallery.py docs/images
 """
 
 from __future__ import annotations

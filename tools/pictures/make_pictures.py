@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the pictures of the README: ``python tools/make_pictures.py [docs/images]``.
+"""Draw the pictures of the README: ``python tools/pictures/make_pictures.py [docs/images]``.
 
 ``hero.png`` shows ants and humanoids of the tasks at a run, ``pack.png`` quadrupeds on generated ground, and
 ``cartpole.png`` and so on one environment of each task. No training is needed: robots are posed, those of the pack

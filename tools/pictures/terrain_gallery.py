@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw a tile of every kind of sub-terrain: ``python tools/terrain_gallery.py [docs/images/terrains.png]``."""
+"""Draw a tile of every kind of sub-terrain: ``python tools/pictures/terrain_gallery.py [docs/images/terrains.png]``."""
 
 from __future__ import annotations
 

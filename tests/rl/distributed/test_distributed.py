@@ -18,8 +18,8 @@ from stripe_newton.rl import RunFolder, find_checkpoint, load_checkpoint, read_m
 from stripe_newton.rl.distributed import as_rank, exchange, rank_device, world
 from stripe_newton.rl.launcher import launch
 from stripe_newton.rl.metrics import merge_rows
+from tests.helpers.checkout import HELPERS, PYTHONPATH
 
-ROOT = Path(__file__).parent.parent
 TASK = "Fake-Dying-v0"
 
 
@@ -37,10 +37,9 @@ def rank_environment(monkeypatch):
 
 def test_two_ranks(tmp_path, capfd, monkeypatch):
     """Equal parameters, averaged gradients, the update of one process, one set of files, exact resume."""
-    path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
-    monkeypatch.setenv("PYTHONPATH", path)
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    code, folder = launch([str(ROOT / "tests" / "rank_checks.py"), str(tmp_path)], 2)
+    code, folder = launch([str(HELPERS / "rank_checks.py"), str(tmp_path)], 2)
     out, err = capfd.readouterr()
     assert code == 0, err
     assert folder is None
@@ -102,18 +101,17 @@ def test_gpus_beside_torchrun(capsys, rank_environment):
 
 
 def start(how: str, *words: str, gpus: int = 2) -> subprocess.Popen:
-    path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
     command = [
         sys.executable,
         "-m",
         "stripe_newton.cli",
         "--import",
-        str(ROOT / "tests" / "dying_env.py"),
+        str(HELPERS / "dying_env.py"),
         "train",
         TASK,
     ]
     command += ["--device", "cpu", "--gpus", str(gpus), "--final-video", "False", *words]
-    env = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "DYING_HOW": how}
+    env = os.environ | {"PYTHONPATH": PYTHONPATH, "OMP_NUM_THREADS": "1", "DYING_HOW": how}
     return subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -204,11 +202,10 @@ def test_ranks_save_and_end_when_the_launcher_is_ended(number):
 
 @pytest.mark.slow
 def test_torchrun():
-    path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command += ["-m", "stripe_newton.cli", "--import", str(ROOT / "tests" / "dying_env.py"), "train", TASK]
+    command += ["-m", "stripe_newton.cli", "--import", str(HELPERS / "dying_env.py"), "train", TASK]
     command += ["--device", "cpu", "--num-envs", "8", "--max-iterations", "2", "--final-video", "False"]
-    env = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    env = os.environ | {"PYTHONPATH": PYTHONPATH, "OMP_NUM_THREADS": "1"}
     ended = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
     assert ended.returncode == 0, ended.stderr
     assert find_checkpoint(the_run().path).name == "model_1.pt"

@@ -16,6 +16,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.helpers.checkout import HELPERS
+
 optuna = pytest.importorskip("optuna")
 
 from stripe_newton.cli import main  # noqa: E402
@@ -29,9 +31,9 @@ from stripe_newton.rl.sweep_cfg import MedianPruning, Space, SweepCfg, words_of 
 from stripe_newton.rl.sweep_folder import SweepError  # noqa: E402
 from stripe_newton.rl.sweep_process import Slot, end_with_sweep  # noqa: E402
 from stripe_newton.rl.sweep_report import report  # noqa: E402
-from tests.fake_env import TASK, FakeCartCfg, FakeCartRunnerCfg  # noqa: E402
+from tests.helpers.fake_env import TASK, FakeCartCfg, FakeCartRunnerCfg  # noqa: E402
 
-FAKE = [sys.executable, str(Path(__file__).parent / "fake_training.py")]
+FAKE = [sys.executable, str(HELPERS / "fake_training.py")]
 CPU = Slot("the CPU", "cpu", {"CUDA_VISIBLE_DEVICES": ""})
 GAMMA, LAM, DELAY = "agent.algorithm.gamma", "agent.algorithm.lam", "agent.algorithm.max-grad-norm"
 

@@ -27,8 +27,8 @@ from stripe_newton.rl import (
     export_policy,
     read_policy_metadata,
 )
-from tests.fake_env import TASK, FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
-from tests.test_rl import make_env
+from tests.helpers.fake_env import TASK, FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
+from tests.rl.test_rl import make_env
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

@@ -40,7 +40,7 @@ from stripe_newton.rl.policy_parts import plain, sensors
 from stripe_newton.sensors import GridPatternCfg, RayCasterCfg
 from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg, CartpoleManagerPPORunnerCfg, EventsCfg
-from tests.cart_env import CartCfg, CartEnv
+from tests.helpers.cart_env import CartCfg, CartEnv
 
 pytest.importorskip("onnxruntime")
 CART, POLE = "slider_to_cart", "cart_to_pole"
@@ -270,7 +270,7 @@ def test_sensors_that_terms_read():
 def task() -> Iterator[str]:
     """The environment above as a task."""
     name = "Test-Export-Poles-v0"
-    here = "tests.test_export_metadata"
+    here = "tests.rl.export.test_export_metadata"
     register_task(
         name, env="stripe_newton.envs:ManagerBasedRLEnv", env_cfg=f"{here}:env_cfg", rsl_rl_cfg=f"{here}:agent_cfg"
     )

@@ -25,7 +25,7 @@ from stripe_newton.rl import (
 )
 from stripe_newton.rl.graph_ppo import _learn_moments
 from stripe_newton.rl.graph_rollout import GraphRollout
-from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
+from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

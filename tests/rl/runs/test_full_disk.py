@@ -27,9 +27,8 @@ from stripe_newton.rl import (
 )
 from stripe_newton.rl.errors import CheckpointWriteError
 from stripe_newton.rl.metrics import MetricsCsv
-from tests.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
-
-ROOT = Path(__file__).parent.parent
+from tests.helpers.checkout import PYTHONPATH, ROOT
+from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
 
 @contextlib.contextmanager
@@ -125,7 +124,7 @@ from pathlib import Path
 from stripe_newton.cli import main
 from stripe_newton.rl import find_checkpoint, load_checkpoint, read_metrics
 sys.path.insert(0, sys.argv[2])
-import tests.fake_env as fake
+import tests.helpers.fake_env as fake
 disk = Path(sys.argv[1])
 fill, steps = disk / "fill", [0]
 step = fake.FakeCartEnv.step
@@ -168,11 +167,10 @@ def test_a_full_disk(tmp_path):
     (tmp_path / "driver.py").write_text(DRIVER)
     disk = tmp_path / "disk"
     disk.mkdir()
-    path = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
     program = f"mount -t tmpfs -o size=1m none {disk} && exec {sys.executable} {tmp_path}/driver.py {disk} {ROOT}"
     ended = subprocess.run(
         ["unshare", "-rm", "sh", "-c", program],
-        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        env=os.environ | {"PYTHONPATH": PYTHONPATH, "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=300,

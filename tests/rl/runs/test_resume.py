@@ -32,8 +32,8 @@ from stripe_newton.rl import (
 )
 from stripe_tasks.cartpole import CartpoleEnv, CartpoleEnvCfg, CartpolePPORunnerCfg
 from stripe_tasks.cartpole_manager import CartpoleManagerPPORunnerCfg
-from tests.fake_env import TASK
-from tests.test_manager_based_env import rich
+from tests.envs.test_manager_based_env import rich
+from tests.helpers.fake_env import TASK
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from tests.learners import blocks, cartpole, mean_return, one_thread, random_return, run_example
+from tests.helpers.learner_examples import blocks, cartpole, mean_return, one_thread, random_return, run_example
 
 
 @pytest.fixture(autouse=True)

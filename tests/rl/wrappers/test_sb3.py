@@ -8,8 +8,8 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from tests.cart_env import CartCfg, CartEnv
-from tests.learners import cartpole, mean_return, one_thread, random_return, run_example
+from tests.helpers.cart_env import CartCfg, CartEnv
+from tests.helpers.learner_examples import cartpole, mean_return, one_thread, random_return, run_example
 
 pytest.importorskip("stable_baselines3")
 
@@ -18,7 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
 
 from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
-from tests.sb3_world import SHORT, N, push, wrapped
+from tests.helpers.sb3_cartpole import SHORT, N, push, wrapped
 
 
 @pytest.fixture(autouse=True)

@@ -12,9 +12,9 @@ from gymnasium.vector import VectorWrapper
 
 from stripe_newton.envs import ManagerBasedRLEnv, multi_agent_to_single_agent
 from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
-from tests.cart_env import CartCfg, CartEnv
-from tests.learners import TASK, cartpole, cartpole_cfg, one_thread
-from tests.marl_world import Told, config
+from tests.helpers.cart_env import CartCfg, CartEnv
+from tests.helpers.learner_examples import TASK, cartpole, cartpole_cfg, one_thread
+from tests.helpers.marl_cart import Told, config
 
 pytest.importorskip("stable_baselines3")
 
@@ -24,7 +24,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecCheckNan, VecExtractDictObs, VecFrameStack, VecNormalize
 
 from stripe_newton.rl.sb3 import Sb3VecEnvWrapper
-from tests.sb3_world import SHORT, N, push, wrapped
+from tests.helpers.sb3_cartpole import SHORT, N, push, wrapped
 
 
 @pytest.fixture(autouse=True)

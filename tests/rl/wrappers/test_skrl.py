@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from stripe_newton.envs import multi_agent_to_single_agent
-from tests.learners import cartpole, mean_return, one_thread, random_return, run_example
-from tests.marl_world import Told, config
+from tests.helpers.learner_examples import cartpole, mean_return, one_thread, random_return, run_example
+from tests.helpers.marl_cart import Told, config
 
 pytest.importorskip("skrl")
 

@@ -16,7 +16,7 @@ from stripe_newton.rl import RunFolder
 from stripe_newton.spec import TileGridSpec
 from stripe_newton.spec.places import footprints
 from stripe_tasks.forest import ForestSpec, reach, walk
-from tests.worlds import numpy
+from tests.helpers.small_scenes import numpy
 
 NAMES = [f"Stripe-Forest-{task}-Quadruped{play}-v0" for task in ("Walk", "Reach") for play in ("", "-Play")]
 N, LEVELS, TILE = 4, 3, (30.0, 30.0)

@@ -17,7 +17,7 @@ from stripe_tasks.rubble.pieces import Loose
 from stripe_tasks.rubble.rafts import MOST, raft
 from stripe_tasks.rubble.relief import REPOSE, Building, repose, street_map
 from stripe_tasks.rubble.resting import Support, spread
-from tests.rubble_world import corners, distance
+from tests.helpers.rubble_geometry import corners, distance
 
 # -- rafts
 

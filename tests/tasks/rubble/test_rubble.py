@@ -21,7 +21,7 @@ from stripe_tasks.forest.walk import training
 from stripe_tasks.rubble import RubbleSpec
 from stripe_tasks.rubble.relief import REPOSE
 from stripe_tasks.rubble.resting import Support
-from tests.rubble_world import capsules, corners, placed
+from tests.helpers.rubble_geometry import capsules, corners, placed
 
 LOOSE = "slabs", "beams", "pipes", "bricks", "chunks"
 LABELS = {"walls": "wall", "columns": "column", "slabs": "slab", "beams": "beam", "pipes": "pipe", "bars": "rebar",
