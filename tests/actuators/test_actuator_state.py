@@ -29,8 +29,8 @@ from stripe_newton.managers import (
 )
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.robots import CARTPOLE_CFG
-from stripe_tasks.scene_cfg import RobotSceneCfg
 from tests.helpers.actuator_world import GAINS, JOINTS, KINDS, LATE, Drill, actuator_scene, world_mask
 from tests.helpers.small_scenes import different_arrays, make_scene, sim_cfg
 

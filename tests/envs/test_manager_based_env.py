@@ -25,7 +25,7 @@ from stripe_newton.managers import (
 )
 from stripe_newton.noise import NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
-from stripe_tasks.cartpole_manager import (
+from stripe_tasks.cartpole.manager_based import (
     CART,
     POLE,
     CartpoleManagerEnvCfg,

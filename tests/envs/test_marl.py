@@ -8,7 +8,7 @@ import torch
 
 from stripe_newton.configclass import ConfigError
 from stripe_newton.noise import ConstantNoiseCfg, NoiseModelCfg
-from stripe_tasks.cart_double_pole_marl import CartDoublePoleMARLEnv
+from stripe_tasks.cart_double_pole.multi_agent import CartDoublePoleMARLEnv
 from tests.helpers.marl_cart import AGENTS, N, Told, actions, config
 
 

@@ -12,7 +12,7 @@ import stripe_tasks  # noqa: F401
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs import ParallelEnvView, multi_agent_to_single_agent
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, ZeroPolicy, evaluate
-from stripe_tasks.cart_double_pole_marl import CartDoublePoleMARLEnv
+from stripe_tasks.cart_double_pole.multi_agent import CartDoublePoleMARLEnv
 from tests.helpers.marl_cart import AGENTS, N, Told, actions, config
 
 TASK = "Stripe-CartDoublePole-MARL-Direct-v0"

@@ -12,8 +12,8 @@ import warp as wp
 
 from stripe_newton.envs import DirectRLEnv, ManagerBasedRLEnv
 from stripe_tasks.cartpole import CartpoleEnv, CartpoleEnvCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
-from stripe_tasks.cartpole_warp import CartpoleWarpEnv
+from stripe_tasks.cartpole.direct_warp import CartpoleWarpEnv
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 
 N, BAD = 6, 2
 OTHERS = [i for i in range(N) if i != BAD]

@@ -21,8 +21,8 @@ from stripe_newton.fusion import GraphCaptureError
 from stripe_newton.managers import MetricTermCfg
 from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.cartpole import CartpoleEnvCfg
-from stripe_tasks.cartpole_warp import CartpoleWarpEnv
-from stripe_tasks.locomotion_manager import AntManagerEnvCfg
+from stripe_tasks.cartpole.direct_warp import CartpoleWarpEnv
+from stripe_tasks.locomotion.manager_based import AntManagerEnvCfg
 
 pytestmark = pytest.mark.gpu
 

@@ -15,7 +15,7 @@ from stripe_newton.envs import ManagerBasedRLEnv, mdp
 from stripe_newton.managers import ActionManager, ManagerContext
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
-from stripe_tasks.reach_robot import ARM_CFG
+from stripe_tasks.reach.arm import ARM_CFG
 from tests.helpers.manager_world import plan
 from tests.helpers.small_scenes import numpy
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import torch
 
-from stripe_tasks.cart_double_pole_marl import CartDoublePoleMARLEnv, CartDoublePoleMARLEnvCfg
+from stripe_tasks.cart_double_pole.multi_agent import CartDoublePoleMARLEnv, CartDoublePoleMARLEnvCfg
 
 AGENTS = ["cart", "pendulum"]
 N = 4

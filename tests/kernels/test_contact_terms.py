@@ -27,8 +27,8 @@ from stripe_newton.managers import (
 )
 from stripe_newton.sensors import ContactSensorCfg, ImuCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.robots import QUADRUPED_CFG
-from stripe_tasks.scene_cfg import RobotSceneCfg
 from tests.helpers import term_kernels as tk
 from tests.helpers.small_scenes import numpy
 from tests.kernels.test_terms import close, rounded

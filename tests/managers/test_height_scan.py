@@ -18,7 +18,7 @@ from stripe_newton.envs import ManagerBasedRLEnv, mdp
 from stripe_newton.managers import EventTermCfg, ObservationTermCfg, SceneEntityCfg
 from stripe_newton.noise import GaussianNoiseCfg, NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
 from stripe_newton.sensors import GridPatternCfg, RayCasterCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from tests.helpers.manager_world import observation_group
 from tests.helpers.ray_world import SceneryCfg, add_field, body, rays_of, surface_height
 

@@ -23,7 +23,7 @@ from stripe_newton.managers import (
     TerminationTermCfg,
 )
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
-from stripe_tasks.scene_cfg import RobotSceneCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
 from tests.helpers.inverse_kinematics_world import (
     ARM,
     FLANGE,

@@ -15,9 +15,9 @@ from stripe_newton.configclass import configclass
 from stripe_newton.envs import ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
 from stripe_newton.managers import EventTermCfg, ObservationTermCfg, SceneEntityCfg
 from stripe_newton.sensors import CameraCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
-from stripe_tasks.scene_cfg import RobotSceneCfg
-from stripe_tasks.velocity_quadruped import QuadrupedFlatEnvCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
+from stripe_tasks.velocity.quadruped import QuadrupedFlatEnvCfg
 
 ROBOT = SceneEntityCfg("robot")
 TORSO = SceneEntityCfg("robot", body_names="base")

@@ -27,10 +27,9 @@ from stripe_newton.sim import (
     SphereCfg,
     spawn_ground_plane,
 )
-from stripe_tasks.ant import AntEnvCfg
 from stripe_tasks.cart_double_pole import CartDoublePoleEnvCfg
 from stripe_tasks.cartpole import CartpoleEnvCfg
-from stripe_tasks.humanoid import HumanoidEnvCfg
+from stripe_tasks.locomotion import AntEnvCfg, HumanoidEnvCfg
 from stripe_tasks.robots import CARTPOLE_CFG
 from tests.helpers.small_scenes import DT, MASS, G, different_arrays, make_scene, mjcf_robot, numpy, sim_cfg, sliders
 

@@ -17,7 +17,7 @@ from stripe_newton.envs import ManagerBasedRLEnv, mdp
 from stripe_newton.managers import ObservationTermCfg, SceneEntityCfg
 from stripe_newton.noise import UniformNoiseCfg
 from stripe_newton.sensors import CameraCfg, PinholeCameraCfg, TiledCameraCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from tests.helpers.manager_world import observation_group
 from tests.helpers.ray_world import SceneryCfg, body, place, random_poses, ray_scene
 from tests.helpers.small_scenes import DT

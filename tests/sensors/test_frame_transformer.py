@@ -19,7 +19,7 @@ from stripe_newton.noise import GaussianNoiseCfg
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sensors import FrameCfg, FrameTransformerCfg, OffsetCfg
 from stripe_newton.sim import Simulation
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from tests.helpers.small_scenes import DT, numpy, sim_cfg
 

@@ -13,7 +13,7 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.managers import ObservationGroupCfg, ObservationTermCfg, RewardTermCfg, SceneEntityCfg
 from stripe_newton.sensors import SensorBase, SensorBaseCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from tests.helpers.cart_env import CartCfg, CartEnv
 
 N = 4

@@ -16,7 +16,7 @@ from stripe_kernels.data import ArticulationData
 from stripe_kernels.mdp.objects import ObjectPoolData
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
-from stripe_tasks.push_ball_terms import robot_velocity_toward_push
+from stripe_tasks.push_ball.terms import robot_velocity_toward_push
 from tests.helpers.small_scenes import numpy
 
 TASK = "Stripe-PushBall-Ant-v0"

@@ -16,7 +16,8 @@ from scipy import stats
 import stripe_tasks  # noqa: F401
 from stripe_kernels.data import ActionData, EpisodeData
 from stripe_newton.configclass import resolve_name
-from stripe_tasks import cartpole_warp, locomotion_warp
+from stripe_tasks.cartpole import direct_warp as cartpole_warp
+from stripe_tasks.locomotion import direct_warp as locomotion_warp
 
 N = 16
 FORMS = {"torch": "Stripe-{}-Direct-v0", "warp": "Stripe-{}-Direct-Warp-v0", "manager": "Stripe-{}-v0"}

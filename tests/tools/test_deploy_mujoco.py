@@ -19,8 +19,8 @@ import stripe_tasks  # noqa: F401
 from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.managers import RunningNormCfg
 from stripe_newton.rl import OnPolicyRunner, RslRlMLPModelCfg, RslRlRNNModelCfg, RslRlVecEnvWrapper, export_policy
-from stripe_tasks.velocity_humanoid import HumanoidFlatEnvCfg, HumanoidFlatPPORunnerCfg
-from stripe_tasks.velocity_quadruped import QuadrupedFlatEnvCfg, QuadrupedFlatPPORunnerCfg
+from stripe_tasks.velocity.humanoid import HumanoidFlatEnvCfg, HumanoidFlatPPORunnerCfg
+from stripe_tasks.velocity.quadruped import QuadrupedFlatEnvCfg, QuadrupedFlatPPORunnerCfg
 from tests.helpers.checkout import TOOLS
 
 pytest.importorskip("onnxruntime")

@@ -80,7 +80,7 @@ def step(count: int, args: argparse.Namespace) -> dict[str, Any]:
     from stripe_newton.envs.measure import benchmark
     from stripe_tasks.forest import ForestSpec
     from stripe_tasks.forest.walk import training
-    from stripe_tasks.velocity import RoughObservationsCfg
+    from stripe_tasks.velocity.manager_based import RoughObservationsCfg
 
     side = extent(max(count, 1000))
     resolution = 0.25 if side <= 500.0 else 0.5

@@ -22,7 +22,7 @@ import torch
 from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.envs.measure import benchmark
 from stripe_newton.terrains import MeshPlaneTerrainCfg
-from stripe_tasks.velocity_quadruped import QuadrupedFlatEnvCfg, QuadrupedRoughEnvCfg
+from stripe_tasks.velocity.quadruped import QuadrupedFlatEnvCfg, QuadrupedRoughEnvCfg
 
 EXACT = {"iterations": 100, "ls_iterations": 50, "tolerance": 1e-10, "ls_tolerance": 1e-4}
 

@@ -15,8 +15,8 @@ from stripe_newton.math import sample_uniform, wrap_to_pi
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from stripe_tasks.robot_scene import spawn_scenery
 from stripe_tasks.robots import CART_DOUBLE_POLE_CFG
-from stripe_tasks.scenery import spawn_scenery
 
 __all__ = ["CartDoublePoleEnv", "CartDoublePoleEnvCfg", "CartDoublePolePPORunnerCfg"]
 

@@ -19,8 +19,9 @@ from stripe_newton.envs import DirectMARLEnv, DirectMARLEnvCfg
 from stripe_newton.math import sample_uniform, wrap_to_pi
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import SimulationCfg
-from stripe_tasks.cart_double_pole import CartDoublePoleEnvCfg, CartDoublePolePPORunnerCfg
-from stripe_tasks.scenery import spawn_scenery
+from stripe_tasks.robot_scene import spawn_scenery
+
+from .direct import CartDoublePoleEnvCfg, CartDoublePolePPORunnerCfg
 
 __all__ = ["CartDoublePoleMARLEnv", "CartDoublePoleMARLEnvCfg", "CartDoublePoleMARLPPORunnerCfg"]
 

@@ -16,8 +16,8 @@ from stripe_newton.math import sample_uniform
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from stripe_tasks.robot_scene import spawn_scenery
 from stripe_tasks.robots import CARTPOLE_CFG
-from stripe_tasks.scenery import spawn_scenery
 
 __all__ = ["CartpoleEnv", "CartpoleEnvCfg", "CartpolePPORunnerCfg"]
 

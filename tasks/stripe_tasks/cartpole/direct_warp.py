@@ -15,8 +15,9 @@ from stripe_kernels.data import ArticulationData, EpisodeData
 from stripe_newton.assets import Articulation
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import DirectRLEnv
-from stripe_tasks.cartpole import CartpoleEnvCfg, CartpolePPORunnerCfg
-from stripe_tasks.scenery import spawn_scenery
+from stripe_tasks.robot_scene import spawn_scenery
+
+from .direct import CartpoleEnvCfg, CartpolePPORunnerCfg
 
 __all__ = ["CartpoleWarpEnv", "CartpoleWarpPPORunnerCfg"]
 

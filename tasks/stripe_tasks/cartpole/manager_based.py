@@ -19,8 +19,9 @@ from stripe_newton.managers import (
     TerminationTermCfg,
 )
 from stripe_newton.sim import SimulationCfg
-from stripe_tasks.cartpole import CartpoleEnvCfg, CartpolePPORunnerCfg
-from stripe_tasks.scene_cfg import RobotSceneCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
+
+from .direct import CartpoleEnvCfg, CartpolePPORunnerCfg
 
 __all__ = ["CartpoleManagerEnvCfg", "CartpoleManagerPPORunnerCfg"]
 

@@ -30,7 +30,7 @@ from stripe_newton.sim import MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationC
 from stripe_newton.spec import SceneSpec, TaskEnvCfg, TileGridSpec, TrainingSpec
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.robots import QUADRUPED_CFG
-from stripe_tasks.velocity import (
+from stripe_tasks.velocity.manager_based import (
     ActionsCfg,
     CommandsCfg,
     RoughEventsCfg,
@@ -41,7 +41,7 @@ from stripe_tasks.velocity import (
     noise,
     randomize,
 )
-from stripe_tasks.velocity_quadruped import QuadrupedRewardsCfg
+from stripe_tasks.velocity.quadruped import QuadrupedRewardsCfg
 
 from .scenes import PLACES, ForestSpec
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run forward: what the ant and the humanoid share.
+"""Direct tasks in which an ant or a humanoid runs forward: ``Stripe-Ant-Direct-v0`` and ``Stripe-Humanoid-Direct-v0``.
 
 Observations and rewards are those that Isaac Gym's, gymnasium's and Isaac Lab's ant and humanoid have in common: the
 torso's motion in its own frame, its direction to a far target, the joints, the last actions; rewards for progress to
@@ -27,9 +27,20 @@ from stripe_newton.math import (
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationCfg
-from stripe_tasks.scenery import spawn_scenery
+from stripe_tasks.robot_scene import spawn_scenery
+from stripe_tasks.robots import ANT_CFG, HUMANOID_CFG
 
-__all__ = ["LocomotionEnv", "LocomotionEnvCfg", "LocomotionPPORunnerCfg"]
+__all__ = [
+    "AntEnv",
+    "AntEnvCfg",
+    "AntPPORunnerCfg",
+    "HumanoidEnv",
+    "HumanoidEnvCfg",
+    "HumanoidPPORunnerCfg",
+    "LocomotionEnv",
+    "LocomotionEnvCfg",
+    "LocomotionPPORunnerCfg",
+]
 
 
 @configclass
@@ -194,3 +205,68 @@ class LocomotionPPORunnerCfg(RslRlOnPolicyRunnerCfg):
     )
     critic: RslRlMLPModelCfg = RslRlMLPModelCfg(hidden_dims=(400, 200, 100), obs_normalization=True)
     algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.0, learning_rate=5.0e-4)
+
+
+@configclass
+class AntEnvCfg(LocomotionEnvCfg):
+    """36 observations, 8 joint torques."""
+
+    observation_space: int = 36
+    action_space: int = 8
+    robot: ArticulationCfg = ANT_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
+    joint_gears: dict[str, float] = {".*": 15.0}
+    action_scale: float = 0.5
+    termination_height: float = 0.31
+
+
+class AntEnv(LocomotionEnv):
+    """See :class:`LocomotionEnv`."""
+
+    cfg: AntEnvCfg
+
+
+@configclass
+class AntPPORunnerCfg(LocomotionPPORunnerCfg):
+    """PPO that makes the ant run."""
+
+    max_iterations: int = 300
+    experiment_name: str = "ant_direct"
+
+
+@configclass
+class HumanoidEnvCfg(LocomotionEnvCfg):
+    """75 observations, 21 joint torques."""
+
+    observation_space: int = 75
+    action_space: int = 21
+    robot: ArticulationCfg = HUMANOID_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
+    joint_gears: dict[str, float] = {
+        "lower_waist:.": 67.5,
+        "abdomen_x": 67.5,
+        ".*_upper_arm:.": 67.5,
+        ".*_elbow": 45.0,
+        ".*_thigh:[02]": 45.0,
+        ".*_thigh:1": 135.0,
+        ".*_knee": 90.0,
+        ".*_foot:.": 22.5,
+    }
+    alive_reward: float = 2.0
+    death_cost: float = -1.0
+    actions_cost: float = 0.01
+    joint_vel_scale: float = 0.1
+    ang_vel_scale: float = 0.25
+    termination_height: float = 0.8
+
+
+class HumanoidEnv(LocomotionEnv):
+    """See :class:`LocomotionEnv`."""
+
+    cfg: HumanoidEnvCfg
+
+
+@configclass
+class HumanoidPPORunnerCfg(LocomotionPPORunnerCfg):
+    """PPO that makes the humanoid run."""
+
+    max_iterations: int = 500
+    experiment_name: str = "humanoid_direct"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run forward, with hooks in Warp: ``Stripe-Ant-Direct-Warp-v0`` and ``Stripe-Humanoid-Direct-Warp-v0``.
 
-Observations, rewards and dones are those of :mod:`stripe_tasks.locomotion`, and so is the config. One kernel a hook.
+Observations, rewards, dones and configs are those of :mod:`stripe_tasks.locomotion.direct`. Each hook is one kernel.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from stripe_kernels.episode import log_add
 from stripe_newton.assets import Articulation
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import DirectRLEnv
-from stripe_tasks import locomotion_terms as terms
-from stripe_tasks.ant import AntEnvCfg, AntPPORunnerCfg
-from stripe_tasks.humanoid import HumanoidEnvCfg, HumanoidPPORunnerCfg
-from stripe_tasks.locomotion import LocomotionEnvCfg
-from stripe_tasks.scenery import spawn_scenery
+from stripe_tasks.robot_scene import spawn_scenery
+
+from . import terms
+from .direct import AntEnvCfg, AntPPORunnerCfg, HumanoidEnvCfg, HumanoidPPORunnerCfg, LocomotionEnvCfg
 
 __all__ = ["AntWarpEnv", "AntWarpPPORunnerCfg", "HumanoidWarpEnv", "HumanoidWarpPPORunnerCfg", "LocomotionWarpEnv"]
 

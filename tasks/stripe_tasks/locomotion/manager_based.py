@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run forward, manager-based: ``Stripe-Ant-v0`` and ``Stripe-Humanoid-v0``.
 
-Observations, rewards and dones are those of :mod:`stripe_tasks.locomotion`, and its configs have the numbers.
+Observations, rewards and dones are those of :mod:`stripe_tasks.locomotion.direct`, and its configs have the numbers.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from stripe_newton.managers import (
     TermState,
 )
 from stripe_newton.sim import SimulationCfg
-from stripe_tasks import locomotion_terms as terms
-from stripe_tasks.ant import AntEnvCfg, AntPPORunnerCfg
-from stripe_tasks.humanoid import HumanoidEnvCfg, HumanoidPPORunnerCfg
-from stripe_tasks.locomotion import LocomotionEnvCfg
-from stripe_tasks.scene_cfg import RobotSceneCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
+
+from . import terms
+from .direct import AntEnvCfg, AntPPORunnerCfg, HumanoidEnvCfg, HumanoidPPORunnerCfg, LocomotionEnvCfg
 
 __all__ = ["AntManagerEnvCfg", "AntManagerPPORunnerCfg", "HumanoidManagerEnvCfg", "HumanoidManagerPPORunnerCfg"]
 

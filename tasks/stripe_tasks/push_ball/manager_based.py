@@ -27,14 +27,27 @@ from stripe_newton.sim import (
     SimulationCfg,
 )
 from stripe_newton.viewers import ViewerCfg
-from stripe_tasks import locomotion_terms, push_ball_terms
-from stripe_tasks.ant import AntEnvCfg, AntPPORunnerCfg
 from stripe_tasks.goal_marker import GoalMarked, goal_marker, origin_frames
-from stripe_tasks.locomotion_manager import ActionsCfg, actions_of
-from stripe_tasks.push_ball_object import RollingBallCfg
-from stripe_tasks.scene_cfg import RobotSceneCfg
+from stripe_tasks.locomotion import AntEnvCfg, AntPPORunnerCfg
+from stripe_tasks.locomotion import terms as locomotion_terms
+from stripe_tasks.locomotion.manager_based import ActionsCfg, actions_of
+from stripe_tasks.robot_scene import RobotSceneCfg
 
-__all__ = ["PushBallEnv", "PushBallEnvCfg", "PushBallPPORunnerCfg"]
+from . import terms
+from .rolling_ball import RollingBallCfg
+
+__all__ = [
+    "EventsCfg",
+    "MetricsCfg",
+    "ObjectsCfg",
+    "ObservationsCfg",
+    "PushBallEnv",
+    "PushBallEnvCfg",
+    "PushBallPPORunnerCfg",
+    "PushBallSceneCfg",
+    "RewardsCfg",
+    "TerminationsCfg",
+]
 
 ANT = AntEnvCfg()
 BALL = {"pool_name": "balls"}
@@ -109,7 +122,7 @@ class RewardsCfg:
         func=mdp.is_terminated_term, weight=200.0, params={"term_keys": "goal_reached"}
     )
     ant_to_ball: RewardTermCfg = RewardTermCfg(
-        func=push_ball_terms.robot_velocity_toward_push, weight=1.0, params={**BALL, "distance": PUSH_DISTANCE}
+        func=terms.robot_velocity_toward_push, weight=1.0, params={**BALL, "distance": PUSH_DISTANCE}
     )
     alive: RewardTermCfg = RewardTermCfg(func=mdp.is_alive, weight=ANT.alive_reward)
     upright: RewardTermCfg = RewardTermCfg(

@@ -2,7 +2,7 @@
 """A quadcopter flies to a goal and hovers there: ``Stripe-Quadcopter-Direct-v0``.
 
 Observations, actions, rewards, dones and their numbers are those of Isaac Lab's ``Isaac-Quadcopter-Direct-v0``; the
-quadcopter is :mod:`stripe_tasks.quadcopter_robot`. One kernel a hook.
+quadcopter is :mod:`stripe_tasks.quadcopter.crazyflie`. One kernel a hook.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.goal_marker import GoalMarked, goal_marker, origin_frames
-from stripe_tasks.quadcopter_robot import CRAZYFLIE_CFG
-from stripe_tasks.scenery import spawn_scenery
+from stripe_tasks.robot_scene import spawn_scenery
+
+from .crazyflie import CRAZYFLIE_CFG
 
 __all__ = ["QuadcopterEnv", "QuadcopterEnvCfg", "QuadcopterPPORunnerCfg"]
 

@@ -16,7 +16,7 @@ __all__ = ["ARM_CFG"]
 
 ARM_CFG = ArticulationCfg(
     spawn=UsdFileCfg(
-        usd_path=str(Path(__file__).parent / "assets" / "arm.usda"),
+        usd_path=str(Path(__file__).parents[1] / "assets" / "arm.usda"),
         articulation_props=ArticulationRootPropertiesCfg(enabled_self_collisions=False),
     ),
     init_state=ArticulationCfg.InitialStateCfg(

@@ -2,7 +2,7 @@
 """An arm brings its flange to a commanded pose: ``Stripe-Reach-v0``.
 
 Observations, rewards, curriculum and their numbers are those of Isaac Lab's ``Isaac-Reach-UR10-v0``; the arm is
-:mod:`stripe_tasks.reach_robot`.
+:mod:`stripe_tasks.reach.arm`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,23 @@ from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoA
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.goal_marker import GoalMarked, goal_marker
-from stripe_tasks.reach_robot import ARM_CFG
-from stripe_tasks.scene_cfg import RobotSceneCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
 
-__all__ = ["ReachEnv", "ReachEnvCfg", "ReachPPORunnerCfg"]
+from .arm import ARM_CFG
+
+__all__ = [
+    "ActionsCfg",
+    "CommandsCfg",
+    "CurriculumCfg",
+    "EventsCfg",
+    "ObservationsCfg",
+    "ReachEnv",
+    "ReachEnvCfg",
+    "ReachPPORunnerCfg",
+    "ReachSceneCfg",
+    "RewardsCfg",
+    "TerminationsCfg",
+]
 
 FLANGE = "wrist_3_link"
 TRACKED = {"asset_cfg": SceneEntityCfg("robot", body_names=FLANGE), "command_name": "ee_pose"}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walk as commanded on a plane, with hooks in Warp: what ``Stripe-Velocity-Flat-*-Direct-Warp-v0`` have in common.
 
-Observations, rewards and dones are those of the manager-based forms in :mod:`stripe_tasks.velocity_quadruped` and
-:mod:`stripe_tasks.velocity_humanoid`. One kernel a hook; a task is a config and a kernel of rewards.
+Observations, rewards and dones are those of the manager-based forms in :mod:`stripe_tasks.velocity.quadruped` and
+:mod:`stripe_tasks.velocity.humanoid`. One kernel a hook; a task is a config and a kernel of rewards.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sensors import ContactSensor, ContactSensorCfg
 from stripe_newton.sim import SimulationCfg
-from stripe_tasks.scenery import spawn_scenery
-from stripe_tasks.velocity import VelocityEnvCfg
+from stripe_tasks.robot_scene import spawn_scenery
+
+from .manager_based import VelocityEnvCfg
 
 __all__ = ["VelocityTask", "VelocityWarpEnv", "VelocityWarpEnvCfg", "earn"]
 

@@ -12,7 +12,8 @@ from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import RewardTermCfg
 from stripe_tasks.robots import HUMANOID_POSITION_CFG
-from stripe_tasks.velocity import (
+
+from .manager_based import (
     TWIST,
     ActionsCfg,
     CommandsCfg,

@@ -36,9 +36,28 @@ from stripe_newton.sim import (
 )
 from stripe_newton.terrains import ROUGH_TERRAINS_CFG, TerrainImporterCfg
 from stripe_newton.viewers import ViewerCfg
-from stripe_tasks.scene_cfg import RobotSceneCfg
+from stripe_tasks.robot_scene import RobotSceneCfg
 
-__all__ = ["VelocityEnvCfg", "VelocityPPORunnerCfg", "VelocityRoughEnvCfg", "VelocityRoughPPORunnerCfg"]
+__all__ = [
+    "ActionsCfg",
+    "CommandsCfg",
+    "CurriculumCfg",
+    "EventsCfg",
+    "ObservationsCfg",
+    "ProprioceptionCfg",
+    "RewardsCfg",
+    "RoughEventsCfg",
+    "RoughObservationsCfg",
+    "RoughSceneCfg",
+    "RoughTerminationsCfg",
+    "ScanningCfg",
+    "TerminationsCfg",
+    "VelocityEnvCfg",
+    "VelocityPPORunnerCfg",
+    "VelocityRoughEnvCfg",
+    "VelocityRoughPPORunnerCfg",
+    "VelocitySceneCfg",
+]
 
 TWIST = {"command_name": "base_velocity"}
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from stripe_newton.configclass import configclass
 from stripe_tasks.robots import QUADRUPED_CFG
-from stripe_tasks.velocity import (
+
+from .manager_based import (
     EventsCfg,
     RewardsCfg,
     RoughEventsCfg,

@@ -10,8 +10,9 @@ from stripe_kernels.data import ActionData, ArticulationData, EpisodeData
 from stripe_kernels.sensors.contact import ContactSensorData
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
-from stripe_tasks.velocity_quadruped import ROBOT_CFG, QuadrupedFlatPPORunnerCfg
-from stripe_tasks.velocity_warp import VelocityTask, VelocityWarpEnv, VelocityWarpEnvCfg, earn
+
+from .direct_warp import VelocityTask, VelocityWarpEnv, VelocityWarpEnvCfg, earn
+from .quadruped import ROBOT_CFG, QuadrupedFlatPPORunnerCfg
 
 __all__ = ["QuadrupedFlatWarpEnv", "QuadrupedFlatWarpEnvCfg", "QuadrupedFlatWarpPPORunnerCfg"]
 

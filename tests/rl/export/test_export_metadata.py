@@ -39,7 +39,7 @@ from stripe_newton.rl import (
 from stripe_newton.rl.policy_parts import plain, sensors
 from stripe_newton.sensors import GridPatternCfg, RayCasterCfg
 from stripe_newton.sim import MuJoCoSolverCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg, CartpoleManagerPPORunnerCfg, EventsCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg, CartpoleManagerPPORunnerCfg, EventsCfg
 from tests.helpers.cart_env import CartCfg, CartEnv
 
 pytest.importorskip("onnxruntime")

@@ -31,7 +31,7 @@ from stripe_newton.rl import (
     save_checkpoint,
 )
 from stripe_tasks.cartpole import CartpoleEnv, CartpoleEnvCfg, CartpolePPORunnerCfg
-from stripe_tasks.cartpole_manager import CartpoleManagerPPORunnerCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerPPORunnerCfg
 from tests.envs.test_manager_based_env import rich
 from tests.helpers.fake_env import TASK
 

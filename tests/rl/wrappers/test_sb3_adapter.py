@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.vector import VectorWrapper
 
 from stripe_newton.envs import ManagerBasedRLEnv, multi_agent_to_single_agent
-from stripe_tasks.cartpole_manager import CartpoleManagerEnvCfg
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from tests.helpers.cart_env import CartCfg, CartEnv
 from tests.helpers.learner_examples import TASK, cartpole, cartpole_cfg, one_thread
 from tests.helpers.marl_cart import Told, config
