@@ -14,8 +14,8 @@ import pytest
 import warp as wp
 
 from tests.helpers import term_kernels as tk
+from tests.helpers.term_launch import CASES, Launch, kernels, params_of, values
 from tests.helpers.term_reference_random import Stream
-from tests.kernels.test_terms import CASES, Launch, kernels, params_of, values
 
 NUM_ENVS = 4096
 LAUNCHES_PER_GRAPH = 100

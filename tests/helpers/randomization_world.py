@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from stripe_kernels import mdp
 from stripe_newton.assets import ArticulationCfg
-from stripe_newton.managers import EventManager, EventTermCfg, ManagerContext
+from stripe_newton.managers import EventManager, EventTermCfg, ManagerContext, SceneEntityCfg
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, Simulation, SimulationCfg
 from tests.helpers.manager_world import plan, set_reset
@@ -149,3 +150,32 @@ def all_arrays(world: RandomizedWorld) -> dict[str, np.ndarray]:
 
 def _bias(world: RandomizedWorld) -> wp.array:
     return next(iter(s["robot"] for k, s in world.context.provided.items() if "EncoderData" in k.key)).bias
+
+
+def event(func: Any, mode: str = "reset", cfg: Any = None, **params: Any) -> EventTermCfg:
+    fields = {"interval_range_s": (0.02, 0.02)} if mode == "interval" else {}
+    return EventTermCfg(func=func, mode=mode, params={"asset_cfg": cfg or SceneEntityCfg("robot"), **params}, **fields)
+
+
+def events(mode: str) -> dict[str, EventTermCfg]:
+    joints = {"operation": "add", "friction_distribution_params": (0.1, 0.5),
+              "armature_distribution_params": (0.0, 0.02),
+              "lower_limit_distribution_params": (0.0, 0.4), "upper_limit_distribution_params": (-0.4, 0.0),
+              "stiffness_distribution_params": (0.0, 3.0), "damping_distribution_params": (0.0, 0.2)}  # fmt: skip
+    return {
+        "mass": event(mdp.randomize_rigid_body_mass, mode, mass_distribution_params=(0.5, 2.0), operation="scale"),
+        "inertia": event(mdp.randomize_rigid_body_inertia, mode, SceneEntityCfg("robot", body_names="base"),
+                         inertia_distribution_params=(0.01, 0.02), operation="add", diagonal_only=False),
+        "com": event(mdp.randomize_rigid_body_com, mode, com_range={"x": (-0.03, 0.03), "y": (-0.03, 0.03)}),
+        "gains": event(mdp.randomize_actuator_gains, mode, stiffness_distribution_params=(10.0, 60.0),
+                       damping_distribution_params=(0.3, 2.0), operation="abs"),
+        "effort": event(mdp.randomize_effort_limits, mode, effort_limit_range=(0.2, 0.5)),
+        "joints": event(mdp.randomize_joint_parameters, mode, **joints),
+        "material": event(mdp.randomize_rigid_body_material, mode, static_friction_range=(0.3, 1.2)),
+        "offsets": event(mdp.randomize_rigid_body_collider_offsets, mode,
+                         contact_offset_distribution_params=(0.0, 0.01)),
+        "pose": event(mdp.randomize_geom_pose, mode, pose_range={"z": (-0.01, 0.01), "roll": (-0.2, 0.2)}),
+        "size": event(mdp.randomize_geom_size, mode, ranges=(0.8, 1.2)),
+        "gravity": event(mdp.randomize_physics_scene_gravity, mode, operation="add",
+                         gravity_distribution_params=([-1.0, -1.0, -1.0], [1.0, 1.0, 1.0])),
+    }  # fmt: skip

@@ -31,7 +31,7 @@ from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from tests.helpers import term_kernels as tk
 from tests.helpers.small_scenes import numpy
-from tests.kernels.test_terms import close, rounded
+from tests.helpers.term_launch import close, rounded
 
 NUM_ENVS, BODIES, HISTORY = 64, 6, 3
 STEP_DT, DT = 0.02, 0.005

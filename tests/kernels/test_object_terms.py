@@ -17,8 +17,8 @@ from stripe_kernels.mdp import objects
 from stripe_newton.envs import mdp as public
 from tests.helpers import term_kernels as tk
 from tests.helpers import term_reference_objects as reference
+from tests.helpers.term_launch import close, rounded
 from tests.helpers.term_reference_random import Stream
-from tests.kernels.test_terms import close, rounded
 
 NUM_ENVS, NUM_OBJECTS, SEED = 64, 5, 7
 PARAMS: dict[str, Any] = {

@@ -12,8 +12,7 @@ from stripe_newton.fusion import Plan, Stage
 from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from tests.helpers.manager_world import set_reset
-from tests.helpers.randomization_world import RandomizedWorld, all_arrays
-from tests.managers.test_randomization_solver import events
+from tests.helpers.randomization_world import RandomizedWorld, all_arrays, events
 
 pytestmark = pytest.mark.gpu
 

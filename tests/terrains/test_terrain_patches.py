@@ -8,7 +8,7 @@ import pytest
 
 from stripe_newton import terrains
 from stripe_newton.terrains import FlatPatchSamplingCfg, TerrainGenerator, TerrainGeneratorCfg
-from tests.terrains.test_terrains import KINDS, SIZE, STEP
+from tests.helpers.terrain_kinds import KINDS, SIZE, STEP
 
 
 def test_level_patches_are_level_within_their_ranges_and_on_their_tile():

@@ -27,8 +27,9 @@ from stripe_newton.rl import (
     export_policy,
     read_policy_metadata,
 )
+from tests.helpers import fake_runner
 from tests.helpers.fake_env import TASK, FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
-from tests.rl.test_rl import make_env
+from tests.helpers.fake_runner import make_env
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -356,3 +357,19 @@ def test_a_training_whose_export_fails_says_so_at_its_end(capsys, monkeypatch):
     assert (run / "checkpoints" / "model_0.pt").is_file()
     assert yaml.safe_load((run / "params" / "run.yaml").read_text()) == {"task": TASK}
     assert not (run / "exported").exists()
+
+
+def test_exported_files_act_as_the_policy(tmp_path):
+    runner = fake_runner.make_runner(None)
+    runner.learn(2)
+    found = export_policy(runner, tmp_path)
+    script, onnx_file = found.torchscript, found.onnx
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["policy.json", "policy.onnx", "policy.pt"]
+    obs = runner.env.get_observations()[:1]
+    with torch.no_grad():
+        expected = runner.get_inference_policy()(obs)
+    torch.testing.assert_close(torch.jit.load(script)(obs["policy"]), expected)
+    onnxruntime = pytest.importorskip("onnxruntime")
+    session = onnxruntime.InferenceSession(str(onnx_file))
+    (actions,) = session.run(None, {"obs": obs["policy"].numpy()})
+    np.testing.assert_allclose(actions, expected.numpy(), rtol=1e-4, atol=1e-5)

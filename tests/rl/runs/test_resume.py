@@ -32,7 +32,7 @@ from stripe_newton.rl import (
 )
 from stripe_tasks.cartpole import CartpoleEnv, CartpoleEnvCfg, CartpolePPORunnerCfg
 from stripe_tasks.cartpole.manager_based import CartpoleManagerPPORunnerCfg
-from tests.envs.test_manager_based_env import rich
+from tests.helpers.cartpole_manager_env import rich
 from tests.helpers.fake_env import TASK
 
 pytestmark = pytest.mark.usefixtures("one_thread")
