@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments built on stripe_newton. Importing it registers them with gymnasium and imports nothing heavy."""
+"""Tasks and scenes built on stripe_newton.
+
+Importing this package registers them by name and loads nothing heavy: no torch, no Warp.
+"""
 
 from stripe_newton.moved_modules import forward_modules
 from stripe_newton.registration import register_scene, register_task
@@ -144,7 +147,7 @@ for _id, (_env, _env_cfg, _rsl_rl_cfg) in TASKS.items():
 for _name, _spec in SCENES.items():
     register_scene(_name, _spec)
 
-# Old module paths. What moved in 0.2 goes with 0.3; CHANGELOG lists each.
+# Old module paths. Those that moved in 0.2 goes with 0.3; CHANGELOG lists each.
 forward_modules(
     {
         "stripe_tasks.ant": "stripe_tasks.locomotion",

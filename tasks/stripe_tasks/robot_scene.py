@@ -23,8 +23,8 @@ class RobotSceneCfg(InteractiveSceneCfg):
 
     robot: ArticulationCfg = MISSING
     """The robot."""
-    ground: AssetBaseCfg = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
-    """The ground."""
+    ground: AssetBaseCfg | None = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
+    """The ground; None where a terrain takes its place."""
     sky: AssetBaseCfg = AssetBaseCfg(prim_path="/World/Light", spawn=SKY)
     """Light from everywhere."""
     sun: AssetBaseCfg = AssetBaseCfg(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Balance two poles, one on the other, on a cart: ``Stripe-CartDoublePole-Direct-v0``."""
+"""Direct cart with two poles, one on the other: ``Stripe-CartDoublePole-Direct-v0``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ __all__ = ["CartDoublePoleEnv", "CartDoublePoleEnvCfg", "CartDoublePolePPORunner
 
 @configclass
 class CartDoublePoleEnvCfg(DirectRLEnvCfg):
-    """The poles start near upright; an episode ends when the tip sinks, the cart leaves, or after 10 s."""
+    """Direct cart with two poles.
+
+    The poles start near upright. An episode ends when the tip sinks, when the cart is too far out, or after 10 s.
+    """
 
     decimation: int = 2
     episode_length_s: float = 10.0
@@ -32,7 +35,7 @@ class CartDoublePoleEnvCfg(DirectRLEnvCfg):
     sim: SimulationCfg = SimulationCfg(
         dt=1.0 / 120.0,
         render_interval=2,
-        solver=MuJoCoSolverCfg(disable_contacts=True),  # nothing is in reach
+        solver=MuJoCoSolverCfg(disable_contacts=True),  # cart and poles can touch nothing
     )
     scene: InteractiveSceneCfg = InteractiveSceneCfg(num_envs=512, env_spacing=4.0)
     robot: ArticulationCfg = CART_DOUBLE_POLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
@@ -45,9 +48,9 @@ class CartDoublePoleEnvCfg(DirectRLEnvCfg):
     min_height: float = 0.5
     """Share of its upright height at which the tip ends the episode."""
     rew_alive: float = 1.0
-    """Reward a step for being up."""
+    """Reward of a step in which the poles are up."""
     rew_terminated: float = -2.0
-    """Reward for ending before the time."""
+    """Reward for ending the episode before its full length."""
     rew_angle: float = -0.5
     """Weight of the squared angles of both poles from the vertical."""
     rew_cart_pos: float = -0.02
@@ -57,8 +60,11 @@ class CartDoublePoleEnvCfg(DirectRLEnvCfg):
 
 
 class CartDoublePoleEnv(DirectRLEnv):
-    """Observations: cart position and velocity; sine and cosine of both poles' angles from the vertical; their rates.
-    Action: force on the cart. The dynamics are those of gymnasium's InvertedDoublePendulum, with a longer rail."""
+    """Balance two poles on a cart.
+
+    Observations: cart position and velocity; sine and cosine of both poles' angles from the vertical; their rates.
+    Action: force on the cart. The dynamics are those of gymnasium's InvertedDoublePendulum, with a longer rail.
+    """
 
     cfg: CartDoublePoleEnvCfg
 
@@ -107,6 +113,7 @@ class CartDoublePoleEnv(DirectRLEnv):
         time_out = self.episode_length_buf >= self.max_episode_length
         away = self.robot.data.joint_pos[:, self._cart].abs() > self.cfg.max_cart_pos
         first, second = self._angles()
+        # height of the tip over the cart, by the length of both poles: half the sum of the cosines
         return away | (first.cos() + second.cos() < 2.0 * self.cfg.min_height), time_out
 
     def _reset_idx(self, env_ids: Sequence[int] | torch.Tensor | None) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Balance two poles, one on the other, by two agents: ``Stripe-CartDoublePole-MARL-Direct-v0``.
+"""Multi-agent cart with two poles, one on the other: ``Stripe-CartDoublePole-MARL-Direct-v0``.
 
-Robot, episodes and the numbers that it shares are those of :mod:`stripe_tasks.cart_double_pole`; that one agent moves
-the cart and another one the upper joint, each with a reward for its own pole, is Isaac Lab's
-``Isaac-Cart-Double-Pendulum-Direct-v0``.
+One agent moves the cart, another one the upper joint, each with a reward for its own pole, as in Isaac Lab's
+``Isaac-Cart-Double-Pendulum-Direct-v0``. Robot, episodes and shared numbers are those of
+:mod:`stripe_tasks.cart_double_pole.direct`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ TASK = CartDoublePoleEnvCfg()
 
 @configclass
 class CartDoublePoleMARLEnvCfg(DirectMARLEnvCfg):
-    """The poles start near upright; an episode ends when the tip sinks, the cart leaves, or after 10 s."""
+    """Cart with two poles and two agents.
+
+    The poles start near upright. An episode ends when the tip sinks, when the cart is too far out, or after 10 s.
+    """
 
     decimation: int = TASK.decimation
     episode_length_s: float = TASK.episode_length_s
@@ -52,9 +55,9 @@ class CartDoublePoleMARLEnvCfg(DirectMARLEnvCfg):
     min_height: float = TASK.min_height
     """Share of its upright height at which the tip ends the episode."""
     rew_alive: float = 1.0
-    """Reward of each agent a step for being up."""
+    """Reward of each agent in a step in which the poles are up."""
     rew_terminated: float = -2.0
-    """Reward of each agent for ending before the time."""
+    """Reward of each agent for ending the episode before its full length."""
     rew_cart_pos: float = -0.02
     """Weight of the squared distance from the middle, for the cart."""
     rew_angle: float = -0.5
@@ -64,9 +67,13 @@ class CartDoublePoleMARLEnvCfg(DirectMARLEnvCfg):
 
 
 class CartDoublePoleMARLEnv(DirectMARLEnv):
-    """The agent ``cart`` pushes the cart and sees its position and velocity, sine and cosine of the lower pole's angle
-    from the vertical, and its rate. The agent ``pendulum`` turns the joint between the poles and sees sine and cosine
-    of the upper pole's angle from the vertical, its rate, and angle and rate of its joint. The state is both."""
+    """Balance two poles on a cart by two agents.
+
+    The agent ``cart`` pushes the cart. It observes the cart's position and velocity, sine and cosine of the lower
+    pole's angle from the vertical, and that pole's rate. The agent ``pendulum`` turns the joint between the poles. It
+    observes sine and cosine of the upper pole's angle from the vertical, that pole's rate, and angle and rate of its
+    joint. The state is both observations.
+    """
 
     cfg: CartDoublePoleMARLEnvCfg
 
@@ -119,6 +126,7 @@ class CartDoublePoleMARLEnv(DirectMARLEnv):
         away = self.robot.data.joint_pos[:, self._cart].abs() > self.cfg.max_cart_pos
         lower, upper = self._angles()
         failed = away | (lower.cos() + upper.cos() < 2.0 * self.cfg.min_height)
+        # both agents share the robot, so their episodes end together
         return dict.fromkeys(self.agents, failed), dict.fromkeys(self.agents, time_out)
 
     def _reset_idx(self, env_ids: Sequence[int] | torch.Tensor | None) -> None:

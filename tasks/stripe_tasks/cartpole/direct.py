@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Balance a pole on a cart: ``Stripe-Cartpole-Direct-v0``."""
+"""Direct cart-pole in torch: ``Stripe-Cartpole-Direct-v0``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ __all__ = ["CartpoleEnv", "CartpoleEnvCfg", "CartpolePPORunnerCfg"]
 
 @configclass
 class CartpoleEnvCfg(DirectRLEnvCfg):
-    """The pole starts within 45 degrees of upright; an episode ends when it falls, the cart leaves, or after 5 s."""
+    """Direct cart-pole.
+
+    The pole starts within 45 degrees of upright. An episode ends when it falls, when the cart is too far out, or after
+    5 s.
+    """
 
     decimation: int = 2
     episode_length_s: float = 5.0
@@ -33,7 +37,7 @@ class CartpoleEnvCfg(DirectRLEnvCfg):
     sim: SimulationCfg = SimulationCfg(
         dt=1.0 / 120.0,
         render_interval=2,
-        solver=MuJoCoSolverCfg(disable_contacts=True),  # nothing is in reach
+        solver=MuJoCoSolverCfg(disable_contacts=True),  # cart and pole can touch nothing
     )
     scene: InteractiveSceneCfg = InteractiveSceneCfg(num_envs=512, env_spacing=4.0)
     robot: ArticulationCfg = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
@@ -48,9 +52,9 @@ class CartpoleEnvCfg(DirectRLEnvCfg):
     initial_pole_angle: float = 0.25 * math.pi
     """Largest pole angle at the start [rad]."""
     rew_alive: float = 1.0
-    """Reward a step for being up."""
+    """Reward of a step in which the pole is up."""
     rew_terminated: float = -2.0
-    """Reward for ending before the time."""
+    """Reward for ending the episode before its full length."""
     rew_pole_pos: float = -1.0
     """Weight of the squared pole angle."""
     rew_cart_vel: float = -0.01
@@ -60,7 +64,10 @@ class CartpoleEnvCfg(DirectRLEnvCfg):
 
 
 class CartpoleEnv(DirectRLEnv):
-    """Observations: pole angle [rad], its rate, cart position [m], its rate. Action: force on the cart."""
+    """Balance a pole on a cart.
+
+    Observations: pole angle [rad], its rate, cart position [m], its rate. Action: force on the cart.
+    """
 
     cfg: CartpoleEnvCfg
 
@@ -68,6 +75,7 @@ class CartpoleEnv(DirectRLEnv):
         super().__init__(cfg, render_mode, **kwargs)
         self._cart = self.robot.find_joints(cfg.cart_joint)[0][0]
         self._pole = self.robot.find_joints(cfg.pole_joint)[0][0]
+        # views of the simulation's state: read anew in each hook, they are never stale
         self.joint_pos = self.robot.data.joint_pos
         self.joint_vel = self.robot.data.joint_vel
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Balance a pole on a cart, with hooks in Warp: ``Stripe-Cartpole-Direct-Warp-v0``.
+"""Direct cart-pole in Warp: ``Stripe-Cartpole-Direct-Warp-v0``.
 
-Observations, rewards and dones are those of :mod:`stripe_tasks.cartpole`, and so is the config. One kernel a hook.
+Observations, rewards, dones and config are those of :mod:`stripe_tasks.cartpole.direct`. Each hook is one kernel.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["CartpoleWarpEnv", "CartpoleWarpPPORunnerCfg"]
 
 @wp.kernel(enable_backward=False)
 def set_force(actions: wp.array2d[float], robot: ArticulationData, cart: int, scale: float) -> None:
-    """The force on the cart."""
+    """Set the force on the cart."""
     env = wp.tid()
     robot.joint_effort_target[env, cart] = scale * actions[env, 0]
 
@@ -39,7 +39,7 @@ def compute_dones(
     terminated: wp.array[wp.bool],
     truncated: wp.array[wp.bool],
 ) -> None:
-    """An episode ends where the cart leaves, the pole falls, or after its full length."""
+    """End an episode when the cart is too far out, when the pole has fallen, or after its full length."""
     env = wp.tid()
     away = wp.abs(robot.joint_pos[env, cart]) > max_cart_pos
     fallen = wp.abs(robot.joint_pos[env, pole]) > 0.5 * wp.pi
@@ -60,7 +60,7 @@ def compute_rewards(
     rew_pole_vel: float,
     reward: wp.array[float],
 ) -> None:
-    """For being up, less the pole's angle and both speeds."""
+    """Reward being up, less costs of the pole's angle and of both speeds."""
     env = wp.tid()
     angle = robot.joint_pos[env, pole]
     total = rew_alive * mdp.is_alive(env, episode) + rew_terminated * mdp.is_terminated(env, episode)
@@ -74,7 +74,7 @@ def compute_rewards(
 def reset_envs(
     mask: wp.array[wp.bool], robot: ArticulationData, rng: wp.array[wp.uint32], pole: int, limit: float
 ) -> None:
-    """Put the pole at a random angle and all else where an episode starts."""
+    """Put the pole at a random angle and the cart at its default position."""
     env = wp.tid()
     if mask[env]:
         mdp.reset_joints_to_default(env, robot)
@@ -83,7 +83,7 @@ def reset_envs(
 
 @wp.kernel(enable_backward=False)
 def compute_observations(robot: ArticulationData, cart: int, pole: int, out: wp.array2d[float]) -> None:
-    """Angle and rate of the pole, position and rate of the cart."""
+    """Write angle and rate of the pole, position and rate of the cart."""
     env = wp.tid()
     out[env, 0] = robot.joint_pos[env, pole]
     out[env, 1] = robot.joint_vel[env, pole]
@@ -92,7 +92,10 @@ def compute_observations(robot: ArticulationData, cart: int, pole: int, out: wp.
 
 
 class CartpoleWarpEnv(DirectRLEnv):
-    """Observations: pole angle [rad], its rate, cart position [m], its rate. Action: force on the cart."""
+    """Balance a pole on a cart.
+
+    Observations: pole angle [rad], its rate, cart position [m], its rate. Action: force on the cart.
+    """
 
     cfg: CartpoleEnvCfg
 

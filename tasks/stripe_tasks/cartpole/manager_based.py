@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Balance a pole on a cart, manager-based: ``Stripe-Cartpole-v0``.
+"""Manager-based cart-pole: ``Stripe-Cartpole-v0``.
 
-Observations, rewards and dones are those of :mod:`stripe_tasks.cartpole`, and its config has the numbers.
+Observations, rewards, dones and their numbers are those of :mod:`stripe_tasks.cartpole.direct`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ POLE = {"asset_cfg": SceneEntityCfg("robot", joint_names=[TASK.pole_joint])}
 
 @configclass
 class ObservationsCfg:
-    """What the policy sees."""
+    """Observations of the policy."""
 
     @configclass
     class PolicyCfg(ObservationGroupCfg):
@@ -48,7 +48,7 @@ class ObservationsCfg:
 
 @configclass
 class ActionsCfg:
-    """What the policy does: a force on the cart."""
+    """Action: a force on the cart."""
 
     joint_effort: mdp.JointEffortActionCfg = mdp.JointEffortActionCfg(
         asset_name="robot", joint_names=[TASK.cart_joint], scale=TASK.action_scale
@@ -57,7 +57,7 @@ class ActionsCfg:
 
 @configclass
 class RewardsCfg:
-    """For being up, less the pole's angle and both speeds."""
+    """Rewards for being up, less costs of the pole's angle and of both speeds."""
 
     alive: RewardTermCfg = RewardTermCfg(func=mdp.is_alive, weight=TASK.rew_alive)
     terminating: RewardTermCfg = RewardTermCfg(func=mdp.is_terminated, weight=TASK.rew_terminated)
@@ -70,7 +70,7 @@ class RewardsCfg:
 
 @configclass
 class TerminationsCfg:
-    """An episode ends where the cart leaves, the pole falls, or after its full length."""
+    """An episode ends when the cart is too far out, when the pole has fallen, or after its full length."""
 
     time_out: TerminationTermCfg = TerminationTermCfg(func=mdp.time_out, time_out=True)
     cart_out_of_bounds: TerminationTermCfg = TerminationTermCfg(
@@ -99,7 +99,7 @@ class EventsCfg:
 
 @configclass
 class CartpoleManagerEnvCfg(ManagerBasedRLEnvCfg):
-    """The pole starts within 45 degrees of upright; an episode ends when it falls, the cart leaves, or after 5 s."""
+    """Manager-based cart-pole, with the numbers of the direct one."""
 
     decimation: int = TASK.decimation
     episode_length_s: float = TASK.episode_length_s
@@ -112,7 +112,7 @@ class CartpoleManagerEnvCfg(ManagerBasedRLEnvCfg):
     rewards: RewardsCfg = RewardsCfg()
     terminations: TerminationsCfg = TerminationsCfg()
     events: EventsCfg = EventsCfg()
-    scale_rewards_by_dt: bool = False
+    scale_rewards_by_dt: bool = False  # as the direct form, whose rewards are those of a step
 
 
 @configclass

@@ -45,7 +45,7 @@ __all__ = [
 
 @configclass
 class LocomotionEnvCfg(DirectRLEnvCfg):
-    """Episodes of 15 s at 60 Hz, with physics at 120 Hz."""
+    """Direct locomotion: episodes of 15 s with steps at 60 Hz and physics at 120 Hz."""
 
     decimation: int = 2
     episode_length_s: float = 15.0
@@ -62,15 +62,15 @@ class LocomotionEnvCfg(DirectRLEnvCfg):
     action_scale: float = 1.0
     """Factor on all gears."""
     target_distance: float = 1000.0
-    """Where the target lies on the world's x axis [m]."""
+    """Distance of the target from the origin of the environment along x [m]: so far that the robot never gets there."""
     heading_weight: float = 0.5
     """Weight of facing the target."""
     up_weight: float = 0.1
-    """Reward a step for being upright."""
+    """Reward of a step in which the torso is upright."""
     alive_reward: float = 0.5
-    """Reward a step for not having fallen."""
+    """Reward of a step without a fall."""
     death_cost: float = -2.0
-    """Reward for falling, in place of all others."""
+    """Reward of the step with the fall, in place of all other terms."""
     actions_cost: float = 0.005
     """Cost of the squared actions."""
     power_cost: float = 0.05
@@ -86,8 +86,11 @@ class LocomotionEnvCfg(DirectRLEnvCfg):
 
 
 class LocomotionEnv(DirectRLEnv):
-    """Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to
-    the target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions."""
+    """Run to a far target.
+
+    Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to the
+    target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions.
+    """
 
     cfg: LocomotionEnvCfg
 
@@ -116,11 +119,11 @@ class LocomotionEnv(DirectRLEnv):
     def _apply_action(self) -> None:
         self.robot.set_joint_effort_target(self._efforts * self.actions)
 
-    def _relations(self) -> None:
-        """Where the torso is and faces, relative to the target; called after the physics and after resets."""
+    def _compute_torso_relations(self) -> None:
+        """Compute the torso's pose relative to the target; called after the physics and after resets."""
         data = self.robot.data
         to_target = self._target - data.root_pos_w
-        to_target[:, 2] = 0.0
+        to_target[:, 2] = 0.0  # heading is a matter of the ground plane
         self._up_proj = quat_apply(data.root_quat_w, self._up)[:, 2]
         self._heading_proj = (quat_apply(data.root_quat_w, self._forward) * normalize(to_target)).sum(dim=-1)
         self._target_angle = torch.atan2(to_target[:, 1], to_target[:, 0])
@@ -141,7 +144,7 @@ class LocomotionEnv(DirectRLEnv):
         return progress
 
     def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
-        self._relations()
+        self._compute_torso_relations()
         time_out = self.episode_length_buf >= self.max_episode_length
         return self.robot.data.root_pos_w[:, 2] < self.cfg.termination_height, time_out
 
@@ -188,13 +191,14 @@ class LocomotionEnv(DirectRLEnv):
             robot.data.default_joint_pos[ids], robot.data.default_joint_vel[ids], env_ids=ids
         )
         self.actions[ids] = 0.0
+        # progress counts from where the episode starts, not from where the last one ended
         self._last_pos[ids] = robot.data.root_pos_w[ids, :2]
-        self._relations()
+        self._compute_torso_relations()
 
 
 @configclass
 class LocomotionPPORunnerCfg(RslRlOnPolicyRunnerCfg):
-    """PPO that makes them run."""
+    """PPO for the ant and the humanoid."""
 
     num_steps_per_env: int = 32
     save_interval: int = 100
@@ -209,7 +213,7 @@ class LocomotionPPORunnerCfg(RslRlOnPolicyRunnerCfg):
 
 @configclass
 class AntEnvCfg(LocomotionEnvCfg):
-    """36 observations, 8 joint torques."""
+    """Direct ant: 36 observations, 8 joint torques."""
 
     observation_space: int = 36
     action_space: int = 8
@@ -220,7 +224,7 @@ class AntEnvCfg(LocomotionEnvCfg):
 
 
 class AntEnv(LocomotionEnv):
-    """See :class:`LocomotionEnv`."""
+    """The ant runs; see :class:`LocomotionEnv`."""
 
     cfg: AntEnvCfg
 
@@ -235,7 +239,7 @@ class AntPPORunnerCfg(LocomotionPPORunnerCfg):
 
 @configclass
 class HumanoidEnvCfg(LocomotionEnvCfg):
-    """75 observations, 21 joint torques."""
+    """Direct humanoid: 75 observations, 21 joint torques."""
 
     observation_space: int = 75
     action_space: int = 21
@@ -259,7 +263,7 @@ class HumanoidEnvCfg(LocomotionEnvCfg):
 
 
 class HumanoidEnv(LocomotionEnv):
-    """See :class:`LocomotionEnv`."""
+    """The humanoid runs; see :class:`LocomotionEnv`."""
 
     cfg: HumanoidEnvCfg
 

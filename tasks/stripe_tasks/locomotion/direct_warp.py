@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run forward, with hooks in Warp: ``Stripe-Ant-Direct-Warp-v0`` and ``Stripe-Humanoid-Direct-Warp-v0``.
+"""Direct locomotion in Warp: ``Stripe-Ant-Direct-Warp-v0`` and ``Stripe-Humanoid-Direct-Warp-v0``.
 
 Observations, rewards, dones and configs are those of :mod:`stripe_tasks.locomotion.direct`. Each hook is one kernel.
 """
@@ -26,7 +26,7 @@ __all__ = ["AntWarpEnv", "AntWarpPPORunnerCfg", "HumanoidWarpEnv", "HumanoidWarp
 
 @wp.struct
 class Numbers:
-    """The numbers of a :class:`LocomotionEnvCfg`; see there."""
+    """Numbers of a :class:`LocomotionEnvCfg` for kernels, under the names that they have there."""
 
     target_distance: float
     heading_weight: float
@@ -42,7 +42,7 @@ class Numbers:
 
 
 def numbers_of(cfg: LocomotionEnvCfg) -> Any:
-    """The struct of the numbers of a config."""
+    """Struct of the numbers of a config."""
     numbers: Any = Numbers()
     for name in numbers._cls.vars:
         setattr(numbers, name, getattr(cfg, name))
@@ -51,7 +51,7 @@ def numbers_of(cfg: LocomotionEnvCfg) -> Any:
 
 @wp.kernel(enable_backward=False)
 def set_efforts(actions: wp.array2d[float], efforts: wp.array[float], robot: ArticulationData) -> None:
-    """Torques for the actions, which count up to one; one thread a joint."""
+    """Set torques for the actions, which are clamped to [-1, 1]; one thread for each joint."""
     env, joint = wp.tid()
     robot.joint_effort_target[env, joint] = efforts[joint] * wp.clamp(actions[env, joint], -1.0, 1.0)
 
@@ -64,7 +64,7 @@ def compute_dones(
     terminated: wp.array[wp.bool],
     truncated: wp.array[wp.bool],
 ) -> None:
-    """An episode ends where the torso is too low, or after its full length."""
+    """End an episode when the torso is too low, or after its full length."""
     env = wp.tid()
     terminated[env] = mdp.root_height_below_minimum(env, robot, numbers.termination_height)
     truncated[env] = mdp.time_out(env, episode)
@@ -84,7 +84,7 @@ def compute_rewards(
     log_progress: int,
     reward: wp.array[float],
 ) -> None:
-    """Progress, facing the target and staying up, less effort, power and joints near their limits."""
+    """Reward progress, facing the target and staying up, less effort, power and joints near their limits."""
     env = wp.tid()
     n = numbers
     progress = terms.progress_reward(env, robot, episode, last_pos, n.target_distance)
@@ -108,7 +108,7 @@ def reset_envs(
     if mask[env]:
         mdp.reset_root_to_default(env, robot)
         mdp.reset_joints_to_default(env, robot)
-        terms.remember_position(env, robot, last_pos)
+        terms.remember_position(env, robot, last_pos)  # after the root: progress counts from its new place
         for i in range(actions.shape[1]):
             actions[env, i] = 0.0
 
@@ -117,7 +117,7 @@ def reset_envs(
 def compute_observations(
     robot: ArticulationData, actions: ActionData, numbers: Numbers, joint_ids: wp.array[int], out: wp.array2d[float]
 ) -> None:
-    """See :class:`LocomotionWarpEnv` for what is in them."""
+    """Write the observations in the order that :class:`LocomotionWarpEnv` gives."""
     env = wp.tid()
     joints = joint_ids.shape[0]
     positions = 12 + joints
@@ -139,8 +139,11 @@ def compute_observations(
 
 
 class LocomotionWarpEnv(DirectRLEnv):
-    """Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to
-    the target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions."""
+    """Run to a far target.
+
+    Observations, in this order: torso height; linear and angular velocity in the torso's frame; yaw, roll; angle to the
+    target; projections of up and of heading; joint positions scaled to their limits; joint velocities; actions.
+    """
 
     cfg: LocomotionEnvCfg
 
@@ -190,13 +193,13 @@ class LocomotionWarpEnv(DirectRLEnv):
 
 
 class AntWarpEnv(LocomotionWarpEnv):
-    """See :class:`LocomotionWarpEnv`."""
+    """The ant runs; see :class:`LocomotionWarpEnv`."""
 
     cfg: AntEnvCfg
 
 
 class HumanoidWarpEnv(LocomotionWarpEnv):
-    """See :class:`LocomotionWarpEnv`."""
+    """The humanoid runs; see :class:`LocomotionWarpEnv`."""
 
     cfg: HumanoidEnvCfg
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run forward, manager-based: ``Stripe-Ant-v0`` and ``Stripe-Humanoid-v0``.
+"""Manager-based locomotion: ``Stripe-Ant-v0`` and ``Stripe-Humanoid-v0``.
 
-Observations, rewards and dones are those of :mod:`stripe_tasks.locomotion.direct`, and its configs have the numbers.
+Observations, rewards, dones and their numbers are those of :mod:`stripe_tasks.locomotion.direct`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LAST_POS = {"last_pos": TermState("last_root_pos", wp.vec2)}
 
 
 def scene_of(task: LocomotionEnvCfg) -> RobotSceneCfg:
-    """The robot on the ground of a direct form."""
+    """Scene of a direct task: its robot on its ground."""
     ground = AssetBaseCfg(prim_path="/World/ground", spawn=task.ground)
     return RobotSceneCfg(
         num_envs=task.scene.num_envs, env_spacing=task.scene.env_spacing, robot=task.robot, ground=ground
@@ -41,7 +41,7 @@ def scene_of(task: LocomotionEnvCfg) -> RobotSceneCfg:
 
 
 def observations_of(task: LocomotionEnvCfg) -> ObservationsCfg:
-    """The terms with the numbers of a direct form."""
+    """Observation terms with the numbers of a direct task."""
     target = {"target_distance": task.target_distance}
     policy = ObservationsCfg.PolicyCfg(
         base_ang_vel=ObservationTermCfg(func=mdp.base_ang_vel, scale=task.ang_vel_scale),
@@ -54,7 +54,7 @@ def observations_of(task: LocomotionEnvCfg) -> ObservationsCfg:
 
 
 def actions_of(task: LocomotionEnvCfg) -> ActionsCfg:
-    """Efforts that are the gears of a direct form for an action of one, and never more."""
+    """Action term of a direct task: for an action of one the effort is the gear, which also limits it."""
     efforts = {name: task.action_scale * gear for name, gear in task.joint_gears.items()}
     clip = {name: (-effort, effort) for name, effort in efforts.items()}
     action = mdp.JointEffortActionCfg(asset_name="robot", joint_names=[".*"], scale=efforts, clip=clip)
@@ -62,7 +62,7 @@ def actions_of(task: LocomotionEnvCfg) -> ActionsCfg:
 
 
 def rewards_of(task: LocomotionEnvCfg) -> RewardsCfg:
-    """The terms with the weights of a direct form."""
+    """Reward terms with the weights of a direct task."""
     target = {"target_distance": task.target_distance}
     strongest = max(task.joint_gears.values())
     gear_ratio = {name: gear / strongest for name, gear in task.joint_gears.items()}
@@ -80,6 +80,7 @@ def rewards_of(task: LocomotionEnvCfg) -> RewardsCfg:
         action_l2=RewardTermCfg(func=terms.action_l2, weight=-task.actions_cost),
         energy=RewardTermCfg(
             func=terms.power_consumption,
+            # the direct form takes the power of its scaled joint velocities
             weight=-task.power_cost * task.joint_vel_scale,
             params={"gear_ratio": gear_ratio},
         ),
@@ -93,14 +94,14 @@ def rewards_of(task: LocomotionEnvCfg) -> RewardsCfg:
 
 
 def terminations_of(task: LocomotionEnvCfg) -> TerminationsCfg:
-    """The terms with the numbers of a direct form."""
+    """Termination terms with the numbers of a direct task."""
     height = {"minimum_height": task.termination_height}
     return TerminationsCfg(torso_height=TerminationTermCfg(func=mdp.root_height_below_minimum, params=height))
 
 
 @configclass
 class ObservationsCfg:
-    """What the policy sees."""
+    """Observations of the policy."""
 
     @configclass
     class PolicyCfg(ObservationGroupCfg):
@@ -122,14 +123,14 @@ class ObservationsCfg:
 
 @configclass
 class ActionsCfg:
-    """What the policy does: an effort at each joint."""
+    """Actions: an effort at each joint."""
 
     joint_effort: mdp.JointEffortActionCfg = MISSING
 
 
 @configclass
 class RewardsCfg:
-    """Progress, facing the target and staying up, less effort, power and joints near their limits."""
+    """Rewards for progress, facing the target and staying up, less effort, power and joints near their limits."""
 
     progress: RewardTermCfg = MISSING
     alive: RewardTermCfg = MISSING
@@ -143,7 +144,7 @@ class RewardsCfg:
 
 @configclass
 class TerminationsCfg:
-    """An episode ends where the torso is too low, or after its full length."""
+    """An episode ends when the torso is too low, or after its full length."""
 
     time_out: TerminationTermCfg = TerminationTermCfg(func=mdp.time_out, time_out=True)
     torso_height: TerminationTermCfg = MISSING
@@ -151,7 +152,10 @@ class TerminationsCfg:
 
 @configclass
 class EventsCfg:
-    """An episode starts as the robot is configured."""
+    """An episode starts with the default state of the robot.
+
+    Events run in the order of their fields: the position is remembered after the root is reset.
+    """
 
     reset_root: EventTermCfg = EventTermCfg(func=mdp.reset_root_to_default, mode="reset")
     reset_joints: EventTermCfg = EventTermCfg(func=mdp.reset_joints_to_default, mode="reset")
@@ -160,7 +164,7 @@ class EventsCfg:
 
 @configclass
 class AntManagerEnvCfg(ManagerBasedRLEnvCfg):
-    """36 observations, 8 joint torques."""
+    """Manager-based ant: 36 observations, 8 joint torques."""
 
     decimation: int = ANT.decimation
     episode_length_s: float = ANT.episode_length_s
@@ -171,12 +175,12 @@ class AntManagerEnvCfg(ManagerBasedRLEnvCfg):
     rewards: RewardsCfg = rewards_of(ANT)
     terminations: TerminationsCfg = terminations_of(ANT)
     events: EventsCfg = EventsCfg()
-    scale_rewards_by_dt: bool = False
+    scale_rewards_by_dt: bool = False  # as the direct form, whose rewards are those of a step
 
 
 @configclass
 class HumanoidManagerEnvCfg(AntManagerEnvCfg):
-    """75 observations, 21 joint torques."""
+    """Manager-based humanoid: 75 observations, 21 joint torques."""
 
     decimation: int = HUMANOID.decimation
     episode_length_s: float = HUMANOID.episode_length_s

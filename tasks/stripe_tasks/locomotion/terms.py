@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What running forward is made of, as terms: the direct Warp form and the manager-based form share them.
+"""Locomotion terms: observations, rewards and events of running, for the direct Warp and the manager-based form.
 
 The target lies at ``(target_distance, 0)`` [m] from the origin of the environment, in the horizontal plane. Rewards are
-0 in an environment that fell in this step: there the cost of falling takes the place of all others.
+0 in an environment that fell in this step: there the cost of falling replaces all other terms.
 """
 
 import warp as wp
@@ -34,12 +34,12 @@ __all__ = [
 UPRIGHT = wp.constant(0.93)
 """Component of the root's z axis along the vertical above which it counts as upright."""
 FACING = wp.constant(0.8)
-"""Component of the root's x axis along the direction to the target from which on facing it is paid in full."""
+"""Component of the root's x axis along the direction to the target above which facing it is rewarded in full."""
 NEAR_LIMIT = wp.constant(0.98)
 """Share of the way from the middle to a limit beyond which a joint is near it."""
 
 
-# -- what they are made of
+# -- quantities that several terms read
 
 
 @wp.func
@@ -133,7 +133,7 @@ def last_action(env: int, actions: ActionData, out: wp.array[float]) -> None:
 def progress_reward(
     env: int, robot: ArticulationData, episode: EpisodeData, last_pos: wp.array[wp.vec2], target_distance: float
 ) -> float:
-    """Speed at which the distance to the target shrank over the step; keeps the position for the next.
+    """Speed at which the distance to the target shrank over the step; stores the position for the next step.
 
     Formula: ``(|b| - |d|) / dt`` [m/s], ``b`` and ``d`` the vectors to the target before and now, computed as
     ``(b - d) . (b + d) / (|b| + |d|)``: the plain difference of two distances of a kilometre has steps of 4 mm/s in
@@ -167,7 +167,7 @@ def upright_posture_bonus(env: int, robot: ArticulationData, episode: EpisodeDat
 def move_to_target_bonus(
     env: int, robot: ArticulationData, episode: EpisodeData, threshold: float, target_distance: float
 ) -> float:
-    """How well the root faces the target, up to an angle at which it is good enough.
+    """How well the root faces the target; full within a cone about the direction to it.
 
     Formula: ``min(h / threshold, 1)``, ``h`` as in ``base_heading_proj``.
 
@@ -201,7 +201,7 @@ def power_consumption(
     joint_ids: wp.array[int],
     gear_ratio: wp.array[float],
 ) -> float:
-    """Action times speed of the joints, of which strong ones pay more; action ``i`` drives the ``i``-th joint.
+    """Action times speed of the joints, weighted by their gears; action ``i`` drives the ``i``-th joint.
 
     Formula: ``sum_i |clamp(a_i, -1, 1) qd_i g_i|`` [m/s or rad/s], ``g`` the gears over the largest gear.
 
@@ -218,7 +218,7 @@ def power_consumption(
 def joint_pos_limits_penalty(
     env: int, robot: ArticulationData, episode: EpisodeData, joint_ids: wp.array[int], threshold: float
 ) -> float:
-    """How many joints are near a limit.
+    """Number of joints near a limit.
 
     Formula: ``sum_i [|s_i| > threshold]``, ``s_i`` as in ``mdp.joint_pos_limit_normalized``.
 
@@ -239,7 +239,7 @@ def joint_pos_limits_penalty(
 
 @wp.func
 def remember_position(env: int, robot: ArticulationData, last_pos: wp.array[wp.vec2]) -> None:
-    """Start the progress of an episode where the root is.
+    """Store the root's position, from which the progress of an episode counts.
 
     Formula: ``p_last = (p.x, p.y)`` [m].
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An ant pushes a ball to a goal: ``Stripe-PushBall-Ant-v0``. The ball is of a pool of the object manager."""
+"""Push ball: an ant pushes a ball, one of the object manager's pool, to a goal: ``Stripe-PushBall-Ant-v0``."""
 
 from __future__ import annotations
 
@@ -53,21 +53,21 @@ ANT = AntEnvCfg()
 BALL = {"pool_name": "balls"}
 RADIUS, MASS = 0.25, 0.2
 REACHED = 0.35
-"""Distance between ball and goal that counts as there [m]."""
+"""Distance between ball and goal that counts as reached [m]."""
 PUSH_DISTANCE = 0.5
-"""How far behind the ball the ant is led to [m]."""
+"""Distance behind the ball of the place to which the ant is led [m]."""
 
 
 @configclass
 class PushBallSceneCfg(RobotSceneCfg):
-    """The ant on the ground, and a disc where the ball should get to."""
+    """Scene with the ant on the ground, and a disc that marks the goal."""
 
     goal: RigidObjectCfg = goal_marker("disc", REACHED, color=(0.1, 0.55, 0.2), offset=0.01 - RADIUS)
 
 
 @configclass
 class ObjectsCfg:
-    """A ball of 0.2 kg in front of the ant, and its goal farther ahead."""
+    """Objects: a ball of 0.2 kg in front of the ant, and its goal farther ahead."""
 
     balls: ObjectPoolCfg = ObjectPoolCfg(
         objects=RigidObjectCfg(
@@ -90,7 +90,7 @@ class ObjectsCfg:
 
 @configclass
 class ObservationsCfg:
-    """What the policy sees."""
+    """Observations of the policy."""
 
     @configclass
     class PolicyCfg(ObservationGroupCfg):
@@ -112,7 +112,7 @@ class ObservationsCfg:
 
 @configclass
 class RewardsCfg:
-    """The ball's way to the goal, the ant's to where it pushes, and staying up; a step each."""
+    """Rewards of a step: the ball moves to the goal, the ant to the place from which it pushes, and stays up."""
 
     ball_to_goal: RewardTermCfg = RewardTermCfg(func=mdp.object_velocity_toward_goal, weight=2.0, params=BALL)
     ball_near_goal: RewardTermCfg = RewardTermCfg(
@@ -138,7 +138,7 @@ class RewardsCfg:
 
 @configclass
 class TerminationsCfg:
-    """An episode ends where the ball is at the goal or lost, the torso is too low, or after its full length."""
+    """An episode ends when the ball is at the goal or lost, when the torso is too low, or after its full length."""
 
     time_out: TerminationTermCfg = TerminationTermCfg(func=mdp.time_out, time_out=True)
     goal_reached: TerminationTermCfg = TerminationTermCfg(
@@ -154,7 +154,7 @@ class TerminationsCfg:
 
 @configclass
 class EventsCfg:
-    """An episode starts with the ant as it is configured, turned a little."""
+    """An episode starts with the ant in its default state, turned a little."""
 
     reset_root: EventTermCfg = EventTermCfg(
         func=mdp.reset_root_state_uniform,
@@ -166,19 +166,20 @@ class EventsCfg:
 
 @configclass
 class MetricsCfg:
-    """The mean speed of the ball toward the goal [m/s]."""
+    """Metric: the mean speed of the ball toward the goal [m/s]."""
 
     ball_speed: MetricTermCfg = MetricTermCfg(func=mdp.object_velocity_toward_goal, params=BALL)
 
 
 @configclass
 class PushBallEnvCfg(ManagerBasedRLEnvCfg):
-    """43 observations, 8 joint torques. An episode has at most 12 s."""
+    """Push ball with an ant: 43 observations, 8 joint torques, episodes of at most 12 s."""
 
     decimation: int = ANT.decimation
     episode_length_s: float = 12.0
     sim: SimulationCfg = ANT.sim.replace(
-        solver=MuJoCoSolverCfg(iterations=20, ls_iterations=10, nconmax=48, njmax=192)  # the ball waits at the start
+        # The ball is away from the ant at first, so buffers sized by the first state would be too small.
+        solver=MuJoCoSolverCfg(iterations=20, ls_iterations=10, nconmax=48, njmax=192)
     )
     scene: PushBallSceneCfg = PushBallSceneCfg(
         num_envs=4096,
@@ -198,7 +199,7 @@ class PushBallEnvCfg(ManagerBasedRLEnvCfg):
 
 
 class PushBallEnv(GoalMarked, ManagerBasedRLEnv):
-    """A manager-based environment that shows the ball's goal."""
+    """Push ball: a manager-based environment that shows the ball's goal."""
 
     cfg: PushBallEnvCfg
 
@@ -214,7 +215,7 @@ class PushBallEnv(GoalMarked, ManagerBasedRLEnv):
 
 @configclass
 class PushBallPPORunnerCfg(AntPPORunnerCfg):
-    """PPO that makes the ant push."""
+    """PPO for pushing the ball."""
 
     max_iterations: int = 500
     experiment_name: str = "push_ball_ant"

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ball that rolling slows down, as it does a real one; without that a push would never end."""
+"""Rolling ball: a sphere that rolling friction slows down, without which a push would never end."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from stripe_newton.configclass import configclass
 from stripe_newton.sim import RigidBodyMaterialCfg, SphereCfg
@@ -17,10 +17,13 @@ __all__ = ["RollingBallCfg", "spawn_rolling_ball"]
 
 
 def spawn_rolling_ball(
-    prim_path: str, cfg: RollingBallCfg, translation: Any = None, orientation: Any = None
+    prim_path: str,
+    cfg: RollingBallCfg,
+    translation: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
 ) -> Usd.Prim:
     """Author a sphere whose contacts also resist rolling: MuJoCo's contacts of six dimensions."""
-    from pxr import Sdf
+    from pxr import Sdf  # loads when a scene is built, not with the configs of a task
 
     prim = spawn_shape(prim_path, cfg, translation, orientation)
     stage, path = prim.GetStage(), prim.GetPath()
@@ -32,14 +35,14 @@ def spawn_rolling_ball(
 
 @configclass
 class RollingBallCfg(SphereCfg):
-    """A sphere with rolling friction."""
+    """Sphere with rolling friction."""
 
-    func: Callable[..., Any] = spawn_rolling_ball
+    func: Callable[..., Usd.Prim] = spawn_rolling_ball
     """Function that authors the prim."""
     physics_material: RigidBodyMaterialCfg | None = RigidBodyMaterialCfg(static_friction=0.8, dynamic_friction=0.8)
     """Friction of its surface."""
     rolling_friction: float = 0.02
-    """Moment that resists rolling, by the normal force [m]: on the ground a solid ball of mass m and radius r slows by
+    """Moment that resists rolling, divided by the normal force [m]. On the ground a solid ball of radius ``r`` slows by
     ``g rolling_friction / (1.4 r)`` [m/s^2]."""
 
     def problems(self) -> Iterator[tuple[str, str]]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pushing an object is rewarded for, beside the terms of :mod:`stripe_kernels.mdp.objects`."""
+"""Push-ball terms: the place from which an object is pushed, and the reward for going there."""
 
 import warp as wp
 
@@ -11,9 +11,9 @@ __all__ = ["behind_object", "robot_velocity_toward_push"]
 
 @wp.func
 def behind_object(env: int, pool: ObjectPoolData, slot: int, distance: float) -> wp.vec3:
-    """The place from which an object is pushed to where it should get to [m], at the object's height.
+    """Place from which an object is pushed to its target [m], at the object's height.
 
-    Formula: ``p - distance d / |d|``, ``d`` the horizontal way from the object to its target.
+    Formula: ``p - distance d / |d|``, ``d`` the horizontal vector from the object to its target.
     """
     p = object_position(env, pool, slot)
     way = object_target(env, pool, slot) - p
@@ -22,10 +22,11 @@ def behind_object(env: int, pool: ObjectPoolData, slot: int, distance: float) ->
 
 @wp.func
 def robot_velocity_toward_push(env: int, pool: ObjectPoolData, robot: ArticulationData, distance: float) -> float:
-    """Horizontal speed of the root toward the place from which the pool's first object is pushed; 0 where it is not
-    active, or the root is there.
+    """Horizontal speed of the root toward the place from which the pool's first object is pushed.
 
-    Formula: ``v . d / |d|`` [m/s], ``d`` the horizontal way from the root link to the place of ``behind_object``.
+    It is 0 where the object is not active, and where the root is at that place.
+
+    Formula: ``v . d / |d|`` [m/s], ``d`` the horizontal vector from the root link to the place of ``behind_object``.
 
     Source: this project.
     """

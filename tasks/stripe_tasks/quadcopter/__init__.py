@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadcopter flies to a goal and hovers there."""
+"""Quadcopter: it flies to a goal and hovers there."""
 
 from .direct_warp import QuadcopterEnv, QuadcopterEnvCfg, QuadcopterPPORunnerCfg
 

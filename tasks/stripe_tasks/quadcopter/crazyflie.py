@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bitcraze's Crazyflie 2 as one rigid body: the looks are Newton's packaged stage, which has no physics of its own.
+"""Crazyflie: Bitcraze's quadcopter as one rigid body, drawn with Newton's packaged stage, which has no physics.
 
 Mass and inertia: J. Förster, "System Identification of the Crazyflie 2.0 Nano Quadrocopter", ETH Zürich, 2015, with
 battery and markers. The frame is 92 mm from motor to motor and 29 mm high (Bitcraze's data sheet).
@@ -8,7 +8,7 @@ battery and markers. The frame is 92 mm from motor to motor and 29 mm high (Bitc
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from newton.examples import get_asset
 
@@ -35,13 +35,17 @@ COLORS = {
     "propeller_cw_back": (0.1, 0.1, 0.11),
     "propeller_cw_front": (0.95, 0.35, 0.06),
 }
-"""Colours of the stage's parts, linear; the stage names none. The propellers in front are orange."""
+"""Colours of the stage's parts, linear RGB; the stage names none. The propellers in front are orange."""
 
 
 def spawn_crazyflie(
-    prim_path: str, cfg: CrazyflieFileCfg, translation: Sequence[float] | None = None, orientation: Any = None
+    prim_path: str,
+    cfg: CrazyflieFileCfg,
+    translation: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
 ) -> Usd.Prim:
-    """Author a rigid body whose frame is its centre of mass, x forward, z up: the file below it, and one collider."""
+    """Author a rigid body with the file and one collider below it; its frame is its centre of mass, x forward, z up."""
+    # USD loads when a scene is built, not with the configs of a task.
     from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
     from stripe_newton.sim.spawners.spawner_cfg import finish, place
@@ -59,7 +63,7 @@ def spawn_crazyflie(
     hull = UsdGeom.Cylinder.Define(stage, f"{path}/body/hull")
     hull.CreateRadiusAttr(cfg.hull_radius)
     hull.CreateHeightAttr(cfg.hull_height)
-    hull.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    hull.CreatePurposeAttr(UsdGeom.Tokens.guide)  # collides, but is not drawn
     UsdPhysics.CollisionAPI.Apply(hull.GetPrim())
     visuals = UsdGeom.Xform.Define(stage, f"{path}/body/visuals").GetPrim()
     visuals.GetReferences().AddReference(cfg.usd_path)
@@ -75,9 +79,9 @@ def spawn_crazyflie(
 
 @configclass
 class CrazyflieFileCfg(SpawnerCfg):
-    """The stage of a Crazyflie that has only looks, made a rigid body."""
+    """Spawner of a Crazyflie from a stage without physics."""
 
-    func: Callable[..., Any] = spawn_crazyflie
+    func: Callable[..., Usd.Prim] = spawn_crazyflie
     """Function that authors the prim."""
     usd_path: str = get_asset("crazyflie.usd")
     """The file."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadcopter flies to a goal and hovers there: ``Stripe-Quadcopter-Direct-v0``.
+"""Direct quadcopter in Warp: it flies to a goal and hovers there: ``Stripe-Quadcopter-Direct-v0``.
 
-Observations, actions, rewards, dones and their numbers are those of Isaac Lab's ``Isaac-Quadcopter-Direct-v0``; the
-quadcopter is :mod:`stripe_tasks.quadcopter.crazyflie`. One kernel a hook.
+Observations, actions, rewards, dones and their numbers are those of Isaac Lab's ``Isaac-Quadcopter-Direct-v0``. The
+robot is that of :mod:`stripe_tasks.quadcopter.crazyflie`. Each hook is one kernel.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["QuadcopterEnv", "QuadcopterEnvCfg", "QuadcopterPPORunnerCfg"]
 
 @wp.struct
 class Numbers:
-    """The numbers of a :class:`QuadcopterEnvCfg`; see there."""
+    """Numbers of a :class:`QuadcopterEnvCfg` for kernels, under the names that they have there."""
 
     full_thrust: float
     moment_scale: float
@@ -47,7 +47,7 @@ class Numbers:
 
 @wp.kernel(enable_backward=False)
 def set_wrench(actions: wp.array2d[float], robot: ArticulationData, numbers: Numbers) -> None:
-    """Thrust along the body's z, for -1 none, for 1 the full one, and a moment about its axes."""
+    """Set the thrust along the body's z axis, from none at -1 to full at 1, and a moment about each axis."""
     env = wp.tid()
     thrust = 0.5 * (wp.clamp(actions[env, 0], -1.0, 1.0) + 1.0) * numbers.full_thrust
     moment = wp.vec3()
@@ -64,7 +64,7 @@ def compute_dones(
     terminated: wp.array[wp.bool],
     truncated: wp.array[wp.bool],
 ) -> None:
-    """An episode ends where the quadcopter is too low or too high, or after its full length."""
+    """End an episode when the quadcopter is too low or too high, or after its full length."""
     env = wp.tid()
     z = wp.transform_get_translation(robot.root_pose[env])[2]
     terminated[env] = z < numbers.heights[0] or z > numbers.heights[1]
@@ -88,7 +88,7 @@ def compute_rewards(
     log_distance: int,
     reward: wp.array[float],
 ) -> None:
-    """Being near the goal, less linear and angular speed; rewards of a second, times its length for a step.
+    """Reward being near the goal, less linear and angular speed; scales are per second.
 
     Formula: ``dt (a |v|^2 + b |w|^2 + c (1 - tanh(d / s)))``, d the distance to the goal.
     """
@@ -109,7 +109,7 @@ def reset_envs(
     rng: wp.array[wp.uint32],
     numbers: Numbers,
 ) -> None:
-    """Put the quadcopter where an episode starts and draw a goal, in the environment's frame."""
+    """Reset the quadcopter to its default state and draw a goal, in the environment's frame."""
     env = wp.tid()
     if mask[env]:
         mdp.reset_root_to_default(env, robot)
@@ -122,7 +122,7 @@ def reset_envs(
 
 @wp.kernel(enable_backward=False)
 def compute_observations(robot: ArticulationData, goal: wp.array[wp.transform], out: wp.array2d[float]) -> None:
-    """See :class:`QuadcopterEnv` for what is in them."""
+    """Write the observations in the order that :class:`QuadcopterEnv` gives."""
     env = wp.tid()
     mdp.base_lin_vel(env, robot, out[env, 0:3])
     mdp.base_ang_vel(env, robot, out[env, 3:6])
@@ -134,7 +134,10 @@ def compute_observations(robot: ArticulationData, goal: wp.array[wp.transform], 
 
 @configclass
 class QuadcopterEnvCfg(DirectRLEnvCfg):
-    """12 observations; thrust and three moments. An episode ends near the ground, too high up, or after 10 s."""
+    """Direct quadcopter: 12 observations, a thrust and three moments.
+
+    An episode ends near the ground, too high up, or after 10 s.
+    """
 
     decimation: int = 2
     episode_length_s: float = 10.0
@@ -152,33 +155,36 @@ class QuadcopterEnvCfg(DirectRLEnvCfg):
     robot: ArticulationCfg = CRAZYFLIE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
     goal: RigidObjectCfg = goal_marker("ball", 0.015)
     thrust_to_weight: float = 1.9
-    """Thrust for an action of one, by the weight."""
+    """Thrust for an action of one, as a multiple of the weight."""
     moment_scale: float = 0.01
     """Moment about each axis of the body for an action of one [N m]."""
     lin_vel_reward_scale: float = -0.05
-    """Reward a second for the squared speed [m/s]."""
+    """Weight of the squared speed [m/s], per second."""
     ang_vel_reward_scale: float = -0.01
-    """Reward a second for the squared angular speed [rad/s]."""
+    """Weight of the squared angular speed [rad/s], per second."""
     distance_to_goal_reward_scale: float = 15.0
-    """Reward a second at the goal."""
+    """Reward for being at the goal, per second."""
     distance_scale: float = 0.8
-    """Distance to the goal where tanh(1) of that reward is gone [m]."""
+    """Distance to the goal at which that reward has fallen by tanh(1), to 24 % [m]."""
     heights: tuple[float, float] = (0.1, 2.0)
     """Heights below and above which an episode ends [m]."""
     goal_distance: float = 2.0
-    """How far goals are from the origin of the environment, along x and along y [m]."""
+    """Largest distance of goals from the origin of the environment, along x and along y [m]."""
     goal_heights: tuple[float, float] = (0.5, 1.5)
     """Heights of goals [m]."""
 
 
 class QuadcopterEnv(GoalMarked, DirectRLEnv):
-    """Observations, in the body's frame: linear velocity, angular velocity, direction of gravity, way to the goal."""
+    """Fly to a goal and hover there.
+
+    Observations, in the body's frame: linear velocity, angular velocity, direction of gravity, vector to the goal.
+    """
 
     cfg: QuadcopterEnvCfg
 
     def __init__(self, cfg: QuadcopterEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
-        self.sim.enable_external_wrench()
+        self.sim.enable_external_wrench()  # rotors have no joints: they are a wrench on the body
         weight = float(self.robot.data.default_mass.sum(dim=1)[0]) * float(-self.sim.model.gravity.numpy()[0, 2])
         numbers: Any = Numbers()
         for name in numbers._cls.vars:
@@ -222,7 +228,7 @@ class QuadcopterEnv(GoalMarked, DirectRLEnv):
 
 @configclass
 class QuadcopterPPORunnerCfg(RslRlOnPolicyRunnerCfg):
-    """PPO that flies to the goal."""
+    """PPO for the quadcopter."""
 
     num_steps_per_env: int = 24
     max_iterations: int = 200

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of the reach task: six joints, of the class of Universal Robots' UR5e.
+"""Arm of the reach task: six joints, similar to Universal Robots' UR5e.
 
 ``tools/authoring/author_arm.py`` writes its file.
 """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An arm brings its flange to a commanded pose: ``Stripe-Reach-v0``.
+"""Manager-based reach: an arm brings its flange to a commanded pose: ``Stripe-Reach-v0``.
 
-Observations, rewards, curriculum and their numbers are those of Isaac Lab's ``Isaac-Reach-UR10-v0``; the arm is
-:mod:`stripe_tasks.reach.arm`.
+Observations, rewards, curriculum and their numbers are those of Isaac Lab's ``Isaac-Reach-UR10-v0``. The arm is that
+of :mod:`stripe_tasks.reach.arm`.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ NOISE = UniformNoiseCfg(n_min=-0.01, n_max=0.01)
 
 @configclass
 class ReachSceneCfg(RobotSceneCfg):
-    """The arm on the ground, and a frame where the flange should be."""
+    """Scene with the arm on the ground, and a frame that marks the commanded pose."""
 
     goal: RigidObjectCfg = goal_marker("frame", 0.1)
 
 
 @configclass
 class ObservationsCfg:
-    """What the policy sees."""
+    """Observations of the policy."""
 
     @configclass
     class PolicyCfg(ObservationGroupCfg):
@@ -78,7 +78,7 @@ class ObservationsCfg:
 
 @configclass
 class ActionsCfg:
-    """What the policy does: positions of all joints, about the default pose."""
+    """Actions: positions of all joints, relative to the default pose."""
 
     arm_action: mdp.JointPositionActionCfg = mdp.JointPositionActionCfg(
         asset_name="robot", joint_names=[".*"], scale=0.5, use_default_offset=True
@@ -87,7 +87,7 @@ class ActionsCfg:
 
 @configclass
 class CommandsCfg:
-    """A pose of the flange in front of the arm, facing down, a new one every 4 s."""
+    """Command: a pose of the flange in front of the arm, facing down, a new one every 4 s."""
 
     ee_pose: mdp.UniformPoseCommandCfg = mdp.UniformPoseCommandCfg(
         asset_name="robot",
@@ -106,7 +106,7 @@ class CommandsCfg:
 
 @configclass
 class RewardsCfg:
-    """Being near the pose, less turning of the flange away from it, jerky actions and fast joints."""
+    """Rewards for being near the commanded pose, less jerky actions and fast joints."""
 
     end_effector_position_tracking: RewardTermCfg = RewardTermCfg(
         func=mdp.position_command_error, weight=-0.2, params=TRACKED
@@ -130,7 +130,7 @@ class TerminationsCfg:
 
 @configclass
 class EventsCfg:
-    """An episode starts about the default pose."""
+    """An episode starts near the default pose."""
 
     reset_robot_joints: EventTermCfg = EventTermCfg(
         func=mdp.reset_joints_by_scale,
@@ -141,7 +141,7 @@ class EventsCfg:
 
 @configclass
 class CurriculumCfg:
-    """Smoothness counts once the way is known."""
+    """Curriculum: smooth motion counts more after 4500 steps, when the arm reaches its poses."""
 
     action_rate: CurriculumTermCfg = CurriculumTermCfg(
         func=mdp.modify_reward_weight, params={"term_name": "action_rate", "weight": -0.005, "num_steps": 4500}
@@ -153,14 +153,16 @@ class CurriculumCfg:
 
 @configclass
 class ReachEnvCfg(ManagerBasedRLEnvCfg):
-    """25 observations, 6 joint positions. An episode has 12 s and three poses."""
+    """Reach with an arm: 25 observations, 6 joint positions, episodes of 12 s with three poses."""
 
     decimation: int = 2
     episode_length_s: float = 12.0
     sim: SimulationCfg = SimulationCfg(
         dt=1.0 / 60.0,
         render_interval=2,
-        solver=MuJoCoSolverCfg(disable_contacts=True),  # the arm neither meets itself nor the ground on its way
+        solver=MuJoCoSolverCfg(
+            disable_contacts=True
+        ),  # between these poses the arm touches neither itself nor the ground
     )
     scene: ReachSceneCfg = ReachSceneCfg(
         num_envs=4096, env_spacing=2.5, robot=ARM_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
@@ -176,7 +178,7 @@ class ReachEnvCfg(ManagerBasedRLEnvCfg):
 
 
 class ReachEnv(GoalMarked, ManagerBasedRLEnv):
-    """A manager-based environment that shows the commanded pose."""
+    """Reach: a manager-based environment that shows the commanded pose."""
 
     cfg: ReachEnvCfg
 
@@ -187,7 +189,7 @@ class ReachEnv(GoalMarked, ManagerBasedRLEnv):
 
 @configclass
 class ReachPPORunnerCfg(RslRlOnPolicyRunnerCfg):
-    """PPO that reaches for the pose."""
+    """PPO for reaching."""
 
     num_steps_per_env: int = 24
     max_iterations: int = 500

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walk as commanded on a plane, with hooks in Warp: what ``Stripe-Velocity-Flat-*-Direct-Warp-v0`` have in common.
+"""Direct velocity tasks in Warp: base of ``Stripe-Velocity-Flat-*-Direct-Warp-v0``.
 
-Observations, rewards and dones are those of the manager-based forms in :mod:`stripe_tasks.velocity.quadruped` and
-:mod:`stripe_tasks.velocity.humanoid`. One kernel a hook; a task is a config and a kernel of rewards.
+Observations, rewards and dones are those of the manager-based tasks in :mod:`stripe_tasks.velocity.quadruped` and
+:mod:`stripe_tasks.velocity.humanoid`. Each hook is one kernel; a task is a config and a kernel of rewards.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Range = tuple[float, float]
 
 @configclass
 class VelocityWarpEnvCfg(DirectRLEnvCfg):
-    """The numbers of the task; bodies and joints are named by expressions."""
+    """Numbers of a direct velocity task; bodies and joints are named by expressions."""
 
     decimation: int = 4
     episode_length_s: float = 20.0
@@ -43,13 +43,13 @@ class VelocityWarpEnvCfg(DirectRLEnvCfg):
     robot: ArticulationCfg = MISSING
     """The robot."""
     contact_forces: ContactSensorCfg = ContactSensorCfg(prim_path="{ENV_REGEX_NS}/Robot/.*", track_air_time=True)
-    """What it feels."""
+    """Contact sensor on all bodies."""
     feet: str = MISSING
-    """Bodies that it shall walk on."""
+    """Bodies that the robot walks on."""
     fallen: str = MISSING
-    """Bodies whose touching the ground is a fall."""
+    """Bodies whose contact with the ground is a fall."""
     action_scale: float = 0.25
-    """Radians for an action of one."""
+    """Change of a joint's position target for an action of one [rad]."""
     lin_vel_x: Range = (-1.0, 1.0)
     """Bounds of the commanded forward velocity [m/s]."""
     lin_vel_y: Range = (-1.0, 1.0)
@@ -57,22 +57,22 @@ class VelocityWarpEnvCfg(DirectRLEnvCfg):
     ang_vel_z: Range = (-1.0, 1.0)
     """Bounds of the commanded yaw rate [rad/s]."""
     rel_standing_envs: float = 0.05
-    """Share of commands that are to stand."""
+    """Share of commands to stand still."""
     heading_control_stiffness: float = 0.5
-    """Yaw rate for an error of the heading [1/s]."""
+    """Commanded yaw rate per error of the heading [1/s]."""
     resampling_time_range: Range = (10.0, 10.0)
-    """How long a command holds [s]."""
+    """Time until a new command is drawn [s]."""
     push_interval_s: Range = (10.0, 15.0)
     """Time between two pushes [s]."""
     push_velocity: float = 0.5
     """Largest change of the velocity along x and y by a push [m/s]."""
     weights: dict[str, float] = MISSING
-    """Weights of the rewards by term, a second; the task's kernel names the terms."""
+    """Weights of the rewards by term, per second; the task's kernel names the terms."""
 
 
 @wp.struct
 class VelocityTask:
-    """What the kernels of these tasks share."""
+    """Numbers, indices and state that the kernels of these tasks share."""
 
     lin_vel_x: wp.vec2
     lin_vel_y: wp.vec2
@@ -88,11 +88,11 @@ class VelocityTask:
     first_log: int
     joint_ids: wp.array[int]
     feet: wp.array[int]
-    """Among the bodies of the sensor."""
+    """Indices into the bodies of the sensor."""
     fallen: wp.array[int]
-    """Among the bodies of the sensor."""
+    """Indices into the bodies of the sensor."""
     foot_bodies: wp.array[int]
-    """Among the bodies of the robot."""
+    """Indices into the bodies of the robot."""
     weights: wp.array[float]
     push_velocity: wp.array[wp.vec2]
     pose_range: wp.array[wp.vec2]
@@ -107,7 +107,7 @@ class VelocityTask:
 
 @wp.kernel(enable_backward=False)
 def set_targets(asked: wp.array2d[float], actions: ActionData, task: VelocityTask, robot: ArticulationData) -> None:
-    """Position targets for the actions; one thread a joint."""
+    """Set position targets for the actions; one thread for each joint."""
     env, joint = wp.tid()
     actions.prev_action[env, joint] = actions.action[env, joint]
     actions.action[env, joint] = asked[env, joint]
@@ -123,7 +123,7 @@ def compute_dones(
     terminated: wp.array[wp.bool],
     truncated: wp.array[wp.bool],
 ) -> None:
-    """An episode ends with a fall, or after its full length."""
+    """End an episode with a fall, or after its full length."""
     env = wp.tid()
     terminated[env] = mdp.illegal_contact(env, sensor, task.fallen, 1.0)
     truncated[env] = mdp.time_out(env, episode)
@@ -159,7 +159,7 @@ def new_command(env: int, task: VelocityTask) -> None:
 def reset_envs(
     mask: wp.array[wp.bool], robot: ArticulationData, actions: ActionData, task: VelocityTask, sums: wp.array2d[float]
 ) -> None:
-    """Start an episode: a pose near the origin, in any direction, a command, and no past; log the rewards."""
+    """Start an episode: a pose near the origin in any direction, a command, no past actions; log the reward sums."""
     env = wp.tid()
     if not mask[env]:
         return
@@ -188,7 +188,10 @@ def noisy(env: int, task: VelocityTask, bound: float, values: wp.array[float]) -
 def observe(
     env: int, robot: ArticulationData, actions: ActionData, task: VelocityTask, noise: float, out: wp.array[float]
 ) -> None:
-    """Base velocities, gravity, command, joints, actions; noise as in the manager-based form, times ``noise``."""
+    """Write base velocities, gravity, command, joints, actions.
+
+    ``noise`` scales the noise of the manager-based form: 1 for the policy, 0 for the critic.
+    """
     joints = task.joint_ids.shape[0]
     velocities = 12 + joints
     mdp.base_lin_vel(env, robot, out[0:3])
@@ -214,7 +217,10 @@ def compute_observations(
     policy: wp.array2d[float],
     critic: wp.array2d[float],
 ) -> None:
-    """Pushes and commands that are due, then what the policy and the critic see."""
+    """Do pushes and draw commands that are due, then write the observations of policy and critic.
+
+    Pushes come first and commands second, as in a manager-based step: observations show their results.
+    """
     env = wp.tid()
     left = task.push_time_left[env] - task.step_dt
     if left <= 0.0:
@@ -229,17 +235,18 @@ def compute_observations(
 
 
 class VelocityWarpEnv(DirectRLEnv):
-    """Base of the direct velocity tasks; the rewards are the task's."""
+    """Base of the direct velocity tasks; a task brings its kernel of rewards."""
 
     cfg: VelocityWarpEnvCfg
     reward_kernel: ClassVar[wp.Kernel]
-    """``(robot, actions, episode, sensor, task, sums, *groups, reward)``."""
+    """Kernel of the rewards: ``(robot, actions, episode, sensor, task, sums, *groups, reward)``."""
     reward_terms: ClassVar[tuple[str, ...]]
-    """Names of its terms, in the order of its sums."""
+    """Names of the terms, in the order of the sums."""
 
     def __init__(self, cfg: VelocityWarpEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
         joints, array = self.robot.num_joints, self.context.array
+        # arrays of the context are saved with a checkpoint
         self._actions: Any = ActionData()
         self._actions.action = array("velocity.action", float, joints)
         self._actions.prev_action = array("velocity.prev_action", float, joints)
@@ -255,10 +262,11 @@ class VelocityWarpEnv(DirectRLEnv):
         self.scene.clone_environments(copy_from_source=False)
 
     def _reward_groups(self) -> list[wp.array]:
-        """Bodies and joints that the rewards are about."""
+        """Indices of bodies and joints that the kernel of rewards takes as ``groups``."""
         raise NotImplementedError
 
-    def _make_task(self) -> Any:
+    def _make_task(self) -> VelocityTask:
+        """Fill the struct that the kernels share from the config."""
         cfg, task, array = self.cfg, VelocityTask(), self.context.array
         task.clock, task.command = CommandData(), VelocityCommandData()
         task.command.command = task.clock.command = array("velocity.command", float, 3)

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A humanoid of 41 kg walks as commanded, on flat and on rough ground: ``Stripe-Velocity-{Flat,Rough}-Humanoid-v0``.
+"""Manager-based velocity tasks of the humanoid: ``Stripe-Velocity-Flat-Humanoid-v0`` and ``...-Rough-...``.
 
-Terms follow those that Isaac Lab has for bipeds.
+Terms and weights of the rewards follow Isaac Lab's for bipeds.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp
@@ -42,7 +40,7 @@ FEET = {"sensor_cfg": contacts(".*_foot")}
 
 @configclass
 class HumanoidRewardsCfg(RewardsCfg):
-    """Walk upright, one foot after the other, and keep the arms down."""
+    """Rewards of the humanoid: walk upright, one foot after the other, with the arms down."""
 
     track_lin_vel_xy_exp: RewardTermCfg = RewardTermCfg(
         func=mdp.track_lin_vel_xy_yaw_frame_exp, weight=1.5, params={**TWIST, "std": 0.5}
@@ -61,7 +59,7 @@ class HumanoidRewardsCfg(RewardsCfg):
     feet_slide: RewardTermCfg = RewardTermCfg(
         func=mdp.feet_slide, weight=-0.25, params={**FEET, "asset_cfg": bodies(".*_foot")}
     )
-    undesired_contacts: Any = None
+    undesired_contacts: RewardTermCfg | None = None  # such contacts end the episode
     is_terminated: RewardTermCfg = RewardTermCfg(func=mdp.is_terminated, weight=-200.0)
     joint_deviation_hip: RewardTermCfg = RewardTermCfg(
         func=mdp.joint_deviation_l1, weight=-0.2, params={"asset_cfg": joints(".*_thigh:[02]")}
@@ -76,7 +74,7 @@ class HumanoidRewardsCfg(RewardsCfg):
 
 @configclass
 class HumanoidCommandsCfg(CommandsCfg):
-    """Mostly forwards, as people walk."""
+    """Command: mostly forward, as people walk."""
 
     def __post_init__(self) -> None:
         ranges = self.base_velocity.ranges
@@ -85,7 +83,7 @@ class HumanoidCommandsCfg(CommandsCfg):
 
 @configclass
 class HumanoidActionsCfg(ActionsCfg):
-    """Positions of the joints, about those of the default pose."""
+    """Actions: positions of the joints, relative to the default pose, over a larger range."""
 
     def __post_init__(self) -> None:
         self.joint_pos.scale = 0.5
@@ -93,7 +91,7 @@ class HumanoidActionsCfg(ActionsCfg):
 
 @configclass
 class HumanoidFlatEnvCfg(VelocityEnvCfg):
-    """75 observations, 21 joint positions, on a plane."""
+    """Humanoid on a plane: 75 observations, 21 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
     actions: HumanoidActionsCfg = HumanoidActionsCfg()
@@ -110,7 +108,7 @@ class HumanoidFlatEnvCfg(VelocityEnvCfg):
 
 @configclass
 class HumanoidFlatPPORunnerCfg(VelocityPPORunnerCfg):
-    """PPO that makes the humanoid walk on a plane."""
+    """PPO for the humanoid on a plane."""
 
     experiment_name: str = "velocity_flat_humanoid"
     max_iterations: int = 1000
@@ -118,7 +116,7 @@ class HumanoidFlatPPORunnerCfg(VelocityPPORunnerCfg):
 
 @configclass
 class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
-    """262 observations, 187 of them heights."""
+    """Humanoid on rough ground: 262 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
     actions: HumanoidActionsCfg = HumanoidActionsCfg()
@@ -136,7 +134,7 @@ class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
 
 @configclass
 class HumanoidRoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
-    """PPO that makes the humanoid walk on rough ground."""
+    """PPO for the humanoid on rough ground."""
 
     experiment_name: str = "velocity_rough_humanoid"
     max_iterations: int = 3000

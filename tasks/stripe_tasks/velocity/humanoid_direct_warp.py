@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A humanoid walks as commanded on a plane: ``Stripe-Velocity-Flat-Humanoid-Direct-Warp-v0``."""
+"""Direct velocity task of the humanoid in Warp: ``Stripe-Velocity-Flat-Humanoid-Direct-Warp-v0``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["HumanoidFlatWarpEnv", "HumanoidFlatWarpEnvCfg", "HumanoidFlatWarpPPO
 
 @configclass
 class HumanoidFlatWarpEnvCfg(VelocityWarpEnvCfg):
-    """75 observations, 21 joint positions."""
+    """Humanoid on a plane: 75 observations, 21 joint positions."""
 
     observation_space: int = 75
     state_space: int = 75
@@ -28,9 +28,11 @@ class HumanoidFlatWarpEnvCfg(VelocityWarpEnvCfg):
     feet: str = ".*_foot"
     fallen: str = "torso|pelvis|head|.*_thigh|.*_arm"
     hips: str = ".*_thigh:[02]"
-    """Joints that shall stay near their default, and so below."""
+    """Joints of the hips that should stay near their default."""
     arms: str = ".*_upper_arm:.|.*_elbow"
+    """Joints of the arms that should stay near their default."""
     waist: str = "lower_waist:.|abdomen_x"
+    """Joints of the waist that should stay near their default."""
     action_scale: float = 0.5
     lin_vel_x: tuple[float, float] = (-0.5, 1.0)
     lin_vel_y: tuple[float, float] = (-0.3, 0.3)
@@ -66,7 +68,7 @@ def humanoid_rewards(
     waist: wp.array[int],
     reward: wp.array[float],
 ) -> None:
-    """Walk upright, one foot after the other, and keep the arms down."""
+    """Reward walking as commanded, upright, one foot after the other, with the arms down."""
     env = wp.tid()
     reward[env] = 0.0
     air_time = mdp.feet_air_time_positive_biped(env, sensor, task.command, task.feet, 0.5, 0.1)
@@ -89,7 +91,7 @@ def humanoid_rewards(
 
 
 class HumanoidFlatWarpEnv(VelocityWarpEnv):
-    """See :class:`VelocityWarpEnv`."""
+    """The humanoid walks; see :class:`VelocityWarpEnv`."""
 
     cfg: HumanoidFlatWarpEnvCfg
     reward_kernel = humanoid_rewards
@@ -102,6 +104,6 @@ class HumanoidFlatWarpEnv(VelocityWarpEnv):
 
 @configclass
 class HumanoidFlatWarpPPORunnerCfg(HumanoidFlatPPORunnerCfg):
-    """PPO that makes the humanoid walk on a plane."""
+    """PPO for the humanoid on a plane."""
 
     experiment_name: str = "velocity_flat_humanoid_direct_warp"

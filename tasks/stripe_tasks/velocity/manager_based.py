@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walk as commanded: what the velocity tasks have in common.
+"""Manager-based velocity tasks: the configs that quadruped and humanoid, flat and rough ground share.
 
-A robot is told a forward and a sideways velocity and a yaw rate, draws new ones every few seconds, and is rewarded for
-following them. The terms carry the names that users of Isaac Lab and mjlab know.
+A command is a forward velocity, a sideways velocity and a yaw rate. New ones are drawn every few seconds, and the robot
+is rewarded for following them. Terms have the names that Isaac Lab and mjlab give them.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from stripe_newton.assets import AssetBaseCfg
 from stripe_newton.assets.asset_base import AssetInitialStateCfg
@@ -63,37 +62,37 @@ TWIST = {"command_name": "base_velocity"}
 
 
 def contacts(*bodies: str) -> SceneEntityCfg:
-    """Bodies as the contact sensor has them."""
+    """Bodies of the contact sensor, by expression."""
     return SceneEntityCfg("contact_forces", body_names=list(bodies))
 
 
 def bodies(*names: str) -> SceneEntityCfg:
-    """Bodies of the robot."""
+    """Bodies of the robot, by expression."""
     return SceneEntityCfg("robot", body_names=list(names))
 
 
 def joints(*names: str) -> SceneEntityCfg:
-    """Joints of the robot."""
+    """Joints of the robot, by expression."""
     return SceneEntityCfg("robot", joint_names=list(names))
 
 
 def noise(bound: float) -> UniformNoiseCfg:
-    """Uniform noise of either sign."""
+    """Uniform noise between ``-bound`` and ``bound``."""
     return UniformNoiseCfg(n_min=-bound, n_max=bound)
 
 
 @configclass
 class VelocitySceneCfg(RobotSceneCfg):
-    """A robot that feels what it touches, on a plane."""
+    """Flat scene: a robot with a contact sensor, on a plane."""
 
     contact_forces: ContactSensorCfg = ContactSensorCfg(prim_path="{ENV_REGEX_NS}/Robot/.*", track_air_time=True)
 
 
 @configclass
 class RoughSceneCfg(VelocitySceneCfg):
-    """Ten levels of stairs, blocks, slopes and random ground, and a scan of the heights around the robot."""
+    """Rough scene: ten levels of stairs, blocks, slopes and random ground, and a height scanner on the robot."""
 
-    ground: Any = None
+    ground: AssetBaseCfg | None = None  # the terrain is the ground
     terrain: TerrainImporterCfg = TerrainImporterCfg(
         prim_path="/World/ground",
         terrain_type="generator",
@@ -118,7 +117,7 @@ class RoughSceneCfg(VelocitySceneCfg):
 
 @configclass
 class CommandsCfg:
-    """What the robot is told."""
+    """Command: velocity of the base, with a heading to turn to."""
 
     base_velocity: mdp.UniformVelocityCommandCfg = mdp.UniformVelocityCommandCfg(
         asset_name="robot",
@@ -135,7 +134,7 @@ class CommandsCfg:
 
 @configclass
 class ActionsCfg:
-    """Positions of the joints, about those of the default pose."""
+    """Actions: positions of the joints, relative to the default pose."""
 
     joint_pos: mdp.JointPositionActionCfg = mdp.JointPositionActionCfg(
         asset_name="robot", joint_names=[".*"], scale=0.25, use_default_offset=True
@@ -144,7 +143,7 @@ class ActionsCfg:
 
 @configclass
 class ProprioceptionCfg(ObservationGroupCfg):
-    """What a robot knows of itself, with the noise of its sensors."""
+    """Proprioception: the robot's own state and command, with the noise of its sensors."""
 
     base_lin_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.base_lin_vel, noise=noise(0.1))
     base_ang_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.base_ang_vel, noise=noise(0.2))
@@ -158,7 +157,7 @@ class ProprioceptionCfg(ObservationGroupCfg):
 
 @configclass
 class ObservationsCfg:
-    """The policy sees noisy sensors, the critic the truth."""
+    """Observations: with noise for the policy, without noise for the critic."""
 
     policy: ProprioceptionCfg = ProprioceptionCfg()
     critic: ProprioceptionCfg = ProprioceptionCfg(enable_corruption=False)
@@ -166,7 +165,7 @@ class ObservationsCfg:
 
 @configclass
 class ScanningCfg(ProprioceptionCfg):
-    """And of the ground around it."""
+    """Proprioception and a scan of the ground around the robot."""
 
     height_scan: ObservationTermCfg = ObservationTermCfg(
         func=mdp.height_scan,
@@ -178,7 +177,7 @@ class ScanningCfg(ProprioceptionCfg):
 
 @configclass
 class RoughObservationsCfg(ObservationsCfg):
-    """The policy sees noisy sensors, the critic the truth."""
+    """Observations with a height scan: with noise for the policy, without noise for the critic."""
 
     policy: ScanningCfg = ScanningCfg()
     critic: ScanningCfg = ScanningCfg(enable_corruption=False)
@@ -186,7 +185,7 @@ class RoughObservationsCfg(ObservationsCfg):
 
 @configclass
 class RewardsCfg:
-    """Follow the command, calmly."""
+    """Rewards for following the command, less costs of unsteady motion."""
 
     track_lin_vel_xy_exp: RewardTermCfg | None = RewardTermCfg(
         func=mdp.track_lin_vel_xy_exp, weight=1.5, params={**TWIST, "std": 0.5}
@@ -221,7 +220,7 @@ class TerminationsCfg:
 
 @configclass
 class EventsCfg:
-    """No two robots are the same; episodes start near the origin in any direction; now and then somebody pushes."""
+    """Events: masses and friction differ between robots, episodes start near the origin in any direction, pushes."""
 
     payload: EventTermCfg | None = EventTermCfg(
         func=mdp.randomize_rigid_body_mass,
@@ -260,7 +259,7 @@ class EventsCfg:
 
 
 def randomize(events: EventsCfg, trunk: str, feet: str) -> None:
-    """Name the bodies that carry the payload and those that touch the ground."""
+    """Set the bodies of the startup events: ``trunk`` carries the payload, ``feet`` touch the ground."""
     for term, names in ((events.payload, trunk), (events.centre_of_mass, trunk), (events.soles, feet)):
         if term is not None:
             term.params["asset_cfg"] = bodies(names)
@@ -268,10 +267,7 @@ def randomize(events: EventsCfg, trunk: str, feet: str) -> None:
 
 @configclass
 class VelocityEnvCfg(ManagerBasedRLEnvCfg):
-    """Steps of 20 ms, of four physics steps; episodes of 20 s. A task names the robot.
-
-    MuJoCo takes the larger friction of two, so the ground has little and the soles decide.
-    """
+    """Base of the flat velocity tasks: steps of 20 ms with four physics steps, episodes of 20 s."""
 
     decimation: int = 4
     episode_length_s: float = 20.0
@@ -285,6 +281,7 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
     sim: SimulationCfg = SimulationCfg(
         dt=0.005,
         solver=MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=120, nconmax=30, drive_limits=True),
+        # MuJoCo takes the larger friction of two shapes: little on the ground lets the randomised soles decide.
         physics_material=RigidBodyMaterialCfg(static_friction=0.5, dynamic_friction=0.5),
     )
     scene: VelocitySceneCfg = MISSING
@@ -298,7 +295,7 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
 
 @configclass
 class RoughTerminationsCfg(TerminationsCfg):
-    """An episode also ends where the ground does."""
+    """An episode also ends near the edge of the terrain."""
 
     out_of_bounds: TerminationTermCfg = TerminationTermCfg(
         func=mdp.terrain_out_of_bounds, params={"distance_buffer": 3.0}, time_out=True
@@ -307,7 +304,7 @@ class RoughTerminationsCfg(TerminationsCfg):
 
 @configclass
 class RoughEventsCfg(EventsCfg):
-    """Episodes start on the ground, wherever that is."""
+    """Events on rough ground: episodes start on the surface of the terrain."""
 
     reset_base: EventTermCfg = EventTermCfg(
         func=mdp.reset_root_state_uniform_on_terrain,
@@ -322,14 +319,14 @@ class RoughEventsCfg(EventsCfg):
 
 @configclass
 class CurriculumCfg:
-    """Who gets far goes on to harder ground."""
+    """Curriculum: robots that get far go on to harder ground."""
 
     terrain_levels: CurriculumTermCfg = CurriculumTermCfg(func=mdp.terrain_levels_vel, params=TWIST)
 
 
 @configclass
 class VelocityRoughEnvCfg(VelocityEnvCfg):
-    """The same on rough ground, with a scan of it."""
+    """Base of the rough velocity tasks, with a height scan."""
 
     scene: RoughSceneCfg = MISSING
     observations: RoughObservationsCfg = RoughObservationsCfg()
@@ -340,7 +337,7 @@ class VelocityRoughEnvCfg(VelocityEnvCfg):
 
 @configclass
 class VelocityPPORunnerCfg(RslRlOnPolicyRunnerCfg):
-    """PPO that makes them walk."""
+    """PPO for walking on flat ground."""
 
     num_steps_per_env: int = 24
     max_iterations: int = 300
@@ -356,6 +353,6 @@ class VelocityPPORunnerCfg(RslRlOnPolicyRunnerCfg):
 
 @configclass
 class VelocityRoughPPORunnerCfg(VelocityPPORunnerCfg):
-    """PPO for rough ground."""
+    """PPO for walking on rough ground."""
 
     max_iterations: int = 1500

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadruped of 15 kg walks as commanded, on flat and on rough ground: ``Stripe-Velocity-{Flat,Rough}-Quadruped-v0``.
+"""Manager-based velocity tasks of the quadruped: ``Stripe-Velocity-Flat-Quadruped-v0`` and ``...-Rough-...``.
 
-Weights follow those that Isaac Lab has for robots of this class.
+Weights of the rewards follow Isaac Lab's for robots of this size.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROBOT_CFG = QUADRUPED_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
 
 @configclass
 class QuadrupedRewardsCfg(RewardsCfg):
-    """Steps are taken by the feet alone."""
+    """Rewards of the quadruped: only its feet may touch the ground."""
 
     def __post_init__(self) -> None:
         if self.feet_air_time is not None:
@@ -48,7 +48,7 @@ class QuadrupedRewardsCfg(RewardsCfg):
 
 @configclass
 class QuadrupedFlatEnvCfg(VelocityEnvCfg):
-    """48 observations, 12 joint positions, on a plane."""
+    """Quadruped on a plane: 48 observations, 12 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
     rewards: QuadrupedRewardsCfg = QuadrupedRewardsCfg()
@@ -62,14 +62,14 @@ class QuadrupedFlatEnvCfg(VelocityEnvCfg):
 
 @configclass
 class QuadrupedFlatPPORunnerCfg(VelocityPPORunnerCfg):
-    """PPO that makes the quadruped walk on a plane."""
+    """PPO for the quadruped on a plane."""
 
     experiment_name: str = "velocity_flat_quadruped"
 
 
 @configclass
 class QuadrupedRoughEnvCfg(VelocityRoughEnvCfg):
-    """235 observations, 187 of them heights; ten levels of ground, whose steps are as high as this robot can climb."""
+    """Quadruped on rough ground: 235 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
     rewards: QuadrupedRewardsCfg = QuadrupedRewardsCfg()
@@ -81,14 +81,15 @@ class QuadrupedRoughEnvCfg(VelocityRoughEnvCfg):
         self.terminations.base_contact.params["sensor_cfg"] = contacts("base")
         self.scene.height_scanner.prim_path = "{ENV_REGEX_NS}/Robot/base"
         if self.scene.terrain.terrain_generator is not None:
+            # steps and bumps that a robot with legs of 0.4 m can climb
             tiles = self.scene.terrain.terrain_generator.sub_terrains
             tiles["boxes"].grid_height_range = (0.025, 0.1)
             tiles["random_rough"].noise_range, tiles["random_rough"].noise_step = (0.01, 0.06), 0.01
-        self.rewards.flat_orientation_l2 = None  # slopes are to be climbed
+        self.rewards.flat_orientation_l2 = None  # a body that stays level could not climb slopes
 
 
 @configclass
 class QuadrupedRoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
-    """PPO that makes the quadruped walk on rough ground."""
+    """PPO for the quadruped on rough ground."""
 
     experiment_name: str = "velocity_rough_quadruped"

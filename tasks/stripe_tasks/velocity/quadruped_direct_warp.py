@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadruped walks as commanded on a plane: ``Stripe-Velocity-Flat-Quadruped-Direct-Warp-v0``."""
+"""Direct velocity task of the quadruped in Warp: ``Stripe-Velocity-Flat-Quadruped-Direct-Warp-v0``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["QuadrupedFlatWarpEnv", "QuadrupedFlatWarpEnvCfg", "QuadrupedFlatWarp
 
 @configclass
 class QuadrupedFlatWarpEnvCfg(VelocityWarpEnvCfg):
-    """48 observations, 12 joint positions."""
+    """Quadruped on a plane: 48 observations, 12 joint positions."""
 
     observation_space: int = 48
     state_space: int = 48
@@ -28,7 +28,7 @@ class QuadrupedFlatWarpEnvCfg(VelocityWarpEnvCfg):
     feet: str = ".*_foot"
     fallen: str = "base"
     legs: str = ".*_(thigh|calf)"
-    """Bodies that shall touch nothing."""
+    """Bodies that should touch nothing."""
     weights: dict[str, float] = {
         "track_lin_vel_xy_exp": 1.5,
         "track_ang_vel_z_exp": 0.75,
@@ -55,7 +55,7 @@ def quadruped_rewards(
     legs: wp.array[int],
     reward: wp.array[float],
 ) -> None:
-    """Follow the command, calmly, on the feet alone."""
+    """Reward following the command, less unsteady motion and contacts of the legs."""
     env = wp.tid()
     reward[env] = 0.0
     air_time = mdp.feet_air_time(env, sensor, task.command, task.feet, 0.5, task.step_dt, 0.1)
@@ -73,7 +73,7 @@ def quadruped_rewards(
 
 
 class QuadrupedFlatWarpEnv(VelocityWarpEnv):
-    """See :class:`VelocityWarpEnv`."""
+    """The quadruped walks; see :class:`VelocityWarpEnv`."""
 
     cfg: QuadrupedFlatWarpEnvCfg
     reward_kernel = quadruped_rewards
@@ -86,6 +86,6 @@ class QuadrupedFlatWarpEnv(VelocityWarpEnv):
 
 @configclass
 class QuadrupedFlatWarpPPORunnerCfg(QuadrupedFlatPPORunnerCfg):
-    """PPO that makes the quadruped walk on a plane."""
+    """PPO for the quadruped on a plane."""
 
     experiment_name: str = "velocity_flat_quadruped_direct_warp"
