@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Branches and foliage of each species."""
+"""Tree crowns: branches and foliage of each species."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 @dataclass(frozen=True)
 class Stem:
-    """What a crown grows on.
+    """Stem on which a crown grows.
 
     Attributes:
         height: Of the tree [m].
@@ -38,7 +38,7 @@ class Stem:
 
 @dataclass
 class Crown:
-    """Pieces of a crown by what they look like."""
+    """Pieces of a crown, by material."""
 
     wood: list[Piece] = field(default_factory=list)
     dark: list[Piece] = field(default_factory=list)
@@ -46,15 +46,17 @@ class Crown:
 
 
 def _between(young: float, old: float, age: float) -> float:
+    """Interpolate between a sapling and a grown tree."""
     return young + (old - young) * age
 
 
 def _around(count: int, rng: np.random.Generator, spread: float = 0.35) -> np.ndarray:
-    """Azimuths [rad] that no two neighbours share."""
+    """Azimuths [rad] by the golden angle, so that neighbours point in different directions."""
     return rng.uniform(0.0, 2.0 * np.pi) + _GOLDEN * np.arange(count) + spread * rng.uniform(-1.0, 1.0, count)
 
 
 def _flat(azimuth: np.ndarray) -> np.ndarray:
+    """Horizontal unit vectors, ``(N, 3)``."""
     return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)])
 
 
@@ -90,10 +92,10 @@ def _coat(
     slim: float = 1.0,
     lowest: float = -0.45,
 ) -> Piece:
-    """Leaves on clumps, where no other clump is in front of them.
+    """Leaves on the surfaces of clumps, where no other clump is in front of them.
 
-    ``size`` is their length as a share of the mean radius, ``tilt`` how much they are turned at random, ``droop`` how
-    much their tips point down, ``lowest`` the lower end of where they sit.
+    ``size`` is their length as a share of the mean radius, ``tilt`` the amount of random turning, ``droop`` how much
+    their tips point down, ``lowest`` the lower end of the leaves on a clump, from -1 to 1.
     """
     each = int(np.ceil(3.0 * count / len(centers)))
     k = np.arange(each) + 0.5

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of what grows below trees: bushes, ferns, grass, blueberries. They are seen and not touched.
+"""Undergrowth: meshes of bushes, ferns, grass and blueberries, without colliders.
 
-A generator in the same state gives the same mesh. Roots reach a little below the ground, for slopes.
+A generator in the same state gives the same mesh. Stems reach a little below the ground, for slopes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .stones import check_positive, tinted, tube
 
 __all__ = ["blueberry", "bush", "fern", "grass"]
 
-_SUNK = 0.03  # how far stems reach below the ground [m]
+_SUNK = 0.03  # depth of stems below the ground [m]
 _LEAVES = (0.062, 0.115, 0.028)
 _FERN = (0.085, 0.150, 0.028)
 _GRASS = (0.115, 0.150, 0.045)
@@ -33,7 +33,7 @@ def bush(name: str, height: float, radius: float, rng: np.random.Generator) -> D
         name: An identifier.
         height: Of its highest leaf [m].
         radius: Largest distance of a leaf from its middle, seen from above [m].
-        rng: Where the randomness comes from.
+        rng: Generator of all random numbers.
 
     Raises:
         ValueError: If a size is not positive.
@@ -112,7 +112,7 @@ def fern(name: str, radius: float, rng: np.random.Generator) -> DynamicMesh:
     Args:
         name: An identifier.
         radius: Largest distance of a tip from its middle, seen from above [m].
-        rng: Where the randomness comes from.
+        rng: Generator of all random numbers.
 
     Raises:
         ValueError: If the radius is not positive.
@@ -128,7 +128,7 @@ def fern(name: str, radius: float, rng: np.random.Generator) -> DynamicMesh:
         long = rng.uniform(0.82, 1.0)
         rise = rng.uniform(0.9, 1.35)
         share = np.linspace(0.0, 1.0, pairs + 1)
-        # away from the middle and up: steep at the foot, over the crest at two thirds, hanging at the tip
+        # outwards and up: steep at the foot, highest at two thirds, hanging at the tip
         line = np.stack([long * share**1.35, 0.10 * np.sin(3.0 * share) * rng.uniform(-1.0, 1.0), 0.0 * share], axis=1)
         line[:, 2] = rise * (1.75 * share - 1.35 * share**2) * 0.9
         ahead = _unit(np.gradient(line, axis=0))
@@ -164,7 +164,7 @@ def grass(name: str, radius: float, height: float, rng: np.random.Generator) -> 
         name: An identifier.
         radius: Largest distance of a tip from its middle, seen from above [m].
         height: Of its highest blade [m].
-        rng: Where the randomness comes from.
+        rng: Generator of all random numbers.
 
     Raises:
         ValueError: If a size is not positive.
@@ -204,7 +204,7 @@ def grass(name: str, radius: float, height: float, rng: np.random.Generator) -> 
 def _leaves(
     at: np.ndarray, heading: np.ndarray, upward: np.ndarray, length: np.ndarray, width: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Leaves of two triangles, folded along the middle: they start ``at`` and lie across ``upward``, all ``(N, 3)``."""
+    """Leaves of two triangles, folded along the middle; they start ``at`` and face ``upward``, all ``(N, 3)``."""
     ahead = _unit(heading)
     side = _unit(np.cross(ahead, upward))
     over = np.cross(side, ahead)
@@ -228,14 +228,14 @@ def _stems(lines: list[np.ndarray], thick: float, color: tuple[float, float, flo
 
 
 def _part(name: str, vertices: np.ndarray, faces: np.ndarray, color: tuple[float, ...]) -> MeshPart:
-    """What some faces use of all vertices, as leaves: seen from both sides."""
+    """Part of some faces with the vertices that they use; visible from both sides, as leaves are."""
     used, where = np.unique(faces, return_inverse=True)
     red, green, blue = (float(min(c, 1.0)) for c in color)
     return MeshPart(name, vertices[used], where.reshape(-1, 3), (red, green, blue), double_sided=True)
 
 
 def _fitted(parts: list[MeshPart], radius: float, height: float | None = None) -> list[MeshPart]:
-    """Parts scaled so that they reach just so far from the z axis, and so high; what is below the ground stays."""
+    """Parts scaled to a radius around the z axis and to a height; what is below the ground keeps its depth."""
     points = np.concatenate([p.vertices for p in parts]).astype(np.float64)
     wide = radius / np.hypot(points[:, 0], points[:, 1]).max()
     tall = wide if height is None else height / points[:, 2].max()

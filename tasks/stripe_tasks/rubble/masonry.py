@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls, bricks, pipes and chips."""
+"""Masonry pieces: walls, bricks, pipes and chips."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["brick", "debris", "pipe", "wall"]
 
 
 def brick(name: str, courses: tuple[int, ...], rng: np.random.Generator) -> Piece:
-    """Bricks along x that still hold together, so many in each course; the middle is the origin."""
+    """Bricks along x that still hold together, ``courses`` in each layer; their middle is the origin."""
     size, gap = np.array([0.24, 0.115, 0.071]), 0.01
     spots = []
     for level, many in enumerate(courses):
@@ -46,7 +46,7 @@ def brick(name: str, courses: tuple[int, ...], rng: np.random.Generator) -> Piec
 
 
 def pipe(name: str, length: float, radius: float, rng: np.random.Generator) -> Piece:
-    """A pipe along x, open at its ends; its middle is the origin."""
+    """Pipe along x, open at its ends; its middle is the origin."""
     surface = tube(radius, 0.86 * radius, length)
     colors = shades(PIPES[int(rng.integers(3))], rng, (1.0, 0.6))
     inner = np.arange(len(surface[1])) // 28 >= 2
@@ -57,14 +57,15 @@ def pipe(name: str, length: float, radius: float, rng: np.random.Generator) -> P
 
 
 def wall(name: str, length: float, height: float, rng: np.random.Generator) -> Piece:
-    """What still stands of a brick wall along x, with a window in each storey; the origin on the ground, 0.45 m of it
-    below.
+    """Standing rest of a brick wall along x, with a window in each storey.
+
+    The origin is on the ground, 0.45 m above its foot.
 
     Args:
         name: An identifier.
-        length: [m].
-        height: Of its highest place [m].
-        rng: The only source of chance.
+        length: Length [m].
+        height: Height of its highest point [m].
+        rng: Generator of all random numbers.
     """
     thick, step_x, step_z, deep = 0.26, 0.29, 0.115, 0.45
     x = np.arange(-0.5 * length, 0.5 * length, 0.05)
@@ -93,21 +94,33 @@ def wall(name: str, length: float, height: float, rng: np.random.Generator) -> P
         parts.append(MeshPart("plaster", *boxes(at, size, rng), PLASTER))
     sills = np.array([(window, 0.0, low - 0.02) for low, _ in storeys])
     parts.append(MeshPart("sill", *boxes(sills, np.array([[0.62, 0.19, 0.04]]), rng, 0.01), CONCRETE))
+    return piece(name, "wall", parts, _wall_colliders(length, thick, -deep, (x, top), window, storeys))
+
+
+def _wall_colliders(
+    length: float,
+    thick: float,
+    foot: float,
+    outline: tuple[np.ndarray, np.ndarray],
+    window: float,
+    storeys: list[tuple[float, float]],
+) -> tuple[Collider, ...]:
+    """Upright capsules side by side, from the foot to the outline; none in the windows, between sill and lintel."""
     radius = 0.5 * thick
     count = math.ceil((length - thick) / (1.7 * radius)) + 1
-    touched = []
-    for at_x in np.linspace(-0.5 * length + radius, 0.5 * length - radius, count):
-        high = float(np.interp(at_x, x, top))
-        floor, end = -deep, (np.inf, np.inf)
-        for sill, lintel in [*(storeys if abs(at_x - window) < 0.54 else ()), end]:
+    found = []
+    for x in np.linspace(-0.5 * length + radius, 0.5 * length - radius, count):
+        high, floor = float(np.interp(x, *outline)), foot
+        openings = storeys if abs(x - window) < 0.54 else []
+        for sill, lintel in [*openings, (np.inf, np.inf)]:
             if min(high, sill) > floor + thick:
-                touched.append(upright(at_x, floor, min(high, sill), radius))
+                found.append(upright(x, floor, min(high, sill), radius))
             floor = lintel
-    return piece(name, "wall", parts, tuple(touched))
+    return tuple(found)
 
 
 def debris(name: str, reach: float, rng: np.random.Generator) -> Piece:
-    """Chips on the ground within a distance of the origin: too small to be touched."""
+    """Chips on the ground within a distance of the origin, too small for colliders."""
     count = 60
     away, turn = reach * np.sqrt(rng.random(count)), rng.uniform(0.0, 2.0 * math.pi, count)
     size = 0.012 + 0.04 * rng.random(count) ** 2.5

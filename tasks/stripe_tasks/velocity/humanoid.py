@@ -28,6 +28,7 @@ from .manager_based import (
     VelocitySceneCfg,
     bodies,
     contacts,
+    end_on_contact,
     joints,
     randomize,
 )
@@ -103,7 +104,7 @@ class HumanoidFlatEnvCfg(VelocityEnvCfg):
     def __post_init__(self) -> None:
         randomize(self.events, "torso", ".*_foot")
         self.viewer.eye, self.viewer.lookat = (2.8, -3.2, 0.5), (0.0, 0.0, -0.35)
-        self.terminations.base_contact.params["sensor_cfg"] = contacts("torso", "pelvis", "head", ".*_thigh", ".*_arm")
+        end_on_contact(self.terminations, "torso", "pelvis", "head", ".*_thigh", ".*_arm")
 
 
 @configclass
@@ -128,7 +129,7 @@ class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
     def __post_init__(self) -> None:
         randomize(self.events, "torso", ".*_foot")
         self.viewer.eye, self.viewer.lookat = (2.8, -3.2, 0.5), (0.0, 0.0, -0.35)
-        self.terminations.base_contact.params["sensor_cfg"] = contacts("torso", "pelvis", "head", ".*_thigh", ".*_arm")
+        end_on_contact(self.terminations, "torso", "pelvis", "head", ".*_thigh", ".*_arm")
         self.scene.height_scanner.prim_path = "{ENV_REGEX_NS}/Robot/torso"
 
 

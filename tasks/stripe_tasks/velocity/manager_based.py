@@ -213,7 +213,7 @@ class TerminationsCfg:
     """An episode ends when the robot has fallen, or after its full length."""
 
     time_out: TerminationTermCfg = TerminationTermCfg(func=mdp.time_out, time_out=True)
-    base_contact: TerminationTermCfg = TerminationTermCfg(
+    base_contact: TerminationTermCfg | None = TerminationTermCfg(
         func=mdp.illegal_contact, params={"sensor_cfg": MISSING, "threshold": 1.0}
     )
 
@@ -263,6 +263,12 @@ def randomize(events: EventsCfg, trunk: str, feet: str) -> None:
     for term, names in ((events.payload, trunk), (events.centre_of_mass, trunk), (events.soles, feet)):
         if term is not None:
             term.params["asset_cfg"] = bodies(names)
+
+
+def end_on_contact(terminations: TerminationsCfg, *names: str) -> None:
+    """Set the bodies whose contact ends an episode."""
+    if terminations.base_contact is not None:
+        terminations.base_contact.params["sensor_cfg"] = contacts(*names)
 
 
 @configclass

@@ -22,6 +22,7 @@ from .manager_based import (
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
     contacts,
+    end_on_contact,
     randomize,
 )
 
@@ -57,7 +58,7 @@ class QuadrupedFlatEnvCfg(VelocityEnvCfg):
 
     def __post_init__(self) -> None:
         randomize(self.events, "base", ".*_foot")
-        self.terminations.base_contact.params["sensor_cfg"] = contacts("base")
+        end_on_contact(self.terminations, "base")
 
 
 @configclass
@@ -78,7 +79,7 @@ class QuadrupedRoughEnvCfg(VelocityRoughEnvCfg):
 
     def __post_init__(self) -> None:
         randomize(self.events, "base", ".*_foot")
-        self.terminations.base_contact.params["sensor_cfg"] = contacts("base")
+        end_on_contact(self.terminations, "base")
         self.scene.height_scanner.prim_path = "{ENV_REGEX_NS}/Robot/base"
         if self.scene.terrain.terrain_generator is not None:
             # steps and bumps that a robot with legs of 0.4 m can climb
