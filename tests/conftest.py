@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a quiet Warp, a working folder of their own, the device to run on, no GPU tests without GPU."""
+"""Shared set-up: a quiet Warp, a working folder for each test, the device to run on, no GPU tests without a GPU."""
 
 from __future__ import annotations
 

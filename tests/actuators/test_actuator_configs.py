@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configs of actuators that do not fit."""
+"""Actuator configs: errors of those that do not fit the robot."""
 
 from __future__ import annotations
 

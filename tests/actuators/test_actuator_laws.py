@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The laws of explicit actuators against float64 and against Newton's own actuators, on random states."""
+"""Laws of explicit actuators, against float64 and against Newton's own actuators on random states."""
 
 from __future__ import annotations
 

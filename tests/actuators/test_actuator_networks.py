@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learned actuators against torch running the same network, and the files they refuse."""
+"""Actuator networks, against torch running the same network; errors of files that are refused."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What actuators remember: episodes, environments and seeds; stages with actuators; configs that do not fit."""
+"""Actuator state: resets, environments and seeds; stages with actuators; errors of configs."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives, limits and passive properties of joints against the laws they state."""
+"""Actuators: drives, limits and passive properties of joints, against the laws that they state."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators on a GPU: recorded once and replayed, they equal the same kernels one by one."""
+"""Actuators on a GPU: a recorded and replayed graph gives the same as single kernels."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Articulations and rigid objects: what data says, what writing does, by closed-form physics and finite differences."""
+"""Articulations and rigid objects: data and writes, against closed-form physics and finite differences."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that others wrote, by file and by name: the simulation has what plain MuJoCo reads of the same file."""
+"""Robot files of other projects, by path and by name: the simulation has what MuJoCo reads from the same file."""
 
 from __future__ import annotations
 

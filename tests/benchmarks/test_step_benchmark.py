@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole step of ``Stripe-Ant-v0``, with more or fewer episodes that end in it.
+"""Benchmark of a whole step of ``Stripe-Ant-v0``, with more or fewer episodes that end in it.
 
     pytest tests/benchmarks/test_step_benchmark.py --benchmark-only              # CPU
     pytest tests/benchmarks/test_step_benchmark.py --benchmark-only -m gpu       # GPU, up to 16384 environments

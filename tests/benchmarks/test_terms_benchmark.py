@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each term alone, at 4096 environments.
+"""Benchmark of each term alone, at 4096 environments.
 
     pytest tests/benchmarks/test_terms_benchmark.py --benchmark-only              # CPU
     pytest tests/benchmarks/test_terms_benchmark.py --benchmark-only -m gpu       # GPU

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``stripe-newton bench``: its file, its table, its errors."""
+"""Command ``stripe-newton bench``: its file, its table, its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Command line: its commands, options and errors."""
+
 from __future__ import annotations
 
 import dataclasses

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Command ``stripe-newton scene``: previews, built files, names and errors."""
+
 from __future__ import annotations
 
 import colorsys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls in a step: launches, copies and waits, counted from a trace."""
+"""Call counts of a step: launches, copies and synchronisations, counted from a trace."""
 
 from __future__ import annotations
 

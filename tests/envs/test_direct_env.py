@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DirectRLEnv: its contract with hooks and learners, and the traps that others fell into."""
+"""DirectRLEnv: its contract with hooks and learners, and known traps."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DirectRLEnv: recovery, seeds, its state saved and restored, several in one process."""
+"""State of DirectRLEnv: recovery, seeds, saving and restoring, several environments in one process."""
 
 from __future__ import annotations
 

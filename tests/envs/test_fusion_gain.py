@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gain of fused kernels: against one kernel a term."""
+"""Fusion gain: fused kernels against a kernel for each term."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DirectRLEnv as gymnasium and rsl_rl use it."""
+"""DirectRLEnv under gymnasium's wrappers and under rsl_rl's."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A class as users of Isaac Lab's direct workflow write it: only its import lines are of this project."""
+"""Environment class as users of Isaac Lab's direct workflow write it: only its imports are of this project."""
 
 from __future__ import annotations
 

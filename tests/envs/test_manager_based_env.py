@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ManagerBasedRLEnv: the order of a step, resets, what is handed out, seeds, saved state, torch terms, the log."""
+"""ManagerBasedRLEnv: order of a step, resets, outputs, seeds, saved state, torch terms, the log."""
 
 from __future__ import annotations
 

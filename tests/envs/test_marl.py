@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments of several agents: what a step takes and gives, and what it refuses."""
+"""Multi-agent environments: inputs and outputs of a step, and errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments of several agents as one agent and as PettingZoo's, and the cart with two poles and two agents."""
+"""Multi-agent environments as one agent and as PettingZoo's; the cart with two poles and two agents."""
 
 from __future__ import annotations
 

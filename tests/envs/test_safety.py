@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds and actions that are not finite, in all kinds of environments; hooks that are filled twice."""
+"""Safety: states and actions that are not finite, in all kinds of environments; hooks that are defined twice."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A step on a GPU: one graph, a few other calls, nobody waits; replayed it equals the same kernels one by one."""
+"""Step graph on a GPU: one graph, few other calls, no host synchronisation; replays equal single kernels."""
 
 from __future__ import annotations
 

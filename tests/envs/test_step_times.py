@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times of a step: with its physics alone, of seeded actions, and the state is brought back."""
+"""Step times: of a step and of its physics alone, with seeded actions; the state is restored."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names, parameters, the log, terms found by their annotations, generated source, and steps as plans."""
+"""Fusion: names, parameters, the log, terms bound by their annotations, generated source, and plans of steps."""
 
 from __future__ import annotations
 

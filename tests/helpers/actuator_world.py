@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of sliders with an actuator of each kind, for the tests of actuators."""
+"""Robot of sliders with an actuator of each kind."""
 
 from __future__ import annotations
 

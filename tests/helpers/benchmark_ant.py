@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The environment that the benchmarks of this folder share."""
+"""Ant environments of several sizes, on CPU and GPU, for benchmarks."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cart with a pole whose environment records the calls of its hooks, for the tests of DirectRLEnv."""
+"""Cart with a pole whose environment records the calls of its hooks."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The manager-based cart-pole: plain, and with everything that an environment of terms can have."""
+"""Manager-based cart-pole: plain, and with noise, history, delay, commands, events, a curriculum and metrics."""
 
 from __future__ import annotations
 

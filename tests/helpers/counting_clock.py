@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A clock whose milliseconds are calls of a function."""
+"""Clock whose milliseconds are calls of a function."""
 
 from __future__ import annotations
 

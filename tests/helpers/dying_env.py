@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A task of which one rank dies, fails, or interrupts the launcher amid a training; for test_distributed.py.
+"""Task of which one rank dies, fails, or interrupts the launcher during a training.
 
 ``DYING_HOW`` is ``kill``, ``raise``, ``exit`` or ``interrupt``; rank 1 does it in the third iteration.
 """

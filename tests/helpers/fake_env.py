@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vector environment with the surface of ``DirectRLEnv`` and almost no work in it, for the tests of rl and cli.
+"""Vector environment with the interface of ``DirectRLEnv`` and almost no work in it, for the tests of rl and cli.
 
 A cart on a line is pushed by the action and shall stay at the middle; leaving the line ends the episode.
 """

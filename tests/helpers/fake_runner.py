@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runners that train the fake cart, and what they leave, for the tests of rl."""
+"""Runners that train the fake cart, and readers of the files that they leave."""
 
 from __future__ import annotations
 

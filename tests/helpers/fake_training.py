@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A program with the options and files of ``stripe-newton train`` that learns nothing, for the tests of sweeps.
+"""Program with the options and files of ``stripe-newton train`` that learns nothing, for the tests of sweeps.
 
 Its return is ``1 - gamma`` times the iteration, plus a tenth of the seed. It fails if ``lam`` is 0, and takes
 ``--agent.algorithm.max-grad-norm`` milliseconds an iteration.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots in random states for the tests of inverse kinematics, beside the model that MuJoCo makes of them."""
+"""Robots in random states for inverse kinematics, with the model that MuJoCo makes of them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples of docs/learners.md, run as they stand, and a measure of what they learn that none of them computes."""
+"""Examples of docs/learners.md, run as they stand, and an independent measure of what they learn."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene with a context for managers, without an environment."""
+"""Scene with a context for managers, without an environment."""
 
 from __future__ import annotations
 

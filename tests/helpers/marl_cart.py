@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cart with two poles and two agents, whose episodes end where a test says."""
+"""Cart with two poles and two agents, whose episodes end when a test says so."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Obstacles and scenes with collider slots, for tests."""
+"""Obstacles, and scenes with collider slots."""
 
 from __future__ import annotations
 

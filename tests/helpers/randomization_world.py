@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot with events that randomise its model, and the same model in MuJoCo on the CPU."""
+"""Robot with events that randomise its model, and the same model in MuJoCo on the CPU."""
 
 from __future__ import annotations
 

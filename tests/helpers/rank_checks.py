@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What two ranks check together, with gloo on the CPU; started by test_distributed.py: ``rank_checks.py FOLDER``."""
+"""Checks of two ranks together, with gloo on the CPU; test_distributed.py starts ``rank_checks.py FOLDER``."""
 
 from __future__ import annotations
 

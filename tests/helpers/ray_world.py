@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes of one free body that carries a sensor, above ground and shapes that a test puts there."""
+"""Scenes of one free body that carries a sensor, over ground and shapes that a test adds."""
 
 from __future__ import annotations
 

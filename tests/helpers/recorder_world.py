@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorder manager between steps of an environment that hands out numbers worked out by hand."""
+"""Recorder manager between steps of an environment whose numbers are known."""
 
 from __future__ import annotations
 

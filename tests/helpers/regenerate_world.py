@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hills with posts that differ from seed to seed, and environments on them, for tests."""
+"""Hills with posts that differ by seed, and environments on them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the rubble share: distances from capsules, and pieces in the world."""
+"""Geometry of rubble: distances from capsules, and pieces placed in the world."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cart-pole with short episodes, as Stable-Baselines3 sees it."""
+"""Cart-pole with short episodes, in the adapter for Stable-Baselines3."""
 
 from __future__ import annotations
 

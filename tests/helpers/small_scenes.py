@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small scenes that the tests of simulation, assets and scenes share."""
+"""Small scenes with robots of few links, and their physical constants."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small wood of a few prototypes, for tests of what makes and draws scenes."""
+"""Small wood of a few prototypes, for the tests of scene specifications and pictures."""
 
 from __future__ import annotations
 

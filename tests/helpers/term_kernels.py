@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One kernel for each term, generated; and random states for the terms to read."""
+"""Generated kernels, one for each term, and random states for the terms to read."""
 
 from __future__ import annotations
 

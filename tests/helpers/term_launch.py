@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launches of single terms with parameters to try, and the comparison with references in float64."""
+"""Launches of single terms with parameters to try, and comparison with references in float64."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The terms again, for all environments at once, in float64 with NumPy and SciPy: what the Warp functions must give.
+"""Reference of the terms in float64, with NumPy and SciPy, for all environments at once.
 
 ``v`` holds the values of the structs' fields by struct, ``p`` the parameters by name.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The terms about objects again, in float64, in the form of ``term_reference`` and ``term_reference_random``."""
+"""Reference of the terms about objects in float64, in the form of ``term_reference`` and ``term_reference_random``."""
 
 from __future__ import annotations
 

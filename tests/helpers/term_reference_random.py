@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events, commands and actions again, in float64: each takes the values, the parameters and a stream, and returns what
-the fields it writes must hold, by struct and field."""
+"""Reference of events, commands and actions in float64.
+
+Each takes the values, the parameters and a stream, and returns the expected content of the fields that it writes, by
+struct and field.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sub-terrain of every kind."""
+"""Sub-terrain of every kind."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A field of heights to test on, its height at a point by a plain account in float64, and a scene of a few tiles."""
+"""Field of heights with a reference for its height at a point in float64, and a scene of a few tiles."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms about contacts and IMUs: against float64 references on random states, and in an environment."""
+"""Contact and IMU terms, against float64 references on random states, and in an environment."""
 
 from __future__ import annotations
 

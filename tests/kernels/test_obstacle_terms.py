@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms about obstacles against float64 references found in other ways, and in an environment."""
+"""Obstacle terms, against float64 references computed in other ways, and in an environment."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The random numbers that terms draw: those of a reference, whatever the launches, distributed as they say."""
+"""Random streams of terms: equal to a reference whatever the launches are, with the stated distributions."""
 
 from __future__ import annotations
 

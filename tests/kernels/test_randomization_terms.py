@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Randomising terms against the same in float64, on a quadruped; what they leave alone; what they draw."""
+"""Randomisation terms on a quadruped, against references in float64; they leave everything else alone."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every term of stripe_kernels.mdp against float64 references, on random states and the known hard cases."""
+"""Terms of stripe_kernels.mdp, against float64 references on random states and known hard cases."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms that read the ground against plain accounts in float64."""
+"""Terrain terms, against references in float64."""
 
 from __future__ import annotations
 

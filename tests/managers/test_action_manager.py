@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actions against NumPy references, and what a step and a reset do to them."""
+"""Action manager: action terms against NumPy references, over steps and resets."""
 
 from __future__ import annotations
 

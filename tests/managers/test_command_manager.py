@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands against NumPy references that draw the same numbers, and how they behave over episodes."""
+"""Command manager: command terms against NumPy references that draw the same numbers, over episodes."""
 
 from __future__ import annotations
 

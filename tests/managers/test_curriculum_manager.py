@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curriculums against a plain account of what they should change, when, and what is logged."""
+"""Curriculum manager: changes, their times and the log, against plain references."""
 
 from __future__ import annotations
 

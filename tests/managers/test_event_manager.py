@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events against a plain account of when they should run, and with what numbers."""
+"""Event manager: times and numbers of events, against plain references."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The height scan: the term against NumPy, a thread a ray in the generated kernel, noise, in an environment."""
+"""Height scan: against NumPy, with a thread for each ray in the generated kernel, with noise, in an environment."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actions that move a body, against MuJoCo's Jacobians and NumPy in float64."""
+"""Inverse kinematics actions, against MuJoCo's Jacobians and NumPy in float64."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actions that move a body in the loop with the physics, and configs that are refused."""
+"""Inverse kinematics actions in the loop with the physics, and errors of configs."""
 
 from __future__ import annotations
 

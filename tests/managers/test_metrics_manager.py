@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics against means taken with NumPy, over episodes of different lengths."""
+"""Metrics manager: against means taken with NumPy, over episodes of different lengths."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pools of objects in a real scene: they come, touch things, go, and nobody else notices."""
+"""Object manager: pools of objects in a real scene, which appear, touch things and retire without side effects."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Groups of observations: their values and layout, history, delay, what a reset does, what is wrong with a config."""
+"""Observation manager: values and layout of groups, history, delay, resets, errors of configs."""
 
 from __future__ import annotations
 

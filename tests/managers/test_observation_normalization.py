@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running normalisation of observations, held against the statistics of all samples together."""
+"""Observation normalisation: running statistics against those of all samples together."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens to a number between a term and the policy: noise, bias, modifiers, delay, running statistics."""
+"""Observation processing between a term and the policy: noise, bias, modifiers, delay, running statistics."""
 
 from __future__ import annotations
 

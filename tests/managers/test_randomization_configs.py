@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Randomising events whose config does not fit: one clear sentence each, before anything runs."""
+"""Randomisation events with configs that do not fit: one clear error each, before anything runs."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Randomisation in environments made of terms: modes, saved state, encoders, terms of one's own."""
+"""Randomisation in manager-based environments: modes, saved state, encoders, custom terms."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Randomisation on a GPU: recorded once and replayed, it draws and writes what the CPU does."""
+"""Randomisation on a GPU: a recorded and replayed graph draws and writes the same as the CPU."""
 
 from __future__ import annotations
 

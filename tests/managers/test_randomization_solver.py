@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the solver makes of a randomised model, against MuJoCo with the same numbers."""
+"""Randomised models in the solver, against MuJoCo with the same numbers."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded files, read with plain h5py and held against values worked out by hand, and replayed."""
+"""Recorder manager: recorded files, read with plain h5py and compared with known values, and replayed."""
 
 from __future__ import annotations
 

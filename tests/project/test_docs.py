@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the documentation shows runs: its Python blocks, its imports, its links and its command lines."""
+"""Documentation: its Python blocks run, its imports, links and command lines are right."""
 
 from __future__ import annotations
 

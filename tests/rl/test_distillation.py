@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A student that learns from a teacher trained before."""
+"""Distillation: a student learns from a teacher that was trained before."""
 
 import random
 

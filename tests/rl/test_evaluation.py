@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of policies: episodes are counted without favour, and it ends."""
+"""Evaluation of policies: episodes are counted without bias, and it ends."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configs of training with rsl_rl: their defaults, and all their problems at once."""
+"""Runner configs: defaults, and all problems at once."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Another scene of a specification without a restart: what came to it is what was made with it."""
+"""Regeneration of a scene without a restart: the result is the same as a new scene of that seed."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Another scene without a restart: other solvers, environments of other kinds, tiles, pictures."""
+"""Regeneration with other solvers, other kinds of environments, tiles and pictures."""
 
 from __future__ import annotations
 

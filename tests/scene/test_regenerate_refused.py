@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes from which there is no way to another one of their specification, and what the error says."""
+"""Regeneration that is refused: scenes that cannot change, and their errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training that goes from scene to scene."""
+"""Training over regenerated scenes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contact sensor: weights, filters, histories and times, on planes, height fields and with several solvers."""
+"""Contact sensor: weights, filters, histories and times, on planes, height fields and with several solvers."""
 
 from __future__ import annotations
 

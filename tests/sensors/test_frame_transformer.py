@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The frame transformer: poses against those of the bodies, in scripts and in an environment's graph."""
+"""Frame transformer: poses against those of the bodies, in scripts and in an environment's graph."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The IMU: against finite differences of poses, Newton's own sensor, and what noise and delay are to do."""
+"""IMU: against finite differences of poses and Newton's own sensor; noise and delay."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When sensors measure: after each physics step, before the outcome, at a reset, before the observations."""
+"""Sensor stages: measurements after each physics step, before the outcome, at a reset, before the observations."""
 
 from __future__ import annotations
 

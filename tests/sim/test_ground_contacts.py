@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts with height fields from their triangles: against brute force, planes, and MuJoCo Warp's general routine."""
+"""Ground contacts from the triangles of height fields: against brute force, planes, and MuJoCo Warp's routine."""
 
 from __future__ import annotations
 

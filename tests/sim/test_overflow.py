@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts and constraints that do not fit are an error that names the size to set, not a silent loss."""
+"""Overflow of contacts and constraints: an error names the size to set, nothing is lost silently."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulation against closed-form physics, and the solvers against each other."""
+"""Simulation: against closed-form physics, and the solvers against each other."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spawners: the prims they author, and that these prims do what they say."""
+"""Spawners: the prims that they author, and the behaviour of these prims."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of assets: what they hold, colliders around them, files of others."""
+"""Asset meshes: their content, colliders around them, files of other programs."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes that specs make, as models: prototypes read once give what Newton's importer reads prim by prim."""
+"""Models of generated scenes: prototypes read once equal what Newton's importer reads prim by prim."""
 
 from __future__ import annotations
 

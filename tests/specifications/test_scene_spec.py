@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes that specs make: the same from the same seed, sound USD, and the model that was meant."""
+"""Scene specifications: the same scene from the same seed, valid USD, and the intended model."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene here, a task there."""
+"""Training specifications: a scene coupled with a task."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms of robots that are sent to places, against plain accounts in float64."""
+"""Navigation terms, against references in float64."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pushing a ball: what is there at the start, rewards from the raw state, the goal's reward, contact."""
+"""Push ball: initial states, rewards from the raw state, the goal's reward, contact."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The quadcopter: its mass and looks, hovering and turning, observations and rewards from the raw state."""
+"""Quadcopter: mass and looks, hovering and turning, observations and rewards from the raw state."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reaching with an arm: its kinematics against published lengths, commanded poses, rewards from the raw state."""
+"""Reach: kinematics of the arm against published lengths, commanded poses, rewards from the raw state."""
 
 from __future__ import annotations
 

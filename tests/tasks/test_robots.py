@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robots that this package brings: their published numbers, that they stand, and the program that writes them."""
+"""Robots of this package: published numbers, standing, and the program that authors them."""
 
 from __future__ import annotations
 

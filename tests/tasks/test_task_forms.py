@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cartpole, ant and humanoid in their three forms: direct torch, direct Warp, manager-based. All do the same."""
+"""Task forms: cart-pole, ant and humanoid do the same in direct torch, direct Warp and manager-based form."""
 
 from __future__ import annotations
 

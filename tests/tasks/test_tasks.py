@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tasks: observations and rewards against float64 references from the raw state."""
+"""Direct tasks: observations and rewards against float64 references from the raw state."""
 
 from __future__ import annotations
 

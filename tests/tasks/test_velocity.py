@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The velocity tasks: what they see, when they end, and that their forms agree."""
+"""Velocity tasks: observations, terminations, and agreement of their forms."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadruped on generated tiles with a curriculum: episodes start on the ground, levels follow how far it got."""
+"""Quadruped on generated tiles with a curriculum: starts on the ground, levels by the distance covered."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground as files have it."""
+"""Terrain files: meshes become height fields; warnings and errors about others."""
 
 from __future__ import annotations
 

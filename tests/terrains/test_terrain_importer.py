@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground of a scene: where environments start on it, its levels, files it is read from, and its export."""
+"""Terrain importer: origins of environments, levels, files, and export."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface that a look-up finds: against its triangles, Newton's rays and MuJoCo Warp's contacts."""
+"""Terrain look-up of heights: against triangles, Newton's rays and MuJoCo Warp's contacts."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Level patches of ground."""
+"""Flat patches of terrains."""
 
 from __future__ import annotations
 

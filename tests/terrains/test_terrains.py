@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles of every kind, the grid that they make, and level patches: plain NumPy against plain facts."""
+"""Terrains: tiles of every kind and the grid that they make, in plain NumPy."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``tools/benchmarks/benchmark_table.py``: it goes on after failures, keeps to its time, and draws."""
+"""Tool ``benchmark_table.py``: it goes on after failures, keeps to its time, and draws."""
 
 from __future__ import annotations
 

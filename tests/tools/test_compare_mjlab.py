@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Both sides of ``tools/comparison/compare_mjlab.py`` are the same task: model, observations, rewards, control step.
+"""Comparison with mjlab: both sides are the same task, in model, observations, rewards and a control step.
 
 mjlab runs under an interpreter of its own, named by the environment variable ``MJLAB_PYTHON``.
 """

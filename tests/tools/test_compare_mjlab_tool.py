@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``tools/comparison/compare_mjlab.py`` without mjlab: how a side is measured, what is printed, what is refused."""
+"""Tool ``compare_mjlab.py`` without mjlab: measurement of a side, the table, errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program that runs an exported policy in plain MuJoCo sees and does what the environment does."""
+"""Tool ``deploy_mujoco.py``: observations and motion in plain MuJoCo are those of the environment."""
 
 from __future__ import annotations
 

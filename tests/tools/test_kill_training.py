@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training that is killed by SIGKILL and resumed, again and again, by ``tools/checks/kill_training.py``."""
+"""Tool ``kill_training.py``: a training that is killed by SIGKILL and resumed, again and again."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``tools/benchmarks/scaling.py``: what it measures and prints, without trainings."""
+"""Tool ``scaling.py``: its measurement and its table, without trainings."""
 
 from __future__ import annotations
 

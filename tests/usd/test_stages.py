@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every stage of the installed Newton steps, or is refused for the reason given here."""
+"""Stages of the installed Newton: each steps, or is refused for the reason given here."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading stages: each reason to refuse one, units and axes, and what Newton alone would read otherwise."""
+"""USD import: reasons to refuse a stage, units and axes, and what Newton alone would read otherwise."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands still in great number, traced by kernels of our own: the same surfaces as Newton's sensor finds."""
+"""Pictures of scenery, traced by our own kernels: the same surfaces as Newton's sensor finds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Viewers: pictures, cameras, videos and the live page."""
+
 from __future__ import annotations
 
 import importlib.util

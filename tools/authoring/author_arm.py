@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Author the arm of the reach task: ``python tools/authoring/author_arm.py [FILE]``.
 
-FILE is ``tasks/stripe_tasks/assets/arm.usda`` by default. A fixed arm of six joints, of the class of Universal Robots'
-UR5e, with colliders and surfaces of its own. The numbers are published:
+FILE is ``tasks/stripe_tasks/assets/arm.usda`` by default. A fixed arm of six joints, similar to Universal
+Robots' UR5e, with colliders and surfaces made here. The numbers are published:
 
 * lengths (Denavit-Hartenberg parameters), masses and centres of mass: Universal Robots, "DH Parameters for calculations
   of kinematics and dynamics", UR5e;
 * largest torques: Universal Robots, "Max. joint torques", UR5e; speeds and ranges of the joints: the UR5e's data sheet.
 
-No moments of inertia are published there: those of the links are of solid cylinders, as ``LINKS`` has them. The frames
-of all links are parallel in the zero pose, in which the arm lies stretched along x and the flange faces y.
+Moments of inertia are not published there: those of the links are of the solid cylinders in ``LINKS``. In the zero pose
+the frames of all links are parallel, the arm is stretched along x and the flange faces y.
 
 The file is the same, byte for byte, whenever the same version of OpenUSD writes it.
 """
@@ -19,18 +19,19 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from lofts import Surface, puck, rounded, smooth
+from numpy.typing import ArrayLike
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
-from quadruped_shapes import Surface, puck, rounded, smooth
 
 OUTPUT = Path(__file__).parents[2] / "tasks" / "stripe_tasks" / "assets" / "arm.usda"
 
 D1, A2, A3, D4, D5, D6 = 0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996
 """Lengths [m]: height of the shoulder, upper arm, forearm, and the offsets of the wrists."""
 UPPER_Y, FORE_Y = 0.138, 0.007
-"""Where the tubes of upper arm and forearm lie along y, from the plane of the shoulder [m]."""
+"""Offsets of the tubes of upper arm and forearm along y, from the plane of the shoulder [m]."""
 
 COLORS = {  # linear RGB, roughness, metallic
     "shell": ((0.60, 0.62, 0.64), 0.35, 0.3),
@@ -41,12 +42,12 @@ COLORS = {  # linear RGB, roughness, metallic
 
 
 class Link(NamedTuple):
-    """A link, its joint to the link before, and the cylinder whose inertia it has.
+    """Link of the arm, its joint to the link before it, and the cylinder from which its inertia is computed.
 
     Attributes:
         at: Place of the joint in the frame of the link before [m].
         axis: Axis of the joint; ``-Z`` turns the other way.
-        mass: [kg]
+        mass: Mass [kg].
         com: Centre of mass [m].
         along: Axis of the cylinder, its radius and length [m].
         effort: Largest torque [N m].
@@ -77,7 +78,7 @@ STIFFNESS, DAMPING = {150.0: 1500.0, 28.0: 300.0}, {150.0: 120.0, 28.0: 15.0}
 
 
 def tube(axis: str, start: float, end: float, radius: float, waist: float, centre: tuple[float, float]) -> Surface:
-    """A round tube that is a little thinner in the middle."""
+    """Round tube that is a little thinner in the middle."""
     low, high = sorted((start, end))
     rows = [
         (low, *centre, radius, radius),
@@ -88,7 +89,7 @@ def tube(axis: str, start: float, end: float, radius: float, waist: float, centr
 
 
 def housing(name: str, axis: str, low: float, high: float, radius: float, at: tuple[float, float], cap: int) -> list:
-    """A joint's housing, with a coloured cap at the end that ``cap`` says: 1 high, -1 low, 0 none."""
+    """Housing of a joint, with a coloured cap at its high end (``cap`` 1), its low end (-1) or none (0)."""
     parts = [(name, puck(axis, low, high, radius, at, 0.010), "shell")]
     if cap:
         end = high if cap > 0 else low
@@ -143,11 +144,11 @@ COLLIDERS = {  # axis, radius, length, centre
     "wrist_2": [("Z", 0.038, 0.09, (0.0, 0.0, 0.0))],
     "wrist_3": [("Y", 0.036, 0.036, (0.0, -0.018, 0.0))],
 }
-"""Cylinders that touch, in the link's frame [m]."""
+"""Colliders in the link's frame: cylinders [m]."""
 
 
-def exact(values: Any, digits: int = 9) -> list[float]:
-    """Numbers without the last bits, in which platforms differ."""
+def exact(values: ArrayLike, digits: int = 9) -> list[float]:
+    """Round off the last bits, in which platforms differ: the file is to be the same everywhere."""
     return (np.round(np.asarray(values, dtype=float), digits) + 0.0).tolist()
 
 
@@ -176,8 +177,10 @@ class Author:
             shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(metallic)
             material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
 
-    def body(self, name: str, at: tuple[float, ...], mass: float, com: tuple[float, ...], inertia: list[float]) -> Any:
-        """A rigid body with its surfaces and colliders."""
+    def body(
+        self, name: str, at: tuple[float, ...], mass: float, com: tuple[float, ...], inertia: list[float]
+    ) -> Usd.Prim:
+        """Write a rigid body with its surfaces and colliders."""
         xform = UsdGeom.Xform.Define(self.stage, f"/arm/{name}")
         xform.AddTranslateOp().Set(Gf.Vec3d(*exact(at)))
         prim = xform.GetPrim()
@@ -201,6 +204,7 @@ class Author:
         return prim
 
     def surface(self, path: str, surface: Surface, material: str) -> None:
+        """Write a mesh without collider."""
         mesh = UsdGeom.Mesh.Define(self.stage, path)
         points, normals = np.round(surface.points, 4) + 0.0, np.round(surface.normals, 2) + 0.0
         mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
@@ -215,7 +219,9 @@ class Author:
         UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(look)
 
     def joint(self, name: str, link: Link, parent: Usd.Prim, child: Usd.Prim) -> None:
+        """Write a joint with its limits and its drive."""
         joint = UsdPhysics.RevoluteJoint.Define(self.stage, f"/arm/joints/{name}_joint")
+        # USD knows axes without a sign: the other way round both frames are turned over
         flip = Gf.Quatf(0.0, 1.0, 0.0, 0.0) if link.axis == "-Z" else Gf.Quatf(1.0)
         joint.CreateBody0Rel().SetTargets([parent.GetPath()])
         joint.CreateBody1Rel().SetTargets([child.GetPath()])
@@ -229,6 +235,7 @@ class Author:
         joint.CreateUpperLimitAttr(limit)
         drive = UsdPhysics.DriveAPI.Apply(joint.GetPrim(), "angular")
         drive.CreateTypeAttr(UsdPhysics.Tokens.force)
+        # angles of USD are degrees, and so are the gains of its drives
         drive.CreateStiffnessAttr(exact([math.radians(STIFFNESS[link.effort])], 6)[0])
         drive.CreateDampingAttr(exact([math.radians(DAMPING[link.effort])], 6)[0])
         drive.CreateMaxForceAttr(link.effort)

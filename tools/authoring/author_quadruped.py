@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Author the quadruped of the velocity tasks: ``python tools/authoring/author_quadruped.py [FILE]``.
 
-FILE is ``tasks/stripe_tasks/assets/quadruped.usda`` by default. A robot of the class of Unitree's Go2, with colliders
-and surfaces of its own. The numbers are published:
+FILE is ``tasks/stripe_tasks/assets/quadruped.usda`` by default. A robot similar to Unitree's Go2, with colliders and
+surfaces made here. The numbers are published:
 
 * masses, centres of mass, inertia tensors, positions and limits of the joints, the place of the IMU, efforts and
   speeds of hips and thighs: Unitree's description of the Go2, github.com/unitreerobotics/unitree_ros,
@@ -22,9 +22,10 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from quadruped_shapes import PARTS
 
@@ -38,7 +39,7 @@ LINKAGE = 45.43 / 23.7
 ROTOR, GEAR = 1.11842e-4, 6.33
 STIFFNESS, DAMPING = 25.0, 0.6
 CONTACT_GAP = 0.005
-"""Distance at which contacts begin to be found [m]; Newton's default of 0.1 would keep four times as many."""
+"""Distance at which contacts are found [m]; Newton's default of 0.1 would keep four times as many."""
 STANDING = {"hip": 0.1, "front_thigh": 0.8, "rear_thigh": 1.0, "calf": -1.5}
 """Joint angles of the authored pose [rad]; hips outward."""
 
@@ -91,8 +92,8 @@ JOINTS = {
 }
 
 
-def rounded(values: Any, digits: int = 9) -> Any:
-    """Numbers without the last bits, in which platforms differ."""
+def rounded(values: ArrayLike, digits: int = 9) -> np.ndarray:
+    """Round off the last bits, in which platforms differ: the file is to be the same everywhere."""
     return np.round(np.asarray(values, dtype=float), digits) + 0.0
 
 
@@ -133,7 +134,7 @@ class Author:
             physics.CreateRestitutionAttr(0.0)
 
     def parts(self) -> None:
-        """Surfaces as classes, of which the links inherit: a leg's are written once."""
+        """Write the surfaces as classes, from which the links inherit: those of a leg are written once."""
         for link, parts in PARTS.items():
             path = f"/quadruped/parts/{link}"
             for parent in ("/quadruped/parts", path):
@@ -162,6 +163,7 @@ class Author:
     # -- bodies
 
     def body(self, name: str, link: Link, pose: Gf.Matrix4d, part: str, turned: bool = False) -> Usd.Prim:
+        """Write a rigid body with its surfaces, turned by half a turn about z for the right side."""
         xform = UsdGeom.Xform.Define(self.stage, f"/quadruped/{name}")
         prim = xform.GetPrim()
         xform.AddTranslateOp().Set(Gf.Vec3d(*rounded(pose.ExtractTranslation()).tolist()))
@@ -183,7 +185,7 @@ class Author:
         return prim
 
     def collider(
-        self, body: Usd.Prim, kind: type, name: str, at: tuple[float, ...], material: str = "shell", **size: Any
+        self, body: Usd.Prim, kind: type, name: str, at: tuple[float, ...], material: str = "shell", **size: float | str
     ) -> Usd.Prim:
         shape = kind.Define(self.stage, f"{body.GetPath()}/collisions/{name}")
         for key, value in size.items():
@@ -202,6 +204,7 @@ class Author:
         return prim
 
     def base(self) -> Usd.Prim:
+        """Write the trunk, the root of the articulation, at the height of the standing pose."""
         height = FOOT_RADIUS + max(drop("front_thigh"), drop("rear_thigh"))
         pose = Gf.Matrix4d().SetTranslate(Gf.Vec3d(0.0, 0.0, float(rounded(height, 4))))
         base = self.body("base", BASE, pose, "trunk")
@@ -219,6 +222,7 @@ class Author:
         return base
 
     def leg(self, base: Usd.Prim, name: str) -> None:
+        """Write the links, joints and colliders of a leg, such as ``"FL"``."""
         front, side = (1.0 if name[0] == "F" else -1.0), (1.0 if name[1] == "L" else -1.0)
         thigh_kind = "front_thigh" if front > 0 else "rear_thigh"
         chain = [
@@ -247,6 +251,7 @@ class Author:
         calf = {"axis": "Z", "radius": 0.013, "height": 0.12, "tilt": -5.0}
         self.collider(bodies["calf"], UsdGeom.Capsule, "calf", (0.009, 0.0, -0.095), **calf)
         self.collider(foot, UsdGeom.Sphere, "sole", (-0.002, 0.0, 0.0), "rubber", radius=FOOT_RADIUS)
+        # joints already filter neighbours; these pairs overlap beyond their joint
         for body, others in ((base, ["thigh"]), (bodies["hip"], ["calf"]), (bodies["thigh"], ["foot"])):
             pairs = UsdPhysics.FilteredPairsAPI.Apply(body).CreateFilteredPairsRel()
             for other in others:
@@ -289,7 +294,7 @@ class Author:
 
 
 def drop(thigh: str) -> float:
-    """How far below the trunk's middle the centre of a foot hangs in the authored pose [m]."""
+    """Distance of the centre of a foot below the middle of the trunk, in the authored pose [m]."""
     hip, angle = STANDING["hip"], STANDING[thigh]
     length = THIGH * math.cos(angle) + CALF * math.cos(angle + STANDING["calf"])
     return length * math.cos(hip) - 0.0955 * math.sin(hip)
@@ -299,6 +304,7 @@ def principal(inertia: tuple[float, ...]) -> tuple[list[float], list[float]]:
     """Principal moments, and the quaternion (x, y, z, w) of their axes, of (xx, yy, zz, xy, xz, yz)."""
     xx, yy, zz, xy, xz, yz = inertia
     moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    # eigenvectors have no sign: choose one, and right-handed axes, so that the file is the same everywhere
     axes *= np.where(axes[np.abs(axes).argmax(axis=0), range(3)] < 0, -1.0, 1.0)
     if np.linalg.det(axes) < 0:
         axes[:, 2] *= -1.0

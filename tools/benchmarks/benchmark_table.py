@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the whole set: tasks, cost against the number of environments, fusion, start-up.
+"""Benchmark table: tasks, cost against the number of environments, gain of fusion, start-up.
 
     python tools/benchmarks/benchmark_table.py OUT
     python tools/benchmarks/benchmark_table.py OUT --parts tasks scaling --num-envs 4096 --budget 500
-    python tools/benchmarks/benchmark_table.py OUT --parts            # only tables and pictures of what OUT has
+    python tools/benchmarks/benchmark_table.py OUT --parts            # only tables and pictures of the results in OUT
 
 Parts: ``tasks`` (each at ``--num-envs``), ``scaling`` (``--scaling-tasks`` at each of ``--sizes``), ``fusion`` (the
-terms of a task in one kernel against one kernel a term), ``start`` (a process with an empty kernel cache, and a second
-one). Every measurement is written to ``OUT/PART.json`` when it is done; what fails is noted there and the others go on.
+terms of a task in one kernel against a kernel for each term), ``start`` (a process with an empty kernel cache, and a
+second one). Every measurement is written to ``OUT/PART.json`` when it is done. A failure is noted there, and the other
+measurements go on.
 ``OUT/benchmarks.md`` has the tables, ``OUT/scaling.png`` the curves.
 """
 
@@ -37,12 +38,16 @@ SIZES = [4**k for k in range(9)]
 FUSION_SIZES = [256, 4096, 16384]
 PARTS = ("tasks", "scaling", "fusion", "start")
 
+Entry = dict[str, Any]
+"""Measurement of one task at one number of environments, as it is written to JSON."""
+Measurement = Callable[[str, int, argparse.Namespace], Entry]
+
 
 # -- measuring
 
 
-def measure(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]:
-    """What ``stripe-newton bench`` measures, in this process."""
+def measure(task: str, num_envs: int, args: argparse.Namespace) -> Entry:
+    """Measure a task as ``stripe-newton bench`` does, in this process."""
     from stripe_newton.cli import bench
     from stripe_newton.cli.common import load_configs
 
@@ -50,8 +55,8 @@ def measure(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any
     return bench.measure(load_configs(task, None, agent=False), options)
 
 
-def fusion(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]:
-    """Managers of a task as one kernel each, and as one kernel a term."""
+def fusion(task: str, num_envs: int, args: argparse.Namespace) -> Entry:
+    """Measure the managers of a task as one kernel each, and with a kernel for each term."""
     import torch
 
     from stripe_newton.cli.common import load_configs, set_device
@@ -71,9 +76,9 @@ def fusion(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]
         env.close()
 
 
-def start(task: str, num_envs: int, args: argparse.Namespace) -> dict[str, Any]:
-    """A process that builds a task and takes a step: with an empty kernel cache, and again."""
-    result: dict[str, Any] = {"task": task, "num_envs": num_envs}
+def start(task: str, num_envs: int, args: argparse.Namespace) -> Entry:
+    """Measure a process that builds a task and takes a step: with an empty kernel cache, and again."""
+    result: Entry = {"task": task, "num_envs": num_envs}
     with tempfile.TemporaryDirectory() as cache:
         found = Path(cache) / "bench.json"
         command = [sys.executable, "-m", "stripe_newton.cli", "bench", task, "--import", "stripe_tasks", "--steps", "1"]
@@ -98,8 +103,8 @@ def kernel_files(cache: str) -> dict[str, int]:
     return {str(path): path.stat().st_mtime_ns for path in Path(cache).rglob("*") if path.suffix in endings}
 
 
-def run_part(part: str, out: Path, cases: list[tuple[str, int]], call: Callable, args: argparse.Namespace) -> None:
-    """Measure the cases of a part, keeping those that ``OUT`` has of others."""
+def run_part(part: str, out: Path, cases: list[tuple[str, int]], call: Measurement, args: argparse.Namespace) -> None:
+    """Measure the cases of a part; results of other cases in ``OUT`` stay."""
     entries = {(e["task"], e["num_envs"]): e for e in load(out, part)}
     for task, num_envs in cases:
         if args.budget and time.perf_counter() - args.began > args.budget:
@@ -119,6 +124,7 @@ def run_part(part: str, out: Path, cases: list[tuple[str, int]], call: Callable,
 
 
 def free_memory() -> None:
+    """Give memory back before the next measurement."""
     gc.collect()
     if "torch" in sys.modules:
         import torch
@@ -126,8 +132,8 @@ def free_memory() -> None:
         torch.cuda.empty_cache()
 
 
-def load(out: Path, part: str) -> list[dict[str, Any]]:
-    """What ``OUT`` has of a part."""
+def load(out: Path, part: str) -> list[Entry]:
+    """Results of a part in ``OUT``."""
     path = out / f"{part}.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
 
@@ -143,10 +149,12 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def count(value: float | None) -> str:
+    """Text of a count; empty if it was not measured."""
     return "" if value is None else f"{value:.3g}"
 
 
-def step_row(entry: dict[str, Any]) -> list[str]:
+def step_row(entry: Entry) -> list[str]:
+    """Row of a task with the times and calls of its step."""
     head = [f"`{entry['task']}`", f"{entry['num_envs']:,}"]
     if "error" in entry:
         return [*head, entry["error"].splitlines()[0].replace("|", "/"), *[""] * 8]
@@ -163,7 +171,8 @@ def step_row(entry: dict[str, Any]) -> list[str]:
     ]
 
 
-def fusion_rows(entry: dict[str, Any]) -> list[list[str]]:
+def fusion_rows(entry: Entry) -> list[list[str]]:
+    """Rows of a task with the times of its managers, fused and apart."""
     if "error" in entry:
         return [[f"`{entry['task']}`", f"{entry['num_envs']:,}", entry["error"].splitlines()[0], "", "", "", ""]]
     return [
@@ -180,7 +189,8 @@ def fusion_rows(entry: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def start_rows(entry: dict[str, Any]) -> list[list[str]]:
+def start_rows(entry: Entry) -> list[list[str]]:
+    """Rows of a task with the times of its start, cold and warm."""
     names = ("ready_s", "import_s", "build_s", "reset_s", "first_step_s")
     return [
         [f"`{entry['task']}`", f"{entry['num_envs']:,}", name]
@@ -192,7 +202,7 @@ def start_rows(entry: dict[str, Any]) -> list[list[str]]:
 
 
 def page(out: Path) -> str:
-    """All tables that can be made of what ``OUT`` has."""
+    """All tables that can be made of the results in ``OUT``."""
     steps = ["task", "environments", "physics [ms]", "step [ms]", "range", "over physics", "by the wall [ms]"]
     steps += ["environment steps/s", "graph launches", "kernel launches", "host syncs"]
     fused = ["task", "environments", "manager", "terms", "one kernel [us]", "a kernel a term [us]", "times"]
@@ -213,8 +223,8 @@ def page(out: Path) -> str:
     return "\n".join([f"Measured on {', '.join(sorted(devices)) or 'nothing yet'}.", *lines]) + "\n"
 
 
-def plot_scaling(entries: list[dict[str, Any]], path: Path) -> None:
-    """Step time and share beyond the physics over the number of environments."""
+def plot_scaling(entries: list[Entry], path: Path) -> None:
+    """Draw the time of a step, and its ratio to the physics, against the number of environments."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -243,7 +253,7 @@ def plot_scaling(entries: list[dict[str, Any]], path: Path) -> None:
 
 
 def show(out: Path) -> str:
-    """Write tables and pictures; returns the tables."""
+    """Write tables and pictures; return the tables."""
     text = page(out)
     (out / "benchmarks.md").write_text(text, encoding="utf-8")
     curves = [e for e in load(out, "scaling") if "error" not in e]
@@ -253,6 +263,7 @@ def show(out: Path) -> str:
 
 
 def main(arguments: list[str]) -> None:
+    """Measure the parts and write the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the results")
     parser.add_argument("--parts", nargs="*", choices=PARTS, default=list(PARTS))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a forest grows: what it takes to make one, and what a step in it costs, against the number of trees.
+"""Forest scaling: cost of making a forest, and of a step in it, against the number of trees.
 
     python tools/benchmarks/forest_scaling.py OUT                               # both parts
     python tools/benchmarks/forest_scaling.py OUT --parts make                  # seconds and memory, a process a size
@@ -25,14 +25,18 @@ from typing import Any
 
 MAKE, STEP = (100, 300, 1000, 3000, 5000, 10_000, 20_000, 50_000), (0, 1000, 10_000, 50_000)
 DENSITY = 600.0
+"""Stems per hectare."""
+
+Entry = dict[str, Any]
+"""Measurement at one number of trees, as it is written to JSON."""
 
 
 def extent(count: int) -> float:
-    """Side of the square that ``count`` trees stand on [m]."""
+    """Side of a square for ``count`` trees [m]."""
     return max(24.0, math.sqrt(1.0e4 * count / DENSITY))
 
 
-def make(count: int, out: Path) -> dict[str, Any]:
+def make(count: int, out: Path) -> Entry:
     """Create, author, save, and load a forest of ``count`` trees; 5000 of them stand on 256 m by 256 m."""
     import newton
 
@@ -41,7 +45,7 @@ def make(count: int, out: Path) -> dict[str, Any]:
     from stripe_tasks.forest import ForestSpec
 
     side = 256.0 if count == 5000 else extent(count)
-    result: dict[str, Any] = {"trees": count, "side_m": side}
+    result: Entry = {"trees": count, "side_m": side}
     last = time.perf_counter()
 
     def lap(name: str) -> None:
@@ -74,8 +78,8 @@ def make(count: int, out: Path) -> dict[str, Any]:
     return result
 
 
-def step(count: int, args: argparse.Namespace) -> dict[str, Any]:
-    """Time the step of the walking task in such a forest."""
+def step(count: int, args: argparse.Namespace) -> Entry:
+    """Time the step of the walking task in a forest of ``count`` trees; on bare ground for 0."""
     from stripe_newton.envs import ManagerBasedRLEnv
     from stripe_newton.envs.measure import benchmark
     from stripe_tasks.forest import ForestSpec
@@ -95,8 +99,8 @@ def step(count: int, args: argparse.Namespace) -> dict[str, Any]:
     return {"trees": count, "side_m": side, **found}
 
 
-def plot(out: Path, made: list[dict[str, Any]], steps: list[dict[str, Any]]) -> None:
-    """Seconds and memory of making, and milliseconds of a step, against the number of trees."""
+def plot(out: Path, made: list[Entry], steps: list[Entry]) -> None:
+    """Draw seconds and memory of making, and milliseconds of a step, against the number of trees."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -124,7 +128,7 @@ def plot(out: Path, made: list[dict[str, Any]], steps: list[dict[str, Any]]) -> 
     figure.savefig(out / "forest_scaling.png", dpi=130)
 
 
-def tables(made: list[dict[str, Any]], steps: list[dict[str, Any]]) -> str:
+def tables(made: list[Entry], steps: list[Entry]) -> str:
     """Both tables in Markdown."""
     lines = [
         "| trees | assets | side | create | author | export | load | all | peak memory | file |",
@@ -143,7 +147,7 @@ def tables(made: list[dict[str, Any]], steps: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Measure what is asked for, and show all that is there."""
+    """Measure the requested parts, then show all results in OUT."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--parts", nargs="*", default=["make", "step"], choices=["make", "step"])
@@ -161,6 +165,7 @@ def main() -> None:
         found = []
         for count in args.counts if args.counts is not None else MAKE if part == "make" else STEP:
             if part == "make":
+                # a process for each size: peak memory is that of a whole process
                 command = [sys.executable, __file__, str(args.out), "--one", str(count)]
                 text = subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE).stdout
                 found.append(json.loads(text.splitlines()[-1]))

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the physics of a walking task costs on which ground and with which solver settings, and what settings cost.
+"""Physics settings: time and accuracy of a walking task's physics by ground and by solver setting.
 
     python tools/benchmarks/physics_settings.py OUT [--num-envs 4096] [--steps 160] [--device cuda:0] [--only NAME ...]
 
 Each row is the task with one thing changed. Milliseconds are those of an environment step's physics alone, under random
-actions, after episodes have spread. The error is how far joint velocities are, after one environment step from states
-of such a run, from those of a solver that iterates until nothing changes: root mean square [rad/s]. Writes
+actions, after episodes have spread. The error is the root mean square difference of joint velocities [rad/s] after one
+environment step, from states of such a run, to those of a solver that iterates until nothing changes. Results go to
 OUT/physics.json.
 """
 
@@ -24,18 +24,21 @@ from stripe_newton.envs.measure import benchmark
 from stripe_newton.terrains import MeshPlaneTerrainCfg
 from stripe_tasks.velocity.quadruped import QuadrupedFlatEnvCfg, QuadrupedRoughEnvCfg
 
+Cfg = QuadrupedFlatEnvCfg | QuadrupedRoughEnvCfg
+Setting = bool | float | int | str
+
 EXACT = {"iterations": 100, "ls_iterations": 50, "tolerance": 1e-10, "ls_tolerance": 1e-4}
 
 
-def flat(**solver: Any) -> Callable[[], Any]:
+def flat(**solver: Setting) -> Callable[[], Cfg]:
     """The task on a plane, with fields of its solver changed."""
     return lambda: _with_solver(QuadrupedFlatEnvCfg(), solver)
 
 
-def field(level: bool, **solver: Any) -> Callable[[], Any]:
+def field(level: bool, **solver: Setting) -> Callable[[], Cfg]:
     """The task on a height field, level or rough."""
 
-    def make() -> Any:
+    def make() -> Cfg:
         cfg = QuadrupedRoughEnvCfg()
         if level:
             cfg.scene.terrain.terrain_generator.sub_terrains = {"plane": MeshPlaneTerrainCfg()}
@@ -44,13 +47,14 @@ def field(level: bool, **solver: Any) -> Callable[[], Any]:
     return make
 
 
-def _with_solver(cfg: Any, solver: dict[str, Any]) -> Any:
+def _with_solver(cfg: Cfg, solver: dict[str, Setting]) -> Cfg:
+    """Change fields of a config's solver."""
     for name, value in solver.items():
         setattr(cfg.sim.solver, name, value)
     return cfg
 
 
-VARIANTS: dict[str, Callable[[], Any]] = {
+VARIANTS: dict[str, Callable[[], Cfg]] = {
     "plane": flat(),
     "level field, triangles": field(True),
     "level field, general routine": field(True, triangle_contacts=False, nconmax=100, njmax=400),
@@ -73,7 +77,7 @@ VARIANTS: dict[str, Callable[[], Any]] = {
 }
 
 
-def build(make: Callable[[], Any], num_envs: int, device: str) -> ManagerBasedRLEnv:
+def build(make: Callable[[], Cfg], num_envs: int, device: str) -> ManagerBasedRLEnv:
     """The environment of a variant."""
     cfg = make()
     cfg.scene.num_envs, cfg.sim.device, cfg.seed = num_envs, device, 1
@@ -81,7 +85,7 @@ def build(make: Callable[[], Any], num_envs: int, device: str) -> ManagerBasedRL
 
 
 def velocities_after(env: ManagerBasedRLEnv, states: list[tuple[torch.Tensor, ...]]) -> torch.Tensor:
-    """Joint velocities after an environment step's physics from each of these states, without memory of others."""
+    """Joint velocities after an environment step's physics from each of some states, each without warm start."""
     found = []
     data = env.scene["robot"].data
     for joint_pos, joint_vel, pose, vel, target in states:
@@ -90,9 +94,7 @@ def velocities_after(env: ManagerBasedRLEnv, states: list[tuple[torch.Tensor, ..
         env.scene["robot"].write_root_velocity_to_sim(vel)
         data.joint_pos_target[:] = target
         env.sim.forward()
-        memory = getattr(getattr(env.sim.solver, "mjw_data", None), "qacc_warmstart", None)
-        if memory is not None:
-            memory.zero_()
+        env.sim.solver.mjw_data.qacc_warmstart.zero_()
         env.sim.step(env.cfg.decimation)
         found.append(data.joint_vel.clone())
     return torch.stack(found)
@@ -111,6 +113,20 @@ def record(num_envs: int, device: str) -> list[tuple[torch.Tensor, ...]]:
             states.append(tuple(x.clone() for x in found))
     env.close()
     return states
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The results in Markdown."""
+    plane = next((r["physics_ms"] for r in rows if r["name"] == "plane" and "physics_ms" in r), None)
+    lines = ["| | physics [ms] | times the plane | whole step [ms] | error [rad/s] |", "|---|---:|---:|---:|---:|"]
+    for row in rows:
+        if "problem" in row:
+            lines.append(f"| {row['name']} | {row['problem']} | | | |")
+            continue
+        times = f"{row['physics_ms'] / plane:.2f}" if plane else ""
+        error = f"{row['error']:.2g}" if "error" in row else ""
+        lines.append(f"| {row['name']} | {row['physics_ms']:.3f} | {times} | {row['env_ms']:.3f} | {error} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -143,17 +159,10 @@ def main() -> None:
         except Exception as error:  # the others go on
             row["problem"] = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         rows.append(row)
+        # after each variant: a run takes long, and may be stopped
         (args.out / "physics.json").write_text(json.dumps(rows, indent=2) + "\n")
-    plane = next((r["physics_ms"] for r in rows if r["name"] == "plane" and "physics_ms" in r), None)
     print(f"\n{args.num_envs} environments on {rows[0].get('device_name') or args.device}\n")
-    print("| | physics [ms] | times the plane | whole step [ms] | error [rad/s] |\n|---|---:|---:|---:|---:|")
-    for row in rows:
-        if "problem" in row:
-            print(f"| {row['name']} | {row['problem']} | | | |")
-            continue
-        times = f"{row['physics_ms'] / plane:.2f}" if plane else ""
-        error = f"{row['error']:.2g}" if "error" in row else ""
-        print(f"| {row['name']} | {row['physics_ms']:.3f} | {times} | {row['env_ms']:.3f} | {error} |")
+    print(table(rows))
 
 
 if __name__ == "__main__":

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the time of a step goes on a GPU: ``python tools/benchmarks/profile_step.py TASK [--num-envs N] [--own]``.
+"""Profile of a step on a GPU: ``python tools/benchmarks/profile_step.py TASK [--num-envs N] [--own]``.
 
-Prints the kernels of a step by their time; with ``--own`` only those that are not the solver's.
+It prints the kernels of a step by their time; with ``--own`` only those that are not the solver's.
 """
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import gymnasium
 import torch
+from torch.autograd.profiler_util import EventList
 from torch.profiler import ProfilerActivity, profile
 
 import stripe_tasks  # noqa: F401
@@ -19,8 +19,8 @@ OWN = ("step_", "finish_log", "eval_articulation_fk", "reset_world_buffers", "Me
 STEPS = 20
 
 
-def rows(events: Any) -> list[tuple[float, float, str]]:
-    """Microseconds and launches a step by name, the longest first."""
+def rows(events: EventList) -> list[tuple[float, float, str]]:
+    """Microseconds and launches in a step by kernel, the longest first."""
     found = [(e.device_time_total / STEPS, e.count / STEPS, e.key) for e in events if e.device_time_total > 0]
     return sorted(found, reverse=True)
 
@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--own", action="store_true")
     args = parser.parse_args()
-    env: Any = gymnasium.make_vec(args.task, num_envs=args.num_envs).unwrapped
+    env = gymnasium.make_vec(args.task, num_envs=args.num_envs).unwrapped
     env.reset(seed=1)
     size = env.single_action_space.shape[0]
     action = 2.0 * torch.rand(args.num_envs, size, device=env.device) - 1.0

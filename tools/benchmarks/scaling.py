@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Train a task on 1, 2, 4 ... GPUs and compare the speed.
+"""Scaling over GPUs: train a task on 1, 2, 4 ... GPUs and compare the speed.
 
     python tools/benchmarks/scaling.py OUT --gpus 1 2 4 [--weak | --strong]
         [--task TASK] [--num-envs N] [--iterations N]
 
 Weak scaling (the default) gives each GPU ``--num-envs`` environments, strong scaling splits them over the GPUs. Each
-training runs through the command line; its speed is the steps of all environments by the median time of an iteration,
-the first few left out. Efficiency is that speed by as many times the first one as there are more GPUs. OUT gets the
-runs, ``results.json`` and ``results.md``. ``--device cpu`` tries it out with processes on the CPU; other options go to
-``stripe-newton train``.
+training runs through the command line. Its speed is the number of steps of all environments in an iteration divided by
+the median time of an iteration, without the first few. Efficiency is the speed per GPU relative to that of the first
+training. OUT gets the runs, ``results.json`` and ``results.md``. ``--device cpu`` tries it out with processes on the
+CPU; other options go to ``stripe-newton train``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import statistics
 import subprocess
 import sys
@@ -30,25 +31,26 @@ WARMUP = 5
 
 @dataclasses.dataclass
 class Result:
-    """One training."""
+    """Result of one training."""
 
     task: str
     scaling: str
     gpus: int
     num_envs: int
-    """Of all GPUs together."""
+    """Number on all GPUs together."""
     iterations: int
     steps_per_s: float
-    """Median over iterations, of all GPUs together."""
+    """Median over iterations, on all GPUs together."""
     iteration_s: float
-    """Median."""
+    """Median time of an iteration."""
     collection_s: float
     """Median part of it that rank 0 spent collecting."""
     learning_s: float
+    """Median part of it that rank 0 spent learning."""
     wall_s: float
-    """Of the whole command."""
+    """Time of the whole command."""
     mean_reward: float
-    """At the end."""
+    """Mean reward at the end."""
     efficiency: float = 1.0
 
 
@@ -63,6 +65,7 @@ def measure(columns: dict[str, list[float]]) -> tuple[float, float, float, float
 
 
 def train(args: argparse.Namespace, gpus: int, rest: list[str]) -> Result:
+    """Train on some GPUs through the command line."""
     total = args.num_envs * (1 if args.strong else gpus)
     logs = args.out / f"{gpus}_gpus"
     command = [sys.executable, "-m", "stripe_newton.cli", "train", args.task, "--log-dir", str(logs)]
@@ -75,7 +78,7 @@ def train(args: argparse.Namespace, gpus: int, rest: list[str]) -> Result:
     wall = time.perf_counter() - start
     folder = max(logs.glob("*/*/metrics.csv"), key=lambda path: path.stat().st_mtime)
     columns = read_metrics(folder)
-    rewards = [value for value in columns.get("Train/mean_reward", []) if value == value]
+    rewards = [value for value in columns.get("Train/mean_reward", []) if not math.isnan(value)]
     kind = "strong" if args.strong else "weak"
     reward = rewards[-1] if rewards else float("nan")
     return Result(args.task, kind, gpus, total, args.iterations, *measure(columns), wall, reward)
@@ -96,6 +99,7 @@ def table(results: list[Result]) -> str:
 
 
 def main() -> None:
+    """Train on each number of GPUs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--gpus", type=int, nargs="+", default=[1, 2, 4])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Train tasks one after the other, evaluate and film each, and print a table.
+"""Training of tasks: train, evaluate and film one after the other, and print a table.
 
     python tools/benchmarks/train_tasks.py OUT TASK[:ITERATIONS][@NUM_ENVS] ...
 
@@ -12,6 +12,7 @@ of episodes that ended early, and the task's own metrics.
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -37,7 +38,7 @@ def run(*words: str) -> str:
 
 
 def train(out: Path, name: str, iterations: str | None, num_envs: str | None) -> str:
-    """Train one task; returns its row of the table."""
+    """Train one task; return its row of the table."""
     options = [
         *(["--max-iterations", iterations] if iterations else []),
         *(["--num-envs", num_envs] if num_envs else []),
@@ -53,7 +54,8 @@ def train(out: Path, name: str, iterations: str | None, num_envs: str | None) ->
     result = json.loads(report.read_text())
     curve = read_metrics(folder / "metrics.csv")
     elapsed, returns = curve["elapsed_s"], curve["Train/mean_reward"]
-    reached = next(t for t, r in zip(elapsed, returns, strict=True) if r >= 0.9 * max(x for x in returns if x == x))
+    best = max(x for x in returns if not math.isnan(x))
+    reached = next(t for t, r in zip(elapsed, returns, strict=True) if r >= 0.9 * best)
     row = [
         name,
         f"{seconds:.0f} s",
@@ -68,7 +70,7 @@ def train(out: Path, name: str, iterations: str | None, num_envs: str | None) ->
 
 
 def main() -> None:
-    """Train every task that the arguments name."""
+    """Train each named task."""
     out = Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
     rows = ["| task | command | iterations | to 90 % | return | length | ended early | metrics |", "|---" * 8 + "|"]

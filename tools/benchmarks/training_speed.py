@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast a task is trained, with rollout and update as graphs and with rsl_rl's own loop, and where the time goes.
+"""Training speed: rollout and update as CUDA graphs against rsl_rl's own loop, and the parts of an iteration.
 
     python tools/benchmarks/training_speed.py OUT                                # the flat quadruped, 4096 environments
     python tools/benchmarks/training_speed.py OUT --cases graph "graph tf32" rsl_rl --iterations 60
 
-Networks are 512-256-128, an iteration is 24 steps, 5 epochs of 4 minibatches. ``OUT/training_speed.json`` has the
-numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the wall from the sixth to the last, parts of them
-after the training, each alone and many times in a row; "the rest" is what an iteration takes longer than these.
+Networks are 512-256-128; an iteration has 24 steps and 5 epochs of 4 minibatches. ``OUT/training_speed.json`` has the
+numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the clock on the wall from the sixth to the last.
+Their parts are timed after the training, each alone and many times in a row; "the rest" is the time of an iteration
+beyond those parts.
 """
 
 from __future__ import annotations
@@ -14,11 +15,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import torch
+
+from stripe_newton.rl import OnPolicyRunner
 
 CASES = {
     "rsl_rl": {"runner": "rsl_rl"},
@@ -27,10 +31,14 @@ CASES = {
     "graph bf16": {"runner": "graph", "bf16": True},
 }
 WARM = 5
+"""Iterations left out at the beginning."""
+
+Entry = dict[str, Any]
+"""Measurement of one case, as it is written to JSON."""
 
 
-def measure(case: str, args: argparse.Namespace) -> dict[str, Any]:
-    """Train for some iterations; seconds of an iteration and of its parts."""
+def measure(case: str, args: argparse.Namespace) -> Entry:
+    """Train for some iterations and measure them and their parts."""
     import stripe_tasks  # noqa: F401  (registers the tasks)
     from stripe_newton.cli.common import build, load_configs, set_seeds
     from stripe_newton.rl import read_metrics
@@ -49,7 +57,7 @@ def measure(case: str, args: argparse.Namespace) -> dict[str, Any]:
     runner = build(args.task, configs, folder)
     runner.learn()
     wait(args.device)
-    result: dict[str, Any] = {"case": case, "all_s": time.perf_counter() - started, "no_graphs": runner.no_graphs}
+    result: Entry = {"case": case, "all_s": time.perf_counter() - started, "no_graphs": runner.no_graphs}
     metrics = {k: v[WARM:] for k, v in read_metrics(folder / "metrics.csv").items()}
     count = len(metrics["elapsed_s"])
     collect, learn = (sum(metrics[f"Perf/{n}_time"]) / count for n in ("collection", "learning"))
@@ -62,8 +70,8 @@ def measure(case: str, args: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
-def parts(runner: Any, device: str) -> dict[str, float]:
-    """Milliseconds of the parts of an iteration, each alone; step and physics on the actions of the policy."""
+def parts(runner: OnPolicyRunner, device: str) -> dict[str, float]:
+    """Milliseconds of the parts of an iteration, each alone; step and physics with actions of the policy."""
     from stripe_newton.envs.step_times import measure_step
 
     rollout, algorithm = runner._rollout, runner.alg
@@ -95,8 +103,8 @@ def parts(runner: Any, device: str) -> dict[str, float]:
     return found
 
 
-def timed(function: Any, device: str, count: int = 100) -> float:
-    """Milliseconds of a call, of some in a row."""
+def timed(function: Callable[[], object], device: str, count: int = 100) -> float:
+    """Milliseconds of a call, the mean of some in a row."""
     for _ in range(4):
         function()
     wait(device)
@@ -108,12 +116,12 @@ def timed(function: Any, device: str, count: int = 100) -> float:
 
 
 def wait(device: str) -> None:
-    """Wait for the device."""
+    """Wait until the device has done all its work."""
     if device != "cpu":
         torch.cuda.synchronize(device)
 
 
-def table(found: list[dict[str, Any]]) -> str:
+def table(found: list[Entry]) -> str:
     """The numbers in Markdown."""
     lines = ["| | iteration | rollout | update | steps/s | reward then |", "|---|---:|---:|---:|---:|---:|"]
     for f in found:

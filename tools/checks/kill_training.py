@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kill a training by SIGKILL at random moments, resume it each time, and print what was lost.
+"""Kill test: end a training by SIGKILL at random moments, resume it each time, and report lost iterations.
 
     python tools/checks/kill_training.py OUT [--task TASK] [--moments 20] [--seed 0]
 
-The training runs through the command line. Of the moments some are anywhere from the start of the process on, most
-while it trains, some while a checkpoint is being written. After each the newest checkpoint must be whole, and no more
-iterations may be lost than there are between two checkpoints. At the end a run is resumed to a planned end, and its
-metrics must be of every iteration once. OUT gets the run, ``record.json`` and ``record.md``.
+The training runs through the command line. Most moments are while it trains, some while a checkpoint is being written,
+some anywhere from the start of the process on. After each, the newest checkpoint must be whole, and no more iterations
+may be lost than there are between two checkpoints. At the end the run is resumed to a planned end, and its metrics must
+have each iteration once. OUT gets the run, ``record.json`` and ``record.md``.
 """
 
 from __future__ import annotations
@@ -32,31 +32,33 @@ KINDS = ("training", "training", "saving", "anywhere", "training", "saving")
 MOST_ITERATIONS = 4 * SAVE_INTERVAL
 """Most iterations that a process may do before it is killed."""
 TIMEOUT_S = 300.0
+"""Time after which a training that does not begin is an error [s]."""
 
 
 @dataclasses.dataclass
 class Moment:
-    """One kill, and what was there after it."""
+    """One kill, and the state of the run folder after it."""
 
     kind: str
     seconds: float
-    """From the start of the process [s]."""
+    """Time since the start of the process [s]."""
     first: int
-    """The iteration that the process began, or would have begun, with."""
+    """First iteration of the process, whether it came to it or not."""
     done: int
-    """Iterations of which ``metrics.csv`` has rows."""
+    """Iterations with rows in ``metrics.csv``."""
     saved: int
     """Iterations in the newest checkpoint; 0 without one."""
     half_written: bool
-    """Whether an unfinished checkpoint lay there."""
+    """Whether there was an unfinished checkpoint."""
 
     @property
     def lost(self) -> int:
+        """Iterations that were done but are not in the newest checkpoint."""
         return max(0, self.done - self.saved)
 
 
 class Training:
-    """A training that is killed and resumed."""
+    """Training that is killed and resumed."""
 
     def __init__(self, out: Path, task: str = TASK, options: tuple[str, ...] = (), seed: int = 0):
         self.out, self.task, self.options = out, task, options
@@ -64,10 +66,12 @@ class Training:
         self.out.mkdir(parents=True, exist_ok=True)
 
     def folder(self) -> RunFolder | None:
+        """The run folder; None before there is one."""
         found = sorted((self.out / "logs").glob("*/*"))
         return RunFolder(found[-1]) if found else None
 
     def start(self, iterations: int) -> subprocess.Popen:
+        """Start the training, or resume it if there is something to resume."""
         folder = self.folder()
         goes_on = folder is not None and folder.params.is_dir() and any(folder.params.glob("agent.yaml"))
         words = ["--resume", str(folder.path)] if goes_on else ["--log-dir", str(self.out / "logs"), "--num-envs", "4"]
@@ -78,13 +82,16 @@ class Training:
             return subprocess.Popen([*command, *words, "--final-video", "False"], stdout=file, stderr=file)
 
     def is_training(self) -> bool:
+        """Whether the training has begun."""
         return "run folder:" in self.output.read_text()
 
     def is_saving(self) -> bool:
+        """Whether there is a checkpoint that is not yet whole."""
         folder = self.folder()
         return folder is not None and any(folder.checkpoints.glob("*.part"))
 
     def wait(self, process: subprocess.Popen, until: Callable[[], bool], pause_s: float) -> None:
+        """Wait for a condition while the process runs."""
         deadline = time.monotonic() + TIMEOUT_S
         while not until():
             if process.poll() is not None or time.monotonic() > deadline:
@@ -132,7 +139,7 @@ class Training:
         return int(rows[-1]) + 1 if rows else 0
 
     def finish(self) -> int:
-        """Resume the run and let it come to an end; returns its iterations."""
+        """Resume the run and let it end; return its number of iterations."""
         target = self.look()[1] + 2 * SAVE_INTERVAL + 1
         process = self.start(target)
         assert process.wait(TIMEOUT_S) == 0, self.output.read_text()
@@ -170,6 +177,7 @@ def table(moments: list[Moment]) -> str:
 
 
 def main() -> None:
+    """Kill and resume a training, and print the record."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--task", default=TASK)

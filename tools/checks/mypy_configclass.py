@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mypy plugin that knows the methods ``@configclass`` adds: replace, copy, to_dict, from_dict, validate.
+"""mypy plugin for the methods that ``@configclass`` adds: replace, copy, to_dict, from_dict, validate.
 
-That a config class is a dataclass mypy knows from ``typing.dataclass_transform``; a decorator that adds methods
-cannot be said in annotations.
+mypy knows from ``typing.dataclass_transform`` that a config class is a dataclass, but annotations cannot express a
+decorator that adds methods.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ DECORATOR = "stripe_newton.configclass.configclass"
 
 
 def add_config_methods(ctx: ClassDefContext) -> bool:
+    """Add the methods to a config class, where it has none of that name."""
     self_type: Type = ctx.api.named_type_or_none(ctx.cls.fullname, []) or AnyType(TypeOfAny.special_form)
     anything: Type = AnyType(TypeOfAny.explicit)
     text = ctx.api.named_type("builtins.str")
@@ -37,6 +38,8 @@ def add_config_methods(ctx: ClassDefContext) -> bool:
 
 
 class ConfigClassPlugin(Plugin):
+    """Hooks for the decorator."""
+
     def get_class_decorator_hook(self, fullname: str) -> Callable[[ClassDefContext], None] | None:
         return dataclass_tag_callback if fullname == DECORATOR else None
 
@@ -45,4 +48,5 @@ class ConfigClassPlugin(Plugin):
 
 
 def plugin(version: str) -> type[Plugin]:
+    """Entry point that mypy calls."""
     return ConfigClassPlugin

@@ -23,7 +23,7 @@ PACKAGES = ("stripe_newton", "kernels/stripe_kernels", "tasks/stripe_tasks")
 
 @dataclass
 class Imports:
-    """Modules that a module imports, by when that happens."""
+    """Imports of a module, by the time at which they run."""
 
     loading: set[str] = field(default_factory=set)
     """While it is loaded."""
@@ -54,7 +54,7 @@ def quantile(values: list[int], share: float) -> int:
 
 
 def comment_lines(source: str) -> int:
-    """Lines with a comment; the licence line and orders to tools are none."""
+    """Number of lines with a comment; the licence line and orders to tools do not count."""
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     orders = re.compile(r"#\s*(SPDX|noqa|type:|fmt:|pragma)")
     return len({t.start[0] for t in tokens if t.type == tokenize.COMMENT and not orders.match(t.string)})

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""This package beside mjlab, on mjlab's own task: its Go1 follows velocity commands on a plane.
+"""Comparison with mjlab on its own task: the Go1 follows velocity commands on a plane, in both frameworks.
 
     python tools/comparison/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
         [--train-iterations 100] [--parts step train walk] [--task TASK] [--no-tf32] [--cone pyramidal] [--njmax 300]
         [--json FILE] [--plot FILE]
 
 mjlab needs other versions of MuJoCo than this package, so it runs under an interpreter of its own (``--mjlab-python``),
-or under this one with the folder that it was installed to first on the path (``--mjlab-path``). Each side runs in a
-fresh process, one after the other, and is measured by the same functions (``compare_mjlab_measure.py``). Prints a table
-with a column a side; ``docs/comparison.md`` says what is the same and where the two differ. ``--task`` adds one for a
-task of this package, with its own robot and settings.
+or under this one with its folder first on the path (``--mjlab-path``). Both sides run in fresh processes, one after the
+other, and are measured by the same functions (``compare_mjlab_measure.py``). The table has a column for each side;
+``docs/comparison.md`` lists what is the same and where the two differ. ``--task`` adds a column for a task of this
+package, with its own robot and settings.
 """
 
 from __future__ import annotations
@@ -22,9 +22,15 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import torch
+    from compare_mjlab_measure import Side
 
 TOOLS = Path(__file__).parent
+Json = dict[str, Any]
+"""Requests, facts and results, which go from process to process as JSON."""
 SIDES = ("stripe-newton", "mjlab")
 ROWS = (
     ("start: build and first reset [s]", "build_s", ".1f", -1),
@@ -50,7 +56,7 @@ ROWS = (
 
 
 class Peer:
-    """mjlab, in a process of its own."""
+    """mjlab in a process of its own."""
 
     def __init__(self, python: str | None, path: str | None):
         """Take an interpreter, or a folder that goes first on the path of this one, or both."""
@@ -59,16 +65,16 @@ class Peer:
         found = os.pathsep.join([*([path] if path else []), *inherited])
         self._env = {k: v for k, v in env.items() if k != "PYTHONPATH"} | ({"PYTHONPATH": found} if found else {})
 
-    def ask(self, what: str, request: dict[str, Any], out: Path) -> Path:
+    def ask(self, what: str, request: Json, out: Path) -> Path:
         """Run ``compare_mjlab_peer.py`` and return the file of its answer.
 
         Raises:
-            SystemExit: if it failed; the message ends as its output does.
+            SystemExit: If it failed; the message ends with its last output.
         """
         return _run([self._python, str(TOOLS / "compare_mjlab_peer.py"), what], request, out, self._env)
 
 
-def _run(command: list[str], request: dict[str, Any], out: Path, env: dict[str, str]) -> Path:
+def _run(command: list[str], request: Json, out: Path, env: dict[str, str]) -> Path:
     """Run a program that takes a request and writes its answer to ``out``."""
     asked, log = out.with_suffix(".request"), out.with_suffix(".log")
     asked.write_text(json.dumps({**request, "out": str(out), "asked": time.time()}))
@@ -86,8 +92,9 @@ def _run(command: list[str], request: dict[str, Any], out: Path, env: dict[str, 
 # -- our side
 
 
-def make_side(request: dict[str, Any]) -> Any:
-    """Our environment, see ``compare_mjlab_measure.Side``."""
+def make_side(request: Json) -> Side:
+    """Build our environment; see ``compare_mjlab_measure.Side``."""
+    # only in the process that measures our side: the other ones need not load it
     import warp as wp
     from compare_mjlab_env import Go1Env, make_agent_cfg, make_env_cfg
     from compare_mjlab_measure import Side
@@ -112,10 +119,10 @@ def make_side(request: dict[str, Any]) -> Any:
     sim, state = env.sim, env.sim.state
     start = (state.joint_q, state.joint_qd, state.body_q, state.body_qd, sim.solver.mjw_data.qacc_warmstart)
 
-    def spread(lengths: Any) -> None:
+    def spread(lengths: torch.Tensor) -> None:
         env.episode_length_buf = lengths
 
-    def velocity_error() -> Any:
+    def velocity_error() -> torch.Tensor:
         velocity = env.scene["robot"].data.root_link_lin_vel_b[:, :2]
         return (env.command_manager.get_command(env.command_manager.active_terms[0])[:, :2] - velocity).norm(dim=1)
 
@@ -137,15 +144,15 @@ def make_side(request: dict[str, Any]) -> Any:
 # -- both sides
 
 
-def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+def compare(arguments: argparse.Namespace, folder: Path) -> Json:
     """Measure both sides.
 
     Args:
-        arguments: As the command line has them.
-        folder: Where files go.
+        arguments: Arguments of the command line.
+        folder: Folder for files.
 
     Returns:
-        What was measured, by side and for ``--task`` by its name, the request, and the returns of :func:`returns`.
+        Results by side, and for ``--task`` by its name, the request, and the result of :func:`returns`.
     """
     request = {
         "device": arguments.device,
@@ -166,7 +173,7 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     task = json.loads(facts.read_text())
     _check(task, arguments)
     physics = {"decimation": task["env"]["decimation"], "dt": task["env"]["sim"]["mujoco"]["timestep"]}
-    found: dict[str, Any] = {"request": {**request, "task": arguments.task}, **physics}
+    found: Json = {"request": {**request, "task": arguments.task}, **physics}
     print("measuring mjlab ...", flush=True)
     answer = peer.ask("measure", request, folder / "mjlab.json")
     found["mjlab"] = json.loads(answer.read_text())
@@ -185,14 +192,14 @@ def compare(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     return found
 
 
-def _keep(found: dict[str, Any], path: Path | None) -> None:
-    """Write what was found so far: a side takes minutes."""
+def _keep(found: Json, path: Path | None) -> None:
+    """Write the results so far, as each side takes minutes."""
     if path:
         path.write_text(json.dumps(found, indent=1))
 
 
-def _check(facts: dict[str, Any], arguments: argparse.Namespace) -> None:
-    """Refuse a run that goes on to where mjlab widens its commands, which our side does not."""
+def _check(facts: Json, arguments: argparse.Namespace) -> None:
+    """Refuse a run so long that mjlab widens its commands, which our side does not."""
     stages = facts["env"]["curriculum"].get("command_vel", {}).get("params", {}).get("velocity_stages", [])
     later = [stage["step"] for stage in stages if stage["step"] > 0]
     most = min(later, default=sys.maxsize) // facts["agent"]["num_steps_per_env"]
@@ -203,10 +210,10 @@ def _check(facts: dict[str, Any], arguments: argparse.Namespace) -> None:
         )
 
 
-def returns(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str, Any]:
+def returns(ours: list[Json], theirs: list[Json]) -> Json:
     """Mean returns of both curves after the same number of samples, and after the same time.
 
-    The samples are those that both sides took, the time is that in which the faster one took all of its.
+    The number of samples is the smaller one of both sides, the time that of the faster side.
 
     Returns:
         ``samples``, ``after_samples`` (a pair, ours first), ``seconds``, ``after_seconds`` (a pair); None where no
@@ -221,29 +228,11 @@ def returns(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[st
     return {"samples": samples, "after_samples": pairs[0], "seconds": seconds, "after_seconds": pairs[1]}
 
 
-def table(found: dict[str, Any]) -> str:
-    """Both sides as text, and a task of ours; ``better by`` is how many times as good as mjlab ours is."""
+def table(found: Json) -> str:
+    """Both sides as text, and a task of ours; ``better by`` is the factor by which ours is better than mjlab."""
     task = found["request"].get("task")
-    more = (task, "better by") if task else ()
-    rows: list[tuple[str, ...]] = [("", *SIDES, "better by", *more)]
-    for label, key, form, sign in ROWS:
-        values = [found[side].get(key) for side in SIDES]
-        if any(key in found[side] for side in SIDES):
-            row = (label, *(_text(value, form) for value in values), _factor(values, sign))
-            own = found[task].get(key) if task else None
-            rows.append((*row, *((_text(own, form), _factor([own, values[1]], sign)) if task else ())))
-    if "returns" in found:
-        pairs = found["returns"]
-        at = {"after_samples": f"{pairs['samples']:,} samples", "after_seconds": f"{pairs['seconds']:.1f} s"}
-        for key, when in at.items():
-            rows.append(
-                (f"return after {when}", *(_text(value, ".2f") for value in pairs[key]), "", *(" " for _ in more))
-            )
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        row[0].ljust(widths[0]) + "".join(f"  {cell:>{n}}" for cell, n in zip(row[1:], widths[1:], strict=True))
-        for row in rows
-    ]
+    head = ("", *SIDES, "better by", *((task, "better by") if task else ()))
+    lines = _aligned([head, *_figures(found, task), *_returns(found, task)])
     lines.insert(1, "-" * len(lines[0]))
     versions = []
     for side in SIDES:
@@ -255,16 +244,53 @@ def table(found: dict[str, Any]) -> str:
     return "\n".join([title, *lines, "", *versions])
 
 
+def _figures(found: Json, task: str | None) -> list[tuple[str, ...]]:
+    """Rows of the figures that were measured."""
+    rows: list[tuple[str, ...]] = []
+    for label, key, form, sign in ROWS:
+        if not any(key in found[side] for side in SIDES):
+            continue
+        ours, theirs = (found[side].get(key) for side in SIDES)
+        row = (label, _text(ours, form), _text(theirs, form), _factor([ours, theirs], sign))
+        if task:
+            own = found[task].get(key)
+            row = (*row, _text(own, form), _factor([own, theirs], sign))
+        rows.append(row)
+    return rows
+
+
+def _returns(found: Json, task: str | None) -> list[tuple[str, ...]]:
+    """Rows of the returns after the same samples and after the same time."""
+    if "returns" not in found:
+        return []
+    pairs = found["returns"]
+    at = {"after_samples": f"{pairs['samples']:,} samples", "after_seconds": f"{pairs['seconds']:.1f} s"}
+    blank = ("", *((" ", " ") if task else ()))
+    return [
+        (f"return after {when}", *(_text(value, ".2f") for value in pairs[key]), *blank) for key, when in at.items()
+    ]
+
+
+def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    """Lines with the first column to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        row[0].ljust(widths[0]) + "".join(f"  {cell:>{n}}" for cell, n in zip(row[1:], widths[1:], strict=True))
+        for row in rows
+    ]
+
+
 def _text(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
 def _factor(values: list[float | None], sign: int) -> str:
+    """Factor by which the first of two values is better, as text; below 1 if it is worse."""
     better, worse = values if sign > 0 else reversed(values)
     return "" if better is None or not worse else f"{better / worse:.2f}"
 
 
-def plot(found: dict[str, Any], path: Path) -> None:
+def plot(found: Json, path: Path) -> None:
     """Draw the returns over samples and over time."""
     import matplotlib
 
@@ -285,7 +311,7 @@ def plot(found: dict[str, Any], path: Path) -> None:
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mjlab-python", help="interpreter that has mjlab")
     parser.add_argument("--mjlab-path", help="folder with mjlab and its dependencies, first on PYTHONPATH")
@@ -324,7 +350,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def _problem_of_task(task: str) -> str:
-    """Why a task cannot be measured beside mjlab's; empty if it can."""
+    """Reason why a task cannot be measured beside mjlab's; empty if it can."""
     import stripe_tasks  # noqa: F401  (registers the tasks)
     from stripe_newton.cli.errors import UserError
     from stripe_newton.cli.tasks import load_cfg
@@ -343,7 +369,7 @@ def _problem_of_task(task: str) -> str:
 
 
 def main() -> None:
-    """Compare, or measure our side alone where ``--request`` says so."""
+    """Compare both sides; with ``--request`` measure our side alone."""
     arguments = parse()
     if arguments.request:
         from compare_mjlab_measure import measure

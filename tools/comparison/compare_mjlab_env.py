@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""mjlab's flat velocity task of its Go1 as an environment of this package.
+"""Environment of mjlab's flat velocity task: its Go1 in this package.
 
-All numbers come from the facts that ``compare_mjlab_peer.py describe`` read from the installed mjlab, and the robot is
-the MJCF that mjlab itself writes after its own settings: gains, limits, armature, friction and contact parameters are
-its. What cannot be the same is in ``docs/comparison.md``.
+All numbers come from the facts that ``compare_mjlab_peer.py describe`` reads from the installed mjlab. The robot is the
+MJCF that mjlab writes after it has applied its settings, so gains, limits, armature, friction and contact parameters
+are those of mjlab. ``docs/comparison.md`` lists the remaining differences.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import compare_mjlab_terms as terms
+import warp as wp
 
 from stripe_kernels.model_data import BodyModelData
 from stripe_newton.actuators import ImplicitActuatorCfg
@@ -36,6 +37,8 @@ from stripe_newton.sim import GroundPlaneCfg, MjcfFileCfg, MuJoCoSolverCfg, Rigi
 
 __all__ = ["Go1Env", "make_agent_cfg", "make_env_cfg"]
 
+Json = dict[str, Any]
+"""Facts about mjlab's task, requests, and parameters of terms."""
 FEET = ("FR", "FL", "RR", "RL")
 """The feet in mjlab's order: sites of that name, on bodies ``*_calf``."""
 STDS = ("std_standing", "std_walking", "std_running")
@@ -43,29 +46,29 @@ STDS = ("std_standing", "std_walking", "std_running")
 
 @configclass
 class ForwardVelocityCommandCfg(mdp.UniformVelocityCommandCfg):
-    """A uniform velocity command of which a share goes straight ahead."""
+    """Uniform velocity command, a share of which goes straight ahead."""
 
     rel_forward_envs: float = 0.0
-    """That share."""
-    resample: Any = terms.resample_velocity
+    """Share of commands that go straight ahead."""
+    resample: wp.Function = terms.resample_velocity
 
 
 class Go1Env(ManagerBasedRLEnv):
-    """An environment whose terms may read the centres of mass."""
+    """Environment whose terms may read the centres of mass."""
 
     def _prestartup(self) -> None:
         super()._prestartup()
         ModelStructs(self.context).get(BodyModelData, "robot", ["com"])
 
 
-def make_env_cfg(facts: dict[str, Any], robot_file: Path, request: dict[str, Any]) -> ManagerBasedRLEnvCfg:
-    """The environment.
+def make_env_cfg(facts: Json, robot_file: Path, request: Json) -> ManagerBasedRLEnvCfg:
+    """Config of the environment.
 
     Args:
-        facts: What the peer found.
+        facts: Facts that the peer found.
         robot_file: The robot as mjlab writes it.
-        request: ``num_envs``, ``seed``, ``device`` and ``randomize``, without which there is no noise, there are no
-            pushes, and nothing is drawn at the start.
+        request: ``num_envs``, ``seed``, ``device`` and ``randomize``; without the last there is no noise, no push and
+            no randomisation at the start.
     """
     task, solver, randomize = facts["env"], facts["env"]["sim"]["mujoco"], request["randomize"]
     fallen = task["terminations"]["fell_over"]["params"]
@@ -78,7 +81,7 @@ def make_env_cfg(facts: dict[str, Any], robot_file: Path, request: dict[str, Any
         scale_rewards_by_dt=task["scale_rewards_by_dt"],
         sim=SimulationCfg(
             dt=solver["timestep"],
-            on_overflow="warn",  # mjlab goes on
+            on_overflow="warn",  # as mjlab does
             device=request["device"],
             gravity=tuple(solver["gravity"]),
             physics_material=RigidBodyMaterialCfg(static_friction=1.0, dynamic_friction=1.0),  # MuJoCo's default
@@ -112,11 +115,13 @@ def make_env_cfg(facts: dict[str, Any], robot_file: Path, request: dict[str, Any
     )
 
 
-def _scene(facts: dict[str, Any], robot_file: Path) -> type[InteractiveSceneCfg]:
+def _scene(facts: Json, robot_file: Path) -> type[InteractiveSceneCfg]:
+    """Config class of the scene: the robot on a plane, with a contact sensor on its feet."""
     joint_pos = dict(zip(facts["joint_names"], facts["joint_pos"], strict=True))
     start = ArticulationCfg.InitialStateCfg(pos=tuple(facts["root_pos"]), joint_pos=joint_pos)
     drives, dofs = facts["drives"], facts["dofs"]
-    legs = ImplicitActuatorCfg(  # as the file has them, which has six digits
+    # the same numbers as in the file, which has only six digits
+    legs = ImplicitActuatorCfg(
         joint_names_expr=[".*"],
         stiffness={joint: -numbers[0] for joint, numbers in drives.items()},
         damping={joint: -numbers[1] for joint, numbers in drives.items()},
@@ -144,7 +149,7 @@ def _scene(facts: dict[str, Any], robot_file: Path) -> type[InteractiveSceneCfg]
     return SceneCfg
 
 
-def _feet(facts: dict[str, Any], *parts: str) -> dict[str, Any]:
+def _feet(facts: Json, *parts: str) -> Json:
     """Parameters of terms about the feet, by short names."""
     bodies = [f"{foot}_calf" for foot in FEET]
     params = {
@@ -157,10 +162,10 @@ def _feet(facts: dict[str, Any], *parts: str) -> dict[str, Any]:
     return dict(params[part] for part in parts)
 
 
-def _observations(facts: dict[str, Any], group: dict[str, Any], randomize: bool) -> ObservationGroupCfg:
-    """A group with the terms of mjlab's, in its order."""
+def _observations(facts: Json, group: Json, randomize: bool) -> ObservationGroupCfg:
+    """Observation group with the terms of mjlab's group, in its order."""
     order = {"asset_cfg": SceneEntityCfg("robot", joint_names=facts["joint_names"], preserve_order=True)}
-    known: dict[str, tuple[Any, dict[str, Any], int | None]] = {
+    known: dict[str, tuple[wp.Function, Json, int | None]] = {
         "base_lin_vel": (terms.point_lin_vel, {"point": tuple(facts["sites"]["imu"])}, 3),
         "base_ang_vel": (mdp.base_ang_vel, {}, None),
         "projected_gravity": (mdp.projected_gravity, {}, None),
@@ -174,20 +179,21 @@ def _observations(facts: dict[str, Any], group: dict[str, Any], randomize: bool)
         "foot_contact": (mdp.feet_contact, _feet(facts, "sensor"), None),
         "foot_contact_forces": (mdp.feet_contact_forces, _feet(facts, "sensor"), None),
     }
-    found: dict[str, Any] = {}
+    found: Json = {}
     for name, term in group["terms"].items():
         kind = f"{name}_biased" if term["params"].get("biased") else name
         function, params, size = known[kind]
         noise = term["noise"]
         noise = UniformNoiseCfg(n_min=noise["n_min"], n_max=noise["n_max"]) if noise else None
-        scale = -1.0 if name == "foot_contact_forces" else None  # mjlab's are of the foot on the ground
+        scale = -1.0 if name == "foot_contact_forces" else None  # mjlab's are forces of the foot on the ground
         found[name] = ObservationTermCfg(func=function, params=params, size=size, scale=scale, noise=noise)
     fields = {"__annotations__": dict.fromkeys(found, ObservationTermCfg), **found, "__doc__": "A group of mjlab's."}
     corrupt = group["enable_corruption"] and randomize
     return configclass(type("GroupCfg", (ObservationGroupCfg,), fields))(enable_corruption=corrupt)
 
 
-def _command(term: dict[str, Any]) -> ForwardVelocityCommandCfg:
+def _command(term: Json) -> ForwardVelocityCommandCfg:
+    """Velocity command with mjlab's ranges and shares."""
     bounds = {name: tuple(pair) for name, pair in term["ranges"].items()}
     shares = {name: term[name] for name in term if name.startswith(("heading_", "rel_")) and name != "rel_world_envs"}
     ranges = mdp.UniformVelocityCommandCfg.Ranges(**bounds)
@@ -196,14 +202,14 @@ def _command(term: dict[str, Any]) -> ForwardVelocityCommandCfg:
     )
 
 
-def _rewards(facts: dict[str, Any]) -> dict[str, RewardTermCfg]:
-    """The terms whose weight is not zero."""
+def _rewards(facts: Json) -> dict[str, RewardTermCfg]:
+    """Reward terms whose weight is not zero."""
     pose = facts["env"]["rewards"]["pose"]["params"]
     order = SceneEntityCfg("robot", joint_names=facts["joint_names"], preserve_order=True)
     by_joint = {name: match_values(pose[name], facts["joint_names"], what="joint") for name in STDS}
     spreads = {name: [values[i] for i in sorted(values)] for name, values in by_joint.items()}
     all_feet = _feet(facts, "sensor", "asset", "points", "command")
-    known: dict[str, tuple[Any, dict[str, Any]]] = {
+    known: dict[str, tuple[wp.Function, Json]] = {
         "track_linear_velocity": (terms.track_linear_velocity, {"command_name": "twist", "model": "robot"}),
         "track_angular_velocity": (terms.track_angular_velocity, {"command_name": "twist"}),
         "upright": (terms.upright, {}),
@@ -224,7 +230,8 @@ def _rewards(facts: dict[str, Any]) -> dict[str, RewardTermCfg]:
     return found
 
 
-def _events(events: dict[str, Any], randomize: bool) -> dict[str, EventTermCfg]:
+def _events(events: Json, randomize: bool) -> dict[str, EventTermCfg]:
+    """Resets, and with ``randomize`` pushes and randomisation."""
     start, joints = events["reset_base"]["params"], events["reset_robot_joints"]["params"]
     found = {
         "reset_base": EventTermCfg(
@@ -270,7 +277,7 @@ def _events(events: dict[str, Any], randomize: bool) -> dict[str, EventTermCfg]:
     return found
 
 
-def make_agent_cfg(facts: dict[str, Any], request: dict[str, Any]) -> RslRlOnPolicyRunnerCfg:
+def make_agent_cfg(facts: Json, request: Json) -> RslRlOnPolicyRunnerCfg:
     """Networks and PPO settings of mjlab's task."""
     agent = facts["agent"]
     names = ("hidden_dims", "activation", "obs_normalization")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How ``compare_mjlab.py`` measures an environment: the same functions for both sides.
+"""Measurement of an environment for ``compare_mjlab.py``: the same functions for both sides.
 
-It runs under mjlab's interpreter too, so that nothing of this repository is imported but the file that counts CUDA
-calls, by its path.
+This also runs under mjlab's interpreter, so of this repository it imports only the file that counts CUDA calls, by its
+path.
 """
 
 from __future__ import annotations
@@ -17,16 +17,19 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import torch
 
 __all__ = ["Memory", "Side", "measure", "measure_steps", "measure_training", "measure_walk", "versions"]
 
+Json = dict[str, Any]
+"""Requests and results, which go from process to process as JSON."""
 BLOCK = 32
 """Steps between two waits for the device."""
 TRY_EVERY = 10
-"""Iterations between two policies of which it is asked whether the robot walks."""
+"""Iterations between two policies that are tested for walking."""
 MAX_ERROR, MIN_UPRIGHT = 0.25, 0.95
 """A robot walks if its mean error of the velocity [m/s] and the share of episodes without a fall are within these."""
 PACKAGES = ("mjlab", "stripe-newton", "newton", "mujoco", "mujoco-warp", "warp-lang", "rsl-rl-lib", "torch")
@@ -34,45 +37,45 @@ PACKAGES = ("mjlab", "stripe-newton", "newton", "mujoco", "mujoco-warp", "warp-l
 
 @dataclasses.dataclass
 class Side:
-    """An environment, as the measuring sees it."""
+    """Interface of an environment for the measurement."""
 
     device: str
     num_envs: int
     num_actions: int
-    step: Callable[[torch.Tensor], Any]
+    step: Callable[[torch.Tensor], object]
     """One environment step."""
-    physics: Callable[[], Any]
-    """The physics of one environment step, as the framework runs it, from the state and with the targets there are."""
+    physics: Callable[[], object]
+    """The physics of one environment step, as the framework runs it, from the present state and targets."""
     state: list[torch.Tensor]
-    """What the physics starts from; it lives in the simulation."""
+    """State from which the physics starts: views of the simulation's memory."""
     targets: list[torch.Tensor]
-    """What the joints are to do in it; it lives in the simulation."""
+    """Targets of the joints: views of the simulation's memory."""
     spread: Callable[[torch.Tensor], None]
-    """Takes steps done, int64 ``(num_envs,)``, so that episodes end at different times."""
+    """Sets the numbers of steps done, int64 ``(num_envs,)``, so that episodes end at different times."""
     max_episode_length: int
     make_runner: Callable[[str], Any]
-    """An rsl_rl runner that writes to a folder."""
+    """Makes an rsl_rl runner that writes to a folder."""
     velocity_error: Callable[[], torch.Tensor]
-    """How far the robots are from the horizontal velocities that they are commanded [m/s], ``(num_envs,)``."""
+    """Errors of the robots' horizontal velocities [m/s], ``(num_envs,)``."""
 
 
-def measure(make: Callable[[], Side], request: dict[str, Any]) -> dict[str, Any]:
+def measure(make: Callable[[], Side], request: Json) -> Json:
     """Build an environment and measure it.
 
     Args:
-        make: Builds it.
+        make: Builds the environment.
         request: ``device``, ``parts`` (``"step"``, ``"train"``, ``"walk"``), ``steps``, ``train_iterations``, ``seed``,
-            ``asked`` (when this process was started, by ``time.time()``).
+            ``asked`` (time at which this process was started, by ``time.time()``).
 
     Returns:
         Milliseconds, MiB and counts a step for ``"step"``, see :func:`measure_steps`; for ``"train"`` the curve and its
-        medians, see :func:`measure_training`; for ``"walk"``, too, when the robots walked, see :func:`measure_walk`.
-        CUDA counts and memory are None on the CPU.
+        medians, see :func:`measure_training`; for ``"walk"`` also the first policy that walks, see
+        :func:`measure_walk`. CUDA counts and memory are None on the CPU.
     """
     memory = Memory(request["device"])
     start = time.perf_counter()
     side = make()
-    found: dict[str, Any] = {"versions": versions(), "device_name": device_name(side.device), "num_envs": side.num_envs}
+    found: Json = {"versions": versions(), "device_name": device_name(side.device), "num_envs": side.num_envs}
     wait(side.device)
     found["build_s"] = time.perf_counter() - start
     memory.look()
@@ -89,12 +92,12 @@ def measure(make: Callable[[], Side], request: dict[str, Any]) -> dict[str, Any]
     return found
 
 
-def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str, Any]:
+def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> Json:
     """Times of whole steps under uniform actions in [-1, 1], and of the physics of the same steps, block by block.
 
     Episodes are spread over their length first. ``step_ms`` is the median of the blocks, by the clock on the wall with
-    a wait at the end of each block; ``physics_ms`` too, there with a wait at the end of each step, since what each step
-    started from is brought back before it, which is not timed.
+    a wait at the end of each block. ``physics_ms`` is a median too, with a wait at the end of each step, as the start
+    state of each step is restored before it, which is not timed.
     """
     generator = torch.Generator(device=side.device).manual_seed(seed)
     shape = (min(BLOCK, steps), side.num_envs, side.num_actions)
@@ -102,7 +105,7 @@ def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str
     lengths = torch.randint(side.max_episode_length, (side.num_envs,), device=side.device, generator=generator)
     side.step(actions[0])
     side.spread(lengths)
-    for index in range(2 * len(actions)):  # robots fall, episodes end, as they do in a long run
+    for index in range(2 * len(actions)):  # robots fall and episodes end, as in a long run
         side.step(actions[index % len(actions)])
     memory.look()
     tape = []
@@ -120,10 +123,11 @@ def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str
         wait(side.device)
         whole.append(1e3 * (time.perf_counter() - began) / len(actions))
         physics.append(statistics.mean(timed_physics(side, *entry) for entry in tape))
+    # recorded states must not count as memory of the training that follows
     del tape
     if side.device != "cpu":
         torch.cuda.empty_cache()
-    found: dict[str, Any] = {
+    found: Json = {
         "step_ms": statistics.median(whole),
         "step_range_ms": [min(whole), max(whole)],
         "physics_ms": statistics.median(physics),
@@ -140,18 +144,18 @@ def measure_steps(side: Side, steps: int, seed: int, memory: Memory) -> dict[str
     return found | {f"{kind}_per_step": count for kind, count in counts.items()}
 
 
-def measure_training(side: Side, iterations: int) -> tuple[Any, list[dict[str, Any]], dict[str, Any]]:
-    """Train with rsl_rl and keep what its logger is told after each iteration.
+def measure_training(side: Side, iterations: int) -> tuple[Any, list[Json], Json]:
+    """Train with rsl_rl and record the values of its logger after each iteration.
 
-    ``curve`` has a row an iteration: samples so far, seconds since the start, mean return and length of the last 100
-    episodes that ended (None before the first), seconds of collection and of learning. ``samples_per_s`` goes by the
-    median iteration, so that the first one, in which kernels are loaded, does not count.
+    ``curve`` has a row for each iteration: samples so far, seconds since the start, mean return and length of the last
+    100 episodes that ended (None before the first), seconds of collection and of learning. ``samples_per_s`` is that of
+    the median iteration, so that the first one, in which kernels are loaded, does not count.
 
     Returns:
         The runner, the policies after every tenth iteration (``samples``, ``seconds``, ``state``), and the curve.
     """
-    curve: list[dict[str, Any]] = []
-    policies: list[dict[str, Any]] = []
+    curve: list[Json] = []
+    policies: list[Json] = []
     with tempfile.TemporaryDirectory() as folder:
         wait(side.device)
         start = time.perf_counter()
@@ -192,15 +196,15 @@ def measure_training(side: Side, iterations: int) -> tuple[Any, list[dict[str, A
 
 
 @torch.inference_mode()
-def measure_walk(side: Side, runner: Any, policies: list[dict[str, Any]], start_s: float) -> dict[str, Any]:
-    """When in its training the robot walked: each policy acts in its share of the environments, for one whole episode.
+def measure_walk(side: Side, runner: Any, policies: list[Json], start_s: float) -> Json:
+    """Find the first policy that walks: each acts in its share of the environments, for one whole episode.
 
-    It acts without noise of its own, under the noise and the pushes of the training. A robot walks if
-    its velocity, averaged over the steps before it falls, is on average less than 0.25 m/s off, and 95 % do not fall.
+    Policies act without exploration noise, under the noise and the pushes of the training. A policy walks if the mean
+    error of the velocity before a fall is less than 0.25 m/s, and 95 % of the robots do not fall.
 
     Returns:
-        ``tried``, a row a policy; ``walk_s``, seconds from the command, which was ``start_s`` before the training, to
-        the first policy that walks, and ``walk_samples``, the samples it had seen; None if there is none.
+        ``tried``, a row for each policy; ``walk_s``, seconds from the command, which was ``start_s`` before the
+        training, to the first policy that walks; ``walk_samples``, its samples; None if no policy walks.
     """
     env, actor, count = runner.env, runner.alg.actor.eval(), len(policies)
     obs = env.reset()
@@ -215,7 +219,7 @@ def measure_walk(side: Side, runner: Any, policies: list[dict[str, Any]], start_
         upright &= done == 0
         error += torch.where(upright, side.velocity_error(), 0.0)
         steps += upright
-    tried: list[dict[str, Any]] = []
+    tried: list[Json] = []
     for policy, rows in zip(policies, shares, strict=True):
         off, share = float((error / steps.clamp(min=1.0))[rows].mean()), float(upright[rows].float().mean())
         walks = off < MAX_ERROR and share >= MIN_UPRIGHT
@@ -226,9 +230,9 @@ def measure_walk(side: Side, runner: Any, policies: list[dict[str, Any]], start_
 
 
 class Memory:
-    """Device memory in use since this was made, the most that was seen [MiB]; None on the CPU.
+    """Largest device memory in use since this object was made [MiB]; None on the CPU.
 
-    Other programs on the device count. Both allocators keep what they once had, so looking now and then is enough.
+    Other programs on the device count too. Both allocators keep their memory, so looking now and then is enough.
     """
 
     def __init__(self, device: str):
@@ -236,7 +240,7 @@ class Memory:
         self._before = self._used()
 
     def look(self) -> float | None:
-        """The most memory that was seen in use [MiB]."""
+        """Look once more; return the largest memory in use so far [MiB]."""
         if self._device == "cpu":
             return None
         self._most = max(self._most, self._used() - self._before)
@@ -261,18 +265,18 @@ def timed_physics(side: Side, state: list[torch.Tensor], targets: list[torch.Ten
 
 
 def wait(device: str) -> None:
-    """Wait for everything that the device was told."""
+    """Wait until the device has done all its work."""
     if device != "cpu":
         torch.cuda.synchronize(device)
 
 
 def device_name(device: str) -> str | None:
-    """The GPU's name."""
+    """Name of the GPU; None for the CPU."""
     return None if device == "cpu" else torch.cuda.get_device_name(device)
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages that matter, where they are there."""
+    """Versions of the relevant packages that are installed."""
     found = {}
     for name in PACKAGES:
         try:
@@ -282,7 +286,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def by_path(name: str, path: Path) -> Any:
+def by_path(name: str, path: Path) -> ModuleType:
     """Import a module from a file."""
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ``compare_mjlab.py`` runs under mjlab's interpreter.
+"""Peer of ``compare_mjlab.py``: the part that runs under mjlab's interpreter.
 
     python tools/comparison/compare_mjlab_peer.py {describe,evaluate,measure} REQUEST.json
 
-Of this repository it imports ``compare_mjlab_measure`` alone. Answers go to the file ``out`` of the request, which also
+Of this repository it imports only ``compare_mjlab_measure``. Answers go to the file ``out`` of the request, which also
 has ``num_envs``, ``seed``, ``device`` and ``randomize``:
 
 * ``describe``: the robot as mjlab writes it to MJCF after its own settings (``robot.xml`` beside ``out``), and the
@@ -19,19 +19,25 @@ import json
 import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from compare_mjlab_measure import Side, measure, versions
 
+if TYPE_CHECKING:
+    from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg
+    from mjlab.rl import MjlabOnPolicyRunner
+
+Json = dict[str, Any]
+"""Requests, facts and results, which go from process to process as JSON."""
 TASK = "Mjlab-Velocity-Flat-Unitree-Go1"
 
 
-def make_cfg(request: dict[str, Any]) -> Any:
-    """The config of the task, with the ``"cone"`` and ``"njmax"`` that are asked for.
+def make_cfg(request: Json) -> ManagerBasedRlEnvCfg:
+    """Config of the task, with the requested ``"cone"`` and ``"njmax"``.
 
-    Without ``"randomize"`` it is free of noise, pushes and whatever is drawn at the start.
+    Without ``"randomize"`` it has no noise, no pushes and no randomisation at the start.
     """
     import mjlab.tasks  # noqa: F401
     from mjlab.tasks.registry import load_env_cfg
@@ -47,8 +53,8 @@ def make_cfg(request: dict[str, Any]) -> Any:
     return cfg
 
 
-def make_side(request: dict[str, Any]) -> Side:
-    """The environment of mjlab."""
+def make_side(request: Json) -> Side:
+    """Build mjlab's environment."""
     import warp as wp
     from mjlab.envs import ManagerBasedRlEnv
     from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
@@ -67,7 +73,7 @@ def make_side(request: dict[str, Any]) -> Side:
     def spread(lengths: torch.Tensor) -> None:
         env.episode_length_buf = lengths
 
-    def make_runner(folder: str) -> Any:
+    def make_runner(folder: str) -> MjlabOnPolicyRunner:
         agent = dataclasses.asdict(load_rl_cfg(TASK))
         agent |= {"logger": "tensorboard", "upload_model": False, "save_interval": 10**9, "seed": request["seed"]}
         torch.manual_seed(request["seed"])
@@ -93,7 +99,7 @@ def make_side(request: dict[str, Any]) -> Side:
     )
 
 
-def describe(request: dict[str, Any]) -> None:
+def describe(request: Json) -> None:
     """Write the robot and the task's numbers."""
     import mujoco
     from mjlab.entity import Entity
@@ -104,9 +110,8 @@ def describe(request: dict[str, Any]) -> None:
     spec = Entity(cfg.scene.entities["robot"]).spec
     spec.meshdir = str(Path(spec.modelfiledir) / spec.meshdir)
     spec.compile()
-    whole = re.sub(
-        r'solref="([^" ]+)"', r'solref="\1 1"', spec.to_xml()
-    )  # MuJoCo leaves defaults out, Newton wants two
+    # MuJoCo leaves out the second number where it is the default, Newton's importer wants both
+    whole = re.sub(r'solref="([^" ]+)"', r'solref="\1 1"', spec.to_xml())
     (out.parent / "robot.xml").write_text(whole)
     env = ManagerBasedRlEnv(cfg, device="cpu")
     robot, model = env.scene["robot"], env.sim.mj_model
@@ -153,31 +158,41 @@ def describe(request: dict[str, Any]) -> None:
     out.write_text(json.dumps(facts, indent=1))
 
 
-def evaluate(request: dict[str, Any]) -> None:
-    """Put the environments into the states of the file ``states``; write what mjlab makes of them.
+def evaluate(request: Json) -> None:
+    """Put the environments into the states of the file ``states``; write mjlab's observations, rewards and next state.
 
     Arrays of the states lead with the environment: ``root_pos``, ``root_quat`` (x, y, z, w), ``root_lin_vel`` (of the
     link's origin) and ``root_ang_vel`` in the world frame, ``joint_pos``, ``joint_vel``, ``action``, ``prev_action``,
-    ``command``; of the feet ``force`` (those that touch have one), ``current_air_time``, ``current_contact_time``,
-    ``peak``. Written are ``obs_GROUP``, ``reward_TERM`` (weighted), and after a control step from the same states, the
-    solver without memory: the six arrays of the state, and ``found``, ``force``, ``current_air_time`` of the feet.
+    ``command``; of the feet ``force`` (zero for those without contact), ``current_air_time``, ``current_contact_time``,
+    ``peak``. Written are ``obs_GROUP``, ``reward_TERM`` (weighted), and after a control step from the same states,
+    without warm start: the six arrays of the state, and ``found``, ``force``, ``current_air_time`` of the feet.
     """
     from mjlab.envs import ManagerBasedRlEnv
 
     given = {name: torch.from_numpy(array) for name, array in np.load(request["states"]).items()}
     env = ManagerBasedRlEnv(make_cfg(request), device="cpu")
-    robot, sensor = env.scene["robot"], env.scene["feet_ground_contact"]
-    first_last = [3, 0, 1, 2]
+    found = _terms_of_states(env, given, request["seed"]) | _state_after_step(env, given, request["seed"])
+    np.savez(request["out"], **{name: np.asarray(value.clone()) for name, value in found.items()})
 
-    def enter() -> None:
-        env.reset(seed=request["seed"])
-        env.sim.reset()
-        velocity = torch.cat([given["root_lin_vel"], given["root_ang_vel"]], dim=1)
-        pose = torch.cat([given["root_pos"] + env.scene.env_origins, given["root_quat"][:, first_last]], dim=1)
-        robot.write_root_state_to_sim(torch.cat([pose, velocity], dim=1))
-        robot.write_joint_state_to_sim(given["joint_pos"], given["joint_vel"])
 
-    enter()
+def _enter(env: ManagerBasedRlEnv, given: dict[str, torch.Tensor], seed: int) -> None:
+    """Put the environments into the given states, without a memory of others."""
+    robot, first_last = env.scene["robot"], [3, 0, 1, 2]  # mjlab's quaternions begin with the real part
+    env.reset(seed=seed)
+    env.sim.reset()
+    velocity = torch.cat([given["root_lin_vel"], given["root_ang_vel"]], dim=1)
+    pose = torch.cat([given["root_pos"] + env.scene.env_origins, given["root_quat"][:, first_last]], dim=1)
+    robot.write_root_state_to_sim(torch.cat([pose, velocity], dim=1))
+    robot.write_joint_state_to_sim(given["joint_pos"], given["joint_vel"])
+
+
+def _terms_of_states(env: ManagerBasedRlEnv, given: dict[str, torch.Tensor], seed: int) -> dict[str, torch.Tensor]:
+    """Observations and rewards in the given states.
+
+    Actions, commands and what the feet feel are written where mjlab keeps them, as no step led to these states.
+    """
+    sensor = env.scene["feet_ground_contact"]
+    _enter(env, given, seed)
     env.sim.forward()
     env.sim.sense()
     env.action_manager._action[:], env.action_manager._prev_action[:] = given["action"], given["prev_action"]
@@ -195,19 +210,24 @@ def evaluate(request: dict[str, Any]) -> None:
     seen = env.observation_manager.compute(update_history=True)
     found = {f"obs_{name}": value.clone() for name, value in seen.items()}
     for index, name in enumerate(env.reward_manager.active_terms):
-        found[f"reward_{name}"] = env.reward_manager._step_reward[:, index]
+        found[f"reward_{name}"] = env.reward_manager._step_reward[:, index].clone()
+    return found
 
-    enter()
+
+def _state_after_step(env: ManagerBasedRlEnv, given: dict[str, torch.Tensor], seed: int) -> dict[str, torch.Tensor]:
+    """State of the robots and contacts of their feet after a control step from the given states."""
+    robot, sensor = env.scene["robot"], env.scene["feet_ground_contact"]
+    _enter(env, given, seed)
     env.action_manager.process_action(given["action"])
     for _ in range(env.cfg.decimation):
         env.action_manager.apply_action()
         env.scene.write_data_to_sim()
         env.sim.step()
         env.scene.update(dt=env.physics_dt)
-    found |= {"found": sensor.data.found, "force": sensor.data.force, "air": sensor.data.current_air_time}
+    contacts = {"found": sensor.data.found, "force": sensor.data.force, "air": sensor.data.current_air_time}
     env.sim.forward()
     state = robot.data
-    found |= {
+    return contacts | {
         "root_pos": state.root_link_pos_w - env.scene.env_origins,
         "root_quat": state.root_link_quat_w[:, [1, 2, 3, 0]],
         "root_lin_vel": state.root_link_lin_vel_w,
@@ -215,11 +235,10 @@ def evaluate(request: dict[str, Any]) -> None:
         "joint_pos": state.joint_pos,
         "joint_vel": state.joint_vel,
     }
-    np.savez(request["out"], **{name: np.asarray(value.clone()) for name, value in found.items()})
 
 
-def plain(value: Any) -> Any:
-    """A config as JSON can hold it; functions and classes by name."""
+def plain(value: object) -> object:
+    """Convert a config to JSON; functions and classes become names."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, dict):
@@ -232,7 +251,7 @@ def plain(value: Any) -> Any:
 
 
 def main() -> None:
-    """Do what the command line says."""
+    """Do what the command line asks for."""
     what, request = sys.argv[1], json.loads(Path(sys.argv[2]).read_text())
     if what == "measure":
         Path(request["out"]).write_text(json.dumps(measure(lambda: make_side(request), request), indent=1))

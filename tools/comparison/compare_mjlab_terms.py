@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms of mjlab's flat velocity task that differ from ours in a detail: ``term(env, ...)`` as everywhere.
+"""Terms of mjlab's flat velocity task that differ from this package's terms in a detail.
 
-Velocities of links are those of points on them, as in mjlab, where ours are of centres of mass. Source of all formulas:
-mjlab 1.6, ``mdp`` of its velocity task.
+Velocities of links are those of points on them, as in mjlab, while ours are those of centres of mass. Source of all
+formulas: mjlab 1.6, ``mdp`` of its velocity task.
 """
 
 import warp as wp
@@ -147,7 +147,7 @@ def feet_clearance(
     target_height: float,
     command_threshold: float,
 ) -> float:
-    """``sum_i |z_i - target_height| |v_i.xy|`` where the robot is told to move."""
+    """``sum_i |z_i - target_height| |v_i.xy|`` where the command is to move."""
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         off = wp.abs(point_height(env, robot, body_ids[i], points[i]) - target_height)
@@ -169,8 +169,8 @@ def feet_swing_height(
     step_dt: float,
     command_threshold: float,
 ) -> float:
-    """``sum_i landed_i (peak_i / target_height - 1)^2`` where the robot is told to move; ``peak`` is the height seen in
-    the air since the last landing, 0 where there was none."""
+    """``sum_i landed_i (peak_i / target_height - 1)^2`` where the command is to move; ``peak`` is the largest
+    height in the air since the last landing, 0 if there was none."""
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         if not touches(env, sensor, sensor_body_ids[i]):
@@ -194,7 +194,7 @@ def feet_slip(
     points: wp.array[wp.vec3],
     command_threshold: float,
 ) -> float:
-    """``sum_i touches_i |v_i.xy|^2`` where the robot is told to move."""
+    """``sum_i touches_i |v_i.xy|^2`` where the command is to move."""
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         if touches(env, sensor, sensor_body_ids[i]):

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run an exported policy on a robot in plain MuJoCo. Needs numpy, mujoco and onnxruntime, and nothing of this package.
+"""Deployment in plain MuJoCo: run an exported policy with numpy, mujoco and onnxruntime, without this package.
 
     python tools/deployment/deploy_mujoco.py policy.onnx robot.xml
         [--command 0.5 0 0] [--episodes 20] [--seconds 20] [--view]
 
-All it knows of the task stands in ``policy.onnx``: which joints in which order, the pose they start in, gains and
-limits, how actions become targets, what is observed and how that is scaled, the rates. ``robot.xml`` is the robot as
-MJCF, such as ``stripe-newton export RUN --mjcf`` writes it; its own actuators are replaced. Without ``--command`` each
-episode draws one from the ranges of the training. Prints how many episodes ended without a fall and how well the
-commands were followed. On a real robot, :class:`Robot` is what has to be written anew.
+All facts about the task come from ``policy.onnx``: the joints and their order, the default pose, gains and limits, how
+actions become targets, the observations with their scales, and the rates. ``robot.xml`` is the robot as MJCF, such as
+``stripe-newton export RUN --mjcf`` writes it; its actuators are replaced. Without ``--command`` each episode draws a
+command from the ranges of the training. The program prints the share of episodes without a fall and the error of the
+velocities. For a real robot, write another :class:`Robot`.
 """
 
 from __future__ import annotations
@@ -26,9 +26,12 @@ import onnxruntime
 FALLEN = 1.2
 """Angle between the base's up axis and the vertical at which a robot has fallen [rad]."""
 
+Metadata = dict[str, Any]
+"""JSON from the policy's file, or a part of it."""
+
 
 class Policy:
-    """The network, its state if it has one, and the metadata."""
+    """Policy: the network, its state if it has one, and the metadata."""
 
     def __init__(self, path: str):
         self.session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
@@ -39,7 +42,7 @@ class Policy:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, at the start of an episode."""
+        """Clear the state, at the start of an episode."""
         states = self.metadata["network"]["states"]
         self.state = {s["input"]: np.zeros([1 if n == "batch" else n for n in s["shape"]], np.float32) for s in states}
 
@@ -56,9 +59,9 @@ class Policy:
 
 
 class Robot:
-    """The robot: joints in the policy's order, targets in, measurements out."""
+    """Robot in MuJoCo: takes targets and gives measurements, with the joints in the policy's order."""
 
-    def __init__(self, path: str, metadata: dict[str, Any]):
+    def __init__(self, path: str, metadata: Metadata):
         self.rates, (name, *others) = metadata["rates"], list(metadata["assets"])
         self.asset = asset = metadata["assets"][name]
         if others or asset["fixed_base"]:
@@ -102,7 +105,7 @@ class Robot:
 
     @property
     def rotation(self) -> np.ndarray:
-        """From the world's axes to those of the base, (3, 3)."""
+        """Rotation matrix from the world's axes to those of the base, (3, 3)."""
         return self.data.xmat[self.base].reshape(3, 3).T
 
     @property
@@ -129,9 +132,9 @@ def _find(spec: mujoco.MjSpec, joint: str) -> str:
 
 
 class Observations:
-    """What the policy sees, made of the robot's measurements as the metadata say."""
+    """Observations of the policy, computed from the robot's measurements as the metadata define them."""
 
-    def __init__(self, robot: Robot, metadata: dict[str, Any]):
+    def __init__(self, robot: Robot, metadata: Metadata):
         self.robot, self.groups = robot, metadata["observations"]
         self.command, self.action = np.zeros(3), np.zeros(metadata["actions"]["size"])
         self.history: dict[tuple[str, str], list[np.ndarray]] = {}
@@ -145,11 +148,11 @@ class Observations:
                     raise SystemExit(f"observation '{term['name']}': '{name}' is not measured here; there are {known}")
 
     @property
-    def known(self) -> dict[str, Callable[[dict[str, Any]], np.ndarray]]:
+    def known(self) -> dict[str, Callable[[Metadata], np.ndarray]]:
         """Measurements by the name of the term's function."""
         robot, data = self.robot, self.robot.data
 
-        def joints(params: dict[str, Any]) -> list[int]:
+        def joints(params: Metadata) -> list[int]:
             everyone = robot.asset["joint_names"]
             return [everyone.index(n) for n in params.get("asset_cfg", {}).get("joint_names", everyone)]
 
@@ -166,12 +169,12 @@ class Observations:
         }
 
     def reset(self) -> None:
-        """Begin an episode: no past, no action yet."""
+        """Clear histories and the last action, at the start of an episode."""
         self.history.clear()
         self.action = np.zeros_like(self.action)
 
     def __call__(self) -> dict[str, np.ndarray]:
-        """The groups by name: each number clipped, scaled, put into the history, oldest first, and joined."""
+        """Groups by name: terms are clipped, scaled, put into their histories, oldest first, and joined."""
         found = {}
         for group in self.groups:
             parts = []
@@ -192,7 +195,7 @@ class Observations:
         return found
 
 
-def targets(metadata: dict[str, Any], action: np.ndarray) -> np.ndarray:
+def targets(metadata: Metadata, action: np.ndarray) -> np.ndarray:
     """Position targets of all joints in the asset's order [rad]; NaN where no action moves a joint."""
     (asset,) = metadata["assets"].values()
     out = np.full(len(asset["joint_names"]), math.nan)
@@ -207,7 +210,7 @@ def targets(metadata: dict[str, Any], action: np.ndarray) -> np.ndarray:
     return out
 
 
-def draw_command(metadata: dict[str, Any], rng: np.random.Generator) -> np.ndarray:
+def draw_command(metadata: Metadata, rng: np.random.Generator) -> np.ndarray:
     """A velocity from the ranges of the training: forward, sideways [m/s], yaw rate [rad/s]."""
     (command,) = metadata["commands"].values()
     return np.array([rng.uniform(*command["ranges"][name]) for name in ("lin_vel_x", "lin_vel_y", "ang_vel_z")])
@@ -216,7 +219,7 @@ def draw_command(metadata: dict[str, Any], rng: np.random.Generator) -> np.ndarr
 def episode(
     robot: Robot, policy: Policy, command: np.ndarray, seconds: float, after_step: Callable[[], None] | None = None
 ) -> dict[str, float]:
-    """One episode with one command; how far it came and how well it followed."""
+    """Run an episode with one command; return its length and the errors of its velocities."""
     observe, dt, errors = Observations(robot, policy.metadata), robot.rates["step_dt"], []
     robot.reset()
     policy.reset()
@@ -229,7 +232,7 @@ def episode(
             after_step()
         if robot.has_fallen:
             break
-        if step * dt > 1.0:  # once it is on its way
+        if step * dt > 1.0:  # after it has had time to start walking
             linear, angular = robot.velocity
             errors.append([*(linear[:2] - command[:2]), angular[2] - command[2]])
     error = np.array(errors) if errors else np.full((1, 3), math.nan)

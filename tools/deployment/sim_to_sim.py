@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure a trained walking policy in plain MuJoCo, on the CPU.
+"""Sim to sim: measure a trained walking policy in plain MuJoCo, on the CPU.
 
     python tools/deployment/sim_to_sim.py TASK RUN [--episodes 20] [--seconds 20] [--seed 0] [--out DIR]
 
@@ -15,7 +15,6 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,8 +26,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import deploy_mujoco
 
 
-def camera_on(robot: Any, frames: list[np.ndarray]) -> Callable[[], None]:
-    """What puts a picture of every second step into ``frames``."""
+def camera_on(robot: deploy_mujoco.Robot, frames: list[np.ndarray]) -> Callable[[], None]:
+    """Make a function that adds a picture of every second step to ``frames``."""
     model, count = robot.model, [0]
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.4, 0.6
     model.vis.global_.offwidth, model.vis.global_.offheight = 960, 540

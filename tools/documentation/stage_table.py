@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write docs/stages.md: what becomes of every USD stage in the installed Newton.
+"""Stage table: write docs/stages.md, the outcome of loading and stepping every USD stage of the installed Newton.
 
 python tools/documentation/stage_table.py [--output docs/stages.md]
 """
@@ -19,6 +19,7 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def main() -> None:
+    """Try every stage and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path, default=Path(__file__).parents[2] / "docs" / "stages.md")
     output = parser.parse_args().output

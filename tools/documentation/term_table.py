@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write docs/terms.md: every term with its formula and what it reads, from the functions themselves.
+"""Term table: write docs/terms.md, every term with its formula and the fields that it reads, from its source.
 
 python tools/documentation/term_table.py [--output docs/terms.md]
 """
@@ -13,8 +13,7 @@ import re
 import sys
 import textwrap
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from types import ModuleType, SimpleNamespace
 
 import warp as wp
 
@@ -43,7 +42,9 @@ from stripe_kernels.mdp import (
     tracking,
 )
 
-KINDS: dict[str, tuple[Any, ...]] = {
+Modules = tuple[ModuleType | SimpleNamespace, ...]
+
+KINDS: dict[str, Modules] = {
     "Observations": (observations,),
     "Rewards": (rewards, tracking),
     "Terminations": (terminations,),
@@ -51,37 +52,37 @@ KINDS: dict[str, tuple[Any, ...]] = {
     "Commands": (commands,),
     "Actions": (actions,),
 }
-"""The modules of each kind of term that works on one environment."""
-CURRICULUMS: dict[str, tuple[Any, ...]] = {"Curriculums": (curriculums,)}
+"""Modules of the terms that work on one environment, by kind."""
+CURRICULUMS: dict[str, Modules] = {"Curriculums": (curriculums,)}
 """Terms that one thread runs for all environments."""
-OBJECTS: dict[str, tuple[Any, ...]] = {
+OBJECTS: dict[str, Modules] = {
     "Observations of objects": (objects.observations,),
     "Rewards for objects": (objects.rewards,),
     "Terminations by objects": (objects.terminations,),
     "Events of objects": (objects.events,),
 }
 """Terms about the objects of a pool."""
-RAYS: dict[str, tuple[Any, ...]] = {"Observations of rays": (scan,)}
-"""Terms about what a sensor's rays hit."""
+RAYS: dict[str, Modules] = {"Observations of rays": (scan,)}
+"""Terms about the hits of a sensor's rays."""
 
 
-def part(module: Any, *names: str) -> Any:
-    """Some terms of a module."""
+def part(module: ModuleType, *names: str) -> SimpleNamespace:
+    """Some terms of a module, in place of the module."""
     return SimpleNamespace(__all__=names, **{n: getattr(module, n) for n in names})
 
 
-OBSTACLES: dict[str, tuple[Any, ...]] = {
+OBSTACLES: dict[str, Modules] = {
     "Observations of obstacles": (part(obstacles, *obstacles.OBSTACLE_OBSERVATION_SIZES),),
     "Terminations by obstacles": (part(obstacles, "obstacle_too_close"),),
 }
 """Terms of docs/specifications.md about collider slots."""
-CONTACTS: dict[str, tuple[Any, ...]] = {
+CONTACTS: dict[str, Modules] = {
     "Observations of contacts and IMUs": (part(contact, *contact.CONTACT_OBSERVATION_SIZES), imu),
     "Rewards for contacts": (part(contact, "undesired_contacts", "desired_contacts", "contact_forces"), feet),
     "Terminations by contacts": (part(contact, "illegal_contact"),),
 }
 """Terms of docs/sensors.md."""
-RANDOMIZATION: dict[str, tuple[Any, ...]] = {
+RANDOMIZATION: dict[str, Modules] = {
     "Events that randomise the model": (
         randomization_bodies,
         randomization_joints,
@@ -93,18 +94,19 @@ RANDOMIZATION: dict[str, tuple[Any, ...]] = {
     "Actions by encoders": (part(randomization_encoder, "apply_joint_position_biased"),),
 }
 """Terms of docs/randomization.md."""
-GROUND: dict[str, tuple[Any, ...]] = {
+GROUND: dict[str, Modules] = {
     "Terminations by the ground": (part(terrain, "terrain_out_of_bounds", "root_height_over_ground_below_minimum"),),
     "Events on the ground": (part(terrain, "reset_root_state_from_terrain", "reset_root_state_uniform_on_terrain"),),
     "Curriculums on the ground": (part(terrain, "terrain_levels_vel", "terrain_levels_survival"),),
     "Commands on the ground": (part(terrain, "resample_terrain_based_pose_2d"),),
 }
 """Terms of docs/terrain.md."""
-BODIES: dict[str, tuple[Any, ...]] = {"Actions that move a body": (inverse_kinematics,)}
-"""Terms that need Jacobians beside the state."""
+BODIES: dict[str, Modules] = {"Actions that move a body": (inverse_kinematics,)}
+"""Terms that read Jacobians as well as the state."""
 EXTRA_COLUMNS = {"Observations": "numbers"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
-"""By the first word of a kind."""
+"""Additional column of the tables, by the first word of a kind."""
 PLUMBING = {"env", "rng", "out", "action", "processed", "step", "memory", "peak", "return"}
+"""Arguments that are no parameters of a term: the managers pass them."""
 COUNTS = {
     "joint_ids": "a joint",
     "body_ids": "a body",
@@ -126,12 +128,13 @@ SIZES = {
 }
 
 
-def is_struct(annotation: Any) -> bool:
+def is_struct(annotation: object) -> bool:
+    """Whether an annotation is a Warp struct."""
     return getattr(annotation, "cls", None) is not None
 
 
 def accesses(function: wp.Function) -> tuple[set[str], set[str]]:
-    """Fields of structs that a function, and what it calls, reads and writes: ``parameter.field``."""
+    """Fields of structs that a function and the functions it calls read and write: ``parameter.field``."""
     source = textwrap.dedent(inspect.getsource(function.func))
     scope = function.func.__globals__
     structs = {k for k, t in function.func.__annotations__.items() if is_struct(t)}
@@ -141,7 +144,7 @@ def accesses(function: wp.Function) -> tuple[set[str], set[str]]:
     stored = [n.value for n in ast.walk(tree) if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store)]
     measured = [n.value for n in ast.walk(tree) if isinstance(n, ast.Attribute) and n.attr == "shape"]
     for node in ast.walk(tree):
-        if any(node is target for target in measured):  # its shape is read, not what it holds
+        if any(node is target for target in measured):  # its shape is read, not its values
             continue
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in structs:
             found = writes if any(node is target for target in stored) else reads
@@ -159,8 +162,8 @@ def accesses(function: wp.Function) -> tuple[set[str], set[str]]:
     return reads, writes
 
 
-def resolve(node: ast.expr, scope: dict[str, Any]) -> Any:
-    """What a name or a dotted name in a function's source means."""
+def resolve(node: ast.expr, scope: dict[str, object]) -> object:
+    """Value of a name or a dotted name in a function's source."""
     if isinstance(node, ast.Name):
         return scope.get(node.id)
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id != "wp":
@@ -178,11 +181,12 @@ def section(function: wp.Function, head: str) -> str:
 
 
 def code(names: set[str]) -> str:
+    """Names as code, sorted."""
     return ", ".join(f"`{n}`" for n in sorted(names))
 
 
 def size(name: str) -> str:
-    """How many numbers an observation writes."""
+    """Number of values that an observation writes."""
     rule = SIZES[name]
     fixed = rule(dict.fromkeys(COUNTS, 0))
     if fixed:
@@ -196,6 +200,7 @@ def extra_column(kind: str) -> str | None:
 
 
 def row(kind: str, function: wp.Function) -> str:
+    """Row of a term in the table of its kind."""
     reads, writes = accesses(function)
     parameters = {k for k, t in function.func.__annotations__.items() if k not in PLUMBING and not is_struct(t)}
     summary = (inspect.getdoc(function.func) or "").split("\n\n")[0].replace("\n", " ")
@@ -207,7 +212,7 @@ def row(kind: str, function: wp.Function) -> str:
     return "| " + " | ".join(re.sub(r"``", "`", c).replace("|", "\\|") for c in cells) + " |"
 
 
-def tables(kinds: dict[str, tuple[Any, ...]]) -> list[str]:
+def tables(kinds: dict[str, Modules]) -> list[str]:
     """A section for each kind, with a row for each of its terms."""
     lines = []
     for kind, modules in kinds.items():
@@ -247,6 +252,7 @@ def page() -> str:
 
 
 def main(arguments: list[str]) -> None:
+    """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path, default=Path(__file__).parents[2] / "docs" / "terms.md")
     parser.parse_args(arguments).output.write_text(page())

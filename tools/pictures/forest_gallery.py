@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the forest: three seeds at three densities, and the scenes that are made of other parts or of the same ones.
+"""Forest gallery: draw three seeds of the forest at three densities, and one picture of each other scene.
 
 python tools/pictures/forest_gallery.py docs/images
 """
@@ -21,18 +21,18 @@ SIZE, PICTURE = (96.0, 96.0), (480, 270)
 
 
 def eye_level(spec: SceneSpec, seed: int) -> np.ndarray:
-    """What one sees of a scene, with a white rim, uint8 ``(height, width, 3)``."""
+    """Picture of a scene at eye level with a white rim, uint8 ``(height, width, 3)``."""
     frame = ScenePictures(spec.create(seed), resolution=PICTURE).eye_level()
     return np.pad(frame, ((3, 3), (3, 3), (0, 0)), constant_values=255)
 
 
 def save(path: Path, frame: np.ndarray) -> None:
-    """Write a picture that many details would make large as PNG."""
+    """Write a picture as JPEG: with so many details a PNG would be large."""
     Image.fromarray(frame).save(path, quality=80, optimize=True)
 
 
 def main() -> None:
-    """Write ``forest.jpg`` and ``scenes.jpg`` into the folder that is named."""
+    """Write ``forest.jpg`` and ``scenes.jpg`` into the named folder."""
     out = Path(sys.argv[1])
     rows = []
     for density in (200.0, 500.0, 900.0):  # stems per hectare

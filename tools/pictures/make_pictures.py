@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the pictures of the README: ``python tools/pictures/make_pictures.py [docs/images]``.
+"""Pictures of the README: ``python tools/pictures/make_pictures.py [docs/images]``.
 
-``hero.png`` shows ants and humanoids of the tasks at a run, ``pack.png`` quadrupeds on generated ground, and
-``cartpole.png`` and so on one environment of each task. No training is needed: robots are posed, those of the pack
-stand by themselves.
+``hero.png`` shows running ants and humanoids, ``pack.png`` quadrupeds on generated ground, and ``cartpole.png`` and so
+on one environment of each task. No training is needed: robots are posed, and those of the pack stand by themselves.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ OVERSAMPLING = 2
 
 
 def save(path: Path, renderer: SceneRenderer) -> None:
-    """Render, scale down to what was asked for, and write a small PNG."""
+    """Render, scale down to the requested size, and write a small PNG."""
     picture = Image.fromarray(renderer.render())
     size = (picture.width // OVERSAMPLING, picture.height // OVERSAMPLING)
     picture.resize(size, Image.Resampling.BOX).save(path, optimize=True)
@@ -135,7 +134,7 @@ def hero(path: Path) -> None:
     scene.builder.build_objects({"ground": ground, "dome": dome, "sun": sun})
     for i, (kind, x, y) in enumerate(places):
         cfg = {"ant": ANT_CFG, "humanoid": HUMANOID_CFG}[kind].replace(prim_path=f"{{ENV_REGEX_NS}}/Robot_{i}")
-        cfg.init_state.pos = (x, y, 1.5)  # apart from the start: the solver looks for contacts when it is made
+        cfg.init_state.pos = (x, y, 1.5)  # apart from each other: the solver looks for contacts when it is made
         scene.builder.build_robot(f"robot_{i}", cfg)
     scene.build()
     for i, (kind, x, y) in enumerate(places):

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw a tile of every kind of sub-terrain: ``python tools/pictures/terrain_gallery.py [docs/images/terrains.png]``."""
+"""Terrain gallery: draw a tile of every kind of sub-terrain.
+
+python tools/pictures/terrain_gallery.py [docs/images/terrains.png]
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several processes that train one policy, with gloo on the CPU."""
+"""Distributed training: several processes train one policy, with gloo on the CPU."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Distributed training by the command line: ranks that die, an interrupted launcher, torchrun; on the CPU with gloo."""
+"""Distributed training by the command line: dying ranks, an interrupted launcher, torchrun; with gloo on the CPU."""
 
 from __future__ import annotations
 

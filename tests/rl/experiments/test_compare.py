@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Comparison of runs: curves, tables, statistics and errors."""
+
 from __future__ import annotations
 
 import csv

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Sweeps: search spaces, trials in processes, and their reports."""
+
 from __future__ import annotations
 
 import ast

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exported policies: files that act as the network does, what stands in them, and how they are played."""
+"""Export: files that act as the network does, their content, and how they are played."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What exported policies say of robots, actions and observations, and which environments they refuse."""
+"""Export metadata about robots, actions and observations; environments that are refused."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rollout and update as graphs, against rsl_rl's own loop and PPO from the same seed.
+"""Graph runner: rollout and update as graphs, against rsl_rl's own loop and PPO from the same seed.
 
-On the CPU the same functions run that a GPU records.
+On the CPU the same functions run that a graph records on a GPU.
 """
 
 import csv

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checkpoints: what is refused, and that a failed write leaves the old one."""
+"""Checkpoints: errors of those that are refused; a failed write leaves the old one."""
 
 from __future__ import annotations
 

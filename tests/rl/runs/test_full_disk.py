@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A disk without room: by a limit on the size of files in this process, and by a small file system of its own."""
+"""Full disk: by a limit on the size of files in this process, and by a small file system."""
 
 from __future__ import annotations
 

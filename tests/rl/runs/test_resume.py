@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run that goes on: exactly, with changes, from damaged and foreign files, before its first checkpoint."""
+"""Resumed runs: exactly, with changes, from damaged and foreign files, before the first checkpoint."""
 
 from __future__ import annotations
 

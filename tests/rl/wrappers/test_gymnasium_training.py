@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training loop on gymnasium alone: the example of docs/learners.md."""
+"""Training loop on gymnasium alone: the example of docs/learners.md."""
 
 from __future__ import annotations
 

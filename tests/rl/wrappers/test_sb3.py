@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training with Stable-Baselines3: the example of the documentation, and what its own tools say of the adapter."""
+"""Training with Stable-Baselines3: the example of docs/learners.md, and checks by its own tools."""
 
 from __future__ import annotations
 

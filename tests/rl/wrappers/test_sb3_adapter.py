@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The adapter for Stable-Baselines3: observations, bounds, seeds, attributes, and what it refuses."""
+"""Adapter for Stable-Baselines3: observations, bounds, seeds, attributes, errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wrapper for rsl_rl: new tensors in each step, time-outs, clipped actions."""
+"""Wrapper for rsl_rl: new tensors in each step, time-outs, clipped actions."""
 
 from __future__ import annotations
 

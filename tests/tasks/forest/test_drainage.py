@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Water on grids of heights, against slow references, and on natural ground."""
+"""Drainage of grids of heights, against slow references, and on natural ground."""
 
 from __future__ import annotations
 

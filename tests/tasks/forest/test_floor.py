@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of the forest floor: sizes, closed surfaces, colliders that follow them, the same from the same seed."""
+"""Meshes of the forest floor: sizes, closed surfaces, fitting colliders, the same from the same seed."""
 
 from __future__ import annotations
 

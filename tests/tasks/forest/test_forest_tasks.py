@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The forest's tasks: where they start, what ends them, who goes to other levels, and what is played."""
+"""Forest tasks: starts, terminations, changes of level, and play."""
 
 from __future__ import annotations
 

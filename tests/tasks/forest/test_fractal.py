@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The spectrum of fractal noise, and that the form of ground does not depend on the resolution."""
+"""Fractal noise: its spectrum; the form of ground does not depend on the resolution."""
 
 from __future__ import annotations
 

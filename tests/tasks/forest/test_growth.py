@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Growth of stands: numbers, shares, spacing and sizes of trees."""
+
 from __future__ import annotations
 
 import functools

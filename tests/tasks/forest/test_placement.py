@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Placement in the forest: blue-noise scatter and poses on the ground."""
+
 from __future__ import annotations
 
 import math

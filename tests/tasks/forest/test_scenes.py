@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The forest's scenes: what is asked for is there, nothing stands in anything else, and it loads as it was made."""
+"""Forest scenes: requested assets are there, none overlap, and a file loads as it was made."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rules of the stand model, one by one."""
+"""Stand model: its rules, one by one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Meshes of trees: sizes, surfaces and colliders of each species."""
+
 import numpy as np
 import pytest
 import trimesh

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pieces of rubble: capsules that follow them, where they come to rest, and the ground that they rest on."""
+"""Pieces of rubble: fitting capsules, poses at rest, and the ground below."""
 
 from __future__ import annotations
 

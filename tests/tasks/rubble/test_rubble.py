@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rubble: streets, heaps at rest and pieces on them, and a task that was made for a forest."""
+"""Rubble: streets, heaps at rest and pieces on them, and a forest task on it."""
 
 from __future__ import annotations
 
