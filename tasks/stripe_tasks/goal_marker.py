@@ -73,6 +73,7 @@ def spawn_goal_marker(
     UsdPhysics.RigidBodyAPI.Apply(root)
     UsdPhysics.ArticulationRootAPI.Apply(root)
     mass = UsdPhysics.MassAPI.Apply(root)
+    # a body needs a mass, even where a fixed joint holds it
     mass.CreateMassAttr(0.01)
     mass.CreateDiagonalInertiaAttr(Gf.Vec3f(1.0e-5))
     UsdPhysics.FixedJoint.Define(stage, f"{path}/root_joint").CreateBody1Rel().SetTargets([root.GetPath()])

@@ -117,6 +117,7 @@ class Trees(_ForestAssets):
         number = self._number(terrain) if self.count is not None else round(self._number(terrain) * wooded)
         if number == 0:
             return
+        # one seed for all tries: a larger stand is another stand, but always the same one
         seed = int(rng.integers(1 << 31))
         more = 1.0
         # Trees on ground that is kept open are dropped, so more are grown than asked for, until enough are left.
@@ -130,6 +131,7 @@ class Trees(_ForestAssets):
                 break
             more *= 1.05
         keep = free if len(free) == number else np.sort(rng.permutation(free)[:number])
+        # A tree is the mesh of its species with the nearest height, scaled; the variant is drawn.
         which, scale = tree_choice(stand.height[keep])
         variant = rng.integers(0, 1 << 16, number)
         meshes: list[DynamicMesh] = []
@@ -163,6 +165,7 @@ class Rocks(_ForestAssets):
         number, meshes = self._number(terrain), kinds()["rock"]
         weight = 0.3 + np.clip(terrain.maps["slope"] / math.radians(25.0), 0.0, 1.0)
         low, high = self.radius
+        # log-uniform, with the square of the draw in favour of small ones
         radius = low * (high / low) ** (rng.random(number) ** 2)
         weight, avoid = weight * _untrodden(terrain, weight.shape), _discs(terrain, "trees")
         at, _ = scatter(terrain.size, rng, count=number, weight=weight, radius=radius, avoid=avoid)
@@ -207,6 +210,7 @@ class Lying(_ForestAssets):
         pick, scale = rng.integers(0, len(meshes), number), rng.uniform(0.8, 1.15, number)
         length, radius = (self.sizes[pick % len(self.sizes)] * scale[:, None]).T
         at, yaw = np.zeros((number, 2)), np.zeros(number)
+        # Beyond this, throwing anew would hardly ever end.
         if (2.0 * radius * length).sum() > 0.5 * _area(terrain):
             raise ValueError(f"asset '{self.name}': {number} find no room, they would cover half of it; ask for fewer")
         circles = footprints(terrain)
@@ -226,6 +230,7 @@ class Lying(_ForestAssets):
             hit[left] |= on_path(terrain, at[left], yaw[left], length[left])
             fresh = np.zeros(number, dtype=bool)
             fresh[left] = True
+            # of two that overlap, the one just placed is placed anew; of two such, the later one
             pairs = clashes(at, yaw, length, radius, fresh)
             hit[np.where(fresh[pairs[:, 1]], pairs[:, 1], pairs[:, 0])] = True
             left = np.flatnonzero(hit)
@@ -274,12 +279,14 @@ class Undergrowth(_ForestAssets):
 
     def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterator[AssetInstance]:
         number, meshes, size = self._number(terrain), kinds()[self.kind], terrain.size
+        # a grid of half a metre: patches are wider than that
         rows, cols = (max(8, math.ceil(s / 0.5)) for s in size[::-1])
         shape = rows, cols
         weight = patch_map(shape, size, rng, self.patch, self.cover)
         x, y = (np.linspace(-0.5 * s, 0.5 * s, n) for s, n in zip(size, shape[::-1], strict=True))
         grid = np.stack(np.meshgrid(x, y), axis=-1)
         moist = sample_map(terrain.maps["moisture"], size, grid)
+        # never 0 everywhere, so that the number asked for always finds places
         weight = weight * (1.0 - self.wet + self.wet * np.clip(moist - 0.2, 0.0, 1.0)) + 1.0e-4
         weight = weight * _untrodden(terrain, shape)
         at = _draw(weight, size, number, rng)

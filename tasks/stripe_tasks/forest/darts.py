@@ -49,6 +49,7 @@ def sample_map(values: np.ndarray, size: Size, xy: np.ndarray) -> np.ndarray:
     """Bilinear values of a map at positions ``(..., 2)`` [m], shape ``(...)``; constant beyond its edges."""
     grid = check_map("map", values)
     xy = np.asarray(xy, dtype=np.float64)
+    # outer values lie on the edges of the field, so there is one cell less than values
     scale = (np.array(grid.shape[::-1]) - 1) / np.array(size)
     col, row = np.moveaxis((xy + 0.5 * np.array(size)) * scale, -1, 0)
     flat = map_coordinates(grid, [row.ravel(), col.ravel()], order=1, mode="nearest", prefilter=False)
@@ -137,6 +138,7 @@ def throw(
         keep = _first_of_each_clash(xy, wanted)
         found, first = np.unique(disc[keep], return_index=True)
         at[found], done[found] = xy[keep][first], True
+        # A round that places few discs counts as a miss; well before that, wider spacings are given up.
         misses += len(found) < 0.02 * len(missing)
         if len(found) < 0.2 * len(missing):
             ease = 0.8 * ease if ease > 0.2 else 0.0
@@ -149,6 +151,7 @@ def sampler(size: Size, weight: np.ndarray | None, rng: np.random.Generator) -> 
     if weight is None:
         return lambda n: (rng.random((n, 2)) - 0.5) * extent
     rows, cols = weight.shape
+    # each cell is drawn by its highest corner, an upper bound of the bilinear surface within it
     corner = weight / weight.max()
     cell = np.maximum.reduce([corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]])
     total = np.cumsum(cell.ravel())

@@ -70,6 +70,7 @@ def _stump_rings(
     """Radii and heights of a stump's rings, ``(8, sides)`` [m] from below the ground up; height of its middle."""
     sides = _STUMP_SIDES
     turn = 2.0 * math.pi * np.arange(sides) / sides
+    # four to six roots, each a bump of the outline about its heading
     roots = int(rng.integers(4, 7))
     heading = 2.0 * math.pi * (np.arange(roots) + rng.uniform(-0.25, 0.25, roots)) / roots
     apart = np.abs((turn[:, None] - heading[None] + math.pi) % (2.0 * math.pi) - math.pi)
@@ -79,8 +80,10 @@ def _stump_rings(
     rise = np.clip(levels / flare, 0.0, 1.0)
     shape = 1.0 + (1.0 - rise[:, None]) ** 2 * (0.10 + spread) + 0.0 * turn
     shape[0] *= 1.12
+    # furrows run along the trunk, so they are the same in all rings, but for some noise
     furrow = 1.0 + rng.uniform(-0.07, 0.07, sides)
     shape *= furrow * (1.0 + rng.uniform(-0.03, 0.03, shape.shape))
+    # rim: tilted and nearly even where it was sawn, splintered on one side where it broke
     if sawn:
         tilt = rng.uniform(0.0, 0.12)
         rim = -0.16 * radius - tilt * radius * (1.0 + np.cos(turn - rng.uniform(0.0, 6.3)))
@@ -111,6 +114,7 @@ def _stump_kinds(
     ring = np.where(faces < rings * sides, faces // sides, np.where(faces == rings * sides, 0, rings)).min(axis=1)
     normal = face_normals(vertices, faces)
     kind = np.where(ring >= rings - 2, 1, 0)
+    # moss on one side and on what faces up, in the lower part
     mossy = rng.random() < 0.6
     north = rng.uniform(0.0, 2.0 * math.pi)
     facing = normal[:, 0] * np.cos(north) + normal[:, 1] * np.sin(north)
@@ -151,9 +155,11 @@ def fallen_trunk(
     _check_longer("fallen_trunk", length, radius)
     chance = bool(rng.random() < 0.3)
     plate = chance if root_plate is None else root_plate
+    # rings about four radii apart; one more close to each end, where the break begins
     rings, sides = int(np.clip(length / (4.0 * radius), 4, 10)) + 2, 12
     x = np.linspace(-0.5, 0.5, rings)
     x[1], x[-2] = x[0] + 0.6 * radius / length, x[-1] - 0.6 * radius / length
+    # bent to one side, about its own mean, so that the middle line stays on the x axis
     bow = rng.uniform(-1.0, 1.0) * min(0.02 * length, 0.9 * radius)
     line = np.stack([x * length, bow * (1.0 / 3.0 - 4.0 * x**2), 0.0 * x], axis=1)
     taper = min(0.014 * length / radius / 2.0, 0.28)
@@ -167,6 +173,7 @@ def fallen_trunk(
     wall = 2 * (rings - 1) * sides
     normal = face_normals(vertices, faces)
     middle = vertices[faces].mean(axis=1)
+    # moss on top, in patches along the trunk
     patches = np.sin(middle[:, 0] * rng.uniform(1.5, 3.0) + rng.uniform(0.0, 6.3))
     kind = np.where(np.arange(len(faces)) >= wall, 1, 0)
     mossy = (rng.random() < 0.65) & (kind == 0) & (normal[:, 2] > 0.62 - 0.3 * patches)
@@ -231,6 +238,7 @@ def branch(name: str, length: float, radius: float, rng: np.random.Generator) ->
     joints, sides = 8, 6
     x = np.linspace(-0.5, 0.5, joints)
     x[1:-1] += rng.uniform(-0.03, 0.03, joints - 2)
+    # a random walk to the side and some waviness upwards, less the straight line through them
     crook = np.cumsum(rng.normal(0.0, 1.0, (joints, 2)), axis=0) * (0.018 * length, 0.0)
     crook[:, 1] = rng.uniform(-0.4, 0.4, joints) * radius
     crook -= np.stack([np.polyval(np.polyfit(x, c, 1), x) for c in crook.T], axis=1)
@@ -238,10 +246,12 @@ def branch(name: str, length: float, radius: float, rng: np.random.Generator) ->
     radii = radius * np.linspace(1.0, 0.45, joints)
     shape = 1.0 + rng.uniform(-0.1, 0.1, (joints, sides))
     vertices, faces = tube(line, radii, sides, shape=shape)
+    # end to end it is as long as asked for, closed ends included
     vertices[:, 0] *= length / np.ptp(vertices[:, 0])
     vertices[:, 0] -= 0.5 * (vertices[:, 0].min() + vertices[:, 0].max())
     kind = np.where(np.arange(len(faces)) >= 2 * (joints - 1) * sides, 1, 0)
     bodies = [(vertices, faces, kind)]
+    # twigs stand out to alternating sides of the thin part
     side = float(rng.choice([-1.0, 1.0]))
     for twig in range(int(rng.integers(1, 4))):
         at = float(rng.uniform(-0.1, 0.3))
@@ -279,6 +289,7 @@ def _stub(line: np.ndarray, radii: np.ndarray, rng: np.random.Generator) -> Body
 
 def _root_plate(x: float, radius: float, rng: np.random.Generator) -> tuple[Body, Collider]:
     """Torn roots and earth around the end of a trunk: a lens across x, with spikes; its collider lies along y."""
+    # every second corner is a root that stands out, between them earth has broken off
     sides = 14
     reach = 2.4 * radius * rng.uniform(0.8, 1.2, sides)
     rim = reach * np.where(np.arange(sides) % 2 == 0, 1.12, 0.85)

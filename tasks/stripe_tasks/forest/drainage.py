@@ -113,9 +113,11 @@ def breach_depressions(
     if deepest < np.inf:
         depth = _fill(heights, order, before, 0.0) - heights
         heights = heights + depth - depth / (1.0 + depth / deepest)
+    # pits: no neighbour is lower; the edge is where water leaves
     lowest = ndimage.minimum_filter(heights, footprint=AROUND, mode="nearest")
     pit = lowest >= heights
     pit[[0, -1]] = pit[:, [0, -1]] = False
+    # fall of the bed by the step between flat indices: along x, along y, diagonally
     across = {1: fall * cell[0], ncol: fall * cell[1]}
     across |= {ncol + side: fall * float(np.hypot(*cell)) for side in (-1, 1)}
     # lists: single reads and writes of NumPy arrays are many times slower
@@ -131,6 +133,7 @@ def breach_depressions(
     drained = np.array(level).reshape(nrow, ncol)
     if bank == np.inf or not (drained < heights).any():
         return drained
+    # the cone reaches as far as the deepest cut needs for its banks
     highest = float((heights - drained).max()) / bank
     x, y = (c * np.arange(-n, n + 1) for c in cell for n in [int(np.sqrt(highest * (highest + width)) / c) + 1])
     # banks: each bed is the tip of a cone, and the ground is cut down to the lowest of all cones
@@ -168,6 +171,7 @@ def flow_accumulation(heights: np.ndarray, cell: tuple[float, float]) -> np.ndar
         down, sideways = (middle - at(cardinal)) / along, (at(cardinal) - at(diagonal)) / across
         widest = np.arctan2(across, along)
         angle = np.arctan2(sideways, down)
+        # The steepest descent lies within the facet, or along one of its two edges.
         slope = np.where(angle <= 0.0, down, np.hypot(down, sideways))
         slope = np.where(angle >= widest, (middle - at(diagonal)) / np.hypot(along, across), slope)
         better = slope > steepest

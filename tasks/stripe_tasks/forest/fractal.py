@@ -40,6 +40,7 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, wavelength: float, seed: tuple[
         Noise, float32 ``(nrow, ncol)``.
     """
     rng = np.random.default_rng(seed)
+    # turned and shifted, so that the lattices of octaves do not line up
     turn, shift_u, shift_v = rng.uniform(0.0, 1.0, 3) * (2.0 * np.pi, LATTICE, LATTICE)
     angles = rng.uniform(0.0, 2.0 * np.pi, LATTICE * LATTICE)
     grad_u, grad_v = ((f(angles) / DEVIATION).astype(np.float32) for f in (np.cos, np.sin))
@@ -47,6 +48,7 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, wavelength: float, seed: tuple[
     shape = np.broadcast_shapes(x.shape, y.shape)
     x, y = (np.broadcast_to(a, shape) for a in (x, y))
     out = np.empty(shape, dtype=np.float32)
+    # in strips of rows, see ROWS
     for first in range(0, shape[0], ROWS):
         rows = slice(first, first + ROWS)
         u = cos * x[rows] - sin * y[rows] + shift_u

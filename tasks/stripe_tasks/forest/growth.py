@@ -154,6 +154,7 @@ def grow(
     for name, values, highest in (("moisture", moisture, 1.0), ("slope", slope, 0.5 * math.pi)):
         if values is not None:
             maps[name] = _checked_range(name, values, highest)
+    # a species without a share must not be refused for want of sites
     names = tuple(name for name, share in cfg.mix.items() if share > 0.0)
     shares = np.array([cfg.mix[name] for name in names]) / sum(cfg.mix.values())
     model = StandModel(check_size(cfg.size), {n: species[n] for n in names}, shares, cfg.stems, maps, cfg.seed)

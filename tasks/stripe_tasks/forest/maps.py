@@ -71,12 +71,14 @@ def moisture(heights: np.ndarray, cell: Cell) -> np.ndarray:
     nrow, ncol = heights.shape
     shape = max(3, round((nrow - 1) * min(1.0, dy / COARSE)) + 1), max(3, round((ncol - 1) * min(1.0, dx / COARSE)) + 1)
     coarse = (ncol - 1) * dx / (shape[1] - 1), (nrow - 1) * dy / (shape[0] - 1)
+    # smoothed before it is made coarser, or bumps between two points would count by chance
     spread = [0.5 * (n - 1) / (m - 1) if n > m else 0.0 for n, m in zip(heights.shape, shape)]
     ground = _resampled(ndimage.gaussian_filter(heights.astype(float), spread, mode="nearest"), shape)
     width = np.sqrt(coarse[0] * coarse[1])
     drained = flow_accumulation(breach_depressions(ground, coarse), coarse) * width
     index = np.log(drained / np.maximum(np.tan(slope(ground, coarse)), 0.01))
     index = ndimage.gaussian_filter(index, 1.0, mode="nearest")
+    # percentiles, as the index of single vertices can be very large
     low, high = np.percentile(index, [2.0, 98.0])
     wet = np.clip((index - low) / max(high - low, 1.0e-9), 0.0, 1.0)
     return np.clip(_resampled(wet, heights.shape), 0.0, 1.0).astype(np.float32)
@@ -124,6 +126,7 @@ def _steps(ground: np.ndarray, reach: int, beside: int) -> np.ndarray:
     rises = ndimage.median_filter(np.diff(ground, axis=1), size=(1, max(5, 4 * reach + 1)), mode="reflect")
     rises = np.pad(rises, [(0, 0), (1, 1)], mode="edge")
     trend = 0.5 * (rises[:, :-1] + rises[:, 1:])
+    # shifted copies of the ground, each less the trend over the shift: what is left are steps
     level = np.pad(ground, [(0, 0), (reach, reach)], constant_values=np.nan)  # beyond the edge there is no step
     high, low = ground.copy(), ground.copy()
     for step in range(-reach, reach + 1):

@@ -119,6 +119,7 @@ def patch_map(shape: tuple[int, int], size: Size, rng: np.random.Generator, patc
         raise ValueError(f"patch_map: patch is {patch}, cover {cover}, shape {shape}; must be > 0, in (0, 1], >= 2 x 2")
     cell = np.array(check_size(size))[::-1] / (np.array(shape) - 1)
     field = gaussian_filter(rng.standard_normal(shape), 0.35 * patch / cell, mode="reflect")
+    # the quantile makes the share of ground with growth exact, whatever the size of patches
     over = field - np.quantile(field, 1.0 - cover)
     return np.clip(2.0 * over / max(float(over.max()), 1.0e-12), 0.0, 1.0)
 

@@ -38,6 +38,7 @@ class ReachCommandsCfg:
 
     goal: mdp.TerrainBasedPose2dCommandCfg = mdp.TerrainBasedPose2dCommandCfg(
         asset_name="robot",
+        # one goal for an episode: reaching it ends the episode
         resampling_time_range=(1.0e6, 1.0e6),
         simple_heading=True,
         ranges=mdp.TerrainBasedPose2dCommandCfg.Ranges(distance=(10.0, 20.0)),
@@ -75,6 +76,7 @@ class ReachRewardsCfg(walk.ForestRewardsCfg):
     reached: RewardTermCfg = RewardTermCfg(
         func=mdp.is_terminated_term, weight=500.0, params={"term_keys": "goal_reached"}
     )
+    # it reads a velocity command, which this task does not have
     feet_air_time: RewardTermCfg | None = None
 
 

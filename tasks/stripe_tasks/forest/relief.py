@@ -131,12 +131,14 @@ def _drained(hills: np.ndarray, cell: tuple[float, float], cfg: ReliefCfg) -> tu
     last ones unrounded. The depth of channels grows with area^0.4, as that of streams with their discharge (L. B.
     Leopold and T. Maddock, "The Hydraulic Geometry of Stream Channels", 1953).
     """
+    # 1. outlets of hollows; 2. channels by the area drained; 3. outlets of what rounding has left
     outlets = breach_depressions(hills, cell, BED, max(OUTLET * cfg.relief, 0.01), BANK, 2.0 * ROUND)
     area = flow_accumulation(outlets, cell) * cell[0] * cell[1]
     hills = hills + _rounded(outlets - hills, cell)
     depth = cfg.drainage
     spring = min(SPRING, 0.05 * area.size * cell[0] * cell[1])
     cut = depth * (np.clip(area - spring, 0.0, None) / max(area.max() - spring, 1.0e-9)) ** 0.4
+    # banks: the cut spreads sideways as a cone, so the ground beside a channel slopes down to it
     reach = [max(1, int(np.ceil(depth / BANK / c))) for c in cell]
     across, along = (np.arange(-n, n + 1) * c for n, c in zip(reach, cell))
     banks = -BANK * np.hypot(along[:, None], across[None, :])
@@ -182,6 +184,7 @@ def make_relief(cfg: ReliefCfg) -> Relief:
     cell = float(x[0, 1] - x[0, 0]), float(y[1, 0] - y[0, 0])
     hurst, deviation = 1.5 - cfg.roughness, 0.25 * cfg.relief
     lengths = cfg.wavelength / 2.0 ** np.arange(cfg.octaves)
+    # long waves on the coarse grid, which is drained; short ones are added at the resolution, as far as it shows them
     long, fit = int((lengths >= 4.0 * coarse).sum()), int((lengths >= 2.0 * cfg.resolution).sum())
     moved = warp(x, y, cfg.wavelength, 0.05 * cfg.wavelength, (cfg.seed, BENDS))
     hills = deviation * fractal_noise(*moved, cfg.wavelength, range(long), hurst, (cfg.seed, HILLS)).astype(float)
@@ -223,6 +226,7 @@ def carve_path(relief: Relief, points: np.ndarray, width: float, blend: float) -
         blend: Width of the transition to the ground around it, on either side [m].
     """
     _positive("carve_path", width=width, blend=blend)
+    # points along the path; its height is that of the ground, smoothed over two widths
     step = max(0.25 * width, min(relief.cell))
     line = _stations(points, step, width, "carve_path")
     ground = height_at(relief.heights, relief.size, line)

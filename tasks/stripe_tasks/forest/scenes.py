@@ -104,6 +104,7 @@ class ForestSpec(SceneSpec):
         return relief, {}
 
     def generate(self, rng: np.random.Generator) -> TerrainInstance:
+        # the scene's generator seeds the relief, so that one seed fixes everything
         cfg = ReliefCfg(**{**self.relief.__dict__, "seed": int(rng.integers(1 << 31))})
         relief, maps = self.shape(make_relief(cfg), rng)
         heights, cell = relief.heights, relief.cell
@@ -131,6 +132,7 @@ class ClearingSpec(ForestSpec):
         x, y = relief.axes
         level = flatten_disc(relief, (float(centre[0]), float(centre[1])), 0.75 * radius, 0.5 * radius)
         away = np.hypot(x - centre[0], y - centre[1])
+        # the edge of the trees is wavy, or the clearing would look cut out
         wavy = radius * (1.0 + 0.12 * np.sin(3.0 * np.arctan2(y - centre[1], x - centre[0]) + rng.uniform(0.0, 6.0)))
         return level, {"open": (away < wavy).astype(np.float32)}
 

@@ -103,6 +103,7 @@ class StandModel:
         spacing = math.sqrt(size[0] * size[1] / max(target, 1))
         self.reach = min(_REACH, 2.0 * spacing + 1.0, 0.45 * min(size))
         self.trees = _Trees()
+        # Chances to come up are relative to the mean site of a species: rare good sites do not make it rare.
         places = self.rng.random((4096, 2)) * np.array(size)
         means = [self.suitability(places, np.full(4096, k)).mean() for k in range(len(self.kinds))]
         self.mean_site = np.array(means)
@@ -134,6 +135,7 @@ class StandModel:
             here, there = cKDTree(position, boxsize=self.size), cKDTree(trees.position, boxsize=self.size)
             near = here.sparse_distance_matrix(there, self.reach, output_type="ndarray")
             i, j, distance = near["i"], near["j"], near["v"]
+            # leaves thin out linearly to 1.2 crown radii; 5 is the leaf area index in the middle
             crown = 1.2 * self.crown_radius()[j]
             leaves = np.bincount(i, 5.0 * np.maximum(1.0 - distance / crown, 0.0), len(position))
             clear[i[distance < 0.5 * trees.diameter[j] + 0.5]] = False
@@ -207,6 +209,7 @@ class StandModel:
             wanted = self.wanted(count, possible)
             position, species = self.seeds(6 * count + 64, wanted / count)
             light, clear = self.light(position)
+            # saplings of shade-tolerant species need 2 % of the light, others up to 37 %
             need = 0.35 * (1.0 - self.of["shade_tolerance"][species]) + 0.02
             site = self.suitability(position, species)
             chance = site / self.mean_site[species] * np.clip((light - need) / (1.0 - need), 0.01, 1.0) * clear
@@ -215,6 +218,7 @@ class StandModel:
             rank = rank[chance[rank] > 1.0e-6]
             rank = rank[_rank_within_kind(species[rank]) < 2 * wanted[species[rank]]]
             position, species, site = position[rank], species[rank], site[rank]
+            # of two seeds within 0.4 m the later one in the ranking goes
             pairs, _ = _pairs(position, self.size, 0.4)
             alone = np.ones(len(rank), dtype=bool)
             alone[pairs.max(axis=1)] = False
@@ -256,6 +260,7 @@ class StandModel:
         """Advance by a step: growth, deaths, and new trees up to ``stems``, at least ``fresh`` if there is room."""
         trees = self.trees
         pairs, distance = self.compete()
+        # Growth: a tree moves along the height curve of its species, more slowly the less vigour it has.
         trees.stage = trees.stage + years * np.minimum(1.25 * trees.vigour, 1.0)
         height = self.by_species("height_at", trees.species, trees.stage)
         thicker = self.by_species("diameter_at", trees.species, height)

@@ -166,6 +166,7 @@ def rock(name: str, radius: float, rng: np.random.Generator, flatness: float = 0
 
 def _boulder(axes: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Irregular polyhedron around an ellipsoid of semi-axes ``axes``, of 80 to 200 triangles that face outwards."""
+    # normals spread evenly over the sphere by the golden angle (a Fibonacci lattice), then disturbed
     i = np.arange(_FACES)
     lift = 1.0 - 2.0 * (i + 0.5) / _FACES
     turn = i * math.pi * (3.0 - math.sqrt(5.0)) + rng.uniform(0.0, 2.0 * math.pi)
@@ -174,6 +175,7 @@ def _boulder(axes: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np
     normal /= axes  # normals of the ellipsoid
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     away = np.linalg.norm(normal * axes, axis=1) * (1.0 + rng.uniform(-0.05, 0.05, _FACES))
+    # a few planes closer to the middle: broken faces
     broken = rng.choice(_FACES, 6, replace=False)
     away[broken] *= rng.uniform(0.78, 0.92, 6)
     cut = HalfspaceIntersection(np.column_stack([normal, -away]), np.zeros(3))
@@ -194,6 +196,7 @@ def _cross(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def _surface(vertices: np.ndarray, faces: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Points spread over the surface, and the square roots of their areas as weights; less for buried points."""
+    # seven points in each triangle: its middle, near its corners, near the middles of its sides
     mids = [(6, 0, 0), (0, 6, 0), (0, 0, 6), (1, 1, 4), (1, 4, 1), (4, 1, 1)]
     corners = vertices[faces]
     bary = np.array([(2, 2, 2), *((np.array(m) + 1) for m in mids)], dtype=np.float64)
@@ -236,6 +239,7 @@ def _nearest(values: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _fit(points: np.ndarray, weights: np.ndarray, radius: float) -> list[Collider]:
     """One or two capsules whose surface fits points in the least-squares sense; two if they fit clearly better."""
+    # Start: capsules along the longest horizontal extent, one in the middle or two side by side.
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     flat = points[:, :2] - points[:, :2].mean(axis=0)

@@ -70,6 +70,7 @@ def _limbs(
     points: int = 4,
 ) -> Piece:
     """Branches from the trunk at heights ``start`` [m] to ``ends``, three-sided, rising ever steeper."""
+    # straight from the trunk to the end, sagging at first, with random kinks in between
     foot = stem.middle(start)
     t = np.linspace(0.0, 1.0, points)
     path = foot[:, None] + t[:, None] * (ends - foot)[:, None]
@@ -97,6 +98,7 @@ def _coat(
     ``size`` is their length as a share of the mean radius, ``tilt`` the amount of random turning, ``droop`` how much
     their tips point down, ``lowest`` the lower end of the leaves on a clump, from -1 to 1.
     """
+    # three times as many candidates as leaves, spread evenly over each clump
     each = int(np.ceil(3.0 * count / len(centers)))
     k = np.arange(each) + 0.5
     z = 1.0 - (1.0 - lowest) * k / each
@@ -105,6 +107,7 @@ def _coat(
     out = unit(sphere + 0.25 * rng.normal(size=sphere.shape))
     at = (centers[:, None] + out * radii[:, None] * rng.uniform(0.86, 1.1, (*out.shape[:2], 1))).reshape(-1, 3)
     owner = np.repeat(np.arange(len(centers)), each)
+    # those deepest inside of another clump are dropped first: nobody would see them
     near = (((at[:, None] - centers) / radii) ** 2).sum(axis=-1)
     near[np.arange(len(at)), owner] = np.inf
     hidden = near.min(axis=1) if len(centers) > 1 else np.full(len(at), np.inf)

@@ -74,6 +74,7 @@ def tubes(
     u = unit(across - (across * along).sum(axis=-1, keepdims=True) * along)[:, :-1]
     w = np.cross(along[:, :-1], u)
     angle = 2.0 * np.pi * np.arange(sides) / sides + turn
+    # a polygon has less area than its circle: corners lie farther out to make up for it
     reach = radii / np.sqrt(0.5 * sides / np.pi * np.sin(2.0 * np.pi / sides))
     reach = reach[..., None] * (1.0 if lobes is None else lobes)
     ring = reach[..., None] * (np.cos(angle)[:, None] * u[:, :, None] + np.sin(angle)[:, None] * w[:, :, None])
@@ -112,6 +113,7 @@ def clumps(
     x, y, z = (np.broadcast_to(c, (len(centers), len(ball))) for c in ball.T)
     points = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
     points = points * (1.0 + rough * rng.uniform(-1.0, 1.0, points.shape[:2]))[..., None]
+    # what is below the floor is pushed up to a quarter of its depth: a ragged, nearly level underside
     low = points[..., 2] < -floor
     points[..., 2] = np.where(low, -floor + 0.25 * (points[..., 2] + floor), points[..., 2])
     return _copies(points * radii[:, None] + centers[:, None], faces)

@@ -147,6 +147,7 @@ def tree(
         if not 0.0 < value < math.inf:
             raise ValueError(f"tree '{name}': {what} is {value}, must be positive [m]")
     shape = SPECIES_SHAPES[species]
+    # looks go from those of a sapling at 2 m to those of a grown tree
     age = float(np.clip((height - 2.0) / (shape.grown - 2.0), 0.0, 1.0))
     trunk = _Trunk(shape, height, trunk_radius, 8 if age > 0.3 else 6, rng)
     base = height * (shape.crown_base[0] + (shape.crown_base[1] - shape.crown_base[0]) * age) * rng.uniform(0.9, 1.1)
@@ -158,6 +159,7 @@ def tree(
         parts.append(MeshPart("bark", *trunk.patches(stem, rng), color=shape.patches[0]))
     for part, piece, color in (("crown", dark, shape.foliage[0]), ("crown_light", light, shape.foliage[1])):
         parts.append(MeshPart(part, *piece, color=color, double_sided=True))
+    # room that it takes on the ground: the reach of its roots
     ground = stem[0][stem[0][:, 2] < 0.1]
     taken = float(np.linalg.norm(ground[:, :2], axis=1).max())
     return DynamicMesh(name, parts, trunk.colliders(), "tree", taken)
@@ -226,6 +228,7 @@ class _Trunk:
         low, high = -_SUNK, min(2.5, 0.8 * self._height)
         z = np.linspace(low, high, 15)
         line = self.middle(z)
+        # the straight line nearest to the lower trunk; its radius is the mean over the lowest metre
         slope, at = np.polyfit(z, line[:, :2], 1)
         radius = float(self.radius(np.linspace(0.05, min(1.0, high), 20)).mean())
         tilt = np.array([*slope, 1.0])
@@ -243,6 +246,7 @@ def _fitted(crown: Crown, trunk: _Trunk, height: float, reach: float) -> list[Pi
     foliage = np.concatenate([v for v, _ in pieces[1:]])
     rise = height / foliage[:, 2].max()
     away = foliage[:, :2] - trunk.middle(foliage[:, 2])[:, :2]
+    # between the mean extent and the largest distance: neither narrow nor lopsided crowns are stretched too far
     half = 0.25 * np.ptp(away, axis=0).sum()
     spread = reach / math.sqrt(half * np.linalg.norm(away, axis=1).max())
     fitted = []

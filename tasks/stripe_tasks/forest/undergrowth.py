@@ -42,6 +42,7 @@ def bush(name: str, height: float, radius: float, rng: np.random.Generator) -> D
     stems, count = int(rng.integers(5, 8)), 76
     turn = 2.0 * math.pi * (np.arange(stems) + rng.uniform(-0.3, 0.3, stems)) / stems
     away = rng.uniform(0.25, 0.62, stems)
+    # lumps of leaves about the ends of the stems; the first one is the top
     lumps = np.stack([away * np.cos(turn), away * np.sin(turn), rng.uniform(0.24, 0.66, stems)], axis=1)
     lumps[0] = (0.12 * np.cos(turn[0]), 0.12 * np.sin(turn[0]), 0.74)
     wide = rng.uniform(0.30, 0.44, stems)
@@ -55,6 +56,7 @@ def bush(name: str, height: float, radius: float, rng: np.random.Generator) -> D
     at *= (radius, radius, height)
     size = rng.uniform(0.24, 0.36, count) * math.sqrt(radius * height)
     vertices, faces = _leaves(at - 0.4 * size[:, None] * _unit(heading), heading, upward, size, 0.62 * size)
+    # three tones, dark inside and below, light on top: shading that single leaves do not cast
     light = 0.9 * out[:, 2] + 0.8 * (at[:, 2] / height - 0.5) + rng.normal(0.0, 0.25, count)
     tone = np.digitize(light, np.quantile(light, (0.36, 0.76)))
     green = np.array(tinted(_LEAVES, rng))
@@ -82,6 +84,7 @@ def blueberry(name: str, height: float, radius: float, rng: np.random.Generator)
     tall = height * (1.0 - 0.45 * away**2) * rng.uniform(0.75, 1.0, twigs)
     tip = foot * rng.uniform(1.05, 1.3, (twigs, 1)) + rng.normal(0.0, 0.05 * radius, (twigs, 3)) * (1.0, 1.0, 0.0)
     tip[:, 2] = 0.86 * tall
+    # leaves along the upper three quarters of each twig
     share = np.linspace(0.24, 1.0, each)[None, :, None] + rng.uniform(-0.05, 0.0, (twigs, each, 1))
     at = (foot[:, None] + share * (tip - foot)[:, None]).reshape(-1, 3)
     side = 2.0 * math.pi * rng.random(len(at))
@@ -135,6 +138,7 @@ def fern(name: str, radius: float, rng: np.random.Generator) -> DynamicMesh:
         side = _unit(np.cross(ahead, (0.0, 0.0, 1.0)))
         over = np.cross(side, ahead)
         middle = 0.5 * (share[1:] + share[:-1])
+        # leaflets are longest at two fifths of the frond and taper to its tip
         reach = (
             0.30 * long * np.clip((middle - 0.10) / 0.30, 0.02, 1.0) * np.clip((1.08 - middle) / 0.68, 0.0, 1.0) ** 0.9
         )
@@ -180,6 +184,7 @@ def grass(name: str, radius: float, height: float, rng: np.random.Generator) -> 
     foot = out * (0.22 * radius * rng.random(blades))[:, None]
     half = 0.5 * np.clip(0.022 * height + 0.012 * radius, 0.0, 0.012) * rng.uniform(0.7, 1.3, blades)
     share = np.array([0.0, 0.45, 0.78, 1.0])
+    # a blade rises steeply and bends outwards with the power of its length
     bend = rng.uniform(1.6, 2.4, blades)
     droop = 0.32 * away**2
     rows = []

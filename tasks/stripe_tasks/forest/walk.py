@@ -200,6 +200,7 @@ def training(scene: SceneSpec | None = None, **changes: Any) -> TrainingSpec:
         },
         "sim": SimulationCfg(
             dt=0.005,
+            # more room than on open ground: trunks, rocks and logs add contacts
             solver=MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=180, nconmax=48, drive_limits=True),
             physics_material=RigidBodyMaterialCfg(static_friction=0.5, dynamic_friction=0.5),
         ),
@@ -222,6 +223,7 @@ def ordinary_woods() -> ForestSpec:
 def to_play(make: Callable[..., TrainingSpec]) -> TrainingSpec:
     """Change a task of the forest to play: in ordinary woods, where an episode ends when the robot has fallen."""
     spec = make(ordinary_woods(), curriculum=None, num_envs=64)
+    # the cost of falling names a termination that play does not have
     rewards, terminations = spec.rewards.replace(fallen=None), spec.terminations.replace(**FALLS)
     return replace(spec, rewards=rewards, terminations=terminations)
 

@@ -150,6 +150,7 @@ class LocomotionWarpEnv(DirectRLEnv):
     def __init__(self, cfg: LocomotionEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
         joints, device = self.robot.num_joints, self.device
+        # efforts by joint; joints of no expression get none
         gears = [0.0] * joints
         for expression, gear in cfg.joint_gears.items():
             for joint in self.robot.find_joints(expression)[0]:
@@ -157,6 +158,7 @@ class LocomotionWarpEnv(DirectRLEnv):
         self._efforts = wp.array([cfg.action_scale * gear for gear in gears], dtype=float, device=device)
         self._gear_ratio = wp.array([gear / max(gears) for gear in gears], dtype=float, device=device)
         self._joint_ids = wp.array(list(range(joints)), dtype=int, device=device)
+        # an array of the context is saved with a checkpoint
         self._last_pos = self.context.array("last_root_pos", wp.vec2)
         self._actions = ActionData()
         self._actions.action = self.warp.actions

@@ -191,6 +191,7 @@ class QuadcopterEnv(GoalMarked, DirectRLEnv):
             if name != "full_thrust":
                 setattr(numbers, name, getattr(self.cfg, name))
         numbers.full_thrust = self.cfg.thrust_to_weight * weight
+        # goals lie in an array of the context, which is saved with a checkpoint
         self._numbers, self._goal = numbers, self.context.array("goal", wp.transform)
         self._log_distance = self.warp.log.add("Metrics/distance_to_goal", "mean")
 

@@ -28,12 +28,14 @@ def slab(name: str, half_x: float, half_y: float, thickness: float, rng: np.rand
         thickness: Thickness [m].
         rng: Generator of all random numbers.
     """
+    # about half of the sides are broken, the one at +x always
     deep = np.where(rng.random(4) < 0.55, rng.uniform(0.1, 0.24, 4) * min(1.0, 1.4 * half_y), 0.0)
     deep[1] = max(deep[1], 0.12)
     outline = broken_outline(half_x, half_y, (deep[0], deep[1], deep[2], deep[3]), rng)
     faces, rim = plate(outline, thickness, 0.06, rng)
     stubs = []
     for side, way in ((1, (1.0, 0.0, 0.0)), (3, (-1.0, 0.0, 0.0))):
+        # a bar every 19 cm, as reinforcement has them, from inside of the broken edge
         if deep[side]:
             for y in np.arange(-half_y + 0.18, half_y - 0.1, 0.19):
                 y += rng.uniform(-0.04, 0.04)
@@ -98,6 +100,7 @@ def rebar(name: str, length: float, bend: float, rng: np.random.Generator) -> Pi
     line, radius = bent(length, bend, rng), 0.009
     parts = [MeshPart("steel", *bar(line - 0.06 * (line[1] / np.linalg.norm(line[1])), radius, 6), STEEL, 0.75)]
     tip = line[-1]
+    # the shortest turn from the z axis to the tip
     axis = tip / np.linalg.norm(tip)
     turn = np.array([-axis[1], axis[0], 0.0, 1.0 + axis[2]])
     x, y, z, w = (float(t) for t in turn / np.linalg.norm(turn))
@@ -109,6 +112,7 @@ def rebar(name: str, length: float, bend: float, rng: np.random.Generator) -> Pi
 
 def chunk(name: str, radius: float, rng: np.random.Generator) -> Piece:
     """Lump of concrete with flat sides, ``2 radius`` wide along x; its middle is the origin."""
+    # hull of some points of a sphere: about twenty flat sides
     corners = rng.standard_normal((14, 3))
     corners /= np.linalg.norm(corners, axis=1, keepdims=True)
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -50,6 +50,7 @@ def piece(
     count = int(np.clip(body.area / 0.0025, 60, 9000))
     samples = np.asarray(trimesh.sample.sample_surface(body, count, seed=0)[0])
     low, high = corners.min(axis=0), corners.max(axis=0)
+    # a grid of 14 cells each way keeps the number of feet small
     cell = np.maximum((high - low)[:2] / 14.0, 1.0e-6)  # feet: the lowest sample of each cell of a grid
     index = np.minimum((samples[:, :2] - low[:2]) // cell, 13).astype(int) @ (14, 1)
     order = np.lexsort((samples[:, 2], index))

@@ -69,6 +69,7 @@ def wall(name: str, length: float, height: float, rng: np.random.Generator) -> P
     """
     thick, step_x, step_z, deep = 0.26, 0.29, 0.115, 0.45
     x = np.arange(-0.5 * length, 0.5 * length, 0.05)
+    # outline of the top: falls to one end, with steps of a few bricks
     walk = np.interp(x, np.linspace(x[0], x[-1], 8), rng.uniform(-0.22, 0.22, 8))
     fall = rng.choice([-1.0, 1.0]) * 2.0 * x / length  # it is highest at one end
     top = np.clip(height * (1.0 - 0.75 * np.clip(fall - 0.1, 0.0, None) ** 1.5) + walk - 0.2, 0.35, height)
@@ -85,6 +86,7 @@ def wall(name: str, length: float, height: float, rng: np.random.Generator) -> P
     half = np.broadcast_to([0.5 * step_x - 0.006, 0.5 * thick, 0.5 * step_z - 0.006], middle.shape)
     middle = middle + rng.normal(0.0, 1.0, middle.shape) * (0.002, 0.006, 0.001)
     surface = boxes(middle, half, rng, 0.004)
+    # plaster is left in patches
     wave = sum(np.sin(middle @ rng.normal(0.0, 1.6, 3) + rng.uniform(0, 6.3)) for _ in range(4))
     plastered = wave + 0.3 * rng.standard_normal(len(middle)) > 0.4
     parts = toned("brick", surface, np.repeat(rng.integers(0, 4, len(middle)), 12), BRICKS)
@@ -126,6 +128,7 @@ def debris(name: str, reach: float, rng: np.random.Generator) -> Piece:
     size = 0.012 + 0.04 * rng.random(count) ** 2.5
     middle = np.column_stack([away * np.cos(turn), away * np.sin(turn), 0.1 * size])
     corners, faces = boxes(0.0 * middle, size[:, None] * rng.uniform(0.45, 1.0, (count, 3)), rng)
+    # pairs of corners by the same factor: chips that are no longer boxes
     corners *= np.repeat(rng.uniform(0.6, 1.1, (count * 4, 1)), 2, axis=0)
     angle = np.repeat(rng.uniform(0.0, 6.3, (count, 3)), 8, axis=0)
     for k in range(3):  # turned about each axis

@@ -152,6 +152,7 @@ class Standing(_Rubble):
         space, margin = (6.2, 3.0) if wide else (4.4, 1.2)
         buildings = _buildings(terrain, self.name).buildings
         found = np.array([spot for b in buildings for spot in _wall_spots(b, space, wide)]).reshape(-1, 3)
+        # whole pieces only: a wall must not stand out of the field, or in another piece
         inside = (np.abs(found[:, :2]) <= 0.5 * np.array(terrain.size) - margin).all(axis=1)
         near = [terrain.placed.get(name, []) for name in terrain.placed]
         taken = np.array([i.position[:2] for placed in near for i in placed]).reshape(-1, 2)
@@ -209,6 +210,7 @@ class Bars(_Rubble):
                 point, way = stubs[pick]
                 at = np.array(piece.position) + piece.scale * turn.apply(point)
                 along = Rotation.from_euler("z", math.atan2(way[1], way[0]))
+                # six directions about the bar's axis and bends; the one with its tip highest over the ground is taken
                 tries = turn * along * Rotation.from_euler("xz", rng.uniform((-2.6, -0.3), (2.6, 0.3), (6, 2)))
                 tips = np.array([t.apply(scale * mesh.samples).mean(axis=0) for t in tries]) + at
                 clear = tips[:, 2] - support.at(tips[:, :2])
@@ -230,6 +232,7 @@ class Debris(_Rubble):
             return
         weight, reach = 1.12 - _buildings(terrain, self.name).maps["street"], 0.5
         inner = np.array(terrain.size) - 2.0 * 1.3 * reach
+        # twice as many places as patches, of which the most even ones are taken
         at = spread(weight, (float(inner[0]), float(inner[1])), 2 * number, 0.15, rng)
         turns = np.arange(8) * 0.25 * math.pi
         ring = reach * np.column_stack([np.cos(turns), np.sin(turns)])

@@ -46,6 +46,7 @@ def raft(
     long, wide = (half_x, half_y) if along else (half_y, half_x)
     corners = outline if along or outline is None else outline[:, ::-1]
     first, last = (-wide, wide) if corners is None else _wide_enough(corners, long, wide)
+    # outermost axes a radius inside, or capsules would stand out of the plate
     first, last = min(first + radius, 0.0), max(last - radius, 0.0)
     count = min(MOST, 1 + math.ceil((last - first) / (spacing * radius) - 1.0e-6))
     found = []

@@ -90,6 +90,7 @@ def blocks(
     for u, half_u in sides[0]:
         for v, half_v in sides[1]:
             middle = cos * u - sin * v, sin * u + cos * v
+            # blocks that reach into the field; a little smaller than their block, so that pavements are left
             near = [abs(m) - half_u - half_v < 0.5 * s for m, s in zip(middle, size, strict=True)]
             inset = rng.uniform(0.3, 1.2, 2)
             if all(near):
@@ -126,6 +127,7 @@ def heap_up(
     for building in buildings:
         depth = building.depth(*np.meshgrid(x, y)) + ragged
         heights += height * rng.uniform(0.2, 0.36) * (1.0 - np.exp(-np.clip(depth + 0.3, 0.0, None) / 1.6))
+        # piles in proportion to the area of the floor, about as steep as the angle of repose
         for _ in range(round(building.half[0] * building.half[1] / 3.6)):
             u, v = (rng.uniform(-0.9, 0.9) * h for h in building.half)
             peak = height * rng.uniform(0.15, 0.6)

@@ -116,6 +116,7 @@ class Support:
         about = Rotation.from_euler("z", yaw)
         flat = scale * about.apply(piece.feet)
         below = self.at(flat[:, :2] + xy)
+        # plane through the surface below the feet, by least squares
         basis = np.column_stack([np.ones(len(flat)), flat[:, :2]])
         _, along_x, along_y = np.linalg.lstsq(basis, below, rcond=None)[0]
         tilt = math.atan(math.hypot(along_x, along_y))
@@ -123,6 +124,7 @@ class Support:
         turn = Rotation.from_rotvec(min(tilt, STEEPEST) * axis) * about * Rotation.from_euler("y", -raised)
         points = scale * turn.apply(piece.feet)
         gap = points[:, 2] - self.at(points[:, :2] + xy)
+        # the height at which that share of the feet is below the surface
         share = 0.33 if raised == 0.0 else 0.28
         return np.array([*xy, -np.quantile(gap, share) - sunk]), turn.as_quat()
 

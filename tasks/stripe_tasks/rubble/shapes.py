@@ -37,6 +37,7 @@ def broken_outline(
     for side in range(4):
         start, end, deep = corners[side], corners[(side + 1) % 4], broken[side]
         pieces = max(2, round(np.linalg.norm(end - start) / 0.16)) if deep else 1
+        # a random walk with some noise: breaks have large bays and small teeth
         walk = np.cumsum(rng.uniform(-1.0, 1.0, pieces + 1))
         walk = 0.5 * (walk - walk.min()) / max(np.ptp(walk), 1.0e-9) + 0.5 * rng.random(pieces + 1)
         share = np.linspace(0.0, 1.0, pieces + 1)
@@ -47,6 +48,7 @@ def broken_outline(
         points[-1] += (0.5 * after + 0.3 * deep) * inward[(side + 1) % 4] if after or deep else 0.0
         found.append(points if deep else points[[0, -1]])
     outline = np.concatenate(found)
+    # sorted by angle, the outline is star-shaped, which its triangulation and its raft need
     turn = np.arctan2(outline[:, 1] / half_y, outline[:, 0] / half_x)
     outline = outline[np.argsort(turn)]
     apart = np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1) > 0.02
@@ -77,6 +79,7 @@ def plate(outline: np.ndarray, thickness: float, ragged: float, rng: np.random.G
     top = np.column_stack([flat, half + rng.uniform(-0.004, 0.004, len(flat))])
     low = np.column_stack([np.concatenate([outline * shrunk[:, None], points]), np.full(len(flat), -half)])
     faced = np.concatenate([top, low]), np.concatenate([faces, faces[:, ::-1] + len(flat)])
+    # a third ring between top and underside makes the rim uneven across the thickness too
     out = 1.0 + ragged * rng.uniform(-0.4, 0.5, count) / np.linalg.norm(outline, axis=1)
     waist = np.column_stack([outline * out[:, None], half * rng.uniform(-0.4, 0.4, count)])
     ring = np.concatenate([low[:count], waist, top[:count]])

@@ -281,9 +281,11 @@ class VelocityWarpEnv(DirectRLEnv):
         for name in ("rel_standing_envs", "heading_control_stiffness", "action_scale"):
             setattr(task, name, getattr(cfg, name))
         task.heading, task.step_dt, task.rng = wp.vec2(-math.pi, math.pi), self.step_dt, self.warp.rng
+        # log entries are consecutive, so a kernel needs only the first one
         task.first_log = min(self.warp.log.add(f"Episode_Reward/{name}") for name in self.reward_terms)
         task.log_sums, task.log_counts = self.warp.log.sums, self.warp.log.counts
         task.max_length_s = cfg.episode_length_s
+        # ranges by component: x, y, z, roll, pitch, yaw
         push, none, turn = (-cfg.push_velocity, cfg.push_velocity), (0.0, 0.0), (-math.pi, math.pi)
         with wp.ScopedDevice(self.device):
             task.joint_ids = wp.array(list(range(self.robot.num_joints)), dtype=int)

@@ -108,6 +108,7 @@ class RoughSceneCfg(VelocitySceneCfg):
     )
     height_scanner: RayCasterCfg = RayCasterCfg(
         prim_path=MISSING,
+        # from far above, so that no hill is higher than the origin of a ray
         offset=RayCasterCfg.OffsetCfg(pos=(0.0, 0.0, 20.0)),
         ray_alignment="yaw",
         pattern_cfg=GridPatternCfg(resolution=0.1, size=(1.6, 1.0)),
