@@ -33,7 +33,7 @@ def quiet_warp() -> None:
 
 @pytest.fixture(autouse=True)
 def own_folder(tmp_path, monkeypatch) -> None:
-    """What a test writes without saying where lands in a temporary folder, not in the source tree."""
+    """Run each test in a temporary folder, so that relative paths do not write into the source tree."""
     monkeypatch.chdir(tmp_path)
 
 

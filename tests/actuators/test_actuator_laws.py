@@ -34,7 +34,7 @@ def scene(tmp_path_factory):
 
 
 def motor_range(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the line through (0, saturation) and (no-load speed, 0) and the limit leave room, in float64."""
+    """Effort within the line through (0, saturation) and (no-load speed, 0) and within the limit, in float64."""
     meeting = NO_LOAD * (1.0 + LIMIT / SATURATION)
     v = np.clip(v, -meeting, meeting)
     line = np.poly1d([-SATURATION / NO_LOAD, SATURATION])
@@ -42,7 +42,7 @@ def motor_range(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Reference:
-    """What the actuators of ``KINDS`` do, in float64; one row an environment."""
+    """Efforts of the actuators of ``KINDS``, in float64; a row for each environment."""
 
     def __init__(self, num_envs: int, lags: dict[str, np.ndarray]):
         self.lags, self.integral = lags, np.zeros(num_envs)

@@ -63,7 +63,7 @@ def networks(tmp_path_factory):
 
 
 def arrays_of(scene) -> dict[str, np.ndarray]:
-    """What lasts from step to step, by name."""
+    """State that lasts from step to step, by name."""
     return {name: array.numpy().copy() for name, array in scene.sim.actuation.arrays.items()}
 
 

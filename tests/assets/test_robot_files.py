@@ -44,7 +44,7 @@ def robot_file(name: str) -> Path:
 
 
 def plain_model(path: Path) -> mujoco.MjModel:
-    """What MuJoCo's C library reads; the root of a URDF file stays a body."""
+    """Model that MuJoCo's C library reads; the root of a URDF file stays a body."""
     spec = mujoco.MjSpec.from_file(str(path))
     spec.compiler.fusestatic = False
     return spec.compile()

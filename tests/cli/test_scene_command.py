@@ -38,7 +38,7 @@ def error_of(capsys, *args: str) -> str:
 
 
 def hues(picture: np.ndarray) -> int:
-    """How many of twelve hues have a hundredth of the pixels each."""
+    """Number of hues, of twelve, with at least a hundredth of the pixels."""
     pixels = picture.reshape(-1, 3)[::17] / 255.0
     found = [colorsys.rgb_to_hsv(*p) for p in pixels]
     counts = np.bincount([int(h * 12) % 12 for h, s, _ in found if s > 0.12], minlength=12)

@@ -92,7 +92,7 @@ def rich(num_envs: int = N, **changes: Any) -> CartpoleManagerEnvCfg:
 
 
 def rollout(env: ManagerBasedRLEnv, steps: int, first: int = 0, count: int | None = None) -> list[tuple[Any, ...]]:
-    """What each step handed out, of the first ``count`` environments."""
+    """Outputs of each step, of the first ``count`` environments."""
     out, ends = [], 0
     for k in range(first, first + steps):
         obs, reward, terminated, truncated, _ = env.step(actions_of(k, env.num_envs))

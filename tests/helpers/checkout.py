@@ -11,4 +11,4 @@ HELPERS = ROOT / "tests" / "helpers"
 TOOLS = ROOT / "tools"
 
 PYTHONPATH = os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "tasks"))
-"""Where a program finds the packages, as pyproject.toml says it to pytest."""
+"""Value of ``PYTHONPATH`` with which a program finds the packages, as pyproject.toml sets it for pytest."""

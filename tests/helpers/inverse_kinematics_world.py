@@ -114,7 +114,7 @@ class World:
         self.context.arrays["actions.arm.processed"].assign(poses.astype(np.float32))
 
     def steps(self) -> np.ndarray:
-        """How far the targets are from the positions, float64."""
+        """Differences of targets and positions, float64."""
         self._apply.run()
         data = self.robot.data
         return numpy(data.joint_pos_target).astype(float) - numpy(data.joint_pos).astype(float)
@@ -140,7 +140,7 @@ class World:
 
 
 def frames_of(world: World | ManagerBasedRLEnv, offset: Any, body: int = -1) -> tuple[np.ndarray, Rotation]:
-    """Where a frame of a body is in the root's, by the body poses: positions and rotations."""
+    """Positions and rotations of a frame of a body in the root's frame, from the body poses."""
     data = world.scene["robot"].data
     root = Rotation.from_quat(numpy(data.root_quat_w).astype(float))
     turn = Rotation.from_quat(numpy(data.body_quat_w[:, body]).astype(float))

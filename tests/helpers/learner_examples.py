@@ -50,7 +50,7 @@ def blocks(heading: str | None = None) -> list[str]:
 
 
 def run_example(heading: str) -> dict[str, Any]:
-    """What the blocks under a heading define when they have run, on the CPU."""
+    """Run the blocks under a heading on the CPU; return the names that they define."""
     names: dict[str, Any] = {"__name__": "example"}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stripe_newton.sim.simulation.resolve_device", lambda name: "cpu")

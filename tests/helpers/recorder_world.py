@@ -20,7 +20,7 @@ QUAT = [0.1, 0.2, 0.3, 0.927]
 
 
 def number(env: Any, episode: Any, step: Any) -> Any:
-    """What tells one sample from all others."""
+    """Number that identifies a sample."""
     return 100.0 * env + 10.0 * episode + step
 
 

@@ -41,7 +41,7 @@ def ground_data(ground: Ground) -> TerrainData:
 
 
 def reference_height(ground: Ground, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Where upright lines meet the triangles, found by barycentric coordinates of each triangle of the cell."""
+    """Heights at which upright lines meet the triangles, by barycentric coordinates of each triangle of the cell."""
     nrow, ncol = ground.heights.shape
     u = np.clip((x - ground.lower[0]) / ground.cell[0], 0.0, ncol - 1)
     v = np.clip((y - ground.lower[1]) / ground.cell[1], 0.0, nrow - 1)

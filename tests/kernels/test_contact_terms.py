@@ -209,7 +209,7 @@ def struct_of(name: str, fields: dict[str, Any], device: str) -> Any:
 
 
 def launch(name: str, v: dict[str, Any], p: dict[str, Any], device: str) -> tuple[np.ndarray, dict[str, Any]]:
-    """What a term returns or writes to ``out``, and its arguments."""
+    """Result of a term, returned or written to ``out``, and its arguments."""
     types, arguments = dict(terms()[name].func.__annotations__), {}
     returns = types.pop("return", None)
     types.pop("env")

@@ -166,7 +166,7 @@ def test_a_height_scan_has_the_obstacles_on_the_ground():
 
 @configclass
 class PolicyCfg(ObservationGroupCfg):
-    """What the policy sees."""
+    """Observations of the policy."""
 
     near: ObservationTermCfg = ObservationTermCfg(func=mdp.obstacle_distance)
 

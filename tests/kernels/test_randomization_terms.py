@@ -65,7 +65,7 @@ EVENTS = {
 
 
 class Reference:
-    """What all arrays of Newton's model must hold, in float64."""
+    """Expected content of all arrays of Newton's model, in float64."""
 
     def __init__(self, world: RandomizedWorld):
         self.world, self.stream = world, Stream(SEED, world.context.num_envs)

@@ -44,7 +44,7 @@ def noting(name: str, **fields: Any) -> EventTermCfg:
 
 
 class Calls:
-    """What torch terms were called with."""
+    """Arguments with which torch terms were called."""
 
     def __init__(self):
         self.by_name: dict[str, list[tuple[int, list[int]]]] = {}

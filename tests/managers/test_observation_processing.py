@@ -95,7 +95,7 @@ def noise_world() -> ObservationWorld:
 
 @pytest.fixture(scope="module")
 def noise_drawn(noise_world) -> dict[str, np.ndarray]:
-    """What was put on the numbers: (step, environment, number) by term."""
+    """Noise on the numbers: (step, environment, number) by term."""
     found: dict[str, list[np.ndarray]] = {name: [] for name in NOISES}
     for _ in range(STEPS):
         noise_world.step()

@@ -31,7 +31,7 @@ def context() -> ManagerContext:
 
 
 def problems_of(context: ManagerContext, func: Any, **params: Any) -> list[str]:
-    """What an event manager says about one term."""
+    """Error of an event manager about one term."""
     context.problems = []
     EventManager({"term": EventTermCfg(func=func, mode="reset", params=params)}, context).reset()
     return [p.removeprefix("events.term.") for p in context.problems]

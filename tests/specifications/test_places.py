@@ -61,7 +61,7 @@ class Hills(SceneSpec):
 
 
 def outline(terrain: Terrain) -> list[tuple[np.ndarray, float]]:
-    """What colliders cover, seen from above: convex polygons ``(N, 2)`` and widths added to them on all sides [m]."""
+    """Areas below colliders: convex polygons ``(N, 2)`` and widths added to them on all sides [m]."""
     found = []
     for one in (i for placed in terrain.placed.values() for i in placed):
         turn, place = Rotation.from_quat(one.rotation), np.array(one.position)

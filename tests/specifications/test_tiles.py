@@ -30,7 +30,7 @@ from stripe_tasks.robots import ANT_CFG
 
 TILE, CELL, FADE, BORDER, TYPES = (16.0, 12.0), 0.5, 2.0, 3.0, 2
 HEIGHTS = (0.5, 1.0, 2.0)
-"""Of the hills of each level."""
+"""Height of the hills of each level [m]."""
 POST = CylinderMesh("post", (0.1, 0.5))
 
 

@@ -29,7 +29,7 @@ ATOL = {"Cartpole": 2e-6, "Ant": 2e-5, "Humanoid": 2e-5}
 
 @dataclass
 class State:
-    """What a step depends on, and the actions of it."""
+    """State on which a step depends, and its actions."""
 
     joint_pos: torch.Tensor
     joint_vel: torch.Tensor
@@ -92,7 +92,7 @@ def random_state(env: Any, seed: int) -> State:
 
 
 def last_positions(env: Any) -> torch.Tensor | None:
-    """Where a form keeps the positions of the last step; same memory."""
+    """Array in which a form keeps the positions of the last step; the same memory."""
     if hasattr(env, "reward_manager"):
         array = env.context.arrays.get("state.last_root_pos")
     else:

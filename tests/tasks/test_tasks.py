@@ -168,7 +168,7 @@ def test_poles_are_upright_at_zero(envs):
 
 
 def relations(env, q: np.ndarray) -> dict[str, np.ndarray]:
-    """Where the torso is and faces, in float64."""
+    """Pose of the torso relative to the target, in float64."""
     turn, origin = Rotation.from_quat(q[:, 3:7]), numpy(env.scene.env_origins)
     target = origin + [env.cfg.target_distance, 0.0, 0.0]
     to_target = (target - q[:, :3]) * [1.0, 1.0, 0.0]

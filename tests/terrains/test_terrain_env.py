@@ -67,7 +67,7 @@ class SceneCfg(InteractiveSceneCfg):
 
 @configclass
 class PolicyCfg(ObservationGroupCfg):
-    """What the policy sees."""
+    """Observations of the policy."""
 
     command: ObservationTermCfg = ObservationTermCfg(func=mdp.generated_commands, params={"command_name": "velocity"})
 

@@ -94,7 +94,7 @@ def base_angle_to_target(env: int, robot: ArticulationData, target_distance: flo
 
 @wp.func
 def base_up_proj(env: int, robot: ArticulationData, out: wp.array[float]) -> None:
-    """How upright the root is.
+    """Uprightness of the root.
 
     Formula: ``(R z).z``, 1 when upright.
 
@@ -105,7 +105,7 @@ def base_up_proj(env: int, robot: ArticulationData, out: wp.array[float]) -> Non
 
 @wp.func
 def base_heading_proj(env: int, robot: ArticulationData, target_distance: float, out: wp.array[float]) -> None:
-    """How well the root faces the target.
+    """Alignment of the root's heading with the direction to the target.
 
     Formula: ``(R x) . d / |d|``, 1 when level and facing it, ``d`` the vector to the target.
 
@@ -167,7 +167,7 @@ def upright_posture_bonus(env: int, robot: ArticulationData, episode: EpisodeDat
 def move_to_target_bonus(
     env: int, robot: ArticulationData, episode: EpisodeData, threshold: float, target_distance: float
 ) -> float:
-    """How well the root faces the target; full within a cone about the direction to it.
+    """Alignment of the root's heading with the direction to the target; full within a cone about it.
 
     Formula: ``min(h / threshold, 1)``, ``h`` as in ``base_heading_proj``.
 

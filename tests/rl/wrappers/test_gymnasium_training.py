@@ -29,7 +29,7 @@ def test_every_example_of_the_page_is_run():
 
 
 def test_the_final_observation_is_where_the_episode_would_have_gone_on():
-    """What the example bootstraps from: the twin's episodes do not end, so it observes the state itself."""
+    """Observations from which the example bootstraps; the twin's episodes do not end, so it sees the state itself."""
     short, long = cartpole(episode_length_s=0.2, compute_final_obs=True), cartpole(episode_length_s=5.0)
     short.reset(seed=3)
     long.reset(seed=3)

@@ -35,7 +35,7 @@ def threads():
 
 
 def mean_action(agent):
-    """What the agent does without noise, by its observations."""
+    """Actions of the agent without noise, for observations."""
 
     def act(obs):
         return agent.act(obs, None, timestep=0, timesteps=0)[1]["mean_actions"]
