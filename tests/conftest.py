@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a quiet Warp, a working folder of their own, the device to run on, no GPU tests without GPU."""
+"""Shared set-up: a quiet Warp, a working folder for each test, the device to run on, no GPU tests without a GPU."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def quiet_warp() -> None:
 
 @pytest.fixture(autouse=True)
 def own_folder(tmp_path, monkeypatch) -> None:
-    """What a test writes without saying where lands in a temporary folder, not in the source tree."""
+    """Run each test in a temporary folder, so that relative paths do not write into the source tree."""
     monkeypatch.chdir(tmp_path)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""stripe_newton.noise: what is drawn, how it enters the data, and what a bias remembers."""
+"""stripe_newton.noise: distributions, how noise enters the data, and the memory of a bias."""
 
 from __future__ import annotations
 

@@ -1,84 +1,173 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments built on stripe_newton. Importing it registers them with gymnasium and imports nothing heavy."""
+"""Tasks and scenes built on stripe_newton.
 
+Importing this package registers them by name and loads nothing heavy: no torch, no Warp.
+"""
+
+from stripe_newton.moved_modules import forward_modules
 from stripe_newton.registration import register_scene, register_task
 
-_DIRECT = {
-    "Stripe-Ant-Direct-v0": ("ant", "Ant"),
-    "Stripe-CartDoublePole-Direct-v0": ("cart_double_pole", "CartDoublePole"),
-    "Stripe-CartDoublePole-MARL-Direct-v0": ("cart_double_pole_marl", "CartDoublePoleMARL"),
-    "Stripe-Cartpole-Direct-v0": ("cartpole", "Cartpole"),
-    "Stripe-Humanoid-Direct-v0": ("humanoid", "Humanoid"),
-    "Stripe-Quadcopter-Direct-v0": ("quadcopter", "Quadcopter"),
-    "Stripe-Velocity-Flat-Humanoid-Direct-Warp-v0": ("velocity_humanoid_warp", "HumanoidFlatWarp"),
-    "Stripe-Velocity-Flat-Quadruped-Direct-Warp-v0": ("velocity_quadruped_warp", "QuadrupedFlatWarp"),
-}
-_DIRECT_WARP = {
-    "Stripe-Ant-Direct-Warp-v0": ("locomotion_warp", "ant", "Ant"),
-    "Stripe-Cartpole-Direct-Warp-v0": ("cartpole_warp", "cartpole", "Cartpole"),
-    "Stripe-Humanoid-Direct-Warp-v0": ("locomotion_warp", "humanoid", "Humanoid"),
-}
-_MANAGER_BASED = {
-    "Stripe-Ant-v0": ("locomotion_manager", "Ant"),
-    "Stripe-Cartpole-v0": ("cartpole_manager", "Cartpole"),
-    "Stripe-Humanoid-v0": ("locomotion_manager", "Humanoid"),
-}
-_GOALS = {
-    "Stripe-PushBall-Ant-v0": ("push_ball", "PushBall"),
-    "Stripe-Reach-v0": ("reach", "Reach"),
-}
-_VELOCITY = {
-    "Stripe-Velocity-Flat-Humanoid-v0": ("velocity_humanoid", "HumanoidFlat"),
-    "Stripe-Velocity-Flat-Quadruped-v0": ("velocity_quadruped", "QuadrupedFlat"),
-    "Stripe-Velocity-Rough-Humanoid-v0": ("velocity_humanoid", "HumanoidRough"),
-    "Stripe-Velocity-Rough-Quadruped-v0": ("velocity_quadruped", "QuadrupedRough"),
-}
+MANAGER_BASED = "stripe_newton.envs:ManagerBasedRLEnv"
 
-_FOREST = {
-    "Stripe-Forest-Reach-Quadruped-v0": ("reach:reach_cfg", "reach:ForestReachEnv", "reach:ForestReach"),
-    "Stripe-Forest-Reach-Quadruped-Play-v0": ("reach:play_cfg", "reach:ForestReachEnv", "reach:ForestReach"),
-    "Stripe-Forest-Walk-Quadruped-v0": ("walk:walk_cfg", None, "walk:ForestWalk"),
-    "Stripe-Forest-Walk-Quadruped-Play-v0": ("walk:play_cfg", None, "walk:ForestWalk"),
+TASKS = {
+    "Stripe-Ant-Direct-Warp-v0": (
+        "stripe_tasks.locomotion.direct_warp:AntWarpEnv",
+        "stripe_tasks.locomotion:AntEnvCfg",
+        "stripe_tasks.locomotion.direct_warp:AntWarpPPORunnerCfg",
+    ),
+    "Stripe-Ant-Direct-v0": (
+        "stripe_tasks.locomotion:AntEnv",
+        "stripe_tasks.locomotion:AntEnvCfg",
+        "stripe_tasks.locomotion:AntPPORunnerCfg",
+    ),
+    "Stripe-Ant-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.locomotion.manager_based:AntManagerEnvCfg",
+        "stripe_tasks.locomotion.manager_based:AntManagerPPORunnerCfg",
+    ),
+    "Stripe-CartDoublePole-Direct-v0": (
+        "stripe_tasks.cart_double_pole:CartDoublePoleEnv",
+        "stripe_tasks.cart_double_pole:CartDoublePoleEnvCfg",
+        "stripe_tasks.cart_double_pole:CartDoublePolePPORunnerCfg",
+    ),
+    "Stripe-CartDoublePole-MARL-Direct-v0": (
+        "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLEnv",
+        "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLEnvCfg",
+        "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLPPORunnerCfg",
+    ),
+    "Stripe-Cartpole-Direct-Warp-v0": (
+        "stripe_tasks.cartpole.direct_warp:CartpoleWarpEnv",
+        "stripe_tasks.cartpole:CartpoleEnvCfg",
+        "stripe_tasks.cartpole.direct_warp:CartpoleWarpPPORunnerCfg",
+    ),
+    "Stripe-Cartpole-Direct-v0": (
+        "stripe_tasks.cartpole:CartpoleEnv",
+        "stripe_tasks.cartpole:CartpoleEnvCfg",
+        "stripe_tasks.cartpole:CartpolePPORunnerCfg",
+    ),
+    "Stripe-Cartpole-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.cartpole.manager_based:CartpoleManagerEnvCfg",
+        "stripe_tasks.cartpole.manager_based:CartpoleManagerPPORunnerCfg",
+    ),
+    "Stripe-Forest-Reach-Quadruped-Play-v0": (
+        "stripe_tasks.forest.reach:ForestReachEnv",
+        "stripe_tasks.forest.reach:play_cfg",
+        "stripe_tasks.forest.reach:ForestReachPPORunnerCfg",
+    ),
+    "Stripe-Forest-Reach-Quadruped-v0": (
+        "stripe_tasks.forest.reach:ForestReachEnv",
+        "stripe_tasks.forest.reach:reach_cfg",
+        "stripe_tasks.forest.reach:ForestReachPPORunnerCfg",
+    ),
+    "Stripe-Forest-Walk-Quadruped-Play-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.forest.walk:play_cfg",
+        "stripe_tasks.forest.walk:ForestWalkPPORunnerCfg",
+    ),
+    "Stripe-Forest-Walk-Quadruped-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.forest.walk:walk_cfg",
+        "stripe_tasks.forest.walk:ForestWalkPPORunnerCfg",
+    ),
+    "Stripe-Humanoid-Direct-Warp-v0": (
+        "stripe_tasks.locomotion.direct_warp:HumanoidWarpEnv",
+        "stripe_tasks.locomotion:HumanoidEnvCfg",
+        "stripe_tasks.locomotion.direct_warp:HumanoidWarpPPORunnerCfg",
+    ),
+    "Stripe-Humanoid-Direct-v0": (
+        "stripe_tasks.locomotion:HumanoidEnv",
+        "stripe_tasks.locomotion:HumanoidEnvCfg",
+        "stripe_tasks.locomotion:HumanoidPPORunnerCfg",
+    ),
+    "Stripe-Humanoid-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.locomotion.manager_based:HumanoidManagerEnvCfg",
+        "stripe_tasks.locomotion.manager_based:HumanoidManagerPPORunnerCfg",
+    ),
+    "Stripe-PushBall-Ant-v0": (
+        "stripe_tasks.push_ball:PushBallEnv",
+        "stripe_tasks.push_ball:PushBallEnvCfg",
+        "stripe_tasks.push_ball:PushBallPPORunnerCfg",
+    ),
+    "Stripe-Quadcopter-Direct-v0": (
+        "stripe_tasks.quadcopter:QuadcopterEnv",
+        "stripe_tasks.quadcopter:QuadcopterEnvCfg",
+        "stripe_tasks.quadcopter:QuadcopterPPORunnerCfg",
+    ),
+    "Stripe-Reach-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.reach:ReachEnvCfg",
+        "stripe_tasks.reach:ReachPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-Humanoid-Direct-Warp-v0": (
+        "stripe_tasks.velocity.humanoid_direct_warp:HumanoidFlatWarpEnv",
+        "stripe_tasks.velocity.humanoid_direct_warp:HumanoidFlatWarpEnvCfg",
+        "stripe_tasks.velocity.humanoid_direct_warp:HumanoidFlatWarpPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-Humanoid-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.humanoid:HumanoidFlatEnvCfg",
+        "stripe_tasks.velocity.humanoid:HumanoidFlatPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-Quadruped-Direct-Warp-v0": (
+        "stripe_tasks.velocity.quadruped_direct_warp:QuadrupedFlatWarpEnv",
+        "stripe_tasks.velocity.quadruped_direct_warp:QuadrupedFlatWarpEnvCfg",
+        "stripe_tasks.velocity.quadruped_direct_warp:QuadrupedFlatWarpPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-Quadruped-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.quadruped:QuadrupedFlatEnvCfg",
+        "stripe_tasks.velocity.quadruped:QuadrupedFlatPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Rough-Humanoid-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.humanoid:HumanoidRoughEnvCfg",
+        "stripe_tasks.velocity.humanoid:HumanoidRoughPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Rough-Quadruped-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.quadruped:QuadrupedRoughEnvCfg",
+        "stripe_tasks.velocity.quadruped:QuadrupedRoughPPORunnerCfg",
+    ),
 }
+"""By task id: environment, its config, and the config of its training with rsl_rl; loaded when the task is made."""
 
-for _id, (_module, _name) in (_DIRECT | _GOALS).items():
-    register_task(
-        _id,
-        env=f"stripe_tasks.{_module}:{_name}Env",
-        env_cfg=f"stripe_tasks.{_module}:{_name}EnvCfg",
-        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}PPORunnerCfg",
-    )
-for _id, (_module, _config, _name) in _DIRECT_WARP.items():
-    register_task(
-        _id,
-        env=f"stripe_tasks.{_module}:{_name}WarpEnv",
-        env_cfg=f"stripe_tasks.{_config}:{_name}EnvCfg",
-        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}WarpPPORunnerCfg",
-    )
-for _id, (_module, _name) in _MANAGER_BASED.items():
-    register_task(
-        _id,
-        env="stripe_newton.envs:ManagerBasedRLEnv",
-        env_cfg=f"stripe_tasks.{_module}:{_name}ManagerEnvCfg",
-        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}ManagerPPORunnerCfg",
-    )
-for _id, (_module, _name) in _VELOCITY.items():
-    register_task(
-        _id,
-        env="stripe_newton.envs:ManagerBasedRLEnv",
-        env_cfg=f"stripe_tasks.{_module}:{_name}EnvCfg",
-        rsl_rl_cfg=f"stripe_tasks.{_module}:{_name}PPORunnerCfg",
-    )
-for _id, (_config, _env, _name) in _FOREST.items():
-    register_task(
-        _id,
-        env=f"stripe_tasks.forest.{_env}" if _env else "stripe_newton.envs:ManagerBasedRLEnv",
-        env_cfg=f"stripe_tasks.forest.{_config}",
-        rsl_rl_cfg=f"stripe_tasks.forest.{_name}PPORunnerCfg",
-    )
+SCENES = {
+    "clearing": "stripe_tasks.forest:ClearingSpec",
+    "forest": "stripe_tasks.forest:ForestSpec",
+    "path": "stripe_tasks.forest:PathSpec",
+    "ravine": "stripe_tasks.forest:RavineSpec",
+    "rubble": "stripe_tasks.rubble:RubbleSpec",
+}
+"""Specifications of scenes by name."""
 
-register_scene("forest", "stripe_tasks.forest:ForestSpec")
-register_scene("clearing", "stripe_tasks.forest:ClearingSpec")
-register_scene("path", "stripe_tasks.forest:PathSpec")
-register_scene("ravine", "stripe_tasks.forest:RavineSpec")
-register_scene("rubble", "stripe_tasks.rubble:RubbleSpec")
+for _id, (_env, _env_cfg, _rsl_rl_cfg) in TASKS.items():
+    register_task(_id, env=_env, env_cfg=_env_cfg, rsl_rl_cfg=_rsl_rl_cfg)
+for _name, _spec in SCENES.items():
+    register_scene(_name, _spec)
+
+# Old module paths. Those that moved in 0.2 goes with 0.3; CHANGELOG lists each.
+forward_modules(
+    {
+        "stripe_tasks.ant": "stripe_tasks.locomotion",
+        "stripe_tasks.cart_double_pole_marl": "stripe_tasks.cart_double_pole.multi_agent",
+        "stripe_tasks.cartpole_manager": "stripe_tasks.cartpole.manager_based",
+        "stripe_tasks.cartpole_warp": "stripe_tasks.cartpole.direct_warp",
+        "stripe_tasks.humanoid": "stripe_tasks.locomotion",
+        "stripe_tasks.locomotion_manager": "stripe_tasks.locomotion.manager_based",
+        "stripe_tasks.locomotion_terms": "stripe_tasks.locomotion.terms",
+        "stripe_tasks.locomotion_warp": "stripe_tasks.locomotion.direct_warp",
+        "stripe_tasks.push_ball_object": "stripe_tasks.push_ball.rolling_ball",
+        "stripe_tasks.push_ball_terms": "stripe_tasks.push_ball.terms",
+        "stripe_tasks.quadcopter_robot": "stripe_tasks.quadcopter.crazyflie",
+        "stripe_tasks.reach_robot": "stripe_tasks.reach.arm",
+        "stripe_tasks.scene_cfg": "stripe_tasks.robot_scene",
+        "stripe_tasks.scenery": "stripe_tasks.robot_scene",
+        "stripe_tasks.velocity_humanoid": "stripe_tasks.velocity.humanoid",
+        "stripe_tasks.velocity_humanoid_warp": "stripe_tasks.velocity.humanoid_direct_warp",
+        "stripe_tasks.velocity_quadruped": "stripe_tasks.velocity.quadruped",
+        "stripe_tasks.velocity_quadruped_warp": "stripe_tasks.velocity.quadruped_direct_warp",
+        "stripe_tasks.velocity_warp": "stripe_tasks.velocity.direct_warp",
+    }
+)

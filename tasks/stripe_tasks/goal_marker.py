@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A thing to see where the goal of an environment is: a body without collider, fixed to the world, that moves along."""
+"""Goal marker: a visible body without collider that shows where the goal of an environment is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 import warp as wp
@@ -18,7 +18,10 @@ from stripe_newton.sim import SpawnerCfg
 if TYPE_CHECKING:
     from pxr import Usd
 
+    from stripe_newton.envs import RLEnv
     from stripe_newton.scene import InteractiveScene
+else:
+    RLEnv = object  # a mixin: the environment class beside it is the base
 
 __all__ = ["GoalMarked", "GoalMarkerCfg", "goal_marker", "origin_frames", "spawn_goal_marker"]
 
@@ -35,6 +38,7 @@ def place_markers(
 ) -> None:
     """Put the marker of each environment at its goal, which is given in a frame; in the model and in the state."""
     env = wp.tid()
+    # The body is fixed to the world: forward kinematics would put it back to its anchor, viewers read its pose.
     pose = wp.transform_multiply(frames[env], goals[env])
     anchors[env] = pose
     bodies[env] = pose
@@ -51,8 +55,14 @@ def place_markers_at(
     bodies[env] = pose
 
 
-def spawn_goal_marker(prim_path: str, cfg: GoalMarkerCfg, translation: Any = None, orientation: Any = None) -> Usd.Prim:
+def spawn_goal_marker(
+    prim_path: str,
+    cfg: GoalMarkerCfg,
+    translation: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
+) -> Usd.Prim:
     """Author a body that is fixed to the world and touches nothing."""
+    # USD loads when a scene is built, not with the configs of a task.
     from pxr import Gf, UsdGeom, UsdPhysics
 
     from stripe_newton.sim.scene_context import authored_path, current_stage
@@ -63,40 +73,53 @@ def spawn_goal_marker(prim_path: str, cfg: GoalMarkerCfg, translation: Any = Non
     UsdPhysics.RigidBodyAPI.Apply(root)
     UsdPhysics.ArticulationRootAPI.Apply(root)
     mass = UsdPhysics.MassAPI.Apply(root)
+    # a body needs a mass, even where a fixed joint holds it
     mass.CreateMassAttr(0.01)
     mass.CreateDiagonalInertiaAttr(Gf.Vec3f(1.0e-5))
     UsdPhysics.FixedJoint.Define(stage, f"{path}/root_joint").CreateBody1Rel().SetTargets([root.GetPath()])
-    for name, kind, size, axis, offset, color in _parts(cfg):
-        geometry = getattr(UsdGeom, kind).Define(stage, f"{path}/{name}")
-        geometry.CreateRadiusAttr(size[0])
-        if kind == "Cylinder":
-            geometry.CreateHeightAttr(size[1])
-            geometry.CreateAxisAttr(axis)
-        geometry.AddTranslateOp().Set(Gf.Vec3d(*offset))
-        geometry.CreateDisplayColorAttr([Gf.Vec3f(*color)])
+    for part in _parts(cfg):
+        kind = UsdGeom.Cylinder if part.height else UsdGeom.Sphere
+        geometry = kind.Define(stage, f"{path}/{part.name}")
+        geometry.CreateRadiusAttr(part.radius)
+        if part.height:
+            geometry.CreateHeightAttr(part.height)
+            geometry.CreateAxisAttr(part.axis)
+        geometry.AddTranslateOp().Set(Gf.Vec3d(*part.offset))
+        geometry.CreateDisplayColorAttr([Gf.Vec3f(*part.color)])
     place(root, translation, orientation)
     return finish(root, cfg)
 
 
-def _parts(cfg: GoalMarkerCfg) -> list[tuple[str, str, tuple[float, float], str, tuple[float, ...], Any]]:
-    size, thin = cfg.size, 0.1 * cfg.size
+class _Part(NamedTuple):
+    """A geometry of a marker: a cylinder if it has a height, else a ball."""
+
+    name: str
+    radius: float
+    offset: tuple[float, ...]
+    color: tuple[float, float, float]
+    height: float = 0.0
+    axis: str = "Z"
+
+
+def _parts(cfg: GoalMarkerCfg) -> list[_Part]:
+    """Geometries of a marker."""
+    size, thin, above = cfg.size, 0.1 * cfg.size, (0.0, 0.0, cfg.offset)
     if cfg.shape == "disc":
-        return [("disc", "Cylinder", (size, 0.02), "Z", (0.0, 0.0, cfg.offset), cfg.color)]
-    ball = ("ball", "Sphere", (size if cfg.shape == "ball" else 1.6 * thin, 0.0), "", (0.0, 0.0, cfg.offset), cfg.color)
+        return [_Part("disc", size, above, cfg.color, height=0.02)]
     if cfg.shape == "ball":
-        return [ball]
-    arms = []
+        return [_Part("ball", size, above, cfg.color)]
+    parts = [_Part("ball", 1.6 * thin, above, cfg.color)]
     for i, (axis, color) in enumerate(zip("XYZ", (RED, GREEN, BLUE), strict=True)):
-        offset = tuple(0.5 * size if i == j else 0.0 for j in range(3))
-        arms.append((f"axis_{axis.lower()}", "Cylinder", (0.8 * thin, size), axis, offset, color))
-    return [ball, *arms]
+        middle = tuple(0.5 * size if i == j else 0.0 for j in range(3))
+        parts.append(_Part(f"axis_{axis.lower()}", 0.8 * thin, middle, color, height=size, axis=axis))
+    return parts
 
 
 @configclass
 class GoalMarkerCfg(SpawnerCfg):
-    """What marks a goal."""
+    """Marker of a goal: its form, size and colour."""
 
-    func: Callable[..., Any] = spawn_goal_marker
+    func: Callable[..., Usd.Prim] = spawn_goal_marker
     """Function that authors the prim."""
     shape: str = "ball"
     """``"ball"``, ``"disc"``, which lies flat, or ``"frame"``: axes x red, y green, z blue."""
@@ -132,10 +155,10 @@ def origin_frames(scene: InteractiveScene) -> wp.array:
     return wp.from_torch(torch.cat((origins, rotation), dim=-1), dtype=wp.transform)
 
 
-class GoalMarked:
-    """Beside an environment class: moves the scene's ``"goal"`` to the goals, at the end of each step.
+class GoalMarked(RLEnv):
+    """Mixin of an environment class that moves the scene's ``"goal"`` to the goals at the end of each step.
 
-    The solver is not told, as nothing can touch the marker.
+    Example: ``class ReachEnv(GoalMarked, ManagerBasedRLEnv)``.
     """
 
     def _goals(self) -> tuple[wp.array, ...]:
@@ -144,16 +167,18 @@ class GoalMarked:
         raise NotImplementedError(f"{type(self).__name__} needs '_goals(self)'")
 
     def _stages(self) -> list[Stage]:
-        stages: list[Stage] = super()._stages()  # type: ignore[misc]  # of the environment class
-        env: Any = self
-        marker = env.scene["goal"]
-        anchors = env.sim.per_env(env.sim.model.joint_X_p)[:, marker.layout.joints[0]]
+        stages = super()._stages()
+        marker = self.scene["goal"]
+        # The joint's parent frame places the body in the model. The solver need not be told that it moved: nothing can
+        # touch the marker.
+        anchors = self.sim.per_env(self.sim.model.joint_X_p)[:, marker.layout.joints[0]]
         rows = [wp.from_torch(t, dtype=wp.transform) for t in (anchors, marker.data.root_pose_w)]
         goals = self._goals()
         kernel = place_markers if len(goals) == 2 else place_markers_at
 
         def place() -> None:
-            wp.launch(kernel, dim=env.num_envs, inputs=[*goals], outputs=rows, device=env.device)
+            wp.launch(kernel, dim=self.num_envs, inputs=[*goals], outputs=rows, device=self.device)
 
+        # last of all: goals may be drawn at a reset or by a command of this very step
         stages[-1] = replace(stages[-1], items=[*stages[-1].items, Captured("goal marker", place)])
         return stages

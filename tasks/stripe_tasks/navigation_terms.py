@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms for a robot that is sent to a place on the ground."""
+"""Navigation terms: observation, rewards, termination and curriculum of a robot that is sent to a place."""
 
 import warp as wp
 
@@ -13,7 +13,7 @@ __all__ = ["facing_goal", "goal_reached", "goal_vector", "terrain_levels_goal", 
 
 @wp.func
 def _way(env: int, robot: ArticulationData, command: Pose2dCommandData) -> wp.vec2:
-    """Horizontal way from the root to the place, in the world [m]."""
+    """Horizontal vector from the root to the place, in the world [m]."""
     way = command.pos[env] - wp.transform_get_translation(robot.root_pose[env])
     return wp.vec2(way[0], way[1])
 
@@ -22,14 +22,16 @@ def _way(env: int, robot: ArticulationData, command: Pose2dCommandData) -> wp.ve
 def goal_vector(
     env: int, command: Pose2dCommandData, robot: ArticulationData, near: float, out: wp.array[float]
 ) -> None:
-    """Where the place is: three numbers, its direction in the frame of the root's yaw and how near it is.
+    """Direction of the place in the frame of the root's yaw, and how near it is; three numbers.
 
-    Formula: ``Rz(yaw)^T d / |d|`` and ``min(|d| / near, 1)``, ``d`` the horizontal way to the place, ``near`` in [m].
+    Formula: ``Rz(yaw)^T d / |d|`` and ``min(|d| / near, 1)``, ``d`` the horizontal vector to the place and ``near`` a
+    distance [m].
 
     Source: this project.
     """
     way = _way(env, robot, command)
     far = wp.length(way)
+    # The direction is undefined at the place itself; there it is 0.
     local = frames.rotate_inverse_yaw(
         wp.transform_get_rotation(robot.root_pose[env]), wp.vec3(way[0], way[1], 0.0) / wp.max(far, 1.0e-6)
     )
@@ -40,10 +42,10 @@ def goal_vector(
 
 @wp.func
 def velocity_toward_goal(env: int, robot: ArticulationData, command: Pose2dCommandData, speed: float) -> float:
-    """Horizontal speed of the root toward the place, as a share of the speed that is wanted.
+    """Horizontal speed of the root toward the place, as a share of the wanted speed.
 
-    Formula: ``clip(v . d / (|d| speed), -1, 1)``, ``v`` the velocity of the root [m/s], ``d`` the horizontal way to the
-    place. To go around an obstacle costs nothing but time.
+    Formula: ``clip(v . d / (|d| speed), -1, 1)``, ``v`` the velocity of the root [m/s], ``d`` the horizontal vector to
+    the place. Walking around an obstacle costs nothing but time.
 
     Source: this project.
     """
@@ -54,7 +56,7 @@ def velocity_toward_goal(env: int, robot: ArticulationData, command: Pose2dComma
 
 @wp.func
 def facing_goal(env: int, robot: ArticulationData, command: Pose2dCommandData) -> float:
-    """Look where one goes: the cosine of the angle between the root's heading and the way to the place.
+    """Cosine of the angle between the root's heading and the direction to the place.
 
     Source: this project.
     """
@@ -64,7 +66,7 @@ def facing_goal(env: int, robot: ArticulationData, command: Pose2dCommandData) -
 
 @wp.func
 def goal_reached(env: int, robot: ArticulationData, command: Pose2dCommandData, threshold: float) -> bool:
-    """The root is within ``threshold`` [m] of the place, horizontally."""
+    """Whether the root is within ``threshold`` [m] of the place, horizontally."""
     return wp.length(_way(env, robot, command)) < threshold
 
 
@@ -77,12 +79,11 @@ def terrain_levels_goal(
     rng: wp.array[wp.uint32],
     threshold: float,
 ) -> float:
-    """Move a robot to a harder tile when it is at its place, to an easier one when it ended more than half as far away
-    from it as it began.
+    """Curriculum of tiles: a robot at its place goes to a harder tile, one that is still far from it to an easier one.
 
-    Formula: with ``d`` the horizontal way to the place and ``D`` that from the environment's origin [m]: ``level + 1``
-    if ``d < threshold``, ``level - 1`` if ``d > D / 2``; past the last level any level, with equal chance; then
-    ``origin = origins[level, kind]``. Returns the level.
+    Formula: with ``d`` the horizontal distance to the place and ``D`` that from the environment's origin [m]:
+    ``level + 1`` if ``d < threshold``, ``level - 1`` if ``d > D / 2``; past the last level any level, with equal
+    chance; then ``origin = origins[level, kind]``. Returns the level.
 
     Source: this project, after ``terrain_levels_vel``.
     """
@@ -95,7 +96,7 @@ def terrain_levels_goal(
             level += 1
         elif far > 0.5 * wp.length(wp.vec2(whole[0], whole[1])):
             level = wp.max(level - 1, 0)
-        if level >= levels:
+        if level >= levels:  # whoever has mastered all tiles keeps seeing all of them
             level = wp.min(int(uniform(env, rng) * float(levels)), levels - 1)
         terrain.level[env] = level
         terrain.env_origin[env] = terrain.origins[level, terrain.kind[env]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots as articulation configs: those that the installed Newton packages, and a quadruped of this package's own."""
+"""Robots of the tasks as articulation configs: some from the installed Newton, and a quadruped of this package."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ HUMANOID_POSITION_CFG = HUMANOID_CFG.replace(
         ),
     },
 )
-"""The humanoid under position control, for velocity commands: it stands on its default pose, knees bent. Effort limits
+"""The humanoid under position control, for velocity commands: its default pose is standing, knees bent. Effort limits
 are the gears of Newton's ``nv_humanoid.xml``, twice that at the ankles."""
 
 QUADRUPED_CFG = ArticulationCfg(
@@ -185,4 +185,5 @@ QUADRUPED_CFG = ArticulationCfg(
         ),
     },
 )
-"""A quadruped of 15 kg with twelve joints, of the class of Unitree's Go2; see ``tools/author_quadruped.py``."""
+"""A quadruped of 15 kg with twelve joints, of the class of Unitree's Go2. ``tools/authoring/author_quadruped.py``
+writes its file."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The managers of ``Stripe-Ant-v0``: their terms in one kernel, and in one kernel a term.
+"""Benchmark of the managers of ``Stripe-Ant-v0``: with one kernel each, and with a kernel for each term.
 
     pytest tests/benchmarks/test_manager_benchmark.py --benchmark-only              # CPU
     pytest tests/benchmarks/test_manager_benchmark.py --benchmark-only -m gpu       # GPU, up to 16384 environments
@@ -14,7 +14,7 @@ import pytest
 import warp as wp
 
 from stripe_newton.envs.fusion_gain import MANAGERS, fused_kernels, term_configs
-from tests.benchmarks.ant import SIZES, ant
+from tests.helpers.benchmark_ant import SIZES, ant
 
 REPEATS = 100
 

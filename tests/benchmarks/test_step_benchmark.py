@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole step of ``Stripe-Ant-v0``, with more or fewer episodes that end in it.
+"""Benchmark of a whole step of ``Stripe-Ant-v0``, with more or fewer episodes that end in it.
 
     pytest tests/benchmarks/test_step_benchmark.py --benchmark-only              # CPU
     pytest tests/benchmarks/test_step_benchmark.py --benchmark-only -m gpu       # GPU, up to 16384 environments
@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from stripe_newton.envs.measure import random_actions
-from tests.benchmarks.ant import SIZES, ant
+from tests.helpers.benchmark_ant import SIZES, ant
 
 
 @pytest.mark.parametrize("ending", [0.0, 0.01, 1.0], ids=lambda share: f"{100 * share:g}%")

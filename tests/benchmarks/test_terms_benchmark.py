@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each term alone, at 4096 environments.
+"""Benchmark of each term alone, at 4096 environments.
 
     pytest tests/benchmarks/test_terms_benchmark.py --benchmark-only              # CPU
     pytest tests/benchmarks/test_terms_benchmark.py --benchmark-only -m gpu       # GPU
@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from tests import term_kernels as tk
-from tests.term_reference_random import Stream
-from tests.test_terms import CASES, Launch, kernels, params_of, values
+from tests.helpers import term_kernels as tk
+from tests.helpers.term_launch import CASES, Launch, kernels, params_of, values
+from tests.helpers.term_reference_random import Stream
 
 NUM_ENVS = 4096
 LAUNCHES_PER_GRAPH = 100

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A forest to walk in, and scenes made of its parts."""
+"""Forest: scenes of a procedural forest, and two tasks of a quadruped in it."""
 
 from .scenes import ClearingSpec, ForestSpec, PathSpec, RavineSpec
 

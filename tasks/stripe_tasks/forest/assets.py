@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands, lies and grows in the forest, as asset specifications.
+"""Assets of the forest: specifications of trees, rocks, stumps, lying wood and undergrowth.
 
 All work on terrains of :class:`stripe_tasks.forest.ForestSpec`, whose maps they read: ``moisture`` in [0, 1], ``slope``
 [rad] and ``open``, the share of each place that is kept free of trees. Sizes are in metres, densities per hectare.
@@ -8,8 +8,7 @@ All work on terrains of :class:`stripe_tasks.forest.ForestSpec`, whose maps they
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -27,20 +26,23 @@ HECTARE = 1.0e4
 
 
 def _area(terrain: TerrainInstance) -> float:
+    """Area of the field [m^2]."""
     return terrain.size[0] * terrain.size[1]
 
 
 def _on_ground(terrain: TerrainInstance, xy: np.ndarray) -> np.ndarray:
+    """Points ``(N, 3)`` on the ground at positions ``(N, 2)`` [m]."""
     return np.column_stack([xy, terrain.ground.height_at(xy[:, 0], xy[:, 1])])
 
 
 def _yaw(angle: np.ndarray) -> np.ndarray:
+    """Quaternions (x, y, z, w) of turns about z [rad]."""
     zero = np.zeros_like(angle)
     return np.column_stack([zero, zero, np.sin(0.5 * angle), np.cos(0.5 * angle)])
 
 
 def _untrodden(terrain: TerrainInstance, shape: tuple[int, ...]) -> np.ndarray:
-    """Map of the share of the ground that is not trodden, of a shape."""
+    """Map of the share of the ground that is not trodden, with the given shape."""
     if "trodden" not in terrain.maps:
         return np.ones(shape)
     x, y = (np.linspace(-0.5 * s, 0.5 * s, n) for s, n in zip(terrain.size, shape[::-1], strict=True))
@@ -49,19 +51,19 @@ def _untrodden(terrain: TerrainInstance, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _discs(terrain: TerrainInstance, *names: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where assets of other specs stand, and how much room they take [m]."""
+    """Positions and radii of the assets of other specs [m]."""
     there = [i for name in names for i in terrain.placed.get(name, ())]
     at = np.array([i.position[:2] for i in there]).reshape(-1, 2)
     return at, np.array([i.scale * getattr(i.mesh, "radius", 0.0) for i in there])
 
 
 class _ForestAssets(AssetSpec):
-    """Assets by their number or density.
+    """Base of the forest's assets, given by number or density.
 
     Args:
         name: An identifier, unique within the scene.
-        density: How many a hectare.
-        count: How many; goes before ``density``.
+        density: Number per hectare.
+        count: Number in all; overrides ``density``.
     """
 
     def __init__(self, name: str, density: float = 0.0, count: int | None = None):
@@ -75,20 +77,23 @@ class _ForestAssets(AssetSpec):
     def _number(self, terrain: TerrainInstance) -> int:
         return round(self.density * _area(terrain) / HECTARE) if self.count is None else self.count
 
-    def _make(self, meshes: Any, at: np.ndarray, turn: np.ndarray, scale: np.ndarray) -> Iterator[AssetInstance]:
+    def _make(
+        self, meshes: Iterable[DynamicMesh], at: np.ndarray, turn: np.ndarray, scale: np.ndarray
+    ) -> Iterator[AssetInstance]:
+        """Instances of meshes at positions ``(N, 3)``, with orientations ``(N, 4)`` and scales ``(N,)``."""
         for index, (mesh, place, quat, size) in enumerate(zip(meshes, at, turn, scale, strict=True)):
             yield self.create_instance(f"{self.name}_{index}", mesh, place, quat, float(size))
 
 
 class Trees(_ForestAssets):
-    """A stand that grew where it is: see :func:`stripe_tasks.forest.growth.grow`.
+    """Stand of trees, grown on its site by :func:`stripe_tasks.forest.growth.grow`.
 
     Args:
         name: An identifier.
-        density: Stems per hectare, of the wooded ground.
-        count: Stems in all; goes before ``density``.
-        years: Years that it grew.
-        mix: Shares of the species among what is sown.
+        density: Stems per hectare of wooded ground.
+        count: Stems in all; overrides ``density``.
+        years: Age of the stand.
+        mix: Shares of the species among the stems.
     """
 
     def __init__(
@@ -112,9 +117,11 @@ class Trees(_ForestAssets):
         number = self._number(terrain) if self.count is not None else round(self._number(terrain) * wooded)
         if number == 0:
             return
+        # one seed for all tries: a larger stand is another stand, but always the same one
         seed = int(rng.integers(1 << 31))
         more = 1.0
-        while True:  # as many more as are lost to what is kept open
+        # Trees on ground that is kept open are dropped, so more are grown than asked for, until enough are left.
+        while True:
             cfg = GrowthCfg(
                 size=size, count=math.ceil(more * number / wooded), years=self.years, mix=self.mix, seed=seed
             )
@@ -124,6 +131,7 @@ class Trees(_ForestAssets):
                 break
             more *= 1.05
         keep = free if len(free) == number else np.sort(rng.permutation(free)[:number])
+        # A tree is the mesh of its species with the nearest height, scaled; the variant is drawn.
         which, scale = tree_choice(stand.height[keep])
         variant = rng.integers(0, 1 << 16, number)
         meshes: list[DynamicMesh] = []
@@ -136,12 +144,12 @@ class Trees(_ForestAssets):
 
 
 class Rocks(_ForestAssets):
-    """Boulders, more of them on slopes and small ones more often.
+    """Boulders: more of them on slopes, and more small ones than large ones.
 
     Args:
         name: An identifier.
-        density: How many a hectare.
-        count: How many; goes before ``density``.
+        density: Number per hectare.
+        count: Number in all; overrides ``density``.
         radius: Smallest and largest radius [m].
     """
 
@@ -157,6 +165,7 @@ class Rocks(_ForestAssets):
         number, meshes = self._number(terrain), kinds()["rock"]
         weight = 0.3 + np.clip(terrain.maps["slope"] / math.radians(25.0), 0.0, 1.0)
         low, high = self.radius
+        # log-uniform, with the square of the draw in favour of small ones
         radius = low * (high / low) ** (rng.random(number) ** 2)
         weight, avoid = weight * _untrodden(terrain, weight.shape), _discs(terrain, "trees")
         at, _ = scatter(terrain.size, rng, count=number, weight=weight, radius=radius, avoid=avoid)
@@ -166,7 +175,7 @@ class Rocks(_ForestAssets):
 
 
 class Stumps(_ForestAssets):
-    """What is left of felled trees."""
+    """Stumps of felled trees."""
 
     def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterator[AssetInstance]:
         number, meshes = self._number(terrain), kinds()["stump"]
@@ -179,13 +188,13 @@ class Stumps(_ForestAssets):
 
 
 class Lying(_ForestAssets):
-    """Fallen trunks or branches, at rest on the slope, between the trees.
+    """Lying wood: fallen trunks or branches, at rest on the slope, between the trees.
 
     Args:
         name: An identifier.
-        kind: ``"log"`` or ``"branch"``, thin enough to trip over.
-        density: How many a hectare.
-        count: How many; goes before ``density``.
+        kind: ``"log"`` or ``"branch"``, which is thin enough to trip over.
+        density: Number per hectare.
+        count: Number in all; overrides ``density``.
     """
 
     def __init__(self, name: str, kind: str, density: float = 0.0, count: int | None = None):
@@ -201,6 +210,7 @@ class Lying(_ForestAssets):
         pick, scale = rng.integers(0, len(meshes), number), rng.uniform(0.8, 1.15, number)
         length, radius = (self.sizes[pick % len(self.sizes)] * scale[:, None]).T
         at, yaw = np.zeros((number, 2)), np.zeros(number)
+        # Beyond this, throwing anew would hardly ever end.
         if (2.0 * radius * length).sum() > 0.5 * _area(terrain):
             raise ValueError(f"asset '{self.name}': {number} find no room, they would cover half of it; ask for fewer")
         circles = footprints(terrain)
@@ -209,7 +219,7 @@ class Lying(_ForestAssets):
             for both in zip(_discs(terrain, *terrain.placed), (circles[:, :2], circles[:, 2]), strict=True)
         )
         left = np.arange(number)
-        for _ in range(50):  # thrown again until they lie clear
+        for _ in range(50):  # those that hit something are placed anew, until all lie clear
             if not len(left):
                 break
             half = 0.5 * np.array(terrain.size) - 0.5 * length[left, None]
@@ -220,6 +230,7 @@ class Lying(_ForestAssets):
             hit[left] |= on_path(terrain, at[left], yaw[left], length[left])
             fresh = np.zeros(number, dtype=bool)
             fresh[left] = True
+            # of two that overlap, the one just placed is placed anew; of two such, the later one
             pairs = clashes(at, yaw, length, radius, fresh)
             hit[np.where(fresh[pairs[:, 1]], pairs[:, 1], pairs[:, 0])] = True
             left = np.flatnonzero(hit)
@@ -228,22 +239,23 @@ class Lying(_ForestAssets):
                 raise ValueError(f"asset '{self.name}': {len(left)} of {number} find no room; ask for fewer")
         place, turn = lie_on_slope(terrain.ground.heights, terrain.size, at, yaw, length, radius)
         chosen = [meshes[i] for i in pick]
-        for index, mesh in enumerate(chosen):  # a bent one would float over a slope across it
+        # The pose is that of a straight log: a bent one would float over a slope across it.
+        for index, mesh in enumerate(chosen):
             place[index, 2] -= max(floating(terrain, mesh, place[index], turn[index], scale[index]), 0.0)
         yield from self._make(chosen, place, turn, scale)
 
 
 class Undergrowth(_ForestAssets):
-    """Bushes, ferns or grass in patches: seen, not touched.
+    """Undergrowth: bushes, ferns or grass in patches, without colliders.
 
     Args:
         name: An identifier.
         kind: ``"bush"``, ``"fern"`` or ``"grass"``.
-        density: How many a hectare.
-        count: How many; goes before ``density``.
+        density: Number per hectare.
+        count: Number in all; overrides ``density``.
         patch: Width of a patch [m].
-        cover: Share of the ground with any of it.
-        wet: 1 where it wants wet ground, 0 where it does not mind.
+        cover: Share of the ground that has any of it.
+        wet: Preference for wet ground: 0 for none, 1 if it grows on wet ground alone.
     """
 
     def __init__(
@@ -267,22 +279,24 @@ class Undergrowth(_ForestAssets):
 
     def generate(self, terrain: TerrainInstance, rng: np.random.Generator) -> Iterator[AssetInstance]:
         number, meshes, size = self._number(terrain), kinds()[self.kind], terrain.size
+        # a grid of half a metre: patches are wider than that
         rows, cols = (max(8, math.ceil(s / 0.5)) for s in size[::-1])
         shape = rows, cols
         weight = patch_map(shape, size, rng, self.patch, self.cover)
         x, y = (np.linspace(-0.5 * s, 0.5 * s, n) for s, n in zip(size, shape[::-1], strict=True))
         grid = np.stack(np.meshgrid(x, y), axis=-1)
         moist = sample_map(terrain.maps["moisture"], size, grid)
+        # never 0 everywhere, so that the number asked for always finds places
         weight = weight * (1.0 - self.wet + self.wet * np.clip(moist - 0.2, 0.0, 1.0)) + 1.0e-4
         weight = weight * _untrodden(terrain, shape)
         at = _draw(weight, size, number, rng)
-        pick, scale = rng.integers(0, len(meshes), number), rng.uniform(0.7, 1.3, number).round(2)  # sizes to share
+        pick, scale = rng.integers(0, len(meshes), number), rng.uniform(0.7, 1.3, number).round(2)  # few sizes
         turn = _yaw(rng.uniform(-math.pi, math.pi, number))
         yield from self._make([meshes[i] for i in pick], _on_ground(terrain, at), turn, scale)
 
 
 def _draw(weight: np.ndarray, size: tuple[float, float], count: int, rng: np.random.Generator) -> np.ndarray:
-    """Points of a density map, anywhere in their cells, ``(count, 2)`` [m]."""
+    """Points drawn from a density map, uniform within each cell, ``(count, 2)`` [m]."""
     cell = rng.choice(weight.size, count, p=(weight / weight.sum()).ravel())
     row, col = np.divmod(cell, weight.shape[1])
     at = (np.column_stack([col, row]) + rng.random((count, 2))) / np.array(weight.shape[::-1])

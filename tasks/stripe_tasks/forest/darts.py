@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps read at positions, and darts: discs thrown at random until they overlap nothing.
+"""Dart throwing: random placement of discs that do not overlap, and maps that are read at positions.
 
 Positions are (x, y) [m] in a field of ``size`` centred on the origin; maps are ``map[row, col]`` with rows along y,
 their outer values on the field's edges.
@@ -27,18 +27,18 @@ __all__ = [
 ]
 
 Size = tuple[float, float]
-_MISSES = 60  # rounds with next to no success after which there is no more room
+_MISSES = 60  # rounds with almost no success after which the field counts as full
 
 
 def check_size(size: Size) -> Size:
-    """``size`` as two floats; an error when they are not positive lengths [m]."""
+    """Return ``size`` as two floats; raise a ValueError if they are not positive lengths [m]."""
     if len(size) != 2 or not all(math.isfinite(s) and s > 0.0 for s in size):
         raise ValueError(f"size is {size}, must be two positive lengths (x, y) [m]")
     return float(size[0]), float(size[1])
 
 
 def check_map(name: str, values: np.ndarray) -> np.ndarray:
-    """``values`` as a float64 map; an error when it is not a finite one of 2 x 2 or more."""
+    """Return ``values`` as a float64 map; raise a ValueError if it is smaller than 2 x 2 or not finite."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2 or min(array.shape) < 2 or not np.isfinite(array).all():
         raise ValueError(f"{name} has the shape {array.shape}, must be (rows, cols) of 2 or more, all finite")
@@ -46,9 +46,10 @@ def check_map(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def sample_map(values: np.ndarray, size: Size, xy: np.ndarray) -> np.ndarray:
-    """Bilinear values of a map at positions ``(..., 2)`` [m]; beyond its edges those of the edge. Shape ``(...)``."""
+    """Bilinear values of a map at positions ``(..., 2)`` [m], shape ``(...)``; constant beyond its edges."""
     grid = check_map("map", values)
     xy = np.asarray(xy, dtype=np.float64)
+    # outer values lie on the edges of the field, so there is one cell less than values
     scale = (np.array(grid.shape[::-1]) - 1) / np.array(size)
     col, row = np.moveaxis((xy + 0.5 * np.array(size)) * scale, -1, 0)
     flat = map_coordinates(grid, [row.ravel(), col.ravel()], order=1, mode="nearest", prefilter=False)
@@ -56,7 +57,7 @@ def sample_map(values: np.ndarray, size: Size, xy: np.ndarray) -> np.ndarray:
 
 
 def check_discs(name: str, discs: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, np.ndarray]:
-    """``discs`` as positions ``(M, 2)`` and radii ``(M,)``, none for ``None``; an error when they are not that [m]."""
+    """Return ``discs`` as positions ``(M, 2)`` and radii ``(M,)`` [m], none for ``None``, or raise a ValueError."""
     if discs is None:
         return np.zeros((0, 2)), np.zeros(0)
     positions, radii = np.asarray(discs[0], dtype=np.float64), np.asarray(discs[1], dtype=np.float64)
@@ -68,7 +69,7 @@ def check_discs(name: str, discs: tuple[np.ndarray, np.ndarray] | None) -> tuple
 
 
 def _first_of_each_clash(xy: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Whether no disc before it, itself kept, comes nearer to a disc than the sum of their ``reach``."""
+    """Mask of the discs to keep: those that overlap no kept disc before them, ``reach`` being their radii."""
     keep = np.ones(len(xy), dtype=bool)
     if len(xy) < 2:
         return keep
@@ -77,7 +78,9 @@ def _first_of_each_clash(xy: np.ndarray, reach: np.ndarray) -> np.ndarray:
     pairs = np.sort(pairs[gap < reach[pairs].sum(axis=1)], axis=1)
     undecided = keep.copy()
     keep[:] = False
-    while undecided.any():  # those without an undecided neighbour before them stay, what they clash with goes
+    # As a loop over discs in their order would decide, for many discs at once: a disc without an undecided neighbour
+    # before it stays, and what overlaps it goes.
+    while undecided.any():
         later = np.zeros_like(keep)
         later[pairs[:, 1]] = True
         new = undecided & ~later
@@ -90,12 +93,13 @@ def _first_of_each_clash(xy: np.ndarray, reach: np.ndarray) -> np.ndarray:
 
 
 def clear_of(xy: np.ndarray, reach: np.ndarray, others: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Whether each disc of radius ``reach`` overlaps none of the discs ``others``."""
+    """Mask of the discs of radius ``reach`` that overlap none of the discs ``others``."""
     clear = np.ones(len(xy), dtype=bool)
     if len(xy) == 0 or len(others) == 0:
         return clear
     tree, order = cKDTree(xy), np.argsort(radii, kind="stable")
-    for part in np.array_split(order, min(8, len(order))):  # a few large discs must not widen the search of all
+    # In groups of similar radii: one search would have to reach as far as the largest disc for all of them.
+    for part in np.array_split(order, min(8, len(order))):
         limit = float(radii[part].max() + reach.max())
         near = tree.sparse_distance_matrix(cKDTree(others[part]), limit, output_type="ndarray")
         clear[near["i"][near["v"] < reach[near["i"]] + radii[part][near["j"]]]] = False
@@ -108,11 +112,19 @@ def throw(
     reach: Callable[[np.ndarray, np.ndarray, float], np.ndarray],
     free: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Dart throwing in batches: positions ``(N, 2)`` of discs of ``radii``, and whether each found a place.
+    """Throw darts in batches, until all discs have a place or there is no more room.
 
-    ``reach(xy, radii, ease)`` is the room each wants; ``ease`` falls from 1 to 0 when darts keep missing.
+    Args:
+        radii: Of the discs ``(N,)`` [m].
+        draw: Draws that many positions.
+        reach: Radius that each disc wants for itself, by position, radius and ``ease``, which falls from 1 to 0 when
+            darts keep missing.
+        free: Mask of the positions at which discs of given radii may lie.
+
+    Returns:
+        Positions ``(N, 2)`` [m], and whether each disc found one.
     """
-    order = np.argsort(-radii, kind="stable")  # large discs first, small ones find room between them
+    order = np.argsort(-radii, kind="stable")  # large discs first: small ones still find room between them
     at, done, ease, misses = np.zeros((len(radii), 2)), np.zeros(len(radii), dtype=bool), 1.0, 0
     while not done.all() and misses < _MISSES:
         missing = order[~done[order]]
@@ -126,6 +138,7 @@ def throw(
         keep = _first_of_each_clash(xy, wanted)
         found, first = np.unique(disc[keep], return_index=True)
         at[found], done[found] = xy[keep][first], True
+        # A round that places few discs counts as a miss; well before that, wider spacings are given up.
         misses += len(found) < 0.02 * len(missing)
         if len(found) < 0.2 * len(missing):
             ease = 0.8 * ease if ease > 0.2 else 0.0
@@ -133,18 +146,19 @@ def throw(
 
 
 def sampler(size: Size, weight: np.ndarray | None, rng: np.random.Generator) -> Callable[[int], np.ndarray]:
-    """A function that draws so many positions ``(n, 2)``, as dense as ``weight`` is high."""
+    """Make a function that draws ``n`` positions ``(n, 2)`` [m] with a density in proportion to ``weight``."""
     extent = np.array(size)
     if weight is None:
         return lambda n: (rng.random((n, 2)) - 0.5) * extent
     rows, cols = weight.shape
+    # each cell is drawn by its highest corner, an upper bound of the bilinear surface within it
     corner = weight / weight.max()
     cell = np.maximum.reduce([corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]])
     total = np.cumsum(cell.ravel())
 
     def draw(n: int) -> np.ndarray:
         parts, have = [], 0
-        while have < n:  # a cell by its highest corner, then rejection down to the bilinear value
+        while have < n:  # draws a cell by its highest corner, then rejects down to the bilinear value
             index = np.searchsorted(total, rng.random(n + 16) * total[-1], side="right")
             index = np.minimum(index, len(total) - 1)
             cells = np.stack([index % (cols - 1), index // (cols - 1)], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where water goes on a grid of heights: hollows filled or given an outlet, and the area that drains to a place."""
+"""Drainage of a grid of heights: depressions are filled or breached, and flow is accumulated."""
 
 from __future__ import annotations
 
@@ -18,19 +18,21 @@ FACETS = tuple(
 )
 """The 8 triangles about a vertex: steps (rows, columns) to the neighbour along an axis and to the diagonal one."""
 AROUND = np.array([[True, True, True], [True, False, True], [True, True, True]])
+"""The 8 neighbours of a vertex."""
 
 
 def _flood(heights: np.ndarray) -> tuple[list[int], list[int]]:
-    """Order in which water that rises at the edge comes over the vertices, and over which vertex it came to each.
+    """Flood the field from its edge: the order of the vertices, and the vertex from which each was reached.
 
-    It always goes on to the lowest vertex beside wet ones, which grows a minimum spanning tree (R. C. Prim, "Shortest
-    connection networks and some generalizations", 1957): the way back to the edge is that with the lowest threshold.
+    The flood always goes on to the lowest vertex beside wet ones, which grows a minimum spanning tree (R. C. Prim,
+    "Shortest connection networks and some generalizations", 1957): the path back to the edge has the lowest threshold.
 
     Returns:
-        Flat indices of all vertices in that order; for each flat index the vertex before it, -1 at the edge.
+        Flat indices of all vertices in the order of the flood; for each flat index the vertex before it, or -1 at the
+        edge.
     """
     nrow, ncol = heights.shape
-    width = ncol + 2  # the field with a rim about it, so that every vertex has 8 neighbours
+    width = ncol + 2  # with a rim around the field, every vertex has 8 neighbours
     level = np.pad(np.asarray(heights, dtype=float), 1).ravel().tolist()
     index = np.arange((nrow + 2) * width).reshape(nrow + 2, width)
     before = np.full(index.size, -1)
@@ -55,6 +57,7 @@ def _flood(heights: np.ndarray) -> tuple[list[int], list[int]]:
 
 
 def _fill(heights: np.ndarray, order: list[int], before: list[int], rise: float) -> np.ndarray:
+    """Raise each vertex above the one from which the flood reached it."""
     level = np.asarray(heights, dtype=float).ravel().tolist()
     for i in order:
         if before[i] >= 0 and level[i] < level[before[i]] + rise:
@@ -63,10 +66,10 @@ def _fill(heights: np.ndarray, order: list[int], before: list[int], rise: float)
 
 
 def fill_depressions(heights: np.ndarray, rise: float = 1.0e-5) -> np.ndarray:
-    """Heights with every hollow filled so that water runs from each vertex to the edge, downhill all the way.
+    """Fill every depression, so that water runs from each vertex to the edge, downhill all the way.
 
     Priority-flood with a rise per step: R. Barnes, C. Lehman and D. Mulla, "Priority-flood: An optimal
-    depression-filling and watershed-labeling algorithm for digital elevation models", 2014. Visits vertices one by one.
+    depression-filling and watershed-labeling algorithm for digital elevation models", 2014. It visits each vertex once.
 
     Args:
         heights: Heights [m], shape ``(nrow, ncol)``.
@@ -86,23 +89,23 @@ def breach_depressions(
     bank: float = np.inf,
     width: float = 0.0,
 ) -> np.ndarray:
-    """Heights with an outlet cut from every hollow, so that water runs from each vertex to the edge, downhill.
+    """Cut an outlet from every depression, so that water runs from each vertex to the edge, downhill all the way.
 
-    Breaching along the ways of a priority-flood: J. B. Lindsay, "Efficient hybrid breaching-filling sink removal
+    Breaching along the paths of a priority-flood: J. B. Lindsay, "Efficient hybrid breaching-filling sink removal
     methods for flow path enforcement in digital elevation models", 2016. There, outlets that would be too deep are not
-    cut and their hollows are filled. Here such hollows are made shallower first and keep their form: a depth ``d``
-    below the threshold becomes ``d / (1 + d / deepest)``.
+    cut and their depressions are filled. Here such depressions are made shallower first and keep their form: a depth
+    ``d`` below the threshold becomes ``d / (1 + d / deepest)``.
 
     Args:
         heights: Heights [m], shape ``(nrow, ncol)``.
         cell: Spacing in x and y [m].
         fall: Slope of the outlets' beds.
-        deepest: Hollows are made shallower than that [m]; outlets are deeper by their bed's fall.
+        deepest: Depressions are made shallower than this [m]; outlets are deeper by the fall of their bed.
         bank: Slope of the outlets' banks; ``inf``: they are one vertex wide.
         width: Of their rounded beds [m]: a bank is ``bank (hypot(l, width / 2) - width / 2)`` high at a distance ``l``.
 
     Returns:
-        Heights [m], float64 ``(nrow, ncol)``; each vertex inside of the edge has a neighbour that is lower.
+        Heights [m], float64 ``(nrow, ncol)``; each vertex inside the edge has a lower neighbour.
     """
     heights = np.asarray(heights, dtype=float)
     nrow, ncol = heights.shape
@@ -110,11 +113,14 @@ def breach_depressions(
     if deepest < np.inf:
         depth = _fill(heights, order, before, 0.0) - heights
         heights = heights + depth - depth / (1.0 + depth / deepest)
+    # pits: no neighbour is lower; the edge is where water leaves
     lowest = ndimage.minimum_filter(heights, footprint=AROUND, mode="nearest")
     pit = lowest >= heights
     pit[[0, -1]] = pit[:, [0, -1]] = False
+    # fall of the bed by the step between flat indices: along x, along y, diagonally
     across = {1: fall * cell[0], ncol: fall * cell[1]}
     across |= {ncol + side: fall * float(np.hypot(*cell)) for side in (-1, 1)}
+    # lists: single reads and writes of NumPy arrays are many times slower
     level = heights.ravel().tolist()
     for place in np.flatnonzero(pit).tolist():
         i, bed = place, level[place]
@@ -127,15 +133,17 @@ def breach_depressions(
     drained = np.array(level).reshape(nrow, ncol)
     if bank == np.inf or not (drained < heights).any():
         return drained
+    # the cone reaches as far as the deepest cut needs for its banks
     highest = float((heights - drained).max()) / bank
     x, y = (c * np.arange(-n, n + 1) for c in cell for n in [int(np.sqrt(highest * (highest + width)) / c) + 1])
+    # banks: each bed is the tip of a cone, and the ground is cut down to the lowest of all cones
     cone = -bank * (np.hypot(np.hypot(y[:, None], x[None, :]), 0.5 * width) - 0.5 * width)
     banks = ndimage.grey_erosion(np.where(drained < heights, drained, 1.0e9), structure=cone, mode="nearest")
     return np.minimum(drained, banks)
 
 
 def flow_accumulation(heights: np.ndarray, cell: tuple[float, float]) -> np.ndarray:
-    """How many vertices drain through each one, itself included.
+    """Number of vertices that drain through each one, itself included.
 
     D-infinity: water takes the steepest way down over the 8 triangles about a vertex and is shared between the two
     neighbours that it passes between, by angle (D. G. Tarboton, "A new method for the determination of flow directions
@@ -163,6 +171,7 @@ def flow_accumulation(heights: np.ndarray, cell: tuple[float, float]) -> np.ndar
         down, sideways = (middle - at(cardinal)) / along, (at(cardinal) - at(diagonal)) / across
         widest = np.arctan2(across, along)
         angle = np.arctan2(sideways, down)
+        # The steepest descent lies within the facet, or along one of its two edges.
         slope = np.where(angle <= 0.0, down, np.hypot(down, sideways))
         slope = np.where(angle >= widest, (middle - at(diagonal)) / np.hypot(along, across), slope)
         better = slope > steepest
@@ -170,6 +179,7 @@ def flow_accumulation(heights: np.ndarray, cell: tuple[float, float]) -> np.ndar
         facet = np.where(better, number, facet)
         share = np.where(better, np.clip(angle / widest, 0.0, 1.0), share)
 
+    # from the highest vertex down: all that flows into a vertex is known before it is shared on
     order = np.argsort(-middle, axis=None, kind="stable")
     order = order[facet.ravel()[order] >= 0]
     steps = np.array([[row * ncol + col for row, col in pair] for pair in FACETS])[facet.ravel()[order]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise of the plane: a function of the place and a seed alone, so that every grid samples the same form."""
+"""Fractal noise of the plane: a function of position and seed alone, so that every grid samples the same form."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ __all__ = ["fractal_noise", "gradient_noise", "smoothstep", "warp"]
 LATTICE = 256
 """Noise repeats after this many wavelengths; a power of two."""
 ROWS = 64
-"""Rows worked on at once: what they need stays in the processor's cache."""
+"""Rows computed at once: their intermediate arrays fit into the processor's cache."""
 
 _FALL = np.polynomial.Polynomial([1.0, 0.0, 0.0, -10.0, 15.0, -6.0])  # 1 - fade, the weight of a corner
 _FADED, _FADED_SQUARE = ((_FALL**2 * np.polynomial.Polynomial([0.0, 1.0]) ** n).integ()(1.0) for n in (0, 2))
 DEVIATION = float(np.sqrt(4.0 * _FADED * _FADED_SQUARE))
-"""Of noise with unit gradients: 4 corners, each with the mean over the cell of ``w^2 (u^2 + v^2) / 2`` as variance."""
+"""Standard deviation of noise with unit gradients: each of 4 corners adds the mean over the cell of
+``w^2 (u^2 + v^2) / 2`` to the variance."""
 
 
 def smoothstep(t: np.ndarray) -> np.ndarray:
-    """0 up to ``t`` of 0, 1 from 1 on, level at both: ``t^2 (3 - 2 t)``."""
+    """Smooth step from 0 at ``t = 0`` to 1 at ``t = 1``, with slope 0 at both: ``t^2 (3 - 2 t)``."""
     t = np.clip(t, 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def gradient_noise(x: np.ndarray, y: np.ndarray, wavelength: float, seed: tuple[int, ...]) -> np.ndarray:
-    """Gradient noise with mean 0 and variance 1 on a lattice turned and shifted at random.
+    """Gradient noise with mean 0 and variance 1, on a lattice that is turned and shifted at random.
 
     Source: K. Perlin, "Improving Noise", 2002: fade ``t^3 (6 t^2 - 15 t + 10)``; unit gradients are drawn here.
 
@@ -33,12 +34,13 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, wavelength: float, seed: tuple[
         x: x of the points [m], of a shape that broadcasts with that of ``y`` to ``(nrow, ncol)``.
         y: y of the points [m].
         wavelength: Spacing of the lattice [m].
-        seed: What the lattice is drawn from.
+        seed: Seed of the lattice.
 
     Returns:
         Noise, float32 ``(nrow, ncol)``.
     """
     rng = np.random.default_rng(seed)
+    # turned and shifted, so that the lattices of octaves do not line up
     turn, shift_u, shift_v = rng.uniform(0.0, 1.0, 3) * (2.0 * np.pi, LATTICE, LATTICE)
     angles = rng.uniform(0.0, 2.0 * np.pi, LATTICE * LATTICE)
     grad_u, grad_v = ((f(angles) / DEVIATION).astype(np.float32) for f in (np.cos, np.sin))
@@ -46,6 +48,7 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, wavelength: float, seed: tuple[
     shape = np.broadcast_shapes(x.shape, y.shape)
     x, y = (np.broadcast_to(a, shape) for a in (x, y))
     out = np.empty(shape, dtype=np.float32)
+    # in strips of rows, see ROWS
     for first in range(0, shape[0], ROWS):
         rows = slice(first, first + ROWS)
         u = cos * x[rows] - sin * y[rows] + shift_u
@@ -76,9 +79,9 @@ def fractal_noise(
         x: x of the points [m], as :func:`gradient_noise` takes it.
         y: y of the points [m].
         wavelength: Of octave 0 [m].
-        octaves: Which octaves to sum.
-        hurst: How fast octaves fade.
-        seed: What octaves are drawn from, each from its own stream.
+        octaves: Octaves to sum.
+        hurst: Hurst exponent: how fast octaves fade.
+        seed: Seed of the octaves, each of which has its own stream.
 
     Returns:
         Noise, float32 ``(nrow, ncol)``; octave 0 has variance 1.
@@ -94,6 +97,6 @@ def fractal_noise(
 def warp(
     x: np.ndarray, y: np.ndarray, wavelength: float, amount: float, seed: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points moved by smooth noise, by ``amount`` [m] as deviation along each axis, so that no lattice can be seen."""
+    """Move points by smooth noise with deviation ``amount`` [m] along each axis, which hides the lattice."""
     dx, dy = (gradient_noise(x, y, wavelength, (*seed, axis)) for axis in (0, 1))
     return x + amount * dx, y + amount * dy

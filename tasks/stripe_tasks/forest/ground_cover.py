@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What colour the forest floor is."""
+"""Ground cover: colours of the forest floor."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .fractal import gradient_noise
 
 __all__ = ["ground_colors"]
 
+# linear RGB
 LITTER, SOIL, MOSS = (0.085, 0.052, 0.026), (0.045, 0.030, 0.018), (0.045, 0.075, 0.020)
 MEADOW, ROCK, PATH = (0.075, 0.105, 0.030), (0.14, 0.13, 0.12), (0.17, 0.125, 0.080)
 
@@ -19,16 +20,16 @@ MEADOW, ROCK, PATH = (0.075, 0.105, 0.030), (0.14, 0.13, 0.12), (0.17, 0.125, 0.
 def ground_colors(
     maps: Mapping[str, np.ndarray], shape: tuple[int, ...], size: tuple[float, float], seed: int
 ) -> np.ndarray:
-    """Linear RGB at each height, float32 ``(nrow, ncol, 3)``.
+    """Linear RGB at each vertex, float32 ``(nrow, ncol, 3)``.
 
-    Litter in patches of moss, more of it where it is wet; bare soil in spots; grass in the open, rock where it is
-    steep, sand on what is ``trodden``.
+    Litter and moss in patches, more moss on wet ground; spots of bare soil; grass in the open, rock on steep ground,
+    sand on ``trodden`` ground.
 
     Args:
-        maps: ``slope`` [rad], ``moisture``, ``open`` and ``trodden`` in [0, 1], the last where there is a path.
+        maps: ``slope`` [rad], ``moisture``, ``open`` and ``trodden`` in [0, 1], the last one if there is a path.
         shape: Rows and columns of the heights.
         size: Extent in x and y [m].
-        seed: Of the patches.
+        seed: Seed of the patches.
     """
     x = np.linspace(-0.5 * size[0], 0.5 * size[0], shape[1])[None, :]
     y = np.linspace(-0.5 * size[1], 0.5 * size[1], shape[0])[:, None]
@@ -39,6 +40,7 @@ def ground_colors(
     grid = np.stack(np.broadcast_arrays(x, y), axis=-1)
 
     def share(name: str) -> np.ndarray:
+        # maps may be coarser than the heights
         values = maps.get(name)
         if values is None:
             return np.zeros(shape, dtype=np.float32)

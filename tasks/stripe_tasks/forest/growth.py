@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a forest grows: an individual-based, distance-dependent stand model, from seedlings to the trees that are left.
+"""Growth of a stand: an individual-based, distance-dependent model, from seedlings to the trees that are left.
 
-In steps of a few years trees age and grow, less so among larger neighbours (index of Hegyi 1974, in Growth models for
-tree and stand simulation); die of age, of trunks that touch and of suppression; shed seeds about themselves (kernel of
-Clark et al. 1999, Ecology 80), of which those come up that find light, moisture and slope to their liking.
+In steps of a few years, trees age and grow, more slowly among larger neighbours (index of Hegyi 1974, in Growth models
+for tree and stand simulation). They die of age, of trunks that touch, and of suppression. They shed seeds around
+themselves (kernel of Clark et al. 1999, Ecology 80), which come up where light, moisture and slope suit them.
 
-Two things are steered, not grown: the number of stems, which follows a curve to the number asked for, and the shares of
-the species among the stems. New trees are those that bring the shares nearest to the mix asked for, and of crowded
-trees those of a species that is scarcer than asked for die less often. Which trees die and where new ones stand, the
-model decides: short-lived species of the open are then many young trees in gaps, with a smaller share of the wood.
-Distances wrap around the field, so that stands are alike up to the edges.
+Two things are imposed on the model: the number of stems, which follows a curve to the requested number, and the shares
+of the species. New trees are of the species that bring the shares nearest to the requested mix, and among crowded trees
+those of scarce species die less often. Which trees die and where new ones stand is up to the model: short-lived species
+of the open are then many young trees in gaps, with a smaller share of the wood. Distances wrap around the field, so
+that stands look the same up to the edges.
 """
 
 from __future__ import annotations
@@ -28,36 +28,47 @@ from .traits import SPECIES, SpeciesTraits
 
 __all__ = ["SPECIES", "GrowthCfg", "SpeciesTraits", "Stand", "competition_index", "grow"]
 
-_INGROWTH = 0.05  # share of the stems that is new in each five years
-_START = 0.8  # stems at the start for each one at the end
+_INGROWTH = 0.05  # share of the stems that are new in five years
+_START = 0.8  # stems at the start, as a share of those at the end
 
 
 @configclass
 class GrowthCfg:
-    """A stand to grow."""
+    """Stand to grow: its field, number of stems, age and species."""
 
     size: tuple[float, float] = (256.0, 256.0)
     """Extent of the field [m]."""
     density: float | None = 600.0
-    """Stems per hectare at the end, of those that reach breast height."""
+    """Stems per hectare at the end, counting those that reach breast height."""
     count: int | None = None
-    """Stems at the end; goes before ``density``."""
+    """Stems at the end; overrides ``density``."""
     years: float = 120.0
-    """Years from the first trees to the stand; the oldest trees are some years older."""
+    """Years from the first trees to the final stand; the oldest trees are some years older."""
     step: float = 5.0
-    """Years simulated at once."""
+    """Length of a step [years]."""
     mix: dict[str, float] = {"spruce": 0.3, "pine": 0.15, "beech": 0.3, "birch": 0.15, "oak": 0.1}
-    """Share of each species among the stems, as far as it finds sites that suit it."""
+    """Share of each species among the stems, as far as there are sites that suit it."""
     seed: int = 0
-    """Seed of all that is random."""
+    """Seed of the random numbers."""
 
     @property
     def stems(self) -> int:
-        """How many stems are asked for."""
+        """Requested number of stems."""
         per_square_metre = (self.density or 0.0) / 1.0e4
         return self.count if self.count is not None else round(per_square_metre * self.size[0] * self.size[1])
 
     def problems(self) -> Iterator[tuple[str, str]]:
+        yield from self._stem_problems()
+        if not 0.5 <= self.step <= 20.0:
+            yield "step", f"is {self.step}, must be in [0.5, 20] years"
+        if not 5.0 <= self.years <= 2000.0:
+            yield "years", f"is {self.years}, must be in [5, 2000]"
+        shares = list(self.mix.values())
+        if not shares or not all(math.isfinite(s) and s >= 0.0 for s in shares) or sum(shares) <= 0.0:
+            yield "mix", f"is {self.mix}, must give shares of 0 or more, one of them positive"
+
+    def _stem_problems(self) -> Iterator[tuple[str, str]]:
+        """Problems of the field and of the number of stems on it: the first one, as each needs those before solved."""
         if len(self.size) != 2 or not all(math.isfinite(s) and s >= 5.0 for s in self.size):
             yield "size", f"is {self.size}, must be two lengths of 5 m or more"
         elif self.count is None and self.density is None:
@@ -67,29 +78,22 @@ class GrowthCfg:
         elif not 0 <= self.stems <= self.size[0] * self.size[1]:
             name = "density" if self.count is None else "count"
             yield name, f"asks for {self.stems} stems, must be 0 or more and at most one per square metre"
-        if not 0.5 <= self.step <= 20.0:
-            yield "step", f"is {self.step}, must be in [0.5, 20] years"
-        if not 5.0 <= self.years <= 2000.0:
-            yield "years", f"is {self.years}, must be in [5, 2000]"
-        shares = list(self.mix.values())
-        if not shares or not all(math.isfinite(s) and s >= 0.0 for s in shares) or sum(shares) <= 0.0:
-            yield "mix", f"is {self.mix}, must give shares of 0 or more, one of them positive"
 
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """The trees of a field, those of breast height and more.
+    """Trees of a field that have reached breast height.
 
     Attributes:
         size: Extent of the field [m].
-        species_names: Names that ``species`` indexes.
+        species_names: Names of the species, indexed by ``species``.
         position: ``(N, 2)`` [m], the field centred on the origin.
         species: Index of the species, int32 ``(N,)``.
         age: ``(N,)`` [years].
         height: ``(N,)`` [m].
         trunk_radius: ``(N,)``, at breast height [m].
         crown_radius: ``(N,)`` [m].
-        vigour: ``(N,)``, growth as a share of that without neighbours on a good site, in (0, 1].
+        vigour: ``(N,)``, growth relative to a tree without neighbours on a good site, in (0, 1].
     """
 
     size: tuple[float, float]
@@ -116,6 +120,14 @@ class Stand:
         return 1.0e4 * math.pi * float((self.trunk_radius**2).sum()) / (self.size[0] * self.size[1])
 
 
+def _checked_range(name: str, values: np.ndarray, highest: float) -> np.ndarray:
+    """Return a map; raise a ValueError if a value lies outside of [0, ``highest``]."""
+    checked = check_map(name, values)
+    if checked.min() < 0.0 or checked.max() > highest:
+        raise ValueError(f"{name} is in [{checked.min():.3g}, {checked.max():.3g}], must be in [0, {highest:.3g}]")
+    return checked
+
+
 def grow(
     cfg: GrowthCfg,
     moisture: np.ndarray | None = None,
@@ -125,9 +137,9 @@ def grow(
     """Grow a stand.
 
     Args:
-        cfg: What to grow.
-        moisture: Map of soil moisture in [0, 1], ``(rows, cols)``; ``None``: good for all.
-        slope: Map of the ground's slope [rad], ``(rows, cols)``; ``None``: level.
+        cfg: Stand to grow.
+        moisture: Map of soil moisture in [0, 1], ``(rows, cols)``; ``None`` suits all species.
+        slope: Map of the ground's slope [rad], ``(rows, cols)``; ``None`` means level ground.
         species: Traits by the names that ``cfg.mix`` uses.
 
     Raises:
@@ -141,11 +153,8 @@ def grow(
     maps = {}
     for name, values, highest in (("moisture", moisture, 1.0), ("slope", slope, 0.5 * math.pi)):
         if values is not None:
-            maps[name] = check_map(name, values)
-            if maps[name].min() < 0.0 or maps[name].max() > highest:
-                raise ValueError(
-                    f"{name} is in [{maps[name].min():.3g}, {maps[name].max():.3g}], must be in [0, {highest:.3g}]"
-                )
+            maps[name] = _checked_range(name, values, highest)
+    # a species without a share must not be refused for want of sites
     names = tuple(name for name, share in cfg.mix.items() if share > 0.0)
     shares = np.array([cfg.mix[name] for name in names]) / sum(cfg.mix.values())
     model = StandModel(check_size(cfg.size), {n: species[n] for n in names}, shares, cfg.stems, maps, cfg.seed)
@@ -153,7 +162,7 @@ def grow(
     years = cfg.years / steps
     fresh = min(0.5, _INGROWTH * years / 5.0)
     model.establish(round(_START * cfg.stems))
-    for k in range(1, steps + 1):  # full after a quarter of the time
+    for k in range(1, steps + 1):  # the number of stems is reached after a quarter of the time
         stems = round(cfg.stems * min(1.0, _START + 4.0 * (1.0 - _START) * k / steps))
         model.advance(years, stems, round(fresh * cfg.stems))
     model.compete()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The meshes of the forest: a few of each kind and size, made once, which all instances share."""
+"""Library of the forest's meshes: a few of each kind and size, made once and shared by all instances."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from .undergrowth import bush, fern, grass
 __all__ = ["LOGS", "ROCK_RADIUS", "TREE_HEIGHTS", "kinds", "tree_choice", "tree_meshes"]
 
 TREE_HEIGHTS = (2.0, 4.5, 9.0, 16.0, 25.0)
-"""Heights that each species has meshes of [m]; a tree is a scaled one of the nearest height."""
+"""Heights for which each species has meshes [m]; a tree is one of the nearest height, scaled."""
 TREES_EACH = 3
+"""Meshes of each species and height."""
 ROCK_RADIUS = 0.5
-"""Radius of the rocks [m]; others are scaled."""
+"""Radius of the meshes of rocks [m]; rocks of other sizes are scaled."""
 LOGS = ((3.0, 0.10), (4.5, 0.14), (6.5, 0.19))
 """Length and radius of fallen trunks [m]."""
 BRANCHES = ((1.2, 0.018), (1.8, 0.025), (2.5, 0.04))
@@ -48,7 +49,7 @@ def tree_meshes() -> dict[str, list[list[DynamicMesh]]]:
 
 
 def tree_choice(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Index of the size of mesh and the scale that give trees their height [m], shapes ``(N,)``."""
+    """For trees of given heights [m]: index into ``TREE_HEIGHTS`` and scale of the mesh, shapes ``(N,)``."""
     sizes = np.log(np.array(TREE_HEIGHTS))
     which = np.abs(np.log(height)[:, None] - sizes).argmin(axis=1)
     return which, height / np.array(TREE_HEIGHTS)[which]
@@ -56,7 +57,7 @@ def tree_choice(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=1)
 def kinds() -> dict[str, list[DynamicMesh]]:
-    """Meshes of all that is no tree, by what they are."""
+    """Meshes of everything but trees, by kind."""
 
     def some(kind: str, count: int, make: Callable[[str, np.random.Generator], DynamicMesh]) -> list[DynamicMesh]:
         return [make(f"{kind}_{i}", np.random.default_rng([_SEED, len(kind), ord(kind[0]), i])) for i in range(count)]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What fallen trunks and branches lie across, seen from above.
+"""Lying wood seen from above: whether fallen trunks and branches overlap discs, paths or each other.
 
-Each has a middle [m], a heading [rad], a length and a radius [m]."""
+Each has a middle [m], a heading [rad], a length and a radius [m].
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ __all__ = ["along", "clashes", "crossed", "floating", "on_path"]
 def crossed(
     at: np.ndarray, yaw: np.ndarray, length: np.ndarray, radius: np.ndarray, discs: np.ndarray, room: np.ndarray
 ) -> np.ndarray:
-    """Whether logs touch discs."""
+    """Mask of the logs that touch discs of radius ``room`` [m]."""
     if not len(discs) or not len(at):
         return np.zeros(len(at), dtype=bool)
     tree = cKDTree(discs)
@@ -34,13 +35,13 @@ def crossed(
 
 
 def along(at: np.ndarray, yaw: np.ndarray, length: np.ndarray, points: int) -> np.ndarray:
-    """Points from end to end of logs, ``(N, points, 2)``."""
+    """Points from end to end of each log, ``(N, points, 2)``."""
     heading = np.column_stack([np.cos(yaw), np.sin(yaw)])
     return np.asarray(at[:, None] + np.linspace(-0.5, 0.5, points)[:, None] * (length[:, None] * heading)[:, None])
 
 
 def on_path(terrain: TerrainInstance, at: np.ndarray, yaw: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Whether logs lie on trodden ground."""
+    """Mask of the logs that lie on trodden ground."""
     if "trodden" not in terrain.maps:
         return np.zeros(len(at), dtype=bool)
     points = along(at, yaw, length, 33)
@@ -48,7 +49,7 @@ def on_path(terrain: TerrainInstance, at: np.ndarray, yaw: np.ndarray, length: n
 
 
 def clashes(at: np.ndarray, yaw: np.ndarray, length: np.ndarray, radius: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-    """Pairs of logs that touch, one of them at least ``fresh``, the lower index first, ``(K, 2)``."""
+    """Pairs of logs that touch, at least one of them ``fresh``, the lower index first, ``(K, 2)``."""
     pairs = cKDTree(at).query_pairs(float((length + 2.0 * radius).max()), output_type="ndarray")
     pairs = pairs[fresh[pairs].any(axis=1)]
     one, other = pairs.T
@@ -62,7 +63,7 @@ def clashes(at: np.ndarray, yaw: np.ndarray, length: np.ndarray, radius: np.ndar
 
 
 def floating(terrain: TerrainInstance, mesh: AssetMesh, place: np.ndarray, turn: np.ndarray, scale: float) -> float:
-    """How far the colliders of one of them, capsules, are above the ground, straight down [m]; below 0: in it."""
+    """Least height of a log's colliders, which are capsules, over the ground [m]; negative where one is in it."""
     gaps = []
     for collider in mesh.colliders():
         radius, half = collider.size[0], collider.size[1] if len(collider.size) > 1 else 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be read from a field of heights: slope, aspect, wetness, and where a legged robot gets along.
+"""Maps of a field of heights: slope, aspect, moisture, and traversability for a legged robot.
 
 Heights are ``(nrow, ncol)`` [m], rows along y, columns along x. ``cell`` is their spacing [m], one number or (x, y).
 """
@@ -19,10 +19,11 @@ __all__ = ["aspect", "height_at", "moisture", "reachable", "slope", "step_height
 Cell = float | tuple[float, float]
 
 COARSE = 1.0
-"""Least spacing that wetness is worked out at [m]."""
+"""Least spacing at which moisture is computed [m]."""
 
 
 def _spacing(heights: np.ndarray, cell: Cell) -> tuple[float, float]:
+    """Spacing in x and y [m]; raise a ValueError if it or the heights are not as they must be."""
     dx, dy = cell if isinstance(cell, tuple) else (cell, cell)
     if not (0.0 < dx < np.inf and 0.0 < dy < np.inf):
         raise ValueError(f"cell is {cell}: must be above 0 [m], one number or (x, y)")
@@ -32,7 +33,7 @@ def _spacing(heights: np.ndarray, cell: Cell) -> tuple[float, float]:
 
 
 def _gradient(heights: np.ndarray, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
-    """Slope along x and y, over 3 x 3 heights weighted 1 2 1; beyond the edge the ground goes on as it came."""
+    """Rise along x and y, over 3 x 3 heights with weights 1 2 1; beyond the edge the ground is continued linearly."""
     dx, dy = _spacing(heights, cell)
     h = np.pad(heights.astype(float), 1, mode="reflect", reflect_type="odd")
     rows, cols = h[:-2] + 2.0 * h[1:-1] + h[2:], h[:, :-2] + 2.0 * h[:, 1:-1] + h[:, 2:]
@@ -46,45 +47,49 @@ def slope(heights: np.ndarray, cell: Cell) -> np.ndarray:
 
 
 def aspect(heights: np.ndarray, cell: Cell) -> np.ndarray:
-    """Direction in which the ground falls [rad], from x counterclockwise, in (-pi, pi], float32; 0 where level."""
+    """Direction in which the ground falls [rad], counterclockwise from x, in (-pi, pi], float32; 0 on level ground."""
     along_x, along_y = _gradient(heights, cell)
     return np.arctan2(0.0 - along_y, 0.0 - along_x).astype(np.float32)
 
 
 def _resampled(heights: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """A field on another grid of the same extent, linear between its points."""
+    """Sample a field on another grid of the same extent, linearly between its points."""
     axes, to = ([np.linspace(0.0, 1.0, n) for n in s] for s in (heights.shape, shape))
     return np.asarray(RectBivariateSpline(*axes, heights, kx=1, ky=1)(*to))
 
 
 def moisture(heights: np.ndarray, cell: Cell) -> np.ndarray:
-    """How wet the ground is by its form, 0 to 1, float32.
+    """Moisture of the ground as its form suggests, 0 to 1, float32.
 
     Topographic wetness index ``ln(a / tan b)``: ``a`` the area drained per width [m], ``b`` the slope (K. J. Beven and
     M. J. Kirkby, "A physically based, variable contributing area model of basin hydrology", 1979). 0 and 1 are its 2nd
-    and 98th percentiles. It is worked out at 1 m or the spacing, whichever is more, with outlets cut from hollows for
-    the water to leave, the slope being that without them and at least 0.01, and smoothed over that spacing.
+    and 98th percentiles. It is computed at 1 m or the spacing, whichever is more. Depressions get outlets, so that
+    water can leave; the slope is that of the ground without outlets, at least 0.01. The index is smoothed over the
+    spacing.
     """
     dx, dy = _spacing(heights, cell)
     nrow, ncol = heights.shape
     shape = max(3, round((nrow - 1) * min(1.0, dy / COARSE)) + 1), max(3, round((ncol - 1) * min(1.0, dx / COARSE)) + 1)
     coarse = (ncol - 1) * dx / (shape[1] - 1), (nrow - 1) * dy / (shape[0] - 1)
+    # smoothed before it is made coarser, or bumps between two points would count by chance
     spread = [0.5 * (n - 1) / (m - 1) if n > m else 0.0 for n, m in zip(heights.shape, shape)]
     ground = _resampled(ndimage.gaussian_filter(heights.astype(float), spread, mode="nearest"), shape)
     width = np.sqrt(coarse[0] * coarse[1])
     drained = flow_accumulation(breach_depressions(ground, coarse), coarse) * width
     index = np.log(drained / np.maximum(np.tan(slope(ground, coarse)), 0.01))
     index = ndimage.gaussian_filter(index, 1.0, mode="nearest")
+    # percentiles, as the index of single vertices can be very large
     low, high = np.percentile(index, [2.0, 98.0])
     wet = np.clip((index - low) / max(high - low, 1.0e-9), 0.0, 1.0)
     return np.clip(_resampled(wet, heights.shape), 0.0, 1.0).astype(np.float32)
 
 
 def _occupied(shape: tuple[int, ...], cell: tuple[float, float], obstacles: np.ndarray) -> np.ndarray:
-    """Which vertices lie in an obstacle; the nearest one does in any case."""
+    """Mask of the vertices in an obstacle; the vertex nearest to an obstacle always counts."""
     taken = np.zeros(shape, dtype=bool)
     col, row = ((obstacles[:, i] / cell[i] + 0.5 * (shape[1 - i] - 1)) for i in (0, 1))
     spans = np.ceil(obstacles[:, 2] / min(cell)).astype(int)
+    # obstacles of one size at a time: a window about each is tested at once
     for span in np.unique(spans):
         few = spans == span
         offsets = np.arange(-span, span + 1)
@@ -101,11 +106,11 @@ def _occupied(shape: tuple[int, ...], cell: tuple[float, float], obstacles: np.n
 
 
 def step_height(heights: np.ndarray, cell: Cell, radius: float) -> np.ndarray:
-    """Highest step [m] of the ground in the square of half-width ``radius`` [m] about each vertex, float32.
+    """Highest step [m] of the ground in the square of half-width ``radius`` [m] around each vertex, float32.
 
-    Along each row and column of the square, the range of heights less the slope of the ground there. That slope is the
-    median of those between vertices over 4 ``radius``, at least 5 of them: a plane has no step, and a sharp step, which
-    is in one of them, counts in full, whichever way the ground falls.
+    It is the range of heights along each row and column of the square, after the slope of the ground is taken out. That
+    slope is the median of the rises between vertices over 4 ``radius``, at least 5 of them. So a plane has no step, and
+    a sharp step, which is only one of those rises, counts in full, whichever way the ground falls.
     """
     dx, dy = _spacing(heights, cell)
     if not 0.0 < radius < np.inf:
@@ -116,11 +121,12 @@ def step_height(heights: np.ndarray, cell: Cell, radius: float) -> np.ndarray:
 
 
 def _steps(ground: np.ndarray, reach: int, beside: int) -> np.ndarray:
-    """Largest range of heights less their slope, over ``reach`` vertices along and ``beside`` across rows."""
+    """Largest range of heights without their slope, over ``reach`` vertices along rows and ``beside`` across them."""
     ncol = ground.shape[1]
     rises = ndimage.median_filter(np.diff(ground, axis=1), size=(1, max(5, 4 * reach + 1)), mode="reflect")
     rises = np.pad(rises, [(0, 0), (1, 1)], mode="edge")
     trend = 0.5 * (rises[:, :-1] + rises[:, 1:])
+    # shifted copies of the ground, each less the trend over the shift: what is left are steps
     level = np.pad(ground, [(0, 0), (reach, reach)], constant_values=np.nan)  # beyond the edge there is no step
     high, low = ground.copy(), ground.copy()
     for step in range(-reach, reach + 1):
@@ -128,6 +134,16 @@ def _steps(ground: np.ndarray, reach: int, beside: int) -> np.ndarray:
         np.fmax(high, beyond, out=high)
         np.fmin(low, beyond, out=low)
     return np.asarray(ndimage.maximum_filter1d(high - low, 2 * beside + 1, axis=0, mode="nearest"))
+
+
+def _checked_obstacles(obstacles: np.ndarray) -> np.ndarray:
+    """Return obstacles as ``(N, 3)``; raise a ValueError if they are not x, y and radius [m]."""
+    if np.size(obstacles) == 0:
+        return np.zeros((0, 3))
+    array = np.asarray(obstacles)
+    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all() or (array[:, 2] < 0).any():
+        raise ValueError(f"traversability: obstacles are {array.shape}, must be finite (N, 3): x, y, radius >= 0")
+    return array
 
 
 def traversability(
@@ -138,19 +154,19 @@ def traversability(
     max_slope: float,
     max_step: float,
 ) -> np.ndarray:
-    """How well a legged robot gets along, 0 (not at all) to 1 (level, even and free).
+    """Traversability for a legged robot, from 0 (impassable) to 1 (level, even and free).
 
-    The product of three shares, each falling linearly from 1 to 0: with the slope of the ground smoothed over the
-    robot; with the highest step under it (:func:`step_height`); with the room to the next obstacle, 1 from 2
-    ``robot_radius`` on, 0 up to ``robot_radius``. Room is known to half a cell.
+    It is the product of three shares, each of which falls linearly from 1 to 0: with the slope of the ground, smoothed
+    over the robot; with the highest step under it (:func:`step_height`); and with the distance to the next obstacle,
+    from 1 at 2 ``robot_radius`` to 0 at ``robot_radius``. That distance is exact to half a cell.
 
     Args:
         heights: Heights [m].
         cell: Spacing [m].
         obstacles: x, y and radius of each [m], shape ``(N, 3)``, the field being centred on the origin.
-        robot_radius: Of the circle about the robot [m].
-        max_slope: Slope that it no longer climbs [rad].
-        max_step: Step that it no longer climbs [m].
+        robot_radius: Radius of the circle around the robot [m].
+        max_slope: Least slope that it cannot climb [rad].
+        max_step: Least step that it cannot climb [m].
 
     Returns:
         Shares, float32 ``(nrow, ncol)``.
@@ -159,15 +175,8 @@ def traversability(
     for name, value in (("robot_radius", robot_radius), ("max_slope", max_slope), ("max_step", max_step)):
         if not 0.0 < value < np.inf:
             raise ValueError(f"traversability: {name} is {value}, must be above 0 and finite")
-    obstacles = np.asarray(obstacles, dtype=float).reshape(-1, 3) if np.size(obstacles) == 0 else np.asarray(obstacles)
-    if (
-        obstacles.ndim != 2
-        or obstacles.shape[1] != 3
-        or not np.isfinite(obstacles).all()
-        or (obstacles[:, 2] < 0).any()
-    ):
-        raise ValueError(f"traversability: obstacles are {obstacles.shape}, must be finite (N, 3): x, y, radius >= 0")
-
+    obstacles = _checked_obstacles(obstacles)
+    # continue the ground beyond the edge, or smoothing would see a level rim there
     margin = [min(int(np.ceil(4.0 * robot_radius / c)), n - 1) for c, n in zip((dy, dx), heights.shape)]
     ground = np.pad(heights.astype(np.float32), [(n, n) for n in margin], mode="reflect", reflect_type="odd")
     smooth = ndimage.gaussian_filter(ground, [robot_radius / dy, robot_radius / dx], truncate=3.0)
@@ -182,7 +191,9 @@ def traversability(
 
 
 def reachable(passable: np.ndarray, start: tuple[int, int], least: float = 0.0) -> np.ndarray:
-    """Where one gets from ``start`` (row, column) over vertices of more than ``least``, step by step along the axes.
+    """Mask of the vertices that can be reached from ``start`` (row, column) over vertices of more than ``least``.
+
+    Steps go along the axes.
 
     Returns:
         bool, of the shape of ``passable``; nowhere true if the start itself is not passable.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where things lie and stand in a forest: blue-noise scatter, poses on the ground.
+"""Placement in the forest: blue-noise scatter, and poses on the ground.
 
 Positions are (x, y) [m] in a field of ``size`` centred on the origin; maps are ``map[row, col]`` with rows along y,
 their outer values on the field's edges. A generator in the same state gives the same result.
@@ -17,20 +17,37 @@ from .maps import height_at
 
 __all__ = ["ground_slope", "lie_on_slope", "patch_map", "sample_map", "scatter", "stand_on_ground"]
 
-_SPACING = (
-    0.30  # share of the ground that blue-noise discs cover; darts at random reach 0.547 (random sequential packing)
-)
-_PROFILE = 32  # points along a log; even, so that none is at its middle
-_TIE = 1.0e-4  # supports that differ by less [m] count as equal: the widest is taken
+_SPACING = 0.30
+"""Share of the ground that blue-noise discs cover; random darts can reach 0.547 (random sequential packing)."""
+_PROFILE = 32
+"""Points along a log; an even number, so that none is at its middle."""
+_TIE = 1.0e-4
+"""Pairs of supports whose heights differ by less count as equal [m]: the widest pair is taken."""
 
 
 def _how_many(size: Size, density: float | None, count: int | None) -> int:
+    """Number of discs, from a density or a count."""
     if (density is None) == (count is None):
         raise ValueError("scatter needs either density [1/m^2] or count, one of the two")
     number = float(count) if count is not None else float(density or 0.0) * size[0] * size[1]
     if not 0.0 <= number < math.inf or (count is not None and count != int(count)):
         raise ValueError(f"scatter: {'count' if count is not None else 'density'} must be 0 or more")
     return round(number)
+
+
+def _radius_range(radius: float | tuple[float, float] | np.ndarray, number: int) -> tuple[float, float]:
+    """Smallest and largest radius [m] of ``number`` discs; raise a ValueError if ``radius`` does not give them."""
+    if isinstance(radius, np.ndarray):
+        if radius.shape != (number,):
+            raise ValueError(
+                f"scatter: radius has the shape {radius.shape}, must be ({number},), that of each disc [m]"
+            )
+        low, high = (float(radius.min()), float(radius.max())) if number else (0.0, 0.0)
+    else:
+        low, high = (radius, radius) if isinstance(radius, (int, float)) else radius
+    if not 0.0 <= low <= high < math.inf:
+        raise ValueError(f"scatter: radius is {radius}, must be 0 or more, or (smallest, largest) [m]")
+    return low, high
 
 
 def scatter(
@@ -45,13 +62,13 @@ def scatter(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Blue-noise placement of discs that do not overlap: Poisson-disc darts (Cook 1986, ACM Trans. Graph. 5).
 
-    Neighbours keep a distance that suits the density about them, as long as there is room; discs never overlap.
+    Neighbours keep a distance that fits the local density, as long as there is room. Discs never overlap.
 
     Args:
         size: Extent of the field [m].
         rng: Where the randomness comes from.
-        density: Discs per square metre, the mean over the field; or
-        count: how many.
+        density: Discs per square metre, the mean over the field.
+        count: Number of discs. Give either it or ``density``.
         weight: Map of relative density, 0 or more; uniform by default.
         radius: Radius of all, or (smallest, largest) of radii drawn uniformly, or an array of that of each [m].
         avoid: Positions ``(M, 2)`` and radii ``(M,)`` of discs to stay clear of.
@@ -64,21 +81,13 @@ def scatter(
     """
     size = check_size(size)
     number = _how_many(size, density, count)
-    given = radius if isinstance(radius, np.ndarray) else None
-    if given is not None and given.shape != (number,):
-        raise ValueError(f"scatter: radius has the shape {given.shape}, must be ({number},), that of each disc [m]")
-    if given is not None:
-        low, high = (float(given.min()), float(given.max())) if number else (0.0, 0.0)
-    else:
-        low, high = (radius, radius) if isinstance(radius, (int, float)) else radius
-    if not 0.0 <= low <= high < math.inf:
-        raise ValueError(f"scatter: radius is {radius}, must be 0 or more, or (smallest, largest) [m]")
+    low, high = _radius_range(radius, number)
     others, widths = check_discs("scatter: avoid", avoid)
     if weight is not None:
         weight = check_map("scatter: weight", weight)
         if weight.min() < 0.0 or weight.max() <= 0.0:
             raise ValueError("scatter: weight must be 0 or more everywhere and positive somewhere")
-    radii = rng.uniform(low, high, number) if given is None else given.astype(np.float64)
+    radii = radius.astype(np.float64) if isinstance(radius, np.ndarray) else rng.uniform(low, high, number)
     if number == 0:
         return np.zeros((0, 2)), radii
     spacing = math.sqrt(_SPACING * size[0] * size[1] / (math.pi * number))
@@ -87,7 +96,7 @@ def scatter(
     def reach(xy: np.ndarray, own: np.ndarray, ease: float) -> np.ndarray:
         if weight is None:
             return np.maximum(own, ease * spacing)
-        share = np.maximum(sample_map(weight, size, xy) / mean, 0.1)  # wider spacings need not be kept
+        share = np.maximum(sample_map(weight, size, xy) / mean, 0.1)  # caps the spacing where the density is low
         return np.maximum(own, ease * spacing / np.sqrt(share))
 
     draw = sampler(size, weight, rng)
@@ -101,7 +110,7 @@ def scatter(
 
 
 def patch_map(shape: tuple[int, int], size: Size, rng: np.random.Generator, patch: float, cover: float) -> np.ndarray:
-    """A map ``shape`` in [0, 1] of soft-edged patches, for what grows in clumps, as grass: a ``weight`` of scatter.
+    """Map of soft-edged patches in [0, 1], for plants that grow in clumps; a ``weight`` of :func:`scatter`.
 
     Smoothed white noise above its own quantile (a thresholded Gaussian field, Chiu et al. 2013, Stochastic Geometry and
     its Applications). ``patch`` is about the width of a patch [m], ``cover`` the share of the ground with any growth.
@@ -110,12 +119,13 @@ def patch_map(shape: tuple[int, int], size: Size, rng: np.random.Generator, patc
         raise ValueError(f"patch_map: patch is {patch}, cover {cover}, shape {shape}; must be > 0, in (0, 1], >= 2 x 2")
     cell = np.array(check_size(size))[::-1] / (np.array(shape) - 1)
     field = gaussian_filter(rng.standard_normal(shape), 0.35 * patch / cell, mode="reflect")
+    # the quantile makes the share of ground with growth exact, whatever the size of patches
     over = field - np.quantile(field, 1.0 - cover)
     return np.clip(2.0 * over / max(float(over.max()), 1.0e-12), 0.0, 1.0)
 
 
 def stand_on_ground(heights: np.ndarray, size: Size, xy: np.ndarray, sink: float | np.ndarray = 0.0) -> np.ndarray:
-    """Positions ``(..., 3)`` on the ground at ``xy`` ``(..., 2)``, ``sink`` [m] below its surface."""
+    """Positions ``(..., 3)`` at ``xy`` ``(..., 2)``, ``sink`` [m] below the surface of the ground."""
     xy = np.asarray(xy, dtype=np.float64)
     ground = height_at(check_map("heights", heights), check_size(size), xy)
     return np.concatenate([xy, (ground - sink)[..., None]], axis=-1)
@@ -143,10 +153,10 @@ def lie_on_slope(
     length: np.ndarray | float,
     radius: np.ndarray | float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of a log, its axis along its own x, that rests on two points of the ground on either side of its middle.
+    """Pose of a log at rest on two points of the ground, on either side of its middle; its axis is its x axis.
 
-    Along the log the ground is a profile; at rest the log is the edge of the profile's upper convex hull that lies
-    above its middle: its two ends in a hollow or on a plane, two points beside the crest on a hump.
+    The ground below the log is a profile. At rest the log is that edge of the profile's upper convex hull which lies
+    above its middle: between its two ends in a hollow or on a plane, between two points beside the crest on a hump.
 
     Args:
         heights: The ground [m], ``(rows, cols)``.
@@ -154,7 +164,7 @@ def lie_on_slope(
         xy: Middle of the log ``(..., 2)`` [m].
         yaw: Heading of its axis [rad].
         length: From end to end [m].
-        radius: Its radius [m]; the axis lies so far above the ground, at right angles to the axis.
+        radius: Its radius [m]: distance of the axis from the ground, at right angles to the axis.
 
     Returns:
         Positions ``(..., 3)`` [m] of its middle and quaternions ``(..., 4)``, xyzw.
@@ -170,7 +180,8 @@ def lie_on_slope(
     unit = np.linspace(-1.0, 1.0, _PROFILE)
     left, right = unit[: _PROFILE // 2, None], unit[None, _PROFILE // 2 :]
     pitch = np.zeros(xy.shape[:-1])
-    for _ in range(12):  # a steeper log spans less ground; each round settles how much
+    # A steeper log spans less ground, so the pitch is found by fixed-point iteration, with the mean of two rounds.
+    for _ in range(12):
         half = 0.5 * length * np.cos(pitch)
         along = half[..., None] * unit
         profile = height_at(ground, size, xy[..., None, :] + along[..., None] * heading[..., None, :])

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadruped gets to a goal 10 to 20 m away through the trees: ``Stripe-Forest-Reach-Quadruped-v0``.
+"""Forest reach: a quadruped goes to a goal 10 to 20 m away through the trees: ``Stripe-Forest-Reach-Quadruped-v0``.
 
-The levels are those of walking in the forest. ``-Play-v0`` is the same in ordinary woods that it was not trained in.
+The levels are those of :mod:`stripe_tasks.forest.walk`. ``Stripe-Forest-Reach-Quadruped-Play-v0`` is the same task in
+ordinary woods that no policy is trained in.
 """
 
 from __future__ import annotations
@@ -24,18 +25,20 @@ __all__ = ["ForestReachEnv", "ForestReachPPORunnerCfg", "play_cfg", "reach_cfg",
 
 GOAL = {"command_name": "goal"}
 REACHED = 0.5
-"""Distance from the goal that counts as there [m]."""
+"""Distance from the goal that counts as reached [m]."""
 SPEED = 1.0
-"""How fast to go; more is not rewarded [m/s]."""
+"""Wanted speed; more is not rewarded [m/s]."""
 EPISODE = 35.0
+"""Length of an episode [s]."""
 
 
 @configclass
 class ReachCommandsCfg:
-    """A place where a robot can stand, 10 to 20 m away."""
+    """Command: a goal where a robot can stand, 10 to 20 m away, for the whole episode."""
 
     goal: mdp.TerrainBasedPose2dCommandCfg = mdp.TerrainBasedPose2dCommandCfg(
         asset_name="robot",
+        # one goal for an episode: reaching it ends the episode
         resampling_time_range=(1.0e6, 1.0e6),
         simple_heading=True,
         ranges=mdp.TerrainBasedPose2dCommandCfg.Ranges(distance=(10.0, 20.0)),
@@ -44,7 +47,7 @@ class ReachCommandsCfg:
 
 @configclass
 class ReachPolicyCfg(walk.WalkPolicyCfg):
-    """Itself, the ground, the trunks around it, and where the goal is."""
+    """Observations of the robot itself, the ground, the trunks around it, and the goal."""
 
     velocity_commands: ObservationTermCfg | None = None
     goal_vector: ObservationTermCfg = ObservationTermCfg(
@@ -54,7 +57,7 @@ class ReachPolicyCfg(walk.WalkPolicyCfg):
 
 @configclass
 class ReachObservationsCfg:
-    """The policy sees noisy sensors, the critic the truth."""
+    """Observations: with noise for the policy, without noise for the critic."""
 
     policy: ReachPolicyCfg = ReachPolicyCfg()
     critic: ReachPolicyCfg = ReachPolicyCfg(enable_corruption=False)
@@ -62,7 +65,7 @@ class ReachObservationsCfg:
 
 @configclass
 class ReachRewardsCfg(walk.ForestRewardsCfg):
-    """Go there, looking ahead, as calmly as one walks."""
+    """Rewards for moving to the goal and facing it, less costs of unsteady motion."""
 
     track_lin_vel_xy_exp: RewardTermCfg | None = None
     track_ang_vel_z_exp: RewardTermCfg | None = None
@@ -73,6 +76,7 @@ class ReachRewardsCfg(walk.ForestRewardsCfg):
     reached: RewardTermCfg = RewardTermCfg(
         func=mdp.is_terminated_term, weight=500.0, params={"term_keys": "goal_reached"}
     )
+    # it reads a velocity command, which this task does not have
     feet_air_time: RewardTermCfg | None = None
 
 
@@ -87,7 +91,7 @@ class ReachTerminationsCfg(walk.ForestTerminationsCfg):
 
 @configclass
 class ReachCurriculumCfg:
-    """Who gets there goes on to denser and steeper woods."""
+    """Curriculum: robots that reach their goal go on to denser and steeper woods."""
 
     terrain_levels: CurriculumTermCfg = CurriculumTermCfg(
         func=navigation_terms.terrain_levels_goal, params={**GOAL, "threshold": REACHED}
@@ -95,7 +99,7 @@ class ReachCurriculumCfg:
 
 
 class ForestReachEnv(GoalMarked, ManagerBasedRLEnv):
-    """A manager-based environment that shows the goal."""
+    """Forest reach: a manager-based environment that shows the goal."""
 
     @property
     def success(self) -> torch.Tensor:
@@ -107,7 +111,7 @@ class ForestReachEnv(GoalMarked, ManagerBasedRLEnv):
 
 
 def training(scene: walk.SceneSpec | None = None, **changes: object) -> TrainingSpec:
-    """The task of reaching a goal; see :func:`stripe_tasks.forest.walk.training`."""
+    """Specification of the task of reaching a goal; see :func:`stripe_tasks.forest.walk.training`."""
     marker: RigidObjectCfg = goal_marker("ball", 0.18, color=(0.95, 0.3, 0.02), offset=0.15)
     fields = {
         "observations": ReachObservationsCfg(),
@@ -133,7 +137,7 @@ def play_cfg() -> TaskEnvCfg:
 
 @configclass
 class ForestReachPPORunnerCfg(walk.ForestPPORunnerCfg):
-    """PPO that makes it find its way, for which it looks farther ahead."""
+    """PPO for forest reach, with a discount that looks farther ahead than for walking."""
 
     algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.004, learning_rate=1.0e-3, gamma=0.995)
     experiment_name: str = "forest_reach_quadruped"

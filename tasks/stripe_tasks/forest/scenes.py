@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The forest, and what else is made of its parts: a clearing, a path, a ravine."""
+"""Scenes of the forest: ordinary woods, a clearing, a path and a ravine."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg
 from stripe_newton.specifications import Places, SceneSpec, TerrainInstance
@@ -21,28 +22,28 @@ from .relief import Relief, ReliefCfg, carve_path, carve_ravine, flatten_disc, m
 __all__ = ["PLACES", "ClearingSpec", "ForestSpec", "PathSpec", "RavineSpec"]
 
 PLACES: Mapping[str, Places] = {"init_pos": Places(radius=0.7, margin=4.5), "target": Places(radius=0.6, margin=4.5)}
-"""Where robots start and where they are sent."""
+"""Places where robots start and places to which they are sent."""
 ROBOT_RADIUS, MAX_SLOPE, MAX_STEP = 0.4, math.radians(35.0), 0.35
-"""The robot of the map of traversability: its radius [m], steepest slope [rad] and highest step [m]."""
+"""Robot for which the map of traversability is made: radius [m], steepest slope [rad], highest step [m]."""
 
 
 class ForestSpec(SceneSpec):
-    """A forest on natural ground.
+    """Forest on natural ground.
 
     Args:
         size: Extent in x and y [m].
         density: Stems per hectare; ordinary woods have 300 to 800.
-        count: Stems in all; goes before ``density``.
+        count: Stems in all; overrides ``density``.
         relief: Height of the hills [m].
         roughness: 0 for rounded hills, 1 for rugged ground.
         micro: Height of roots and tussocks [m].
         resolution: Spacing of the heights [m].
-        years: Years that the stand grew: 30 for thickets, 150 for high forest.
-        mix: Shares of spruce, pine, beech, birch and oak among what is sown.
-        rocks: A hectare; others likewise, all times ``clutter``.
+        years: Age of the stand: 30 for thickets, 150 for high forest.
+        mix: Shares of spruce, pine, beech, birch and oak among the stems.
+        rocks: Rocks per hectare; ``stumps``, ``logs`` and ``branches`` likewise. ``clutter`` multiplies them all.
         clutter: Factor on rocks, stumps, logs and branches.
-        undergrowth: Factor on the bushes, ferns and grass, which are seen and not touched.
-        places: Places to find for robots.
+        undergrowth: Factor on bushes, ferns and grass, which have no colliders.
+        places: Places for robots to find.
     """
 
     def __init__(
@@ -91,15 +92,19 @@ class ForestSpec(SceneSpec):
         )
 
     def shape(self, relief: Relief, rng: np.random.Generator) -> tuple[Relief, dict[str, np.ndarray]]:
-        """Change the ground; the maps ``open`` (kept free of trees) and ``trodden`` (nothing grows), in [0, 1].
+        """Change the ground of this kind of scene, which is natural ground by default.
 
         Args:
             relief: Natural ground.
-            rng: The only source of chance.
+            rng: Generator of all random numbers.
+
+        Returns:
+            The ground, and maps in [0, 1]: ``open`` where no trees stand, ``trodden`` where nothing grows.
         """
         return relief, {}
 
     def generate(self, rng: np.random.Generator) -> TerrainInstance:
+        # the scene's generator seeds the relief, so that one seed fixes everything
         cfg = ReliefCfg(**{**self.relief.__dict__, "seed": int(rng.integers(1 << 31))})
         relief, maps = self.shape(make_relief(cfg), rng)
         heights, cell = relief.heights, relief.cell
@@ -119,7 +124,7 @@ class ForestSpec(SceneSpec):
 
 
 class ClearingSpec(ForestSpec):
-    """A level clearing in the forest, as wide as half of the shorter side; other arguments as of the forest."""
+    """Level clearing in the forest, as wide as half of the shorter side; arguments are those of the forest."""
 
     def shape(self, relief: Relief, rng: np.random.Generator) -> tuple[Relief, dict[str, np.ndarray]]:
         radius = 0.25 * min(self.size)
@@ -127,14 +132,16 @@ class ClearingSpec(ForestSpec):
         x, y = relief.axes
         level = flatten_disc(relief, (float(centre[0]), float(centre[1])), 0.75 * radius, 0.5 * radius)
         away = np.hypot(x - centre[0], y - centre[1])
+        # the edge of the trees is wavy, or the clearing would look cut out
         wavy = radius * (1.0 + 0.12 * np.sin(3.0 * np.arctan2(y - centre[1], x - centre[0]) + rng.uniform(0.0, 6.0)))
         return level, {"open": (away < wavy).astype(np.float32)}
 
 
 class PathSpec(ForestSpec):
-    """A trodden path of 1.6 m through the forest, along x; other arguments as of the forest."""
+    """Trodden path through the forest, along x; arguments are those of the forest."""
 
     width = 1.6
+    """Width of the path [m]."""
 
     def shape(self, relief: Relief, rng: np.random.Generator) -> tuple[Relief, dict[str, np.ndarray]]:
         line = _winding(self.size, 0.16 * self.size[1], rng)
@@ -147,7 +154,7 @@ class PathSpec(ForestSpec):
 
 
 class RavineSpec(ForestSpec):
-    """A steep ravine along x, 4 m deep unless the field is narrow; other arguments as of the forest."""
+    """Steep ravine along x, 4 m deep unless the field is narrow; arguments are those of the forest."""
 
     def shape(self, relief: Relief, rng: np.random.Generator) -> tuple[Relief, dict[str, np.ndarray]]:
         width = min(14.0, 0.5 * self.size[1])
@@ -158,7 +165,7 @@ class RavineSpec(ForestSpec):
 
 
 def _winding(size: tuple[float, float], swing: float, rng: np.random.Generator, beyond: float = 2.0) -> np.ndarray:
-    """A line along x from edge to edge and ``beyond`` [m], ``(K, 2)``."""
+    """Winding line along x, from edge to edge and ``beyond`` [m], ``(K, 2)``."""
     x = np.linspace(-0.5 * size[0] - beyond, 0.5 * size[0] + beyond, max(6, round(size[0] / 6.0)))
     knots = rng.normal(0.0, 1.0, len(x) + 4)
     y = np.convolve(knots, np.ones(5) / 5.0, mode="valid")
@@ -166,9 +173,7 @@ def _winding(size: tuple[float, float], swing: float, rng: np.random.Generator, 
 
 
 def _distance(relief: Relief, line: np.ndarray) -> np.ndarray:
-    """Distance of the heights from a line [m]."""
-    from scipy.spatial import cKDTree
-
+    """Distance of each vertex from a line [m]."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     at = np.arange(0.0, way[-1], 0.1)
     dense = np.column_stack([np.interp(at, way, c) for c in line.T])

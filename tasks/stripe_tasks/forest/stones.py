@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of boulders, with spheres and capsules that follow their surface. The same generator gives the same mesh."""
+"""Stones: meshes of boulders with colliders fitted to their surface; also helpers for other meshes.
+
+A generator in the same state gives the same mesh.
+"""
 
 from __future__ import annotations
 
@@ -25,20 +28,20 @@ __all__ = [
 
 _STONES = ((0.20, 0.195, 0.185), (0.165, 0.165, 0.17), (0.20, 0.175, 0.145), (0.15, 0.135, 0.115))
 _MOSS = (0.075, 0.097, 0.026)
-_FACES = 40  # planes that a boulder is cut by
-_SUNK = 0.25  # share of its height that is below the ground
-_BURIED = 0.35  # weight, in the fit of the colliders, of what is below the ground
+_FACES = 40  # planes that cut a boulder
+_SUNK = 0.25  # share of its height below the ground
+_BURIED = 0.35  # weight of the surface below the ground in the fit of the colliders
 
 
 def check_positive(function: str, **sizes: float) -> None:
-    """Raise a ValueError for the first of some sizes [m] that is not positive and finite."""
+    """Raise a ValueError for the first size [m] that is not positive and finite."""
     for name, value in sizes.items():
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{function}: {name} is {value}, must be a positive number [m]")
 
 
 def tinted(color: Sequence[float], rng: np.random.Generator, spread: float = 0.18) -> tuple[float, float, float]:
-    """A colour like the one given: lighter or darker by up to ``spread`` of it, each channel by a sixth of that."""
+    """Vary a colour: lighter or darker by up to ``spread`` of it, each channel by a sixth of that."""
     light = 1.0 + spread * rng.uniform(-1.0, 1.0)
     red, green, blue = np.clip(np.array(color) * light * (1.0 + spread / 6.0 * rng.uniform(-1.0, 1.0, 3)), 0.0, 1.0)
     return float(red), float(green), float(blue)
@@ -47,7 +50,7 @@ def tinted(color: Sequence[float], rng: np.random.Generator, spread: float = 0.1
 def split_faces(
     vertices: np.ndarray, faces: np.ndarray, kind: np.ndarray, colors: Sequence[tuple[str, tuple[float, float, float]]]
 ) -> list[MeshPart]:
-    """Parts of one surface by the kind of its faces, ``(F,)``: an index into names and colours."""
+    """Split a surface into parts by the kind of its faces, ``(F,)``: an index into names and colours."""
     parts = []
     for index, (name, color) in enumerate(colors):
         mine = faces[kind == index]
@@ -58,14 +61,14 @@ def split_faces(
 
 
 def reach_on_ground(parts: Sequence[MeshPart], above: float = -1.0e-4) -> float:
-    """Largest distance from the z axis of what is higher than ``above`` [m]."""
+    """Largest distance from the z axis of vertices higher than ``above`` [m]."""
     points = np.concatenate([p.vertices for p in parts]).astype(np.float64)
     points = points[points[:, 2] >= above]
     return float(np.hypot(points[:, 0], points[:, 1]).max())
 
 
 def capsule_between(a: Sequence[float], b: Sequence[float], radius: float) -> Collider:
-    """A capsule whose straight part goes from ``a`` to ``b``; a sphere where they are the same."""
+    """Capsule whose straight part goes from ``a`` to ``b``; a sphere if they are the same point."""
     first, last = np.array(a, dtype=np.float64), np.array(b, dtype=np.float64)
     middle, axis = 0.5 * (first + last), last - first
     length = float(np.linalg.norm(axis))
@@ -87,7 +90,7 @@ def tube(
     shape: np.ndarray | None = None,
     along: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A tube about a line, seen from outside.
+    """Tube around a line, faces outwards.
 
     Args:
         line: Its axis, ``(n, 3)`` [m].
@@ -95,7 +98,7 @@ def tube(
         sides: Corners of a cross-section, 3 or more.
         closed: Whether its ends are closed by fans of triangles.
         shape: Factors on the radius of each corner, ``(n, sides)``.
-        along: How far each corner is shifted along the axis [m], ``(n, sides)``.
+        along: Shift of each corner along the axis [m], ``(n, sides)``.
 
     Returns:
         Vertices ``(n * sides (+ 2), 3)``, ring by ring, then the middles of the ends; and faces: first the
@@ -107,7 +110,7 @@ def tube(
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     least = np.zeros(3)
     least[np.abs(tangent).sum(axis=0).argmin()] = 1.0
-    u = np.cross(tangent, least)  # one reference for all rings, so that corners stay in rows
+    u = np.cross(tangent, least)  # one reference for all rings, so that rows of corners do not twist
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     v = np.cross(tangent, u)
     ring = np.cos(turn)[None, :, None] * u[:, None] + np.sin(turn)[None, :, None] * v[:, None]
@@ -133,16 +136,16 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def rock(name: str, radius: float, rng: np.random.Generator, flatness: float = 0.6) -> DynamicMesh:
-    """A boulder with broken faces, a quarter of its height below the ground.
+    """Make a boulder with broken faces, a quarter of its height below the ground.
 
-    It is what some forty planes about an ellipsoid leave, its corners worn a little. Its colliders, one or two spheres
-    or capsules, are fitted to its surface by least squares of the distance.
+    It is the body between some forty planes around an ellipsoid, its corners worn a little. Its colliders, one or two
+    spheres or capsules, are fitted to its surface by least squares of the distance.
 
     Args:
         name: An identifier.
         radius: Largest distance from its middle, seen from above [m].
-        rng: Where the randomness comes from.
-        flatness: Its height by its width.
+        rng: Generator of all random numbers.
+        flatness: Ratio of its height to its width.
 
     Raises:
         ValueError: If a size is not positive.
@@ -162,7 +165,8 @@ def rock(name: str, radius: float, rng: np.random.Generator, flatness: float = 0
 
 
 def _boulder(axes: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """An irregular polyhedron about an ellipsoid of semi-axes ``axes``, 80 to 200 triangles, seen from outside."""
+    """Irregular polyhedron around an ellipsoid of semi-axes ``axes``, of 80 to 200 triangles that face outwards."""
+    # normals spread evenly over the sphere by the golden angle (a Fibonacci lattice), then disturbed
     i = np.arange(_FACES)
     lift = 1.0 - 2.0 * (i + 0.5) / _FACES
     turn = i * math.pi * (3.0 - math.sqrt(5.0)) + rng.uniform(0.0, 2.0 * math.pi)
@@ -171,6 +175,7 @@ def _boulder(axes: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np
     normal /= axes  # normals of the ellipsoid
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     away = np.linalg.norm(normal * axes, axis=1) * (1.0 + rng.uniform(-0.05, 0.05, _FACES))
+    # a few planes closer to the middle: broken faces
     broken = rng.choice(_FACES, 6, replace=False)
     away[broken] *= rng.uniform(0.78, 0.92, 6)
     cut = HalfspaceIntersection(np.column_stack([normal, -away]), np.zeros(3))
@@ -190,7 +195,8 @@ def _cross(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _surface(vertices: np.ndarray, faces: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points spread over the surface and the square roots of the areas they stand for; less of what is buried."""
+    """Points spread over the surface, and the square roots of their areas as weights; less for buried points."""
+    # seven points in each triangle: its middle, near its corners, near the middles of its sides
     mids = [(6, 0, 0), (0, 6, 0), (0, 0, 6), (1, 1, 4), (1, 4, 1), (4, 1, 1)]
     corners = vertices[faces]
     bary = np.array([(2, 2, 2), *((np.array(m) + 1) for m in mids)], dtype=np.float64)
@@ -203,12 +209,13 @@ def _surface(vertices: np.ndarray, faces: np.ndarray, radius: float) -> tuple[np
 
 
 def _residuals(values: np.ndarray, first: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted signed distances of points to the nearest of some capsules, rows of (two ends, radius)."""
+    """Weighted signed distances of points to the nearest capsule; ``values`` are rows of two ends and a radius."""
+    # the last terms pull weakly to the start: without them ends could move freely along a short capsule
     return np.append(weights * _nearest(values, points)[0], 1.0e-3 * (values - first))
 
 
 def _jacobian(values: np.ndarray, first: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Of :func:`_residuals`: the nearest point of an axis does not move along it, so the ends share its way."""
+    """Jacobian of :func:`_residuals`: an end of an axis moves the nearest point by its share of the axis."""
     _, which, share, normal = _nearest(values, points)
     ends = np.column_stack([(share - 1.0)[:, None] * normal, -share[:, None] * normal, -np.ones(len(points))])
     slopes = np.zeros((len(points), len(values) // 7, 7))
@@ -217,7 +224,7 @@ def _jacobian(values: np.ndarray, first: np.ndarray, points: np.ndarray, weights
 
 
 def _nearest(values: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Signed distance, the capsule, where along its axis (0 to 1), and the direction from there; of each point."""
+    """For each point: signed distance, nearest capsule, position along its axis (0 to 1), direction from there."""
     rows = values.reshape(-1, 1, 7)
     a, axis = rows[..., :3], rows[..., 3:6] - rows[..., :3]
     length = np.maximum((axis * axis).sum(axis=2), 1.0e-12)
@@ -231,7 +238,8 @@ def _nearest(values: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _fit(points: np.ndarray, weights: np.ndarray, radius: float) -> list[Collider]:
-    """One capsule or two whose surface is nearest to points in the mean square; two where they are clearly better."""
+    """One or two capsules whose surface fits points in the least-squares sense; two if they fit clearly better."""
+    # Start: capsules along the longest horizontal extent, one in the middle or two side by side.
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     flat = points[:, :2] - points[:, :2].mean(axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the growth model knows of each species of tree."""
+"""Species traits: what the stand model knows about each species of tree."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -15,14 +14,14 @@ __all__ = ["BREAST_HEIGHT", "SPECIES", "SpeciesTraits", "site_suitability"]
 
 BREAST_HEIGHT = 1.3
 """Height at which a trunk is measured [m]."""
-_MOISTURE_FALL = 0.12
-_SLOPE_FALL = math.radians(6.0)
-_STEEPEST = 3.0  # falls of the slope range after which nothing grows
+_MOISTURE_FALL = 0.12  # deviation of the Gaussian beyond the range of moisture
+_SLOPE_FALL = math.radians(6.0)  # deviation of the Gaussian beyond the range of slopes [rad]
+_STEEPEST = 3.0  # deviations beyond the range of slopes after which nothing grows
 
 
 @dataclass(frozen=True)
 class SpeciesTraits:
-    """How a species grows, where it likes to stand and how it spreads.
+    """Traits of a species: growth, site preferences and seed dispersal.
 
     Attributes:
         max_height: Asymptote of the height curve [m].
@@ -34,10 +33,10 @@ class SpeciesTraits:
         crown_scale: ``c`` of ``crown radius = c d^e`` with ``d`` in metres (form of Pretzsch et al. 2015, Urban For.
             Urban Green. 14) [m].
         crown_exponent: ``e`` of that relation.
-        shade_tolerance: 0 for a species of the open, 1 for one that waits in deep shade, in about the order of the
+        shade_tolerance: 0 for a species of the open, 1 for one that survives in deep shade, in about the order of the
             ranking by Niinemets and Valladares 2006, Ecol. Monogr. 76.
-        moisture: Range it keeps to beside the others, from 0, dry, to 1, wet; chosen so that species sort themselves.
-        slope: Range of slopes it likes [rad].
+        moisture: Range of moisture where it grows well, from 0, dry, to 1, wet; chosen so that species separate.
+        slope: Range of slopes where it grows well [rad].
         dispersal: Median distance of a seed from its tree [m] (kernel of Clark et al. 1999, Ecology 80).
         longevity: Age that few trees exceed [years].
         maturity: Age at which it bears seed [years].
@@ -89,7 +88,7 @@ class SpeciesTraits:
         return 0.01 * self.hd_a * root / (1.0 - self.hd_b * root)
 
 
-# Round values of the order found in yield tables and textbooks of forestry; none is a fit to data.
+# Round values of the magnitude found in yield tables and textbooks of forestry; none is fitted to data.
 SPECIES: Mapping[str, SpeciesTraits] = MappingProxyType(
     {
         "spruce": SpeciesTraits(
@@ -115,12 +114,12 @@ SPECIES: Mapping[str, SpeciesTraits] = MappingProxyType(
 def site_suitability(
     traits: SpeciesTraits, moisture: np.ndarray | None = None, slope: np.ndarray | None = None
 ) -> np.ndarray:
-    """How well a site suits a species, in [0, 1]: 1 within its ranges, falling as a Gaussian outside of them.
+    """Suitability of a site for a species, in [0, 1]: 1 within its ranges, falling as a Gaussian outside of them.
 
-    ``moisture`` is in [0, 1], ``slope`` in radians; ``None`` suits all. On far steeper slopes than it likes nothing
-    grows (0); soil that is too dry or wet leaves at least 0.02.
+    ``moisture`` is in [0, 1], ``slope`` in radians; ``None`` suits all. On slopes far beyond the range nothing grows
+    (0); soil that is too dry or too wet leaves at least 0.02.
     """
-    good: Any = np.float64(1.0)
+    good: np.ndarray | np.float64 = np.float64(1.0)
     if moisture is not None:
         low, high = traits.moisture
         outside = np.maximum(np.maximum(low - moisture, moisture - high), 0.0)
@@ -133,6 +132,6 @@ def site_suitability(
 
 
 def columns(traits: list[SpeciesTraits]) -> dict[str, np.ndarray]:
-    """The traits that are single numbers, as arrays over species."""
+    """Traits that are single numbers, as arrays over species."""
     names = [f.name for f in fields(SpeciesTraits) if f.name not in ("moisture", "slope")]
     return {name: np.array([getattr(t, name) for t in traits]) for name in names}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Branches and foliage of each species."""
+"""Tree crowns: branches and foliage of each species."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 @dataclass(frozen=True)
 class Stem:
-    """What a crown grows on.
+    """Stem on which a crown grows.
 
     Attributes:
         height: Of the tree [m].
@@ -38,7 +38,7 @@ class Stem:
 
 @dataclass
 class Crown:
-    """Pieces of a crown by what they look like."""
+    """Pieces of a crown, by material."""
 
     wood: list[Piece] = field(default_factory=list)
     dark: list[Piece] = field(default_factory=list)
@@ -46,15 +46,17 @@ class Crown:
 
 
 def _between(young: float, old: float, age: float) -> float:
+    """Interpolate between a sapling and a grown tree."""
     return young + (old - young) * age
 
 
 def _around(count: int, rng: np.random.Generator, spread: float = 0.35) -> np.ndarray:
-    """Azimuths [rad] that no two neighbours share."""
+    """Azimuths [rad] by the golden angle, so that neighbours point in different directions."""
     return rng.uniform(0.0, 2.0 * np.pi) + _GOLDEN * np.arange(count) + spread * rng.uniform(-1.0, 1.0, count)
 
 
 def _flat(azimuth: np.ndarray) -> np.ndarray:
+    """Horizontal unit vectors, ``(N, 3)``."""
     return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)])
 
 
@@ -68,6 +70,7 @@ def _limbs(
     points: int = 4,
 ) -> Piece:
     """Branches from the trunk at heights ``start`` [m] to ``ends``, three-sided, rising ever steeper."""
+    # straight from the trunk to the end, sagging at first, with random kinks in between
     foot = stem.middle(start)
     t = np.linspace(0.0, 1.0, points)
     path = foot[:, None] + t[:, None] * (ends - foot)[:, None]
@@ -90,11 +93,12 @@ def _coat(
     slim: float = 1.0,
     lowest: float = -0.45,
 ) -> Piece:
-    """Leaves on clumps, where no other clump is in front of them.
+    """Leaves on the surfaces of clumps, where no other clump is in front of them.
 
-    ``size`` is their length as a share of the mean radius, ``tilt`` how much they are turned at random, ``droop`` how
-    much their tips point down, ``lowest`` the lower end of where they sit.
+    ``size`` is their length as a share of the mean radius, ``tilt`` the amount of random turning, ``droop`` how much
+    their tips point down, ``lowest`` the lower end of the leaves on a clump, from -1 to 1.
     """
+    # three times as many candidates as leaves, spread evenly over each clump
     each = int(np.ceil(3.0 * count / len(centers)))
     k = np.arange(each) + 0.5
     z = 1.0 - (1.0 - lowest) * k / each
@@ -103,6 +107,7 @@ def _coat(
     out = unit(sphere + 0.25 * rng.normal(size=sphere.shape))
     at = (centers[:, None] + out * radii[:, None] * rng.uniform(0.86, 1.1, (*out.shape[:2], 1))).reshape(-1, 3)
     owner = np.repeat(np.arange(len(centers)), each)
+    # those deepest inside of another clump are dropped first: nobody would see them
     near = (((at[:, None] - centers) / radii) ** 2).sum(axis=-1)
     near[np.arange(len(at)), owner] = np.inf
     hidden = near.min(axis=1) if len(centers) > 1 else np.full(len(at), np.inf)

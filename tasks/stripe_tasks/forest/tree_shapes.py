@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pieces that trees are made of, many at a time: tapered tubes, ragged clumps, leaves and drooping fronds.
+"""Tree shapes: the pieces of trees, many at a time: tapered tubes, ragged clumps, leaves and drooping fronds.
 
-Every function gives ``(vertices, faces)``, float64 ``(V, 3)`` [m] and int ``(F, 3)``, counterclockwise from outside;
-what has no inside, leaves and fronds, faces along its given normal or upwards.
+Every function returns ``(vertices, faces)``, float64 ``(V, 3)`` [m] and int ``(F, 3)``, counterclockwise from outside.
+Leaves and fronds, which have no inside, face along the given normal or upwards.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def join(pieces: Sequence[Piece]) -> Piece:
-    """Several pieces as one."""
+    """Join several pieces into one."""
     if not pieces:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     starts = np.cumsum([0] + [len(v) for v, _ in pieces[:-1]])
@@ -35,7 +35,7 @@ def join(pieces: Sequence[Piece]) -> Piece:
 
 
 def _copies(vertices: np.ndarray, faces: np.ndarray) -> Piece:
-    """Vertices ``(B, V, 3)`` of as many copies of the same faces."""
+    """One piece of the vertices ``(B, V, 3)`` of B copies, all with the same faces."""
     count, each = vertices.shape[:2]
     return vertices.reshape(-1, 3), (faces[None] + each * np.arange(count)[:, None, None]).reshape(-1, 3)
 
@@ -68,11 +68,13 @@ def tubes(
     along = unit(np.gradient(paths, axis=1))
     span = paths[:, -1] - paths[:, 0]
     across = np.stack([-span[:, 1], span[:, 0], np.zeros(len(span))], axis=-1)
+    # an upright tube has no horizontal direction of its own: x serves instead
     upright = np.linalg.norm(span[:, :2], axis=1) < 0.2 * np.linalg.norm(span, axis=1)
     across = np.where(upright[:, None], [1.0, 0.0, 0.0], across)[:, None]
     u = unit(across - (across * along).sum(axis=-1, keepdims=True) * along)[:, :-1]
     w = np.cross(along[:, :-1], u)
     angle = 2.0 * np.pi * np.arange(sides) / sides + turn
+    # a polygon has less area than its circle: corners lie farther out to make up for it
     reach = radii / np.sqrt(0.5 * sides / np.pi * np.sin(2.0 * np.pi / sides))
     reach = reach[..., None] * (1.0 if lobes is None else lobes)
     ring = reach[..., None] * (np.cos(angle)[:, None] * u[:, :, None] + np.sin(angle)[:, None] * w[:, :, None])
@@ -100,9 +102,9 @@ def clumps(
     Args:
         centers: ``(B, 3)`` [m].
         radii: Half axes, ``(B, 3)`` [m].
-        rng: Source of chance.
-        rough: By what share of the radius corners stick out or in.
-        floor: How far below the middle they are cut off, as a share of the radius.
+        rng: Generator of all random numbers.
+        rough: Largest displacement of corners, as a share of the radius.
+        floor: Depth below the middle at which they are cut off, as a share of the radius.
         level: 0 for 20 triangles each, 1 for 80.
     """
     ball, faces = _ball(level)
@@ -111,6 +113,7 @@ def clumps(
     x, y, z = (np.broadcast_to(c, (len(centers), len(ball))) for c in ball.T)
     points = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
     points = points * (1.0 + rough * rng.uniform(-1.0, 1.0, points.shape[:2]))[..., None]
+    # what is below the floor is pushed up to a quarter of its depth: a ragged, nearly level underside
     low = points[..., 2] < -floor
     points[..., 2] = np.where(low, -floor + 0.25 * (points[..., 2] + floor), points[..., 2])
     return _copies(points * radii[:, None] + centers[:, None], faces)
@@ -168,9 +171,9 @@ def patches(
         rings: Corners of its cross-sections, ``(K, sides, 3)`` [m].
         ring: Above which cross-section each piece lies, ``(N,)``.
         side: On which side, ``(N,)``.
-        low: Where it begins and
-        high: ends along the way to the next cross-section, ``(N, 2)`` for its two edges, in [0, 1].
-        lift: How far it lies in front of the tube [m].
+        low: Where it begins on the way to the next cross-section, in [0, 1], ``(N, 2)`` for its two edges.
+        high: Where it ends, likewise.
+        lift: Its distance in front of the tube [m].
     """
     after = (side + 1) % rings.shape[1]
     left, right = rings[:, side], rings[:, after]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of trees, grown from a species, a few sizes and a generator of random numbers."""
+"""Trees: meshes of a species, made from a few sizes and a generator of random numbers."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ __all__ = ["SPECIES_SHAPES", "SpeciesShape", "tree"]
 
 Color = tuple[float, float, float]
 _SUNK = 0.3
-"""How far a trunk reaches into the ground [m], so that it stands on a slope without a gap."""
+"""Depth of a trunk below the ground [m], so that it stands on a slope without a gap."""
 _THINNEST = 0.015
-"""Radius of the thinnest trunk that is touched [m]."""
+"""Radius of the thinnest trunk with a collider [m]."""
 
 
 @dataclass(frozen=True)
 class SpeciesShape:
-    """What a species looks like.
+    """Shape and colours of a species.
 
     Attributes:
-        crown: Grows branches and foliage.
+        crown: Function that grows branches and foliage.
         crown_base: Height at which the crown begins, as a share of the tree's, of a sapling and of a grown tree.
         grown: Height from which it looks grown [m].
         taper: Exponent of the trunk's radius over the distance from the top; below 1 it is full-bodied.
@@ -118,25 +118,25 @@ SPECIES_SHAPES: Mapping[str, SpeciesShape] = MappingProxyType(
         ),
     }
 )
-"""Looks by name; the names are those of :data:`stripe_tasks.forest.traits.SPECIES`."""
+"""Shapes by name; the names are those of :data:`stripe_tasks.forest.traits.SPECIES`."""
 
 
 def tree(
     name: str, species: str, height: float, trunk_radius: float, crown_radius: float, rng: np.random.Generator
 ) -> DynamicMesh:
-    """A tree that stands at the origin.
+    """Make a tree that stands at the origin.
 
-    Its surfaces are ``trunk``, with the branches, ``crown`` and ``crown_light``, the foliage within and the outer one,
-    and ``bark``, the plates of a pine and the scars of a birch that are no saplings. It is touched at the trunk, by a
-    capsule of up to 2.5 m, unless the trunk is thinner than 1.5 cm.
+    Its surfaces are ``trunk`` with the branches, ``crown`` and ``crown_light`` with the inner and the outer foliage,
+    and ``bark`` with the plates of a pine or the scars of a birch that is no sapling. Its collider is a capsule of up
+    to 2.5 m along the trunk, unless that is thinner than 1.5 cm.
 
     Args:
         name: An identifier.
         species: One of :data:`SPECIES_SHAPES`.
         height: From the ground to the top [m].
-        trunk_radius: At 1.3 m, or at four fifths of the height of what is lower [m].
-        crown_radius: How far the crown reaches sideways [m].
-        rng: The only source of chance; its state fixes every byte.
+        trunk_radius: At a height of 1.3 m, or at four fifths of the height of a lower tree [m].
+        crown_radius: Horizontal reach of the crown [m].
+        rng: Generator of all random numbers; its state fixes every byte.
 
     Raises:
         ValueError: for a species that is not known, or a length that is not positive and finite.
@@ -147,6 +147,7 @@ def tree(
         if not 0.0 < value < math.inf:
             raise ValueError(f"tree '{name}': {what} is {value}, must be positive [m]")
     shape = SPECIES_SHAPES[species]
+    # looks go from those of a sapling at 2 m to those of a grown tree
     age = float(np.clip((height - 2.0) / (shape.grown - 2.0), 0.0, 1.0))
     trunk = _Trunk(shape, height, trunk_radius, 8 if age > 0.3 else 6, rng)
     base = height * (shape.crown_base[0] + (shape.crown_base[1] - shape.crown_base[0]) * age) * rng.uniform(0.9, 1.1)
@@ -158,13 +159,14 @@ def tree(
         parts.append(MeshPart("bark", *trunk.patches(stem, rng), color=shape.patches[0]))
     for part, piece, color in (("crown", dark, shape.foliage[0]), ("crown_light", light, shape.foliage[1])):
         parts.append(MeshPart(part, *piece, color=color, double_sided=True))
+    # room that it takes on the ground: the reach of its roots
     ground = stem[0][stem[0][:, 2] < 0.1]
     taken = float(np.linalg.norm(ground[:, :2], axis=1).max())
     return DynamicMesh(name, parts, trunk.colliders(), "tree", taken)
 
 
 class _Trunk:
-    """The line and the girth of a trunk."""
+    """Middle line and radius of a trunk."""
 
     def __init__(self, shape: SpeciesShape, height: float, radius: float, sides: int, rng: np.random.Generator):
         self._shape, self._height, self._girth, self._sides = shape, height, radius, sides
@@ -175,7 +177,7 @@ class _Trunk:
         self._bow = shape.sway * height * rng.uniform(0.3, 1.0) * np.array([np.cos(azimuth), np.sin(azimuth)])
 
     def middle(self, z: np.ndarray) -> np.ndarray:
-        """Points of its middle line ``(N, 3)`` [m]: a lean and a bow, straight below the ground."""
+        """Points of its middle line ``(N, 3)`` [m]: a lean and a bow; straight below the ground."""
         t = np.asarray(z, dtype=np.float64) / self._height
         bow = np.sin(np.pi * np.maximum(t, 0.0) * 1.35) ** 2
         return np.column_stack([t[:, None] * self._lean + bow[:, None] * self._bow, z])
@@ -226,6 +228,7 @@ class _Trunk:
         low, high = -_SUNK, min(2.5, 0.8 * self._height)
         z = np.linspace(low, high, 15)
         line = self.middle(z)
+        # the straight line nearest to the lower trunk; its radius is the mean over the lowest metre
         slope, at = np.polyfit(z, line[:, :2], 1)
         radius = float(self.radius(np.linspace(0.05, min(1.0, high), 20)).mean())
         tilt = np.array([*slope, 1.0])
@@ -238,11 +241,12 @@ class _Trunk:
 
 
 def _fitted(crown: Crown, trunk: _Trunk, height: float, reach: float) -> list[Piece]:
-    """Branches, dark and light foliage, stretched a little to the height and the crown radius that were asked for."""
+    """Branches, dark and light foliage, stretched to the requested height and crown radius."""
     pieces = [join(x) for x in (crown.wood, crown.dark, crown.light)]
     foliage = np.concatenate([v for v, _ in pieces[1:]])
     rise = height / foliage[:, 2].max()
     away = foliage[:, :2] - trunk.middle(foliage[:, 2])[:, :2]
+    # between the mean extent and the largest distance: neither narrow nor lopsided crowns are stretched too far
     half = 0.25 * np.ptp(away, axis=0).sum()
     spread = reach / math.sqrt(half * np.linalg.norm(away, axis=1).max())
     fitted = []

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of what grows below trees: bushes, ferns, grass, blueberries. They are seen and not touched.
+"""Undergrowth: meshes of bushes, ferns, grass and blueberries, without colliders.
 
-A generator in the same state gives the same mesh. Roots reach a little below the ground, for slopes.
+A generator in the same state gives the same mesh. Stems reach a little below the ground, for slopes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .stones import check_positive, tinted, tube
 
 __all__ = ["blueberry", "bush", "fern", "grass"]
 
-_SUNK = 0.03  # how far stems reach below the ground [m]
+_SUNK = 0.03  # depth of stems below the ground [m]
 _LEAVES = (0.062, 0.115, 0.028)
 _FERN = (0.085, 0.150, 0.028)
 _GRASS = (0.115, 0.150, 0.045)
@@ -33,7 +33,7 @@ def bush(name: str, height: float, radius: float, rng: np.random.Generator) -> D
         name: An identifier.
         height: Of its highest leaf [m].
         radius: Largest distance of a leaf from its middle, seen from above [m].
-        rng: Where the randomness comes from.
+        rng: Generator of all random numbers.
 
     Raises:
         ValueError: If a size is not positive.
@@ -42,6 +42,7 @@ def bush(name: str, height: float, radius: float, rng: np.random.Generator) -> D
     stems, count = int(rng.integers(5, 8)), 76
     turn = 2.0 * math.pi * (np.arange(stems) + rng.uniform(-0.3, 0.3, stems)) / stems
     away = rng.uniform(0.25, 0.62, stems)
+    # lumps of leaves about the ends of the stems; the first one is the top
     lumps = np.stack([away * np.cos(turn), away * np.sin(turn), rng.uniform(0.24, 0.66, stems)], axis=1)
     lumps[0] = (0.12 * np.cos(turn[0]), 0.12 * np.sin(turn[0]), 0.74)
     wide = rng.uniform(0.30, 0.44, stems)
@@ -55,6 +56,7 @@ def bush(name: str, height: float, radius: float, rng: np.random.Generator) -> D
     at *= (radius, radius, height)
     size = rng.uniform(0.24, 0.36, count) * math.sqrt(radius * height)
     vertices, faces = _leaves(at - 0.4 * size[:, None] * _unit(heading), heading, upward, size, 0.62 * size)
+    # three tones, dark inside and below, light on top: shading that single leaves do not cast
     light = 0.9 * out[:, 2] + 0.8 * (at[:, 2] / height - 0.5) + rng.normal(0.0, 0.25, count)
     tone = np.digitize(light, np.quantile(light, (0.36, 0.76)))
     green = np.array(tinted(_LEAVES, rng))
@@ -82,6 +84,7 @@ def blueberry(name: str, height: float, radius: float, rng: np.random.Generator)
     tall = height * (1.0 - 0.45 * away**2) * rng.uniform(0.75, 1.0, twigs)
     tip = foot * rng.uniform(1.05, 1.3, (twigs, 1)) + rng.normal(0.0, 0.05 * radius, (twigs, 3)) * (1.0, 1.0, 0.0)
     tip[:, 2] = 0.86 * tall
+    # leaves along the upper three quarters of each twig
     share = np.linspace(0.24, 1.0, each)[None, :, None] + rng.uniform(-0.05, 0.0, (twigs, each, 1))
     at = (foot[:, None] + share * (tip - foot)[:, None]).reshape(-1, 3)
     side = 2.0 * math.pi * rng.random(len(at))
@@ -112,7 +115,7 @@ def fern(name: str, radius: float, rng: np.random.Generator) -> DynamicMesh:
     Args:
         name: An identifier.
         radius: Largest distance of a tip from its middle, seen from above [m].
-        rng: Where the randomness comes from.
+        rng: Generator of all random numbers.
 
     Raises:
         ValueError: If the radius is not positive.
@@ -128,13 +131,14 @@ def fern(name: str, radius: float, rng: np.random.Generator) -> DynamicMesh:
         long = rng.uniform(0.82, 1.0)
         rise = rng.uniform(0.9, 1.35)
         share = np.linspace(0.0, 1.0, pairs + 1)
-        # away from the middle and up: steep at the foot, over the crest at two thirds, hanging at the tip
+        # outwards and up: steep at the foot, highest at two thirds, hanging at the tip
         line = np.stack([long * share**1.35, 0.10 * np.sin(3.0 * share) * rng.uniform(-1.0, 1.0), 0.0 * share], axis=1)
         line[:, 2] = rise * (1.75 * share - 1.35 * share**2) * 0.9
         ahead = _unit(np.gradient(line, axis=0))
         side = _unit(np.cross(ahead, (0.0, 0.0, 1.0)))
         over = np.cross(side, ahead)
         middle = 0.5 * (share[1:] + share[:-1])
+        # leaflets are longest at two fifths of the frond and taper to its tip
         reach = (
             0.30 * long * np.clip((middle - 0.10) / 0.30, 0.02, 1.0) * np.clip((1.08 - middle) / 0.68, 0.0, 1.0) ** 0.9
         )
@@ -164,7 +168,7 @@ def grass(name: str, radius: float, height: float, rng: np.random.Generator) -> 
         name: An identifier.
         radius: Largest distance of a tip from its middle, seen from above [m].
         height: Of its highest blade [m].
-        rng: Where the randomness comes from.
+        rng: Generator of all random numbers.
 
     Raises:
         ValueError: If a size is not positive.
@@ -180,6 +184,7 @@ def grass(name: str, radius: float, height: float, rng: np.random.Generator) -> 
     foot = out * (0.22 * radius * rng.random(blades))[:, None]
     half = 0.5 * np.clip(0.022 * height + 0.012 * radius, 0.0, 0.012) * rng.uniform(0.7, 1.3, blades)
     share = np.array([0.0, 0.45, 0.78, 1.0])
+    # a blade rises steeply and bends outwards with the power of its length
     bend = rng.uniform(1.6, 2.4, blades)
     droop = 0.32 * away**2
     rows = []
@@ -204,7 +209,7 @@ def grass(name: str, radius: float, height: float, rng: np.random.Generator) -> 
 def _leaves(
     at: np.ndarray, heading: np.ndarray, upward: np.ndarray, length: np.ndarray, width: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Leaves of two triangles, folded along the middle: they start ``at`` and lie across ``upward``, all ``(N, 3)``."""
+    """Leaves of two triangles, folded along the middle; they start ``at`` and face ``upward``, all ``(N, 3)``."""
     ahead = _unit(heading)
     side = _unit(np.cross(ahead, upward))
     over = np.cross(side, ahead)
@@ -228,14 +233,14 @@ def _stems(lines: list[np.ndarray], thick: float, color: tuple[float, float, flo
 
 
 def _part(name: str, vertices: np.ndarray, faces: np.ndarray, color: tuple[float, ...]) -> MeshPart:
-    """What some faces use of all vertices, as leaves: seen from both sides."""
+    """Part of some faces with the vertices that they use; visible from both sides, as leaves are."""
     used, where = np.unique(faces, return_inverse=True)
     red, green, blue = (float(min(c, 1.0)) for c in color)
     return MeshPart(name, vertices[used], where.reshape(-1, 3), (red, green, blue), double_sided=True)
 
 
 def _fitted(parts: list[MeshPart], radius: float, height: float | None = None) -> list[MeshPart]:
-    """Parts scaled so that they reach just so far from the z axis, and so high; what is below the ground stays."""
+    """Parts scaled to a radius around the z axis and to a height; what is below the ground keeps its depth."""
     points = np.concatenate([p.vertices for p in parts]).astype(np.float64)
     wide = radius / np.hypot(points[:, 0], points[:, 1]).max()
     tall = wide if height is None else height / points[:, 2].max()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quadruped walks as commanded among trunks: ``Stripe-Forest-Walk-Quadruped-v0``.
+"""Forest walk: a quadruped walks as commanded among trunks: ``Stripe-Forest-Walk-Quadruped-v0``.
 
-Woods get denser, hills higher and the ground more cluttered from level to level. The robot is told a velocity that
-knows nothing of the trees: it has to give way to them, and in training to touch none. ``-Play-v0`` is ordinary woods
-that it was not trained in, where an episode ends when it has fallen.
+From level to level woods get denser, hills higher and the ground more cluttered. Commands ignore the trees: the robot
+has to avoid them, and in training a touch of the body ends the episode. ``Stripe-Forest-Walk-Quadruped-Play-v0`` is in
+ordinary woods that no policy is trained in, where an episode ends when the robot has fallen.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from stripe_newton.sim import MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationC
 from stripe_newton.specifications import SceneSpec, TaskEnvCfg, TileGridSpec, TrainingSpec
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.robots import QUADRUPED_CFG
-from stripe_tasks.velocity import (
+from stripe_tasks.velocity.manager_based import (
     ActionsCfg,
     CommandsCfg,
     RoughEventsCfg,
     RoughTerminationsCfg,
     ScanningCfg,
     VelocityRoughPPORunnerCfg,
-    contacts,
+    end_on_contact,
     noise,
     randomize,
 )
-from stripe_tasks.velocity_quadruped import QuadrupedRewardsCfg
+from stripe_tasks.velocity.quadruped import QuadrupedRewardsCfg
 
 from .scenes import PLACES, ForestSpec
 
@@ -50,10 +50,13 @@ __all__ = ["LEVELS", "ForestPPORunnerCfg", "ForestWalkPPORunnerCfg", "play_cfg",
 LEVELS = 8
 """Levels of the curriculum."""
 TYPES = 4
+"""Different tiles of each level."""
 TILE = (40.0, 40.0)
+"""Size of a tile [m]."""
 SCENE_SEED, PLAY_SEED = 0, 1000
+"""Seeds of the scenes for training and for play, so that play shows other trees."""
 BELLY = 0.13
-"""Height of the root over the ground at which the robot lies on it [m]; it stands at 0.3 m."""
+"""Height of the root over the ground below which the robot lies on its belly [m]; it stands at 0.3 m."""
 VIEWER = ViewerCfg(
     origin_type="asset_heading",
     asset_name="Robot",
@@ -66,7 +69,7 @@ VIEWER = ViewerCfg(
 
 
 def woods() -> TileGridSpec:
-    """Eight levels of forest, from an open one on level ground to a dense one on rough slopes; four of each."""
+    """Scene for training: eight levels of forest, from open woods on level ground to dense woods on rough slopes."""
     specs = []
     for level in range(LEVELS):
         share = level / (LEVELS - 1)
@@ -86,7 +89,7 @@ def woods() -> TileGridSpec:
 
 @configclass
 class WalkCommandsCfg(CommandsCfg):
-    """Ahead more than back, turning to a heading."""
+    """Command: more forward than backward velocity, turning to a heading."""
 
     base_velocity: mdp.UniformVelocityCommandCfg = CommandsCfg().base_velocity.replace(
         ranges=mdp.UniformVelocityCommandCfg.Ranges(
@@ -97,7 +100,7 @@ class WalkCommandsCfg(CommandsCfg):
 
 @configclass
 class WalkPolicyCfg(ScanningCfg):
-    """Itself, the heights around it, and how near trunks are in 32 directions."""
+    """Observations of the robot itself, the heights around it, and the proximity of trunks in 32 directions."""
 
     height_scan: ObservationTermCfg = ObservationTermCfg(
         func=mdp.height_scan_over,
@@ -112,7 +115,7 @@ class WalkPolicyCfg(ScanningCfg):
 
 @configclass
 class WalkObservationsCfg:
-    """The policy sees noisy sensors, the critic the truth."""
+    """Observations: with noise for the policy, without noise for the critic."""
 
     policy: WalkPolicyCfg = WalkPolicyCfg()
     critic: WalkPolicyCfg = WalkPolicyCfg(enable_corruption=False)
@@ -120,7 +123,7 @@ class WalkObservationsCfg:
 
 @configclass
 class ForestEventsCfg(RoughEventsCfg):
-    """Episodes start where there is room, in any direction."""
+    """Events: episodes start at a place with room for the robot, in any direction."""
 
     reset_base: EventTermCfg = EventTermCfg(
         func=mdp.reset_root_state_from_terrain,
@@ -134,15 +137,14 @@ class ForestEventsCfg(RoughEventsCfg):
 
 @configclass
 class ForestTerminationsCfg(RoughTerminationsCfg):
-    """An episode ends when the body touches anything, where the forest ends, or after its full length."""
+    """An episode ends when the body touches anything, near the edge of the forest, or after its full length."""
 
-    base_contact: Any = RoughTerminationsCfg().base_contact
+    base_contact: TerminationTermCfg | None = RoughTerminationsCfg().base_contact
     bad_orientation: TerminationTermCfg | None = None
     on_belly: TerminationTermCfg | None = None
 
     def __post_init__(self) -> None:
-        if self.base_contact is not None:
-            self.base_contact.params["sensor_cfg"] = contacts("base")
+        end_on_contact(self, "base")
 
 
 FALLS = {
@@ -150,14 +152,14 @@ FALLS = {
     "bad_orientation": TerminationTermCfg(func=mdp.bad_orientation, params={"limit_angle": 1.0}),
     "on_belly": TerminationTermCfg(func=mdp.root_height_over_ground_below_minimum, params={"minimum_height": BELLY}),
 }
-"""What ends an episode of play: a robot on its side, its back or its belly. To brush against a tree is no fall."""
+"""Terminations of play: a robot on its side, its back or its belly. Brushing against a tree is no fall."""
 
 
 @configclass
 class ForestRewardsCfg(QuadrupedRewardsCfg):
-    """As on rough ground, and nothing is worse than to run into a tree or to fall."""
+    """Rewards as on rough ground, with a high cost of running into a tree or falling."""
 
-    flat_orientation_l2: Any = None
+    flat_orientation_l2: RewardTermCfg | None = None
     fallen: RewardTermCfg | None = RewardTermCfg(
         func=mdp.is_terminated_term, weight=-150.0, params={"term_keys": "base_contact"}
     )
@@ -165,17 +167,17 @@ class ForestRewardsCfg(QuadrupedRewardsCfg):
 
 @configclass
 class WalkCurriculumCfg:
-    """Who lasts goes on to denser and steeper woods."""
+    """Curriculum: robots that survive their episodes go on to denser and steeper woods."""
 
     terrain_levels: CurriculumTermCfg = CurriculumTermCfg(func=mdp.terrain_levels_survival)
 
 
 def training(scene: SceneSpec | None = None, **changes: Any) -> TrainingSpec:
-    """The task of walking, in a scene; :func:`woods` by default.
+    """Specification of the task of walking.
 
     Args:
-        scene: Where.
-        changes: Other fields of the specification.
+        scene: Scene to walk in; :func:`woods` by default.
+        changes: Other fields of the specification, which override those of this task.
     """
     fields: dict[str, Any] = {
         "observations": WalkObservationsCfg(),
@@ -198,6 +200,7 @@ def training(scene: SceneSpec | None = None, **changes: Any) -> TrainingSpec:
         },
         "sim": SimulationCfg(
             dt=0.005,
+            # more room than on open ground: trunks, rocks and logs add contacts
             solver=MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=180, nconmax=48, drive_limits=True),
             physics_material=RigidBodyMaterialCfg(static_friction=0.5, dynamic_friction=0.5),
         ),
@@ -212,14 +215,15 @@ def walk_cfg() -> TaskEnvCfg:
 
 
 def ordinary_woods() -> ForestSpec:
-    """Ordinary woods, 160 m by 160 m of 550 stems/ha, not trained in by any robot; they start in the middle."""
+    """Scene for play: ordinary woods of 160 m by 160 m with 550 stems/ha; robots start near the middle."""
     places = {name: replace(place, margin=30.0) for name, place in PLACES.items()}
     return ForestSpec((160.0, 160.0), density=550.0, relief=5.0, resolution=0.2, places=places)
 
 
 def to_play(make: Callable[..., TrainingSpec]) -> TrainingSpec:
-    """A task of the forest in ordinary woods, where an episode ends when the robot has fallen."""
+    """Change a task of the forest to play: in ordinary woods, where an episode ends when the robot has fallen."""
     spec = make(ordinary_woods(), curriculum=None, num_envs=64)
+    # the cost of falling names a termination that play does not have
     rewards, terminations = spec.rewards.replace(fallen=None), spec.terminations.replace(**FALLS)
     return replace(spec, rewards=rewards, terminations=terminations)
 
@@ -239,6 +243,6 @@ class ForestPPORunnerCfg(VelocityRoughPPORunnerCfg):
 
 @configclass
 class ForestWalkPPORunnerCfg(ForestPPORunnerCfg):
-    """PPO that makes it walk there."""
+    """PPO for forest walk."""
 
     experiment_name: str = "forest_walk_quadruped"

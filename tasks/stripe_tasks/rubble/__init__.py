@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collapsed buildings between streets, to walk in."""
+"""Rubble: scenes of collapsed buildings between streets."""
 
 from .scenes import RubbleSpec
 

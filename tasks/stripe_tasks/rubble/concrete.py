@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slabs, beams, columns and lumps of broken concrete, with the steel in them."""
+"""Concrete pieces: slabs, beams, columns and lumps, with the steel in them."""
 
 from __future__ import annotations
 
@@ -19,21 +19,23 @@ __all__ = ["beam", "chunk", "column", "rebar", "slab"]
 
 
 def slab(name: str, half_x: float, half_y: float, thickness: float, rng: np.random.Generator) -> Piece:
-    """A part of a floor, one or more of its sides broken, bars in the broken ones; its middle is the origin.
+    """Part of a floor with one or more broken sides, from which bars stick out; its middle is the origin.
 
     Args:
         name: An identifier.
         half_x: Half the length [m].
         half_y: Half the width [m].
-        thickness: [m].
-        rng: The only source of chance.
+        thickness: Thickness [m].
+        rng: Generator of all random numbers.
     """
+    # about half of the sides are broken, the one at +x always
     deep = np.where(rng.random(4) < 0.55, rng.uniform(0.1, 0.24, 4) * min(1.0, 1.4 * half_y), 0.0)
     deep[1] = max(deep[1], 0.12)
     outline = broken_outline(half_x, half_y, (deep[0], deep[1], deep[2], deep[3]), rng)
     faces, rim = plate(outline, thickness, 0.06, rng)
     stubs = []
     for side, way in ((1, (1.0, 0.0, 0.0)), (3, (-1.0, 0.0, 0.0))):
+        # a bar every 19 cm, as reinforcement has them, from inside of the broken edge
         if deep[side]:
             for y in np.arange(-half_y + 0.18, half_y - 0.1, 0.19):
                 y += rng.uniform(-0.04, 0.04)
@@ -49,7 +51,7 @@ def slab(name: str, half_x: float, half_y: float, thickness: float, rng: np.rand
 
 
 def _prism(half: float, width: float, high: float, cut: float, rng: np.random.Generator) -> Surface:
-    """A bar of rectangular section along x, its end at +x broken over a length ``cut`` [m]."""
+    """Bar of rectangular section along x, whose end at +x is broken over a length ``cut`` [m]."""
     ring = np.array([(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)]) * (width, high) * 0.5
     at = [-half, -0.3 * half, 0.4 * half, half - cut]
     corners = np.concatenate(
@@ -64,7 +66,7 @@ def _prism(half: float, width: float, high: float, cut: float, rng: np.random.Ge
 
 
 def beam(name: str, length: float, width: float, height: float, rng: np.random.Generator) -> Piece:
-    """A concrete beam along x, one end of it broken; its middle is the origin. Arguments in metres."""
+    """Concrete beam along x with one broken end; its middle is the origin. Sizes in metres."""
     half, cut = 0.5 * length, 0.3
     surface = _prism(half, width, height, cut, rng)
     stubs = np.array([[(half - 0.5 * cut, y * width, z * height), (1, 0, 0)] for y in (-0.3, 0.3) for z in (-0.3, 0.3)])
@@ -78,7 +80,7 @@ def beam(name: str, length: float, width: float, height: float, rng: np.random.G
 
 
 def column(name: str, height: float, width: float, rng: np.random.Generator) -> Piece:
-    """What still stands of a column: its top broken off, bars in it; the origin on the ground, 0.5 m deep in it."""
+    """Standing rest of a column, its top broken off, with bars; the origin is on the ground, 0.5 m above its foot."""
     (corners, faces), half = _prism(0.5 * (height + 0.5), width, width, 0.35, rng), 0.5 * (height + 0.5)
     surface = corners[:, [2, 1, 0]] * (-1, 1, 1) + (0, 0, half - 0.5), faces
     spots = [(x * width, y * width, height - 0.25) for x in (-0.34, 0.34) for y in (-0.34, 0, 0.34)]
@@ -94,10 +96,11 @@ def column(name: str, height: float, width: float, rng: np.random.Generator) -> 
 
 
 def rebar(name: str, length: float, bend: float, rng: np.random.Generator) -> Piece:
-    """A bar that comes out of concrete at the origin along x and bends up; one capsule from its root to its tip."""
+    """Bar that sticks out of concrete at the origin along x and bends up; a capsule from its root to its tip."""
     line, radius = bent(length, bend, rng), 0.009
     parts = [MeshPart("steel", *bar(line - 0.06 * (line[1] / np.linalg.norm(line[1])), radius, 6), STEEL, 0.75)]
     tip = line[-1]
+    # the shortest turn from the z axis to the tip
     axis = tip / np.linalg.norm(tip)
     turn = np.array([-axis[1], axis[0], 0.0, 1.0 + axis[2]])
     x, y, z, w = (float(t) for t in turn / np.linalg.norm(turn))
@@ -108,7 +111,8 @@ def rebar(name: str, length: float, bend: float, rng: np.random.Generator) -> Pi
 
 
 def chunk(name: str, radius: float, rng: np.random.Generator) -> Piece:
-    """A lump of concrete with flat sides, as wide as ``2 radius`` along x; its middle is the origin."""
+    """Lump of concrete with flat sides, ``2 radius`` wide along x; its middle is the origin."""
+    # hull of some points of a sphere: about twenty flat sides
     corners = rng.standard_normal((14, 3))
     corners /= np.linalg.norm(corners, axis=1, keepdims=True)
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies in the rubble: a few pieces of each kind, made once and used in every scene."""
+"""Library of the rubble's pieces: a few of each kind, made once and used in every scene."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ __all__ = ["kinds"]
 
 @lru_cache(maxsize=1)
 def kinds() -> dict[str, list[Piece]]:
-    """All pieces by kind; the same ones in every scene, which place, turn and scale them."""
-    rng = np.random.default_rng(20)
+    """All pieces by kind: the same ones in every scene, which places, turns and scales them."""
+    rng = np.random.default_rng(20)  # one stream: the order of the kinds below is part of their form
     slabs = [
         (1.9, 1.0, 0.26),
         (1.5, 0.75, 0.22),

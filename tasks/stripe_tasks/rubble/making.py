@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all pieces are made with: colours, and samples of their surface."""
+"""Making of pieces: colours, bent bars, and samples of the surface on which others rest."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PIPES: list[Color] = [(0.12, 0.10, 0.095), (0.30, 0.15, 0.08), (0.36, 0.37, 0.37
 
 
 def shades(color: Color, rng: np.random.Generator, factors: tuple[float, ...]) -> list[Color]:
-    """Brighter and darker shades of a colour, which itself is varied a little."""
+    """Brighter and darker shades of a colour, which is varied a little first."""
     base = np.array(color) * rng.uniform(0.88, 1.12) * (1.0 + 0.01 * rng.standard_normal(3))
     return [(float(r), float(g), float(b)) for r, g, b in (np.clip(base * f, 0.01, 1.0) for f in factors)]
 
@@ -43,14 +43,15 @@ def shades(color: Color, rng: np.random.Generator, factors: tuple[float, ...]) -
 def piece(
     name: str, kind: str, parts: list[MeshPart], touched: tuple[Collider, ...], stubs: np.ndarray | None = None
 ) -> Piece:
-    """A piece whose surface is sampled so that others can rest on it; its steel and the like is left out."""
+    """Make a piece and sample its surface, without the steel, so that others can rest on it."""
     solid = [p for p in parts if not p.name.startswith("steel")] or parts
     corners, faces = joined([(p.vertices.astype(float), p.faces) for p in solid])
     body = trimesh.Trimesh(corners, faces, process=False)
     count = int(np.clip(body.area / 0.0025, 60, 9000))
     samples = np.asarray(trimesh.sample.sample_surface(body, count, seed=0)[0])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    cell = np.maximum((high - low)[:2] / 14.0, 1.0e-6)  # the lowest sample of each cell of a grid
+    # a grid of 14 cells each way keeps the number of feet small
+    cell = np.maximum((high - low)[:2] / 14.0, 1.0e-6)  # feet: the lowest sample of each cell of a grid
     index = np.minimum((samples[:, :2] - low[:2]) // cell, 13).astype(int) @ (14, 1)
     order = np.lexsort((samples[:, 2], index))
     feet = samples[order[np.unique(index[order], return_index=True)[1]]]
@@ -60,7 +61,7 @@ def piece(
 
 
 def mottled(surface: Surface, rng: np.random.Generator, tones: int) -> np.ndarray:
-    """An index of tone for each face, in patches."""
+    """Index of a tone for each face, in patches."""
     middle = surface[0][surface[1]].mean(axis=1)
     wave = sum(np.sin(middle @ rng.normal(0.0, 2.5, 3) + rng.uniform(0.0, 6.3)) for _ in range(4))
     level = wave + 0.9 * rng.standard_normal(len(middle))
@@ -69,7 +70,7 @@ def mottled(surface: Surface, rng: np.random.Generator, tones: int) -> np.ndarra
 
 
 def bent(length: float, bend: float, rng: np.random.Generator) -> np.ndarray:
-    """A line from the origin along x that bends up, ``(7, 3)`` [m]."""
+    """Line from the origin along x that bends up, ``(7, 3)`` [m]."""
     share = np.linspace(0.0, 1.0, 7)
     turn = bend * np.clip(share - rng.uniform(0.0, 0.35), 0.0, None) * 1.5
     steps = np.column_stack([np.cos(turn), 0.25 * np.sin(3.0 * share) * rng.uniform(-1.0, 1.0), np.sin(turn)])
@@ -77,7 +78,7 @@ def bent(length: float, bend: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def stub_bars(stubs: np.ndarray, rng: np.random.Generator) -> MeshPart:
-    """Short ends of bars at places and in directions ``(K, 2, 3)``."""
+    """Short ends of bars, at points and in directions ``(K, 2, 3)``."""
     found = []
     for point, way in stubs:
         line = bent(rng.uniform(0.06, 0.28), rng.uniform(-1.2, 1.2), rng)

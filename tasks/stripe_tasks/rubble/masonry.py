@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls, bricks, pipes and chips."""
+"""Masonry pieces: walls, bricks, pipes and chips."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["brick", "debris", "pipe", "wall"]
 
 
 def brick(name: str, courses: tuple[int, ...], rng: np.random.Generator) -> Piece:
-    """Bricks along x that still hold together, so many in each course; the middle is the origin."""
+    """Bricks along x that still hold together, ``courses`` in each layer; their middle is the origin."""
     size, gap = np.array([0.24, 0.115, 0.071]), 0.01
     spots = []
     for level, many in enumerate(courses):
@@ -46,7 +46,7 @@ def brick(name: str, courses: tuple[int, ...], rng: np.random.Generator) -> Piec
 
 
 def pipe(name: str, length: float, radius: float, rng: np.random.Generator) -> Piece:
-    """A pipe along x, open at its ends; its middle is the origin."""
+    """Pipe along x, open at its ends; its middle is the origin."""
     surface = tube(radius, 0.86 * radius, length)
     colors = shades(PIPES[int(rng.integers(3))], rng, (1.0, 0.6))
     inner = np.arange(len(surface[1])) // 28 >= 2
@@ -57,17 +57,19 @@ def pipe(name: str, length: float, radius: float, rng: np.random.Generator) -> P
 
 
 def wall(name: str, length: float, height: float, rng: np.random.Generator) -> Piece:
-    """What still stands of a brick wall along x, with a window in each storey; the origin on the ground, 0.45 m of it
-    below.
+    """Standing rest of a brick wall along x, with a window in each storey.
+
+    The origin is on the ground, 0.45 m above its foot.
 
     Args:
         name: An identifier.
-        length: [m].
-        height: Of its highest place [m].
-        rng: The only source of chance.
+        length: Length [m].
+        height: Height of its highest point [m].
+        rng: Generator of all random numbers.
     """
     thick, step_x, step_z, deep = 0.26, 0.29, 0.115, 0.45
     x = np.arange(-0.5 * length, 0.5 * length, 0.05)
+    # outline of the top: falls to one end, with steps of a few bricks
     walk = np.interp(x, np.linspace(x[0], x[-1], 8), rng.uniform(-0.22, 0.22, 8))
     fall = rng.choice([-1.0, 1.0]) * 2.0 * x / length  # it is highest at one end
     top = np.clip(height * (1.0 - 0.75 * np.clip(fall - 0.1, 0.0, None) ** 1.5) + walk - 0.2, 0.35, height)
@@ -84,6 +86,7 @@ def wall(name: str, length: float, height: float, rng: np.random.Generator) -> P
     half = np.broadcast_to([0.5 * step_x - 0.006, 0.5 * thick, 0.5 * step_z - 0.006], middle.shape)
     middle = middle + rng.normal(0.0, 1.0, middle.shape) * (0.002, 0.006, 0.001)
     surface = boxes(middle, half, rng, 0.004)
+    # plaster is left in patches
     wave = sum(np.sin(middle @ rng.normal(0.0, 1.6, 3) + rng.uniform(0, 6.3)) for _ in range(4))
     plastered = wave + 0.3 * rng.standard_normal(len(middle)) > 0.4
     parts = toned("brick", surface, np.repeat(rng.integers(0, 4, len(middle)), 12), BRICKS)
@@ -93,26 +96,39 @@ def wall(name: str, length: float, height: float, rng: np.random.Generator) -> P
         parts.append(MeshPart("plaster", *boxes(at, size, rng), PLASTER))
     sills = np.array([(window, 0.0, low - 0.02) for low, _ in storeys])
     parts.append(MeshPart("sill", *boxes(sills, np.array([[0.62, 0.19, 0.04]]), rng, 0.01), CONCRETE))
+    return piece(name, "wall", parts, _wall_colliders(length, thick, -deep, (x, top), window, storeys))
+
+
+def _wall_colliders(
+    length: float,
+    thick: float,
+    foot: float,
+    outline: tuple[np.ndarray, np.ndarray],
+    window: float,
+    storeys: list[tuple[float, float]],
+) -> tuple[Collider, ...]:
+    """Upright capsules side by side, from the foot to the outline; none in the windows, between sill and lintel."""
     radius = 0.5 * thick
     count = math.ceil((length - thick) / (1.7 * radius)) + 1
-    touched = []
-    for at_x in np.linspace(-0.5 * length + radius, 0.5 * length - radius, count):
-        high = float(np.interp(at_x, x, top))
-        floor, end = -deep, (np.inf, np.inf)
-        for sill, lintel in [*(storeys if abs(at_x - window) < 0.54 else ()), end]:
+    found = []
+    for x in np.linspace(-0.5 * length + radius, 0.5 * length - radius, count):
+        high, floor = float(np.interp(x, *outline)), foot
+        openings = storeys if abs(x - window) < 0.54 else []
+        for sill, lintel in [*openings, (np.inf, np.inf)]:
             if min(high, sill) > floor + thick:
-                touched.append(upright(at_x, floor, min(high, sill), radius))
+                found.append(upright(x, floor, min(high, sill), radius))
             floor = lintel
-    return piece(name, "wall", parts, tuple(touched))
+    return tuple(found)
 
 
 def debris(name: str, reach: float, rng: np.random.Generator) -> Piece:
-    """Chips on the ground within a distance of the origin: too small to be touched."""
+    """Chips on the ground within a distance of the origin, too small for colliders."""
     count = 60
     away, turn = reach * np.sqrt(rng.random(count)), rng.uniform(0.0, 2.0 * math.pi, count)
     size = 0.012 + 0.04 * rng.random(count) ** 2.5
     middle = np.column_stack([away * np.cos(turn), away * np.sin(turn), 0.1 * size])
     corners, faces = boxes(0.0 * middle, size[:, None] * rng.uniform(0.45, 1.0, (count, 3)), rng)
+    # pairs of corners by the same factor: chips that are no longer boxes
     corners *= np.repeat(rng.uniform(0.6, 1.1, (count * 4, 1)), 2, axis=0)
     angle = np.repeat(rng.uniform(0.0, 6.3, (count, 3)), 8, axis=0)
     for k in range(3):  # turned about each axis

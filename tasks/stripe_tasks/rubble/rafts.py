@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Capsules in the place of boxes: collider slots take nothing else."""
+"""Rafts: capsules side by side in place of a box, as collider slots hold only capsules."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stripe_newton.specifications import Collider
 __all__ = ["MOST", "raft", "upright"]
 
 MOST = 8
-"""Most capsules of a raft."""
+"""Largest number of capsules in a raft."""
 _ALONG_X = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
 _ALONG_Y = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 
@@ -22,20 +22,20 @@ def raft(
 ) -> tuple[Collider, ...]:
     """Parallel capsules side by side that fill a plate, whose middle is the origin.
 
-    They are as thick as the plate and lie along its longer side. Between two of them, ``s`` apart, the surface is
-    ``r - sqrt(r^2 - s^2 / 4)`` too low, where ``r`` is half the thickness; at corners they are round. None stands out
-    of the plate.
+    They are as thick as the plate and lie along its longer side. Between two of them at a distance ``s``, the surface
+    is too low by ``r - sqrt(r^2 - s^2 / 4)``, where ``r`` is half the thickness. Corners are round. No capsule stands
+    out of the plate.
 
     Args:
         half_x: Half the length [m].
         half_y: Half the width [m].
-        thickness: Of the plate, at most its width and length [m].
-        outline: Corners of a plate that is no rectangle, star-shaped about the origin, ``(K, 2)`` [m]; each capsule is
-            as long as the plate where it is shortest over the middle half of the capsule's width.
-        spacing: Most between two axes, in radii; more where they would be more than :data:`MOST`.
+        thickness: Thickness of the plate, at most its width and length [m].
+        outline: Corners of a plate that is no rectangle, star-shaped around the origin, ``(K, 2)`` [m]; each capsule is
+            as long as the plate is over the middle half of the capsule's width.
+        spacing: Largest distance between two axes, in radii; more where :data:`MOST` capsules do not suffice.
 
     Raises:
-        ValueError: for a plate that is thicker than wide.
+        ValueError: If the plate is thicker than wide.
     """
     radius = 0.5 * thickness
     if not 0.0 < radius <= min(half_x, half_y) + 1.0e-9:
@@ -45,11 +45,8 @@ def raft(
     along = half_x >= half_y
     long, wide = (half_x, half_y) if along else (half_y, half_x)
     corners = outline if along or outline is None else outline[:, ::-1]
-    first, last = -wide, wide
-    if corners is not None:  # where it is at least a third as long as it may be
-        across = np.linspace(-wide, wide, 81)
-        fair = across[[np.ptp(_cut(corners, y)) > 0.67 * long for y in across]]
-        first, last = (float(fair.min()), float(fair.max())) if len(fair) else (first, last)
+    first, last = (-wide, wide) if corners is None else _wide_enough(corners, long, wide)
+    # outermost axes a radius inside, or capsules would stand out of the plate
     first, last = min(first + radius, 0.0), max(last - radius, 0.0)
     count = min(MOST, 1 + math.ceil((last - first) / (spacing * radius) - 1.0e-6))
     found = []
@@ -69,8 +66,15 @@ def raft(
     return tuple(found)
 
 
+def _wide_enough(corners: np.ndarray, long: float, wide: float) -> tuple[float, float]:
+    """Range across a plate where it is at least a third as long as its rectangle [m]; all of it if it nowhere is."""
+    across = np.linspace(-wide, wide, 81)
+    fair = across[[np.ptp(_cut(corners, y)) > 0.67 * long for y in across]]
+    return (float(fair.min()), float(fair.max())) if len(fair) else (-wide, wide)
+
+
 def _cut(corners: np.ndarray, across: float) -> tuple[float, float]:
-    """Where an outline begins and ends on a line along its first axis [m]."""
+    """Begin and end of an outline on a line along its first axis [m]."""
     start, end = corners, np.roll(corners, -1, axis=0)
     crossed = (start[:, 1] - across) * (end[:, 1] - across) <= 0.0
     start, end = start[crossed], end[crossed]
@@ -84,6 +88,6 @@ def _cut(corners: np.ndarray, across: float) -> tuple[float, float]:
 
 
 def upright(x: float, low: float, high: float, radius: float) -> Collider:
-    """A capsule that stands at ``(x, 0)`` from one height to another [m], caps included."""
+    """Upright capsule at ``(x, 0)`` from one height to another [m], caps included."""
     half = max(0.5 * (high - low) - radius, 1.0e-4)
     return Collider("capsule", (radius, half), (float(x), 0.0, float(0.5 * (low + high))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground of a town that has fallen: streets, blocks of buildings between them, and heaps where those stood."""
+"""Relief of the rubble: streets, blocks of buildings between them, and heaps where those stood."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from stripe_newton.specifications import TerrainInstance
 __all__ = ["REPOSE", "Building", "RubbleTerrain", "blocks", "colors", "heap_up", "repose", "roughen", "street_map"]
 
 REPOSE = math.radians(36.0)
-"""Angle of repose of broken masonry: as steep as a heap of it stands by itself [rad]."""
+"""Angle of repose of broken masonry: the steepest slope of a heap [rad]."""
+# linear RGB
 _DUST, _SOIL = np.array([0.33, 0.31, 0.275]), np.array([0.17, 0.13, 0.09])
 _BRICK, _ASPHALT = np.array([0.30, 0.165, 0.11]), np.array([0.105, 0.105, 0.11])
 
 
 @dataclass(frozen=True)
 class Building:
-    """Where a building stood.
+    """Ground plan of a building that stood there.
 
     Attributes:
-        middle: Of its floor [m].
-        yaw: Of its longer axis [rad].
+        middle: Middle of its floor [m].
+        yaw: Direction of its longer axis [rad].
         half: Half extents along its axes [m].
     """
 
@@ -35,28 +36,28 @@ class Building:
     half: tuple[float, float]
 
     def local(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the world in its frame [m]."""
+        """Points of the world in the frame of the building [m]."""
         dx, dy = x - self.middle[0], y - self.middle[1]
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return cos * dx + sin * dy, cos * dy - sin * dx
 
     def world(self, u: float, v: float) -> tuple[float, float]:
-        """A point of its frame in the world [m]."""
+        """Point of the building's frame in the world [m]."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return self.middle[0] + cos * u - sin * v, self.middle[1] + sin * u + cos * v
 
     def depth(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """How far points lie inside of its walls, negative outside [m]."""
+        """Depth of points inside the walls, negative outside [m]."""
         u, v = self.local(x, y)
         return np.asarray(np.minimum(self.half[0] - np.abs(u), self.half[1] - np.abs(v)))
 
 
 @dataclass(eq=False)
 class RubbleTerrain(TerrainInstance):
-    """Ground that knows where the buildings stood.
+    """Terrain that knows where buildings stood.
 
     Attributes:
-        buildings: All of them.
+        buildings: All buildings.
     """
 
     buildings: list[Building] = field(default_factory=list)
@@ -69,9 +70,9 @@ def blocks(
 
     Args:
         size: Extent of the field [m].
-        rng: The only source of chance.
+        rng: Generator of all random numbers.
         street: Width of a street [m].
-        block: Length of a building's shorter side, about [m].
+        block: Approximate length of a building's shorter side [m].
     """
     yaw, reach = rng.uniform(-0.22, 0.22), 0.5 * math.hypot(*size) + block
     sides = []
@@ -89,6 +90,7 @@ def blocks(
     for u, half_u in sides[0]:
         for v, half_v in sides[1]:
             middle = cos * u - sin * v, sin * u + cos * v
+            # blocks that reach into the field; a little smaller than their block, so that pavements are left
             near = [abs(m) - half_u - half_v < 0.5 * s for m, s in zip(middle, size, strict=True)]
             inset = rng.uniform(0.3, 1.2, 2)
             if all(near):
@@ -97,7 +99,7 @@ def blocks(
 
 
 def street_map(x: np.ndarray, y: np.ndarray, buildings: list[Building], margin: float = 1.2) -> np.ndarray:
-    """1 where streets are free, 0 where buildings stood, over a margin outside of their walls [m] in between."""
+    """Map of streets: 1 on a street, 0 where buildings stood, in between over a margin outside their walls [m]."""
     inside = np.full(np.shape(x), -np.inf)
     for building in buildings:
         inside = np.maximum(inside, building.depth(x, y))
@@ -109,15 +111,15 @@ def heap_up(
 ) -> np.ndarray:
     """Heights of heaps and craters [m], nowhere steeper than :data:`REPOSE`.
 
-    What has fallen of a building is a mound about as wide as it was, with piles that add up on it; shells have left
-    craters with rims, in the streets too.
+    A fallen building is a mound about as wide as it was, with piles on it. Craters with rims are everywhere, in the
+    streets too.
 
     Args:
         x: World x of the columns [m], ``(ncol,)``.
         y: World y of the rows [m], ``(nrow,)``.
-        buildings: Where they stood.
-        height: Of the heaps, about [m].
-        rng: The only source of chance.
+        buildings: Ground plans of the buildings.
+        height: Approximate height of the heaps [m].
+        rng: Generator of all random numbers.
     """
     heights = np.zeros((len(y), len(x)))
     steep, cell = math.tan(REPOSE), float(x[1] - x[0])
@@ -125,6 +127,7 @@ def heap_up(
     for building in buildings:
         depth = building.depth(*np.meshgrid(x, y)) + ragged
         heights += height * rng.uniform(0.2, 0.36) * (1.0 - np.exp(-np.clip(depth + 0.3, 0.0, None) / 1.6))
+        # piles in proportion to the area of the floor, about as steep as the angle of repose
         for _ in range(round(building.half[0] * building.half[1] / 3.6)):
             u, v = (rng.uniform(-0.9, 0.9) * h for h in building.half)
             peak = height * rng.uniform(0.15, 0.6)
@@ -137,7 +140,7 @@ def heap_up(
 
 
 def _noise(shape: tuple[int, ...], width: float, rng: np.random.Generator) -> np.ndarray:
-    """Smooth noise of variance 1 with features of a width in cells."""
+    """Smooth noise of variance 1, with features of a width in cells."""
     noise = ndimage.gaussian_filter(rng.standard_normal(shape), width, mode="wrap")
     return np.asarray(noise / max(float(noise.std()), 1.0e-9))
 
@@ -152,7 +155,7 @@ def _add(
     radius: float,
     rng: np.random.Generator,
 ) -> None:
-    """Add a shape of a size and radius [m] to the heights about a place; its outline is wavy."""
+    """Add a shape of a size and radius [m] to the heights around a place, with a wavy outline."""
     phase, waves = rng.uniform(0.0, 2.0 * math.pi, 2), rng.uniform(0.05, 0.18, 2)
     cols = slice(*np.searchsorted(x, (at[0] - 2.2 * radius, at[0] + 2.2 * radius)))
     rows = slice(*np.searchsorted(y, (at[1] - 2.2 * radius, at[1] + 2.2 * radius)))
@@ -163,18 +166,18 @@ def _add(
 
 
 def _pile(share: np.ndarray) -> np.ndarray:
-    """A cone with a rounded top."""
+    """Cone with a rounded top."""
     return np.asarray(np.clip(1.08 - np.sqrt(share * share + 0.08**2), 0.0, None))
 
 
 def _crater(share: np.ndarray) -> np.ndarray:
-    """A bowl of depth 1 and radius 1 with a rim."""
+    """Bowl of depth 1 and radius 1 with a rim."""
     bowl = np.minimum(share * share - 1.0, 0.0)
     return np.asarray(bowl + 0.28 * np.exp(-(((share - 1.05) / 0.28) ** 2)))
 
 
 def repose(heights: np.ndarray, cell: tuple[float, float], angle: float = REPOSE) -> np.ndarray:
-    """The highest surface below ``heights`` whose slope along rows, columns and diagonals is at most an angle.
+    """Highest surface below ``heights`` with at most a given slope along rows, columns and diagonals.
 
     Args:
         heights: Shape ``(nrow, ncol)`` [m].
@@ -185,6 +188,7 @@ def repose(heights: np.ndarray, cell: tuple[float, float], angle: float = REPOSE
     near = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
     rise = np.array([math.hypot(i * cell[1], j * cell[0]) * steep for i, j in near])
     low = np.pad(np.asarray(heights, dtype=float), 1, mode="edge")
+    # Each round carries the limit on by one cell; no path to a low place is longer than the field is wide and high.
     for _ in range(sum(low.shape)):
         inner = low[1:-1, 1:-1]
         before = inner.copy()
@@ -198,7 +202,7 @@ def repose(heights: np.ndarray, cell: tuple[float, float], angle: float = REPOSE
 
 
 def roughen(heights: np.ndarray, street: np.ndarray, cell: float, rough: float, rng: np.random.Generator) -> np.ndarray:
-    """Heights with lumps of a few sizes on the heaps and less on the streets [m]."""
+    """Add lumps of a few sizes to the heights, on the heaps more than on the streets [m]."""
     lumps = np.zeros_like(heights)
     for width, high in ((1.1, 1.0), (0.35, 0.55)):
         lumps += high * _noise(heights.shape, width / cell, rng)

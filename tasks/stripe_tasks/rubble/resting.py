@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a piece comes to rest: on the ground, and on pieces that lie there already."""
+"""Rest of pieces on the ground and on pieces that lie there already."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from stripe_newton.specifications import AssetInstance, DynamicMesh, TerrainInst
 __all__ = ["Piece", "Support", "spread"]
 
 STEEPEST = math.radians(40.0)
-"""Nothing lies still on steeper ground [rad]."""
+"""Steepest ground on which a piece lies still [rad]."""
 
 
 @dataclass(eq=False)
 class Piece(DynamicMesh):
-    """A piece of rubble.
+    """Piece of rubble.
 
     Attributes:
-        samples: Points of its surface, close enough to be stood on, ``(N, 3)`` [m].
+        samples: Points of its surface, so dense that others can rest on them, ``(N, 3)`` [m].
         feet: Points of its underside, ``(M, 3)`` [m].
         upright: Whether it stands, so that nothing rests on it.
-        stubs: Where reinforcement comes out of it, ``(K, 2, 3)``: point [m] and direction.
+        stubs: Points [m] and directions in which reinforcement sticks out of it, ``(K, 2, 3)``.
     """
 
     samples: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -37,10 +37,10 @@ class Piece(DynamicMesh):
 
 
 class Support:
-    """The highest surface at each place of a terrain, of the ground and of all pieces on it.
+    """Support of pieces: the highest surface of the ground and of all pieces on it, on a grid.
 
     Args:
-        terrain: With all earlier pieces in ``terrain.placed``.
+        terrain: Terrain with all earlier pieces in ``terrain.placed``.
         cell: Spacing [m].
     """
 
@@ -62,7 +62,7 @@ class Support:
         return np.asarray(map_coordinates(self.heights, [row, col], order=1, mode="nearest"))
 
     def add(self, instance: AssetInstance) -> None:
-        """Let later pieces rest on this one, or not be where it stands, if it is a :class:`Piece`."""
+        """Add an instance: later pieces rest on it, or stay clear of it if it stands. Only a :class:`Piece` counts."""
         if not isinstance(instance.mesh, Piece):
             return
         turn = Rotation.from_quat(instance.rotation)
@@ -74,13 +74,13 @@ class Support:
             np.maximum.at(self.heights, (row, col), points[inside, 2])
 
     def _cells(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Row and column of the places that lie in the field, and which do."""
+        """Rows and columns of the places that lie in the field, and the mask of those places."""
         col, row = np.rint((xy - self._lower) / self._cell).astype(int).T
         inside = (row >= 0) & (col >= 0) & (row < self.heights.shape[0]) & (col < self.heights.shape[1])
         return row[inside], col[inside], inside
 
     def room(self, xy: np.ndarray) -> np.ndarray:
-        """Distance of places ``(N, 2)`` in the field from what stands there [m]."""
+        """Distance of places ``(N, 2)`` in the field from standing pieces [m]."""
         if not self.taken.any():
             return np.full(len(xy), np.inf)
         away = distance_transform_edt(~self.taken, sampling=self._cell[::-1])
@@ -88,7 +88,7 @@ class Support:
         return np.asarray(away[row, col])
 
     def crossed(self, piece: Piece, position: np.ndarray, turn: np.ndarray, scale: float = 1.0) -> int:
-        """How many points of a piece at a pose lie where something stands."""
+        """Number of points of a piece at a pose that lie in standing pieces."""
         if not self.taken.any():
             return 0
         points = position[:2] + scale * Rotation.from_quat(turn).apply(piece.samples)[:, :2]
@@ -98,16 +98,16 @@ class Support:
     def rest(
         self, piece: Piece, xy: np.ndarray, yaw: float, scale: float = 1.0, raised: float = 0.0, sunk: float = 0.02
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pose of a piece that lies on the plane through what is below it, a little sunk.
+        """Pose of a piece at rest on the plane fitted to the surface below it, sunk in a little.
 
         A part of its underside is below the surface: a third where it lies flat, less where one end of it is raised.
 
         Args:
-            piece: What is to lie there.
-            xy: Where [m].
+            piece: Piece to lay down.
+            xy: Its place [m].
             yaw: Direction of its x axis [rad].
             scale: Factor on its size.
-            raised: Angle by which it is turned up about its y axis, the other end in the heap [rad].
+            raised: Angle by which one end is raised, about its y axis; the other end is in the heap [rad].
             sunk: Further depth [m].
 
         Returns:
@@ -116,6 +116,7 @@ class Support:
         about = Rotation.from_euler("z", yaw)
         flat = scale * about.apply(piece.feet)
         below = self.at(flat[:, :2] + xy)
+        # plane through the surface below the feet, by least squares
         basis = np.column_stack([np.ones(len(flat)), flat[:, :2]])
         _, along_x, along_y = np.linalg.lstsq(basis, below, rcond=None)[0]
         tilt = math.atan(math.hypot(along_x, along_y))
@@ -123,6 +124,7 @@ class Support:
         turn = Rotation.from_rotvec(min(tilt, STEEPEST) * axis) * about * Rotation.from_euler("y", -raised)
         points = scale * turn.apply(piece.feet)
         gap = points[:, 2] - self.at(points[:, :2] + xy)
+        # the height at which that share of the feet is below the surface
         share = 0.33 if raised == 0.0 else 0.28
         return np.array([*xy, -np.quantile(gap, share) - sunk]), turn.as_quat()
 
@@ -134,17 +136,17 @@ def spread(
     apart: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Points of a density map that keep a distance, ``(count, 2)`` [m]; a shorter one where there is no room.
+    """Draw points of a density map that keep a distance, ``(count, 2)`` [m]; a shorter one if there is no room.
 
     Args:
         weight: Density, ``(rows, cols)`` over the extent, rows along y.
         size: Extent in x and y, centred on the origin [m].
-        count: How many.
+        count: Number of points.
         apart: Least distance [m].
-        rng: The only source of chance.
+        rng: Generator of all random numbers.
 
     Raises:
-        ValueError: if the density is 0 everywhere.
+        ValueError: If the density is 0 everywhere.
     """
     if count and not weight.any():
         raise ValueError(f"spread: {count} points have no room, the density is 0 everywhere")
@@ -157,6 +159,7 @@ def spread(
         points = np.concatenate([kept, (more - 0.5) * size])
         free = np.ones(len(points), dtype=bool)
         pairs = cKDTree(points).query_pairs(apart, output_type="ndarray")
+        # in the order of their drawing, earlier points go first: points kept so far stay
         for first, second in pairs[np.lexsort(pairs.T[::-1])]:
             if free[first]:
                 free[second] = False

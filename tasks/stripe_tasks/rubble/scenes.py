@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: a few streets of a town of which an earthquake left heaps."""
+"""Scene of the rubble: a few streets of a town of which an earthquake left heaps."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from .relief import RubbleTerrain, blocks, colors, heap_up, roughen, street_map
 __all__ = ["PLACES", "RubbleSpec"]
 
 PLACES: Mapping[str, Places] = {"init_pos": Places(radius=0.7), "target": Places(radius=0.6)}
-"""Where robots start and where they are sent."""
+"""Places where robots start and places to which they are sent."""
 ROBOT_RADIUS, MAX_SLOPE = 0.4, math.radians(35.0)
-"""The robot of the map ``walkable``: its radius [m] and steepest slope [rad]."""
+"""Robot for which the map ``walkable`` is made: radius [m] and steepest slope [rad]."""
 
 
 class RubbleSpec(SceneSpec):
     """Collapsed buildings between streets.
 
-    Every piece that is touched is made of capsules, so that robots can touch it with collider slots: of the default
-    density, 24 of them within 0.9 m of the root are enough on ground that can be walked on, 32 anywhere on the heaps.
+    All colliders of the pieces are capsules, so that collider slots can hold them. At the default density, 24 slots
+    with a reach of 0.9 m around the root suffice on ground that can be walked on, 32 anywhere on the heaps.
 
     Args:
         size: Extent in x and y [m].
         density: Slabs and beams per hectare.
-        count: Slabs and beams in all; goes before ``density``.
+        count: Slabs and beams in all; overrides ``density``.
         resolution: Spacing of the heights [m].
-        height: Of the heaps, about [m].
+        height: Approximate height of the heaps [m].
         rough: Height of lumps on them [m].
-        walls: Remnants of walls per hectare; columns likewise.
-        bricks: Bricks for each slab or beam; lumps of concrete, pipes and bars likewise.
+        walls: Remnants of walls per hectare; ``columns`` likewise.
+        bricks: Bricks for each slab or beam; ``chunks`` of concrete, ``pipes`` and ``bars`` likewise.
         clutter: Factor on bricks, lumps, pipes, bars and debris.
-        places: Places to find for robots.
+        places: Places for robots to find.
     """
 
     def __init__(

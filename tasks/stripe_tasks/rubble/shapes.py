@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces of broken things: outlines, plates, bars and tubes, as corners ``(V, 3)`` and faces ``(F, 3)``."""
+"""Shapes of broken things: outlines, plates, bars and tubes, as corners ``(V, 3)`` and faces ``(F, 3)``."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _BOX_FACES = np.array(
 def broken_outline(
     half_x: float, half_y: float, broken: tuple[float, float, float, float], rng: np.random.Generator
 ) -> np.ndarray:
-    """Corners of a rectangle some of whose sides are broken, counterclockwise, ``(K, 2)`` [m].
+    """Corners of a rectangle with some broken sides, counterclockwise, ``(K, 2)`` [m].
 
     Args:
         half_x: Half extent along x [m].
         half_y: Half extent along y [m].
-        broken: How deep the sides at -y, +x, +y, -x are broken [m]; 0 for sides as they were cast.
-        rng: The only source of chance.
+        broken: Depth of the break of the sides at -y, +x, +y, -x [m]; 0 for an intact side.
+        rng: Generator of all random numbers.
     """
     corners = np.array([(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)])
     inward = np.array([(0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0)])
@@ -37,6 +37,7 @@ def broken_outline(
     for side in range(4):
         start, end, deep = corners[side], corners[(side + 1) % 4], broken[side]
         pieces = max(2, round(np.linalg.norm(end - start) / 0.16)) if deep else 1
+        # a random walk with some noise: breaks have large bays and small teeth
         walk = np.cumsum(rng.uniform(-1.0, 1.0, pieces + 1))
         walk = 0.5 * (walk - walk.min()) / max(np.ptp(walk), 1.0e-9) + 0.5 * rng.random(pieces + 1)
         share = np.linspace(0.0, 1.0, pieces + 1)
@@ -47,6 +48,7 @@ def broken_outline(
         points[-1] += (0.5 * after + 0.3 * deep) * inward[(side + 1) % 4] if after or deep else 0.0
         found.append(points if deep else points[[0, -1]])
     outline = np.concatenate(found)
+    # sorted by angle, the outline is star-shaped, which its triangulation and its raft need
     turn = np.arctan2(outline[:, 1] / half_y, outline[:, 0] / half_x)
     outline = outline[np.argsort(turn)]
     apart = np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1) > 0.02
@@ -54,13 +56,13 @@ def broken_outline(
 
 
 def plate(outline: np.ndarray, thickness: float, ragged: float, rng: np.random.Generator) -> tuple[Surface, Surface]:
-    """The faces and the rim of a plate between ``z = -thickness / 2`` and ``thickness / 2``.
+    """Faces and rim of a plate between ``z = -thickness / 2`` and ``thickness / 2``.
 
     Args:
         outline: Its corners, star-shaped about the origin, ``(K, 2)`` [m].
-        thickness: [m].
-        ragged: How far the rim goes in and out [m].
-        rng: The only source of chance.
+        thickness: Thickness [m].
+        ragged: Displacement of the rim, in and out [m].
+        rng: Generator of all random numbers.
     """
     high, count, half = outline.max(axis=0), len(outline), 0.5 * thickness
     points = rng.uniform(-1.0, 1.0, (max(8, round(12.0 * float(high.prod()))), 2)) * high
@@ -77,6 +79,7 @@ def plate(outline: np.ndarray, thickness: float, ragged: float, rng: np.random.G
     top = np.column_stack([flat, half + rng.uniform(-0.004, 0.004, len(flat))])
     low = np.column_stack([np.concatenate([outline * shrunk[:, None], points]), np.full(len(flat), -half)])
     faced = np.concatenate([top, low]), np.concatenate([faces, faces[:, ::-1] + len(flat)])
+    # a third ring between top and underside makes the rim uneven across the thickness too
     out = 1.0 + ragged * rng.uniform(-0.4, 0.5, count) / np.linalg.norm(outline, axis=1)
     waist = np.column_stack([outline * out[:, None], half * rng.uniform(-0.4, 0.4, count)])
     ring = np.concatenate([low[:count], waist, top[:count]])
@@ -88,7 +91,7 @@ def plate(outline: np.ndarray, thickness: float, ragged: float, rng: np.random.G
 
 
 def _inside(points: np.ndarray, outline: np.ndarray, share: float) -> np.ndarray:
-    """Whether points lie in an outline shrunk by a factor about the origin."""
+    """Mask of the points inside an outline that is scaled by ``share`` about the origin."""
     turn = np.arctan2(outline[:, 1], outline[:, 0])
     order = np.argsort(turn)
     edge, turn = outline[order], turn[order]
@@ -99,7 +102,7 @@ def _inside(points: np.ndarray, outline: np.ndarray, share: float) -> np.ndarray
 
 
 def boxes(middle: np.ndarray, half: np.ndarray, rng: np.random.Generator, jitter: float = 0.0) -> Surface:
-    """Boxes of half extents ``(N, 3)`` about ``(N, 3)``, their corners moved by up to ``jitter`` [m]."""
+    """Boxes with middles ``(N, 3)`` and half extents ``(N, 3)``, their corners moved by up to ``jitter`` [m]."""
     corners = middle[:, None] + half[:, None] * _BOX
     corners = corners + rng.uniform(-jitter, jitter, corners.shape)
     faces = _BOX_FACES + 8 * np.arange(len(middle))[:, None, None]
@@ -107,7 +110,7 @@ def boxes(middle: np.ndarray, half: np.ndarray, rng: np.random.Generator, jitter
 
 
 def tube(radius: float, inner: float, length: float, sides: int = 14) -> Surface:
-    """A hollow tube along x about the origin [m]."""
+    """Hollow tube along x, whose middle is the origin [m]."""
     turn = 2.0 * math.pi * np.arange(sides) / sides
     ring = np.column_stack([0.0 * turn, np.cos(turn), np.sin(turn)])
     ends = [(-0.5, radius), (0.5, radius), (0.5, inner), (-0.5, inner)]
@@ -122,9 +125,10 @@ def tube(radius: float, inner: float, length: float, sides: int = 14) -> Surface
 
 
 def bar(line: np.ndarray, radius: float, sides: int = 5) -> Surface:
-    """A round bar along a line ``(K, 3)`` [m], closed at its ends."""
+    """Round bar along a line ``(K, 3)`` [m], closed at its ends."""
     ahead = np.gradient(line, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    # any direction that the bar nowhere has
     other = np.array([0.0, 0.0, 1.0]) if abs(ahead[:, 2]).max() < 0.9 else np.array([0.31, 0.95, 0.05])
     side = np.cross(ahead, other)
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1.0e-9)
@@ -141,7 +145,7 @@ def bar(line: np.ndarray, radius: float, sides: int = 5) -> Surface:
 
 
 def joined(surfaces: list[Surface]) -> Surface:
-    """Several surfaces as one."""
+    """Join several surfaces into one."""
     first = np.cumsum([0, *(len(v) for v, _ in surfaces)])
     faces = [f + n for (_, f), n in zip(surfaces, first[:-1], strict=True)]
     return np.concatenate([v for v, _ in surfaces]), np.concatenate(faces)
@@ -150,7 +154,7 @@ def joined(surfaces: list[Surface]) -> Surface:
 def toned(
     name: str, surface: Surface, tone: np.ndarray, tones: list[tuple[float, float, float]], roughness: float = 0.95
 ) -> list[MeshPart]:
-    """A surface as parts of several colours, by the index of its colour for each face."""
+    """Split a surface into parts of several colours, by an index for each face."""
     found = []
     for index, color in enumerate(tones):
         faces = surface[1][tone == index]

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Documentation: its Python blocks run, its imports, links and command lines are right."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import re
+import shlex
+import sys
+import types
+from pathlib import Path
+
+import gymnasium
+import pytest
+import tyro
+
+from stripe_newton.cli import COMMANDS
+from stripe_newton.cli.arguments import parse
+from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
+from tests.helpers.checkout import ROOT
+
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+TASK = "Stripe-Cartpole-Direct-v0"
+
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.S | re.M)
+FENCE = re.compile(r"^```.*?^```", re.S | re.M)
+CODE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+HEADING = re.compile(r"^#+ (.*)$", re.M)
+FILE_NAME = re.compile(r"# (\w+\.py)\n")
+
+
+def page_id(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def snippets(text: str) -> list[str]:
+    """Code in a page that is no Python block: between backticks, or indented by four blanks."""
+    text = FENCE.sub("", text)
+    return [*CODE.findall(text), *(line.strip() for line in re.findall(r"^ {4}\S.*$", text, re.M))]
+
+
+WITH_BLOCKS = [page for page in PAGES if BLOCK.search(page.read_text(encoding="utf-8"))]
+WITH_BLOCKS = [
+    page for page in WITH_BLOCKS if page.name != "learners.md"
+]  # run by tests/helpers/learner_examples.py, once
+IMPORTS = sorted(
+    {
+        code.removesuffix(", ...")
+        for page in PAGES
+        for code in snippets(page.read_text(encoding="utf-8"))
+        if re.match(r"(from|import) stripe_", code)
+    }
+)
+COMMAND_LINES = sorted(
+    {
+        code.split("    ")[0].split("  #")[0].strip()
+        for page in PAGES
+        for code in snippets(page.read_text(encoding="utf-8"))
+        if code.startswith("stripe-newton ") and "COMMAND" not in code
+    }
+)
+
+
+@pytest.fixture
+def same_tasks():
+    """Forget the tasks that a test registers."""
+    task_ids()
+    before = dict(gymnasium.registry)
+    yield
+    gymnasium.registry.clear()
+    gymnasium.registry.update(before)
+
+
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=page_id)
+def test_python_blocks_run(page, tmp_path, monkeypatch, same_tasks):
+    """Blocks run one after the other; one that begins with a file's name is written to that file instead."""
+    monkeypatch.syspath_prepend(tmp_path)
+    own = []
+    module = types.ModuleType("docs_page")
+    monkeypatch.setitem(sys.modules, module.__name__, module)  # dataclasses look their module up
+    for number, block in enumerate(BLOCK.findall(page.read_text(encoding="utf-8"))):
+        if file := FILE_NAME.match(block):
+            (tmp_path / file[1]).write_text(block, encoding="utf-8")
+            own.append(Path(file[1]).stem)
+            continue
+        file_name = tmp_path / f"block_{number + 1}_of_{page.stem}.py"  # Warp looks at the source of its functions
+        file_name.write_text(block, encoding="utf-8")
+        exec(compile(block, str(file_name), "exec"), vars(module))
+    for name in own:
+        assert sys.modules.pop(name).__file__ == str(tmp_path / f"{name}.py")
+
+
+@pytest.mark.parametrize("line", IMPORTS)
+def test_imports_work(line):
+    exec(line, {})
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of a page's headings, as GitHub makes them."""
+    headings = HEADING.findall(FENCE.sub("", page.read_text(encoding="utf-8")))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_links_lead_somewhere(page):
+    for target in LINK.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path) if path else page
+        assert file.exists(), f"{target}: no such file"
+        assert not anchor or anchor in anchors(file), f"{target}: no such heading"
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p.name != "stages.md"], ids=page_id)  # its files are Newton's
+def test_named_files_exist(page):
+    for code in snippets(page.read_text(encoding="utf-8")):
+        for name in re.findall(r"\b(?:tools|tests|docs|kernels|tasks)/[\w/]+\.\w+", code):
+            assert (ROOT / name).exists(), f"{name}: no such file"
+
+
+def test_pictures_are_small():
+    files = list((ROOT / "docs" / "images").iterdir())
+    assert files
+    assert not [file.name for file in files if file.stat().st_size > 400_000]
+
+
+def test_the_readme_names_each_task():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert not [name for name in task_ids() if name.startswith("Stripe-") and f"`{name}`" not in text]
+
+
+def options_type(command: str) -> type:
+    """The dataclass that a command parses its arguments into."""
+    module = importlib.import_module(COMMANDS[command][0])
+    return next(v for k, v in vars(module).items() if k.endswith("Args") and v.__module__ == module.__name__)
+
+
+@pytest.mark.parametrize("line", COMMAND_LINES)
+def test_command_lines_parse(line):
+    """The command is known, and so are its options; the names of tasks and files are only examples."""
+    _, command, *argv = shlex.split(line)
+    assert command in COMMANDS
+    options = options_type(command)
+    if not argv:
+        return  # the command is only named
+    if "--import" in argv:
+        start = argv.index("--import")
+        del argv[start : start + 2]
+    assert import_extra(argv) == argv
+    if "--help" in argv:
+        return
+    if command == "scene":
+        from stripe_newton.cli.scene import ACTIONS
+
+        if argv[1:]:  # else the action is only named
+            tyro.cli(ACTIONS[argv[0]], args=argv[1:])
+        return
+    if command in ("list", "inspect", "compare", "export"):
+        tyro.cli(options, args=argv)
+        return
+    argv[0] = argv[0] if argv[0] in task_ids() else TASK
+    configs = {"env": load_cfg(argv[0], "env")} | ({"agent": load_cfg(argv[0], "agent")} if command == "train" else {})
+    parse(options, argv, command, **configs)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_command_line_page_names_each_option(command):
+    text = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    section = re.split(r"^## ", text.split(f"## {command}\n")[1], flags=re.M)[0]
+    named = set(re.findall(r"--([a-z][a-z-]*)\b(?!\.)", section)) - {"resume"}
+    fields = list(dataclasses.fields(options_type(command)))
+    if command == "scene":
+        from stripe_newton.cli.scene import ACTIONS
+
+        fields += [field for kind in ACTIONS.values() for field in dataclasses.fields(kind)]
+    known = {field.name.replace("_", "-") for field in fields} - {"resume"}
+    positional = {"task", "target", "spec", "runs"}
+    assert named <= known
+    assert known - positional <= named

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kill test: end a training by SIGKILL at random moments, resume it each time, and report lost iterations.
+
+    python tools/checks/kill_training.py OUT [--task TASK] [--moments 20] [--seed 0]
+
+The training runs through the command line. Most moments are while it trains, some while a checkpoint is being written,
+some anywhere from the start of the process on. After each, the newest checkpoint must be whole, and no more iterations
+may be lost than there are between two checkpoints. At the end the run is resumed to a planned end, and its metrics must
+have each iteration once. OUT gets the run, ``record.json`` and ``record.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from stripe_newton.rl import RunFolder, load_checkpoint, read_metrics
+from stripe_newton.rl.runs.run_folder import find_newest
+
+TASK = "Stripe-Cartpole-Direct-v0"
+SAVE_INTERVAL = 5
+KINDS = ("training", "training", "saving", "anywhere", "training", "saving")
+MOST_ITERATIONS = 4 * SAVE_INTERVAL
+"""Most iterations that a process may do before it is killed."""
+TIMEOUT_S = 300.0
+"""Time after which a training that does not begin is an error [s]."""
+
+
+@dataclasses.dataclass
+class Moment:
+    """One kill, and the state of the run folder after it."""
+
+    kind: str
+    seconds: float
+    """Time since the start of the process [s]."""
+    first: int
+    """First iteration of the process, whether it came to it or not."""
+    done: int
+    """Iterations with rows in ``metrics.csv``."""
+    saved: int
+    """Iterations in the newest checkpoint; 0 without one."""
+    half_written: bool
+    """Whether there was an unfinished checkpoint."""
+
+    @property
+    def lost(self) -> int:
+        """Iterations that were done but are not in the newest checkpoint."""
+        return max(0, self.done - self.saved)
+
+
+class Training:
+    """Training that is killed and resumed."""
+
+    def __init__(self, out: Path, task: str = TASK, options: tuple[str, ...] = (), seed: int = 0):
+        self.out, self.task, self.options = out, task, options
+        self.random = random.Random(seed)
+        self.out.mkdir(parents=True, exist_ok=True)
+
+    def folder(self) -> RunFolder | None:
+        """The run folder; None before there is one."""
+        found = sorted((self.out / "logs").glob("*/*"))
+        return RunFolder(found[-1]) if found else None
+
+    def start(self, iterations: int) -> subprocess.Popen:
+        """Start the training, or resume it if there is something to resume."""
+        folder = self.folder()
+        goes_on = folder is not None and folder.params.is_dir() and any(folder.params.glob("agent.yaml"))
+        words = ["--resume", str(folder.path)] if goes_on else ["--log-dir", str(self.out / "logs"), "--num-envs", "4"]
+        words += ["--max-iterations", str(iterations), "--agent.save-interval", str(SAVE_INTERVAL)]
+        command = [sys.executable, "-m", "stripe_newton.cli", *self.options, "train", self.task, "--device", "cpu"]
+        self.output = self.out / "output.txt"
+        with open(self.output, "w") as file:
+            return subprocess.Popen([*command, *words, "--final-video", "False"], stdout=file, stderr=file)
+
+    def is_training(self) -> bool:
+        """Whether the training has begun."""
+        return "run folder:" in self.output.read_text()
+
+    def is_saving(self) -> bool:
+        """Whether there is a checkpoint that is not yet whole."""
+        folder = self.folder()
+        return folder is not None and any(folder.checkpoints.glob("*.part"))
+
+    def wait(self, process: subprocess.Popen, until: Callable[[], bool], pause_s: float) -> None:
+        """Wait for a condition while the process runs."""
+        deadline = time.monotonic() + TIMEOUT_S
+        while not until():
+            if process.poll() is not None or time.monotonic() > deadline:
+                process.kill()
+                raise RuntimeError(f"the training ended by itself, or did not begin:\n{self.output.read_text()}")
+            time.sleep(pause_s)
+
+    def kill(self, kind: str, usual_seconds: float) -> Moment:
+        """Start or resume the training and kill it."""
+        begin = time.perf_counter()
+        first = self.look()[1]
+        process = self.start(10**6)
+        if kind == "anywhere":
+            time.sleep(self.random.uniform(0.0, usual_seconds))
+        else:
+            self.wait(process, self.is_training, 0.02)
+            count = first + self.random.randrange(MOST_ITERATIONS)
+            self.wait(process, lambda: self.rows() >= count, 0.005)
+            time.sleep(self.random.uniform(0.0, 0.1))
+        if kind == "saving":
+            self.wait(process, self.is_saving, 0.0)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        seconds = time.perf_counter() - begin
+        done, saved = self.look()
+        moment = Moment(kind, seconds, first, done, saved, self.is_saving())
+        assert moment.saved >= first, f"{moment}: a checkpoint was lost"
+        assert moment.lost <= SAVE_INTERVAL, f"{moment}: more was lost than there is between two checkpoints"
+        return moment
+
+    def look(self) -> tuple[int, int]:
+        """Iterations with a row in ``metrics.csv``, and in the newest checkpoint, which must be whole."""
+        folder = self.folder()
+        if folder is None:
+            return 0, 0
+        newest = find_newest(folder)
+        assert newest == (folder.list_checkpoints()[-1][1] if newest else None), "the newest checkpoint is damaged"
+        saved = int(load_checkpoint(newest)["iter"]) + 1 if newest else 0
+        return self.rows(), saved
+
+    def rows(self) -> int:
+        """Iterations with a row in ``metrics.csv``."""
+        folder = self.folder()
+        rows = read_metrics(folder.metrics).get("iteration", []) if folder and folder.metrics.exists() else []
+        return int(rows[-1]) + 1 if rows else 0
+
+    def finish(self) -> int:
+        """Resume the run and let it end; return its number of iterations."""
+        target = self.look()[1] + 2 * SAVE_INTERVAL + 1
+        process = self.start(target)
+        assert process.wait(TIMEOUT_S) == 0, self.output.read_text()
+        folder = self.folder()
+        assert folder is not None
+        assert read_metrics(folder.metrics)["iteration"] == [float(n) for n in range(target)]
+        assert self.look() == (target, target)
+        assert not list(folder.path.rglob("*.part"))
+        return target
+
+
+def kill_and_resume(training: Training, kinds: list[str]) -> list[Moment]:
+    """Kill a training at a moment of each of ``kinds``, resuming it each time, and let it end."""
+    moments: list[Moment] = []
+    usual = 15.0
+    for kind in kinds:
+        moments.append(training.kill(kind, usual))
+        print(json.dumps(dataclasses.asdict(moments[-1])), flush=True)
+        usual = moments[-1].seconds if kind == "training" else usual
+    training.finish()
+    return moments
+
+
+def table(moments: list[Moment]) -> str:
+    """The record in Markdown."""
+    lines = [
+        "| | killed | after | iterations before | done | in the newest checkpoint | lost | half-written file |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for number, m in enumerate(moments, 1):
+        part = "yes" if m.half_written else ""
+        cells = (m.kind, f"{m.seconds:.2f} s", m.first, m.done, m.saved, m.lost, part)
+        lines.append(f"| {number} | {' | '.join(map(str, cells))} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Kill and resume a training, and print the record."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--task", default=TASK)
+    parser.add_argument("--moments", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    kinds = [KINDS[number % len(KINDS)] for number in range(args.moments)]
+    moments = kill_and_resume(Training(args.out, args.task, seed=args.seed), kinds)
+    (args.out / "record.json").write_text(json.dumps([dataclasses.asdict(m) for m in moments], indent=1))
+    (args.out / "record.md").write_text(table(moments))
+    print(table(moments))
+
+
+if __name__ == "__main__":
+    main()
