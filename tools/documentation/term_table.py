@@ -41,6 +41,7 @@ from stripe_kernels.mdp import (
     terrain,
     tracking,
 )
+from stripe_kernels.term_info import observation_size
 
 Modules = tuple[ModuleType | SimpleNamespace, ...]
 
@@ -71,13 +72,18 @@ def part(module: ModuleType, *names: str) -> SimpleNamespace:
     return SimpleNamespace(__all__=names, **{n: getattr(module, n) for n in names})
 
 
+def observations_of(module: ModuleType) -> SimpleNamespace:
+    """Observations of a module that has other terms too."""
+    return part(module, *(n for n in module.__all__ if observation_size(getattr(module, n)) is not None))
+
+
 OBSTACLES: dict[str, Modules] = {
-    "Observations of obstacles": (part(obstacles, *obstacles.OBSTACLE_OBSERVATION_SIZES),),
+    "Observations of obstacles": (observations_of(obstacles),),
     "Terminations by obstacles": (part(obstacles, "obstacle_too_close"),),
 }
 """Terms of docs/specifications.md about collider slots."""
 CONTACTS: dict[str, Modules] = {
-    "Observations of contacts and IMUs": (part(contact, *contact.CONTACT_OBSERVATION_SIZES), imu),
+    "Observations of contacts and IMUs": (observations_of(contact), imu),
     "Rewards for contacts": (part(contact, "undesired_contacts", "desired_contacts", "contact_forces"), feet),
     "Terminations by contacts": (part(contact, "illegal_contact"),),
 }
@@ -116,15 +122,6 @@ COUNTS = {
     "num_actions": "an action",
     "num_command": "a number",
     "num_objects": "an object",
-}
-SIZES = {
-    **mdp.OBSERVATION_SIZES,
-    **randomization_encoder.ENCODER_OBSERVATION_SIZES,
-    **objects.OBJECT_OBSERVATION_SIZES,
-    **scan.SCAN_OBSERVATION_SIZES,
-    **obstacles.OBSTACLE_OBSERVATION_SIZES,
-    **contact.CONTACT_OBSERVATION_SIZES,
-    **imu.IMU_OBSERVATION_SIZES,
 }
 
 
@@ -185,9 +182,13 @@ def code(names: set[str]) -> str:
     return ", ".join(f"`{n}`" for n in sorted(names))
 
 
-def size(name: str) -> str:
+def size(function: wp.Function) -> str:
     """Number of values that an observation writes."""
-    rule = SIZES[name]
+    rule = observation_size(function)
+    if rule is None:
+        raise ValueError(f"{function.key} has no size: put @writes(...) of stripe_kernels.term_info above it")
+    if isinstance(rule, int):
+        return str(rule)
     fixed = rule(dict.fromkeys(COUNTS, 0))
     if fixed:
         return str(fixed)
@@ -207,7 +208,7 @@ def row(kind: str, function: wp.Function) -> str:
     cells = [f"`{function.func.__name__}`", summary, section(function, "Formula"), code(reads), code(parameters)]
     column = extra_column(kind)
     if column is not None:
-        cells.append(size(function.func.__name__) if column == "numbers" else code(writes))
+        cells.append(size(function) if column == "numbers" else code(writes))
     cells.append(section(function, "Source"))
     return "| " + " | ".join(re.sub(r"``", "`", c).replace("|", "\\|") for c in cells) + " |"
 
