@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import newton
@@ -16,7 +17,10 @@ from stripe_newton.configclass import MISSING, configclass
 from .asset_base import AssetBase
 
 if TYPE_CHECKING:
+    import torch
+
     from stripe_newton.terrains.ground import Ground
+    from stripe_newton.terrains.terrain_generator import TerrainGenerator
 
 __all__ = ["GroundAsset", "TerrainBase", "TerrainBaseCfg"]
 
@@ -43,11 +47,19 @@ class TerrainBase:
     """The ground as terms and sensors read it; None if it offers nothing to them."""
     ground: Ground | None = None
     """The height field on the host; None if there is none."""
+    generator: TerrainGenerator | None = None
+    """The generator of its tiles; None if it has none."""
+    flat_patches: Mapping[str, torch.Tensor] = MappingProxyType({})
+    """Flat patches by name [m], shape ``(levels, types, num_patches, 3)``."""
 
     @property
     def arrays(self) -> dict[str, wp.array]:
         """Arrays that persist from step to step, by name; none by default."""
         return {}
+
+    def names_of(self, kind: str) -> list[str] | None:
+        """Names of joints or bodies, as of other assets: None, as a ground has none."""
+        return None
 
     def add_to(self, static: newton.ModelBuilder) -> None:
         """Add shapes that are not in the stage to what all environments share."""

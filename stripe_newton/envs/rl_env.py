@@ -349,8 +349,9 @@ class RLEnv(VectorEnv):
         return self._collect_observations(self.outputs.views())
 
     def _leave_bodies_for_later(self) -> None:
-        """Mark body poses as out of date if the plan leaves forward kinematics after a reset to the next reader."""
-        self.sim.pending = self._bodies_later
+        """Leave forward kinematics after a reset to the next reader, where nothing in the plan reads a body."""
+        if self._bodies_later:
+            self.sim.forward_later()
 
     _bodies_later = False
     """Whether forward kinematics after a reset waits until the next read of a body, as no term in between reads one."""

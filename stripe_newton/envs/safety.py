@@ -142,7 +142,7 @@ class Safety:
         return [*items, clear]
 
     def _clear_solver(self) -> None:
-        self._sim.clear_masked(self._context.reset_mask.worlds, self._context.reset)
+        self._sim.clear_solver(self._context.reset_mask)
 
 
 def _rows(sim: Simulation, array: wp.array) -> wp.array:

@@ -11,7 +11,7 @@ from .episode_log import EpisodeLog
 from .fused_kernel import FusedKernel, fuse
 from .parameters import Parameters
 from .plan import GraphCaptureError, Plan
-from .scene_entity import SceneEntityCfg, names_of, resolve_entities
+from .scene_entity import HasNames, SceneEntityCfg, resolve_entities
 from .scope import Scope
 from .single_thread import single_thread
 from .source import Code, Name, TunedNumber, block, code, indented
@@ -32,6 +32,7 @@ __all__ = [
     "Flag",
     "FusedKernel",
     "GraphCaptureError",
+    "HasNames",
     "Item",
     "Name",
     "NamedStructs",
@@ -58,7 +59,6 @@ __all__ = [
     "fuse",
     "indented",
     "may_use",
-    "names_of",
     "only",
     "resolve_entities",
     "single_thread",

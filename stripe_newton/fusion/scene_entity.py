@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 from stripe_newton.configclass import configclass
 from stripe_newton.matching import match_names
 
-__all__ = ["SceneEntityCfg", "names_of", "resolve_entities"]
+__all__ = ["HasNames", "SceneEntityCfg", "resolve_entities"]
 
 
 @configclass
@@ -50,15 +51,15 @@ class SceneEntityCfg:
         return [int(i) for i in given]
 
 
-def names_of(thing: object, kind: str) -> list[str] | None:
-    """Names of the joints (``kind="joint"``) or bodies (``"body"``) of an asset or sensor; None if it has no such."""
-    for owner in (getattr(thing, "data", None), thing):
-        if hasattr(owner, f"{kind}_names"):
-            return list(getattr(owner, f"{kind}_names"))
-    return None
+class HasNames(Protocol):
+    """An asset or sensor, of which terms choose joints or bodies."""
+
+    def names_of(self, kind: str) -> list[str] | None:
+        """Names of its joints (``kind="joint"``) or bodies (``"body"``); None if it has no such."""
+        ...
 
 
-def resolve_entities(params: Mapping[str, object], find: Callable[[str], object]) -> dict[str, object]:
+def resolve_entities(params: Mapping[str, object], find: Callable[[str], HasNames]) -> dict[str, object]:
     """Parameters of a torch term, with the joints and bodies of each :class:`SceneEntityCfg` as indices.
 
     Args:
@@ -72,7 +73,7 @@ def resolve_entities(params: Mapping[str, object], find: Callable[[str], object]
     for key, value in params.items():
         if isinstance(value, SceneEntityCfg):
             thing = find(value.name)
-            ids = {f"{kind}_ids": (kind, names_of(thing, kind)) for kind in ("joint", "body")}
+            ids = {f"{kind}_ids": (kind, thing.names_of(kind)) for kind in ("joint", "body")}
             found = {k: value.indices(kind, names) for k, (kind, names) in ids.items() if names is not None}
             given[key] = value.replace(**found)
     return given

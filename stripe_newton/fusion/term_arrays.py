@@ -13,7 +13,7 @@ import warp as wp
 from stripe_newton.configclass import configclass
 from stripe_newton.matching import match_names, match_values
 
-from .scene_entity import SceneEntityCfg, names_of
+from .scene_entity import SceneEntityCfg
 from .source import Code
 from .term_binding import ArgumentError, TermBinding
 
@@ -82,7 +82,7 @@ def _choose(binding: TermBinding, name: str, what: str) -> list[int]:
     given = binding.take(name)
     cfg = binding.take_entity(prefix, f"{prefix}_cfg") if prefix else None
     cfg = cfg or binding.asset or binding.sensor or binding.take_entity("asset_cfg") or SceneEntityCfg()
-    names = names_of(binding.context.entity(cfg.name), what)
+    names = binding.context.entity(cfg.name).names_of(what)
     if names is None:
         raise ArgumentError(f"'{cfg.name}' has no {what}s to choose from")
     if given is not None:
@@ -148,7 +148,7 @@ def _by_axis(ranges: Mapping[str, tuple[float, float]]) -> list[tuple[float, flo
 def _by_joint(binding: TermBinding, values: float | Mapping[str, float]) -> list[float]:
     """Values by joint-name expression as a list with one for each chosen joint."""
     asset = binding.asset or SceneEntityCfg()
-    there = names_of(binding.context.entity(asset.name), "joint") or []
+    there = binding.context.entity(asset.name).names_of("joint") or []
     names = [there[i] for i in _choose(binding, "joint_ids", "joint")]
     found = match_values(values, names, what="joint")
     missing = [n for i, n in enumerate(names) if i not in found]

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import warp as wp
 
 from .parameters import Parameters
-from .scene_entity import SceneEntityCfg
+from .scene_entity import HasNames, SceneEntityCfg
 from .scope import Scope
 from .usage import usage_of
 from .warp_types import StructInstance
@@ -53,7 +53,7 @@ class TermContext(Protocol):
     termination_names: list[str]
     problems: list[str]
 
-    def entity(self, name: str) -> object:
+    def entity(self, name: str) -> HasNames:
         """An articulation, rigid object or sensor by name."""
         ...
 

@@ -28,9 +28,8 @@ from stripe_newton.fusion.warp_types import StructInstance, struct_of
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sensors import SensorBase
 from stripe_newton.sensors.term_structs import register_sensor_structs
+from stripe_newton.sim import ResetMask
 from stripe_newton.terrains.term_structs import register_terrain_struct
-
-from .reset_mask import ResetMask
 
 __all__ = ["ManagerContext"]
 

@@ -3,14 +3,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import newton
+import numpy as np
 import torch
+import warp as wp
 
+from stripe_kernels import dynamics
+from stripe_kernels.episode import seed_streams
+from stripe_kernels.mdp.randomization import KEEP
+from stripe_kernels.model_data import BodyModelData, JointModelData, ShapeModelData
 from stripe_newton.assets import Articulation, BoundAsset
+from stripe_newton.assets.layout import Layout
+from stripe_newton.fusion.warp_types import Struct, dtype_of
+from stripe_newton.sim.model_update import model_flags
 
+from .model_fields import MODEL_FIELDS
 from .scene_contents import SceneContents
 
 if TYPE_CHECKING:
@@ -18,8 +28,12 @@ if TYPE_CHECKING:
 
 __all__ = ["SceneController"]
 
-Range = tuple[float, float] | None
+Bounds = tuple[float, float]
+Range = Bounds | None
 """Bounds of a uniform distribution; ``None`` leaves the quantity alone."""
+
+_MASSES = ("mass", "inv_mass", "inertia", "inv_inertia")
+_LIMITS = ("lower", "upper")
 
 
 class SceneController:
@@ -61,7 +75,8 @@ class SceneController:
         """
         scene, sim = self._scene, self._scene.sim
         mask = self.mask(env_ids)
-        ids = mask.nonzero().squeeze(-1) if env_ids is not None else None
+        # The mask as indices, for torch code: given indices are taken over without a wait for the device.
+        ids = None if env_ids is None else self._indices(env_ids)
         for asset in scene.assets:
             asset.reset(ids)
         for sensor in scene.sensors.values():
@@ -83,8 +98,13 @@ class SceneController:
         if env_ids is None:
             return torch.ones(self._scene.num_envs, dtype=torch.bool, device=self._scene.device)
         mask = torch.zeros(self._scene.num_envs, dtype=torch.bool, device=self._scene.device)
-        mask[torch.as_tensor(env_ids, device=mask.device) if not isinstance(env_ids, slice) else env_ids] = True
+        mask[self._indices(env_ids)] = True
         return mask
+
+    def _indices(self, env_ids: Sequence[int] | torch.Tensor | slice) -> torch.Tensor:
+        """Environments as indices from 0 on, int64, shape ``(n,)``."""
+        every = torch.arange(self._scene.num_envs, device=self._scene.device)
+        return every[env_ids if isinstance(env_ids, slice) else torch.as_tensor(env_ids, device=every.device)]
 
     def randomize_dynamics(
         self,
@@ -99,54 +119,51 @@ class SceneController:
     ) -> None:
         """Draw new dynamics, uniformly within the given ranges, always from the values the model was built with.
 
+        The draws are those of the events ``randomize_rigid_body_mass``, ``randomize_rigid_body_material``,
+        ``randomize_actuator_gains`` and ``randomize_joint_parameters`` of :mod:`stripe_kernels.mdp`, for all bodies,
+        shapes and joints.
+
         Args:
             env_ids: Environments, default all.
-            mass_scale: Factor on each body's mass and inertia.
+            mass_scale: Factor on each body's mass and inertia; a body that has mass keeps at least 1e-6 kg.
             friction: Friction coefficient of each shape in the environments.
             stiffness_scale: Factor on each drive's position gain.
             damping_scale: Factor on each drive's velocity gain.
             armature_scale: Factor on each joint's armature.
-            generator: Source of randomness, default torch's.
+            generator: Source of randomness, default torch's on the CPU.
 
         Raises:
             ValueError: for a range that is reversed or would make a quantity negative.
         """
-        flags = newton.ModelFlags
-        rows = self.mask(env_ids).nonzero().squeeze(-1)
-
-        def draw(bounds: tuple[float, float], like: torch.Tensor, what: str) -> torch.Tensor:
-            low, high = bounds
-            if not 0.0 <= low <= high:
-                raise ValueError(f"{what}: range {bounds} must be (low, high) with 0 <= low <= high")
-            unit = torch.rand(like.shape[:2], generator=generator, device=like.device)
-            return low + (high - low) * unit
-
-        changed = 0
-        if mass_scale is not None:
-            mass, default = self._field("body_mass")
-            scale = draw(mass_scale, default[rows], "mass_scale")
-            mass[rows] = default[rows] * scale
-            for name, power in (("body_inv_mass", -1), ("body_inertia", 1), ("body_inv_inertia", -1)):
-                field, default = self._field(name)
-                factor = scale**power
-                field[rows] = default[rows] * factor.view(*factor.shape, *[1] * (default.dim() - 2))
-            changed |= flags.BODY_INERTIAL_PROPERTIES
-        if friction is not None:
-            field, default = self._field("shape_material_mu")
-            field[rows] = draw(friction, default[rows], "friction")
-            changed |= flags.SHAPE_PROPERTIES
-        for name, bounds, flag in (
-            ("joint_target_ke", stiffness_scale, flags.JOINT_DOF_FORCE_PROPERTIES),
-            ("joint_target_kd", damping_scale, flags.JOINT_DOF_FORCE_PROPERTIES),
-            ("joint_armature", armature_scale, flags.JOINT_DOF_INERTIAL_PROPERTIES),
-        ):
-            if bounds is not None:
-                field, default = self._field(name)
-                field[rows] = default[rows] * draw(bounds, default[rows], name)
-                changed |= flag
-        if changed:
-            self._scene.sim.refresh_drives()
-            self._scene.sim.notify(changed)
+        ranges = {
+            "mass_scale": mass_scale,
+            "friction": friction,
+            "stiffness_scale": stiffness_scale,
+            "damping_scale": damping_scale,
+            "armature_scale": armature_scale,
+        }
+        given = {name: bounds for name, bounds in ranges.items() if bounds is not None}
+        for name, (low, high) in given.items():
+            if not 0.0 <= low <= high < math.inf:
+                raise ValueError(f"{name}: range {(low, high)} must be (low, high) with 0 <= low <= high, both finite")
+        if not given:
+            return
+        sim = self._scene.sim
+        with wp.ScopedDevice(sim.device):
+            draw = _Draw(self, self.mask(env_ids), generator)
+            if mass_scale is not None:
+                draw.launch(dynamics.scale_masses, BodyModelData, _MASSES, mass_scale)
+            if friction is not None:
+                draw.launch(dynamics.set_friction, ShapeModelData, ("friction",), friction)
+            gains = {"stiffness": stiffness_scale, "damping": damping_scale}
+            scaled = [name for name, bounds in gains.items() if bounds is not None]
+            if scaled:
+                draw.launch(dynamics.scale_gains, JointModelData, scaled, *(b or KEEP for b in gains.values()))
+            if armature_scale is not None:
+                # The event reads the limits, too, and writes them back as they are.
+                draw.launch(dynamics.scale_armatures, JointModelData, ("armature",), armature_scale, reads=_LIMITS)
+        sim.refresh_drives()
+        sim.notify(model_flags(draw.changed))
 
     @property
     def randomized(self) -> list[str]:
@@ -155,22 +172,77 @@ class SceneController:
 
     def track(self, name: str) -> None:
         """Remember a field of the model as it was built, before it is changed elsewhere."""
-        self._field(name)
+        self.field(name)
 
     def field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
         """A field of the model by environment, the model's memory, and its values as the model was built.
 
         Shapes are ``(num_envs, n, ...)``. The field counts among :attr:`randomized` from then on.
         """
-        return self._field(name)
+        field = self._by_env(name)
+        # Cloned at the first call, before anything changed: what is drawn always starts from the values as built.
+        return field, self._defaults.setdefault(name, field.clone())
 
-    def _field(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
-        """A field of the model by environment, and its values as built."""
+    def _by_env(self, name: str) -> torch.Tensor:
         sim = self._scene.sim
-        shared = sim.shared_shape_count if name.startswith("shape") else 0
         array = getattr(sim.model, name)
         if name == "gravity":  # its last entry is for what belongs to no environment
             array = array[: sim.num_envs]
-        field = sim.per_env(array, shared)
-        # Cloned at the first call, before anything changed: what is drawn always starts from the values as built.
-        return field, self._defaults.setdefault(name, field.clone())
+        return sim.per_env(array, sim.shared_shape_count if name.startswith("shape") else 0)
+
+    def model_array(self, kind: Struct, field: str, layout: Layout | None = None) -> wp.array:
+        """Array of a field of a struct of :mod:`stripe_kernels.model_data`, in the model's memory.
+
+        Args:
+            kind: The struct.
+            field: The field, such as ``"mass"``, or ``"default_mass"`` for the values as the model was built.
+            layout: Rows of the asset whose bodies or joints it holds. Default: all of an environment.
+
+        Raises:
+            ValueError: if the bodies of the asset do not lie together in the model.
+        """
+        is_default = field.startswith("default_")
+        values = self.field(MODEL_FIELDS[kind][field.removeprefix("default_")])[is_default]
+        if layout is not None and kind in (BodyModelData, JointModelData):
+            dofs = slice(layout.dofs.start, layout.dofs.stop)
+            rows = layout.body_slice if kind is BodyModelData else dofs
+            if not isinstance(rows, slice):
+                text = "do not lie together in the model, events cannot change them"
+                raise ValueError(f"the bodies of '{layout.path}' {text}")
+            values = values[:, rows]
+        return wp.from_torch(values, dtype=dtype_of(kind, field))
+
+
+class _Draw:
+    """One call of :meth:`SceneController.randomize_dynamics`: launches, and the fields that they changed."""
+
+    def __init__(self, controller: SceneController, mask: torch.Tensor, generator: torch.Generator | None):
+        self._controller = controller
+        self._mask = wp.from_torch(mask, dtype=wp.bool)
+        self._rng = wp.empty(len(mask), dtype=wp.uint32)
+        # On the generator's own device, which need not be that of the scene.
+        device = "cpu" if generator is None else generator.device
+        seed = int(torch.randint(2**31, (), generator=generator, device=device))
+        wp.launch(seed_streams, dim=len(mask), inputs=[seed], outputs=[self._rng])
+        self.changed: list[str] = []
+
+    def launch(
+        self, kernel: wp.Kernel, kind: Struct, fields: Iterable[str], *ranges: Bounds, reads: Iterable[str] = ()
+    ) -> None:
+        """Change fields of a struct in all of an environment, where the mask is True.
+
+        Args:
+            kernel: Kernel of :mod:`stripe_kernels.dynamics`.
+            kind: The struct.
+            fields: Fields that it changes, from their defaults.
+            ranges: Ranges that it takes.
+            reads: Other fields that it needs.
+        """
+        model, count = kind(), 0
+        for field in [*fields, *(f"default_{name}" for name in fields), *reads]:
+            array = self._controller.model_array(kind, field)
+            setattr(model, field, array)
+            count = array.shape[1]
+        ids = wp.array(np.arange(count), dtype=int)
+        wp.launch(kernel, dim=len(self._mask), inputs=[self._mask, self._rng, model, ids, *map(wp.vec2, ranges)])
+        self.changed += [MODEL_FIELDS[kind][field] for field in fields]

@@ -3,6 +3,7 @@
 
 from .device import resolve_device
 from .physics_hook import PhysicsHook
+from .reset_mask import ResetMask
 from .scene_context import authored_path, current_scene, current_stage, scene_context
 from .simulation import Simulation, SimulationCfg
 from .solver_cfg import (
@@ -97,6 +98,7 @@ __all__ = [
     "MuJoCoSolverCfg",
     "PhysicsHook",
     "PreviewSurfaceCfg",
+    "ResetMask",
     "RigidBodyMaterialCfg",
     "RigidBodyPropertiesCfg",
     "RigidObjectSpawnerCfg",

@@ -24,6 +24,7 @@ from .drive_limits import DriveLimits
 from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
+from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
 from .spawners.materials import RigidBodyMaterialCfg
 
@@ -91,8 +92,6 @@ class Simulation:
     """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
     recaptures: int = 0
     """Number of calls of :meth:`recapture`; an environment compares it, to record its own graph again."""
-    pending: bool = False
-    """Whether :meth:`forward_masked` was left for later, see :meth:`flush`."""
     roots_moved: bool = False
     """Set it after moving the frame that a fixed base is fixed to; the solver is told before the next step."""
 
@@ -148,6 +147,7 @@ class Simulation:
         self._hooks: list[PhysicsHook] = []
         self._graphs: dict[int, wp.Graph] = {}
         self._limits_velocity = False
+        self._forward_is_due = False
 
     @property
     def physics_dt(self) -> float:
@@ -229,8 +229,7 @@ class Simulation:
         self.actuation.bind(self._state, self.control)
         self.velocity_limit = wp.full(model.joint_dof_count, value=float("inf"), dtype=float)
         self.previous_joint_qd = wp.clone(self._state.joint_qd)
-        # One entry more than there are environments: the last world of Newton is what belongs to none of them.
-        self._world_mask = wp.zeros(self.num_envs + 1, dtype=wp.bool)
+        self._cleared = ResetMask(self.num_envs, self.device)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
         self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(model)
         self.contacts = self.pipeline.contacts() if self.pipeline else None
@@ -279,7 +278,7 @@ class Simulation:
         """
         if self.external_wrench is not None:
             self.flush()  # wrenches in the frame of a body are turned by its pose before the solver has computed it
-        self.pending = False  # the solver computes the bodies from the joints
+        self._forward_is_due = False  # the solver computes the bodies from the joints
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
@@ -373,8 +372,8 @@ class Simulation:
 
         A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
         """
-        if self.pending:
-            self.pending = False
+        if self._forward_is_due:
+            self._forward_is_due = False
             self.forward_masked()
 
     def forward(self, env_mask: torch.Tensor | None = None) -> None:
@@ -390,34 +389,30 @@ class Simulation:
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
         newton.eval_fk(self.model, self._state.joint_q, self._state.joint_qd, self._state, mask=mask)
 
+    def forward_later(self) -> None:
+        """Leave :meth:`forward_masked` to the next reader of :attr:`state`, or to the next step of the physics."""
+        self._forward_is_due = True
+
     def forward_masked(self) -> None:
         """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
         state = self._state
         newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, mask=self.articulation_mask)
 
-    def clear_solver(self, env_mask: torch.Tensor) -> None:
+    def clear_solver(self, env_mask: torch.Tensor | ResetMask) -> None:
         """Forget what the solver carries from step to step (warm start, activations) in the given environments.
 
-        Without it a world that once became non-finite would stay so.
+        Without it a world that once became non-finite would stay so. The call may be captured.
 
         Args:
-            env_mask: bool, shape ``(num_envs,)``.
+            env_mask: bool, shape ``(num_envs,)``, or the reset mask of an environment, which is not copied.
         """
-        # flags=0: the state stays as it is, nothing but the solver's own memory is cleared.
-        wp.to_torch(self._world_mask)[:-1] = env_mask
+        mask = env_mask if isinstance(env_mask, ResetMask) else self._cleared
+        if isinstance(env_mask, torch.Tensor):
+            mask.choose(env_mask)
         with wp.ScopedDevice(self.device):
-            self.solver.reset(self._state, world_mask=self._world_mask, flags=0)
-            self.actuation.reset(wp.from_torch(env_mask.contiguous(), dtype=wp.bool))
-
-    def clear_masked(self, world_mask: wp.array, env_mask: wp.array) -> None:
-        """:meth:`clear_solver` for masks on the device; may be captured.
-
-        Args:
-            world_mask: bool, shape ``(num_envs + 1,)``, the last one False.
-            env_mask: The same environments, bool, shape ``(num_envs,)``.
-        """
-        self.solver.reset(self._state, world_mask=world_mask, flags=0)
-        self.actuation.reset(env_mask)
+            # flags=0: the state stays as it is, nothing but the solver's own memory is cleared.
+            self.solver.reset(self._state, world_mask=mask.worlds, flags=0)
+            self.actuation.reset(mask.array)
 
     def per_env(self, array: wp.array, shared: int = 0) -> torch.Tensor:
         """A zero-copy view of a flat array, one row an environment: shape ``(num_envs, count, ...)``.

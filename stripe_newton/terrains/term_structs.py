@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
+from stripe_newton.assets.terrain_base import TerrainBase
 from stripe_newton.fusion import StructRegistry
-
-from .terrain_importer import TerrainImporter
 
 __all__ = ["register_terrain_struct"]
 
 
-def register_terrain_struct(structs: StructRegistry, terrain: object) -> None:
+def register_terrain_struct(structs: StructRegistry, terrain: TerrainBase | None) -> None:
     """Let terms find the terrain of a scene, where it is one that heights can be looked up in."""
-    if isinstance(terrain, TerrainImporter):
+    if terrain is not None and terrain.struct is not None:
         structs.provide(terrain.struct, "terrain")

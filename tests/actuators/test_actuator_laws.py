@@ -23,7 +23,7 @@ from tests.helpers.actuator_world import (
     TABLE,
     Drill,
     actuator_scene,
-    world_mask,
+    reset_mask,
 )  # fmt: skip
 from tests.helpers.small_scenes import DT, MASS, make_scene, mjcf_robot, numpy, sim_cfg, sliders
 
@@ -87,7 +87,7 @@ def test_every_law_on_random_states(scene):
     bound = free = 0
     for step in range(40):
         if step == 17:
-            scene.sim.clear_masked(*world_mask(scene, [2]))
+            scene.sim.clear_solver(reset_mask(scene, [2]))
             reference.reset(2, lags_of(scene))
         drill.targets()
         drill.state()

@@ -15,7 +15,7 @@ from onnx import TensorProto, helper
 from stripe_newton.actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 from stripe_newton.actuators.network_files import prepare_lstm, prepare_mlp
 from stripe_newton.configclass import ConfigError
-from tests.helpers.actuator_world import Drill, actuator_scene, world_mask
+from tests.helpers.actuator_world import Drill, actuator_scene, reset_mask
 from tests.helpers.small_scenes import numpy
 
 N = 3
@@ -65,7 +65,7 @@ def drive(scene, substeps, law, reset):
     bound = 0
     for step, count in enumerate(substeps):
         if step == len(substeps) // 2:
-            scene.sim.clear_masked(*world_mask(scene, [1]))
+            scene.sim.clear_solver(reset_mask(scene, [1]))
             reset(1)
         drill.targets()
         drill.state()

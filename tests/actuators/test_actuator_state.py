@@ -31,7 +31,7 @@ from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.robots import CARTPOLE_CFG
-from tests.helpers.actuator_world import GAINS, JOINTS, KINDS, LATE, Drill, actuator_scene, world_mask
+from tests.helpers.actuator_world import GAINS, JOINTS, KINDS, LATE, Drill, actuator_scene, reset_mask
 from tests.helpers.small_scenes import different_arrays, make_scene, sim_cfg
 
 
@@ -84,7 +84,7 @@ def test_a_mask_resets_its_environments_alone(tmp_path, networks):
         drill.targets()
         scene.sim.step(1)
     before = arrays_of(scene)
-    scene.sim.clear_masked(*world_mask(scene, [1, 3]))
+    scene.sim.clear_solver(reset_mask(scene, [1, 3]))
     after = arrays_of(scene)
     assert set(after) == {
         "integral", "lag", "pushes", "history", "rng", "0.drive_state.hidden", "0.drive_state.cell",
@@ -106,7 +106,7 @@ def test_an_environment_does_not_depend_on_how_many_there_are(tmp_path, networks
         drill = Drill(scene)
         for step in range(30):
             if step in (4, 11, 20):
-                scene.sim.clear_masked(*world_mask(scene, [1]))
+                scene.sim.clear_solver(reset_mask(scene, [1]))
             drill.targets()
             scene.sim.step(1 + step % 3)
     for name, array in arrays_of(few).items():
@@ -121,7 +121,7 @@ def test_lags_are_drawn_uniformly_and_anew(tmp_path):
     scene = actuator_scene(tmp_path, kinds, ["late", "later"], num_envs=64)
     drawn = []
     for _ in range(60):
-        scene.sim.clear_masked(*world_mask(scene, list(range(64))))
+        scene.sim.clear_solver(reset_mask(scene, list(range(64))))
         lags = scene.sim.actuation.drives.lag.numpy()
         np.testing.assert_array_equal(lags[:, 0], lags[:, 1])
         drawn.append(lags[:, 0].copy())

@@ -10,7 +10,7 @@ import warp as wp
 from stripe_newton.actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 from stripe_newton.envs.call_counts import warp_calls
 from stripe_newton.sim.capture import capture_graph
-from tests.helpers.actuator_world import JOINTS, KINDS, Drill, actuator_scene, world_mask
+from tests.helpers.actuator_world import JOINTS, KINDS, Drill, actuator_scene, reset_mask
 from tests.helpers.small_scenes import sim_cfg
 
 pytestmark = pytest.mark.gpu
@@ -52,16 +52,16 @@ def test_replayed_actuators_equal_eager_ones(tmp_path, kinds, substeps):
         cfg = sim_cfg(device=DEVICE, use_cuda_graph=graph)
         scene = actuator_scene(tmp_path, kinds, [*JOINTS, "lstm", "mlp"], num_envs=64, sim=cfg)
         sim, drill = scene.sim, Drill(scene)
-        masks = world_mask(scene, [1, 40])
+        mask = reset_mask(scene, [1, 40])
         sim.step(substeps)
-        sim.clear_masked(*masks)
-        reset = capture_graph(DEVICE, lambda s=sim, m=masks: s.clear_masked(*m)) if graph else None
+        sim.clear_solver(mask)
+        reset = capture_graph(DEVICE, lambda s=sim, m=mask: s.clear_solver(m)) if graph else None
         for step in range(12):
             drill.targets()
             sim.step(substeps)
             if step % 5 == 3:
                 if reset is None:
-                    sim.clear_masked(*masks)
+                    sim.clear_solver(mask)
                 else:
                     wp.capture_launch(reset)
         with warp_calls() as counts:

@@ -18,6 +18,7 @@ from stripe_newton.actuators import (
     RemotizedPDActuatorCfg,
 )
 from stripe_newton.scene import InteractiveScene
+from stripe_newton.sim import ResetMask
 from tests.helpers.small_scenes import make_scene, mjcf_robot, sliders
 
 KP, KD, LIMIT = 50.0, 3.0, 6.0
@@ -76,11 +77,8 @@ class Drill:
         self.robot.write_joint_state_to_sim(self.draw(0.7), self.draw(3.0))
 
 
-def world_mask(scene: InteractiveScene, envs: list[int]) -> tuple[Any, Any]:
-    """Masks of some environments as ``Simulation.clear_masked`` takes them."""
-    import warp as wp
-
-    mask = np.zeros(scene.num_envs + 1, dtype=bool)
-    mask[envs] = True
-    device = scene.sim.device
-    return wp.array(mask, dtype=wp.bool, device=device), wp.array(mask[:-1].copy(), dtype=wp.bool, device=device)
+def reset_mask(scene: InteractiveScene, envs: list[int]) -> ResetMask:
+    """Mask of some environments, as a step's."""
+    mask = ResetMask(scene.num_envs, scene.sim.device)
+    mask.tensor[envs] = True
+    return mask

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import torch
 
-from stripe_newton.fusion import SceneEntityCfg, names_of
+from stripe_newton.fusion import SceneEntityCfg
 from stripe_newton.managers.actions_cfg import JointActionCfg
 from stripe_newton.matching import match_names
 from stripe_newton.rl.torch_vector_env import TorchVectorEnv, rl_env_of
@@ -267,7 +267,7 @@ def _entity(env: RLEnv, value: object) -> object:
         return value
     chosen: dict[str, object] = {"name": value.name}
     for kind in ("joint", "body"):
-        names = names_of(env.scene[value.name], kind) if value.chooses(kind) else None
+        names = env.scene[value.name].names_of(kind) if value.chooses(kind) else None
         if names is not None:
             chosen[f"{kind}_names"] = [names[i] for i in value.indices(kind, names)]
     return chosen

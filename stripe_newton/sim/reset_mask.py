@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reset mask: the environments whose episode ended, from the terminations to the solver in one array."""
+"""Reset mask: the environments that begin a new episode, from the terminations to the solver in one array."""
 
 from __future__ import annotations
 
@@ -32,6 +32,11 @@ class ResetMask:
     def begin_step(self) -> None:
         """Drop the indices of the last step. Call it before the mask is written."""
         self._on_host = self._on_device = None
+
+    def choose(self, env_mask: torch.Tensor) -> None:
+        """Set the mask; ``env_mask`` is bool, shape ``(num_envs,)``."""
+        self.begin_step()
+        self.tensor.copy_(env_mask)
 
     def indices_on_host(self) -> torch.Tensor:
         """Indices of the environments, int64, shape ``(n,)``, on the CPU. The first call of a step waits."""
