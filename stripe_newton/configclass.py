@@ -23,7 +23,7 @@ import os
 import re
 import typing
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, NoReturn, Protocol, TypeVar
 
 from typing_extensions import TypeIs, dataclass_transform
@@ -312,21 +312,40 @@ def _convert(old: object, value: object, words: set[str], where: str, problems: 
         return old
     _check_type(value, words)
     if isinstance(value, Mapping) and isinstance(old, Mapping):
-        new_keys = [k for k in value if k not in old] if any(map(is_config, old.values())) else []
-        if new_keys:  # their config class is unknown
-            raise ValueError(f"has no '{new_keys[0]}', only {', '.join(map(str, old))}; add it in Python")
-        return {k: _fit(old.get(k, MISSING), v, {"Any"}, f"{where}.{k}", problems) for k, v in value.items()}
+        return _convert_mapping(old, value, where, problems)
     if isinstance(value, (list, tuple)):
-        items = list(old) if isinstance(old, (list, tuple)) else []
-        items += [items[-1] if items and not is_config(items[-1]) else MISSING] * (len(value) - len(items))
-        new = [_fit(o, v, {"Any"}, f"{where}.{i}", problems) for i, (o, v) in enumerate(zip(items, value))]
-        return _as_container(old, new, words)
-    if isinstance(old, enum.Enum) and isinstance(value, str):
+        return _convert_items(old, value, words, where, problems)
+    if isinstance(value, str):
+        return _convert_text(old, value, words)
+    return value
+
+
+def _convert_mapping(
+    old: Mapping[Any, object], value: Mapping[Any, object], where: str, problems: list[str]
+) -> dict[Any, object]:
+    new_keys = [k for k in value if k not in old] if any(map(is_config, old.values())) else []
+    if new_keys:  # their config class is unknown
+        raise ValueError(f"has no '{new_keys[0]}', only {', '.join(map(str, old))}; add it in Python")
+    return {k: _fit(old.get(k, MISSING), v, {"Any"}, f"{where}.{k}", problems) for k, v in value.items()}
+
+
+def _convert_items(
+    old: object, value: Sequence[object], words: set[str], where: str, problems: list[str]
+) -> Collection[object]:
+    items = list(old) if isinstance(old, (list, tuple)) else []
+    # Items beyond the old ones have the type of the last one.
+    items += [items[-1] if items and not is_config(items[-1]) else MISSING] * (len(value) - len(items))
+    new = [_fit(o, v, {"Any"}, f"{where}.{i}", problems) for i, (o, v) in enumerate(zip(items, value))]
+    return _as_container(old, new, words)
+
+
+def _convert_text(old: object, value: str, words: set[str]) -> object:
+    if isinstance(old, enum.Enum):
         names = [member.name for member in type(old)]
         return type(old)[value] if value in names else _refuse(value, f"one of {', '.join(names)}")
-    if isinstance(old, os.PathLike) and isinstance(value, str):
+    if isinstance(old, os.PathLike):
         return type(old)(value)  # type: ignore[call-arg]
-    if isinstance(value, str) and (callable(old) or (":" in value and words & {"Callable", "type"})):
+    if callable(old) or (":" in value and words & {"Callable", "type"}):
         try:
             return resolve_name(value)
         except (ImportError, AttributeError, ValueError) as error:
@@ -334,7 +353,7 @@ def _convert(old: object, value: object, words: set[str], where: str, problems: 
     return value
 
 
-def _as_container(old: object, items: list[object], words: set[str]) -> object:
+def _as_container(old: object, items: list[object], words: set[str]) -> Any:
     if isinstance(old, (tuple, set, frozenset)):
         return type(old)(items)
     if hasattr(old, "new_tensor"):

@@ -92,33 +92,40 @@ def calls_in_trace(
         region: Name of the annotations.
     """
     events = [e for e in trace["traceEvents"] if e.get("ph") == "X"]
-    spans = sorted((e["ts"], e["ts"] + e["dur"]) for e in events if _is(e, "user_annotation") and e["name"] == region)
-    starts = [start for start, _ in spans]
-
-    def inside(event: Event) -> bool:
-        index = bisect.bisect_right(starts, event["ts"]) - 1
-        return index >= 0 and event["ts"] < spans[index][1]
-
-    runtime = [e for e in events if _is(e, "cuda_runtime") and inside(e)]
-    driver = [e for e in events if _is(e, "cuda_driver") and inside(e)]
-    counts: dict[str, Counter[str]] = {"runtime": Counter(), "driver": Counter()}
-    for name, calls in (("runtime", runtime), ("driver", _outermost(driver, runtime))):
-        for event in calls:
-            base = _VERSION.sub("", event["name"])
-            counts[name].update(kind for kind, names in _KINDS.items() if base in names)
+    inside = _within_annotations(events, region)
+    runtime = [e for e in inside if _is(e, "cuda_runtime")]
+    driver = [e for e in inside if _is(e, "cuda_driver")]
+    by_runtime, by_driver = _kinds_of(runtime), _kinds_of(_outermost(driver, runtime))
     launched = {_correlation(e) for e in (*runtime, *driver)} - {None}
     on_gpu = [e for e in events if _correlation(e) in launched]
     total: Counter[str] = Counter()
     for kind in _KINDS:
-        seen = counts["driver"][kind]
+        of_warp = (in_warp or {}).get(kind, 0)
         if kind == "graph_launches":  # Warp launches them through the runtime
-            total[kind] = max(counts["runtime"][kind] + seen, (in_warp or {}).get(kind, 0))
+            total[kind] = max(by_runtime[kind] + by_driver[kind], of_warp)
         else:
-            total[kind] = counts["runtime"][kind] + max(seen, (in_warp or {}).get(kind, 0))
+            total[kind] = by_runtime[kind] + max(by_driver[kind], of_warp)
     pageable = sum(_is(e, "gpu_memcpy") and "DtoH" in e["name"] and "Pageable" in e["name"] for e in on_gpu)
     total["host_syncs"] = max(total["host_syncs"], pageable)
     total["kernels"] = sum(_is(e, "kernel") for e in on_gpu)
     return total
+
+
+def _within_annotations(events: list[Event], name: str) -> list[Event]:
+    """Events that start within the host's annotations of a name."""
+    spans = sorted((e["ts"], e["ts"] + e["dur"]) for e in events if _is(e, "user_annotation") and e["name"] == name)
+    starts = [start for start, _ in spans]
+    before = ((e, bisect.bisect_right(starts, e["ts"]) - 1) for e in events)
+    return [e for e, index in before if index >= 0 and e["ts"] < spans[index][1]]
+
+
+def _kinds_of(calls: list[Event]) -> Counter[str]:
+    """Number of CUDA calls by kind."""
+    counts: Counter[str] = Counter()
+    for call in calls:
+        base = _VERSION.sub("", call["name"])
+        counts.update(kind for kind, names in _KINDS.items() if base in names)
+    return counts
 
 
 @contextlib.contextmanager

@@ -26,16 +26,26 @@ def to_space(spec: SpaceSpec) -> spaces.Space:
     """
     if isinstance(spec, spaces.Space):
         return spec
-    if isinstance(spec, (int, np.integer)) and not isinstance(spec, bool) and spec > 0:
+    if _is_size(spec):
         return spaces.Box(-np.inf, np.inf, (int(spec),), np.float32)
-    if isinstance(spec, set) and len(spec) == 1:
+    if _is_choice(spec):
         return spaces.Discrete(int(next(iter(spec))))
-    if isinstance(spec, list) and spec and all(isinstance(x, set) and len(x) == 1 for x in spec):
+    if isinstance(spec, list) and spec and all(map(_is_choice, spec)):
         return spaces.MultiDiscrete([next(iter(x)) for x in spec])
-    if isinstance(spec, list) and spec and all(isinstance(x, int) and x > 0 for x in spec):
-        return spaces.Box(-np.inf, np.inf, tuple(spec), np.float32)
+    if isinstance(spec, list) and spec and all(map(_is_size, spec)):
+        return spaces.Box(-np.inf, np.inf, tuple(map(int, spec)), np.float32)
     if isinstance(spec, dict) and spec:
         return spaces.Dict({key: to_space(value) for key, value in spec.items()})
     if isinstance(spec, tuple) and spec:
         return spaces.Tuple([to_space(value) for value in spec])
     raise ValueError(f"{spec!r} is not a space; give a number of elements, a list of sizes, or a gymnasium space")
+
+
+def _is_size(spec: object) -> bool:
+    """Whether it is a number of elements."""
+    return isinstance(spec, (int, np.integer)) and not isinstance(spec, bool) and bool(spec > 0)
+
+
+def _is_choice(spec: object) -> bool:
+    """Whether it is ``{n}``, a choice among n."""
+    return isinstance(spec, set) and len(spec) == 1

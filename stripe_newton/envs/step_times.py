@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from statistics import median
+from statistics import mean, median
 from typing import TypeAlias
 
 import torch
@@ -113,67 +113,89 @@ def measure_step(env: RLEnv, actions: torch.Tensor, blocks: int) -> StepTimes:
         actions: Shape ``(LEAD + n, num_envs, *action_shape)`` for blocks of ``n`` steps.
         blocks: Number of blocks.
     """
-    sim, decimation, steps = env.sim, env.cfg.decimation, len(actions) - LEAD
-    clock, before = Clock(sim.device), _Snapshot(env)
-
-    def lead() -> None:
-        for action in actions[:LEAD]:
-            env.step(action)
-
-    def whole() -> None:
-        for action in actions[LEAD:]:
-            env.step(action)
-
-    lead()
-    tape = _Tape(env, actions[LEAD:])
-    before.restore()
-    clock.wait()
-    start = time.perf_counter()
-    lead()
-    ahead = 1.5 * steps / LEAD * (time.perf_counter() - start)  # seconds in which the host issues a block
-    ahead = min(max(ahead, 0.005), 0.05)
-
-    times = StepTimes([], [], [], 0.0, [], tape.replay_difference())
+    timer = _StepTimer(env, actions)
+    times = StepTimes([], [], [], 0.0, [], timer.tape.replay_difference())
     each: list[list[float]] = []
     for _ in range(blocks):
-        before.restore()
-        clock.hold(ahead)
-        lead()
-        start = clock.mark()
-        whole()
-        times.env.append(clock.ms(start, clock.mark()) / steps)
-
-        if clock.is_cuda:
-            before.restore()
-            lead()
-            clock.wait()
-            start = time.perf_counter()
-            whole()
-            clock.wait()
-            times.env_wall.append(1e3 * (time.perf_counter() - start) / steps)
-
-        sim.step(decimation)  # not timed: it computes the bodies that the last reset has left to the next physics step
-        clock.hold(ahead)
-        marks = []
-        for index in range(steps):
-            tape.load(index)
-            start = clock.mark()
-            sim.step(decimation)
-            marks.append((start, clock.mark()))
-        each.append([clock.ms(*pair) for pair in marks])
-        times.physics.append(sum(each[-1]) / steps)
-
-        tape.load(0)
-        clock.hold(ahead)
-        start = clock.mark()
-        for index in range(steps):
-            tape.load_targets(index)
-            sim.step(decimation)
-        times.physics_free.append(clock.ms(start, clock.mark()) / steps)
-    before.restore()
-    times.physics_ms = sum(map(median, zip(*each, strict=True))) / steps
-    times.env_wall = times.env_wall or times.env
+        times.env.append(timer.env_ms())
+        if timer.clock.is_cuda:
+            times.env_wall.append(timer.env_wall_ms())
+        else:  # steps on the CPU end before the host goes on
+            times.env_wall.append(times.env[-1])
+        each.append(timer.physics_ms())
+        times.physics.append(mean(each[-1]))
+        times.physics_free.append(timer.physics_free_ms())
+    timer.before.restore()
+    times.physics_ms = mean(map(median, zip(*each, strict=True)))
     return times
+
+
+class _StepTimer:
+    """Times single blocks of steps, each from the same state on."""
+
+    def __init__(self, env: RLEnv, actions: torch.Tensor):
+        self._env, self._sim, self._decimation = env, env.sim, env.cfg.decimation
+        self._lead_actions, self._actions = actions[:LEAD], actions[LEAD:]
+        self._steps = len(self._actions)
+        self.clock, self.before = Clock(self._sim.device), _Snapshot(env)
+        self._run(self._lead_actions)
+        self.tape = _Tape(env, self._actions)
+        self._ahead = self._time_to_issue()
+
+    def _run(self, actions: torch.Tensor) -> None:
+        for action in actions:
+            self._env.step(action)
+
+    def _time_to_issue(self) -> float:
+        """Seconds in which the host issues a block: the device has to wait so long for its queue to stay full."""
+        self.before.restore()
+        self.clock.wait()
+        start = time.perf_counter()
+        self._run(self._lead_actions)
+        ahead = 1.5 * self._steps / LEAD * (time.perf_counter() - start)
+        return min(max(ahead, 0.005), 0.05)
+
+    def env_ms(self) -> float:
+        """Duration of a whole step on the device [ms]."""
+        self.before.restore()
+        self.clock.hold(self._ahead)
+        self._run(self._lead_actions)
+        start = self.clock.mark()
+        self._run(self._actions)
+        return self.clock.ms(start, self.clock.mark()) / self._steps
+
+    def env_wall_ms(self) -> float:
+        """Duration of a whole step by the clock of the host [ms]."""
+        self.before.restore()
+        self._run(self._lead_actions)
+        self.clock.wait()
+        start = time.perf_counter()
+        self._run(self._actions)
+        self.clock.wait()
+        return 1e3 * (time.perf_counter() - start) / self._steps
+
+    def physics_ms(self) -> list[float]:
+        """Durations of the physics of each step, from the state at its start [ms]."""
+        # Not timed: this step computes the bodies that the last reset has left to the next physics step.
+        self._sim.step(self._decimation)
+        self.clock.hold(self._ahead)
+        marks = []
+        for index in range(self._steps):
+            self.tape.load(index)
+            start = self.clock.mark()
+            self._sim.step(self._decimation)
+            marks.append((start, self.clock.mark()))
+        return [self.clock.ms(*pair) for pair in marks]
+
+    def physics_free_ms(self) -> float:
+        """Duration of the physics of a step [ms], the steps of the block in sequence, without resets."""
+        self.tape.load(0)
+        self.clock.hold(self._ahead)
+        start = self.clock.mark()
+        for index in range(self._steps):
+            self.tape.load_targets(index)
+            self._sim.step(self._decimation)
+        return self.clock.ms(start, self.clock.mark()) / self._steps
 
 
 class _Snapshot:

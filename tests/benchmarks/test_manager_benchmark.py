@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 import warp as wp
 
-from stripe_newton.envs.fusion_gain import MANAGERS, fused_kernels, term_configs
+from stripe_newton.envs.fusion_gain import fused_kernels, term_configs
 from tests.helpers.benchmark_ant import SIZES, ant
 
 REPEATS = 100
+MANAGERS = ("termination_manager", "reward_manager", "observation_manager")
 
 
 @pytest.mark.parametrize("how", ["fused", "apart"])

@@ -178,7 +178,7 @@ def test_help_shows_fields_of_the_task(capsys):
         (["train", TASK, "--video-interval", "-1"], "must be 0 or more"),
         (["train", TASK, "--agent.obs-groups.actor", "camera"], "the environment has policy, critic"),
         (["eval", TASK], "--checkpoint"),
-        (["eval", TASK, "--checkpoint", __file__], "no file that torch.save wrote"),
+        (["eval", TASK, "--checkpoint", __file__], "was not written by torch.save"),
         (["play", TASK], "either --checkpoint RUN_OR_FILE or --agent"),
         (["play", TASK, "--agent", "zero", "--steps", "0"], "must be at least 1"),
         (["--import", "no_such_module", "list"], "there is no module 'no_such_module'"),

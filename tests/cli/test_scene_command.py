@@ -147,7 +147,9 @@ def test_registered_scenes_are_found_by_name(monkeypatch, tmp_path, capsys):
     register_scene("no_such_module", "nowhere.at_all:Class")
     assert scene_names() == ["no_such_module", "small_wood"]
     assert scene_class("small_wood") is SmallWood
-    with pytest.raises(ValueError, match=r"scene 'small_wood': is registered already, as tests\.small_wood:SmallWood"):
+    with pytest.raises(
+        ValueError, match=r"scene 'small_wood': is registered already, as tests\.helpers\.small_wood:SmallWood"
+    ):
         register_scene("small_wood", "elsewhere:Wood")
     assert main(["scene", "build", "small_wood", "--count", "3", "--out", str(tmp_path / "w.usda")]) == 0
     assert "did you mean small_wood?" in error_of(capsys, "preview", "smal_wood")

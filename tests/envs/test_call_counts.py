@@ -70,6 +70,7 @@ def test_what_the_profiler_does_not_see_of_warp_is_added():
 
 
 def test_warps_functions_are_its_own_again():
+    wp.init()
     core = wp._src.context.runtime.core
     before = core.wp_cuda_stream_synchronize
     with warp_calls():

@@ -400,9 +400,9 @@ LEG = joints("front_left_leg")
         (Term(mdp.base_pos_z, {"asset_cfg": 3}), "observations.policy.t.params.robot", ["3", "SceneEntityCfg"]),
         (Term(mdp.joint_pos, LEG, scale=(1.0, 2.0)), "observations.policy.t.scale", ["2 numbers", "one or 1"]),
         (Term(torch_squares, ALL_LEGS, size=4, scale=[1.0]), "observations.policy.t.scale", ["1 numbers", "or 4"]),
-        (Term(first_joint), "observations.policy.t.size", ["None", "how many numbers"]),
-        (Term(torch_squares, LEG), "observations.policy.t.size", ["None", "how many numbers"]),
-        (Term(first_joint, size=0), "observations.policy.t.size", ["0", "how many numbers"]),
+        (Term(first_joint), "observations.policy.t.size", ["None", "the number of values"]),
+        (Term(torch_squares, LEG), "observations.policy.t.size", ["None", "the number of values"]),
+        (Term(first_joint, size=0), "observations.policy.t.size", ["0", "the number of values"]),
         (Term(squared, {"value": 0.0, "offset": 0.0}, size=1), "observations.policy.t.func", ["squared", "out:"]),
         (
             Term(mdp.joint_pos, noise=ConstantNoiseCfg(bias=torch.ones(3))),

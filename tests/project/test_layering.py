@@ -8,68 +8,22 @@ import importlib
 import inspect
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from tests.helpers.checkout import ROOT
+from tools.checks.source_metrics import PACKAGES, circles, read_imports, source_files
 
-PACKAGES = {
-    "stripe_kernels": ROOT / "kernels" / "stripe_kernels",
-    "stripe_newton": ROOT / "stripe_newton",
-    "stripe_tasks": ROOT / "tasks" / "stripe_tasks",
-}
-FOLDERS = [*PACKAGES.values(), ROOT / "tests", ROOT / "tools"]
-
-
-def module_name(path: Path, package: str) -> str:
-    parts = path.relative_to(PACKAGES[package].parent).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-MODULES = {
-    module_name(path, package): path for package, folder in PACKAGES.items() for path in sorted(folder.rglob("*.py"))
-}
+FOLDERS = [*(ROOT / folder for folder in PACKAGES), ROOT / "tests", ROOT / "tools"]
+MODULES = source_files(ROOT)
+IMPORTS = {name: read_imports(name, path, ast.parse(path.read_text())) for name, path in MODULES.items()}
 PUBLIC = [name for name in MODULES if not any(part.startswith("_") for part in name.split("."))]
 
 
-def is_type_checking(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
-
-
-def imports(name: str, at_import_time: bool = False) -> set[str]:
-    """Names that the module ``name`` imports, as written but absolute; ``a.b`` and ``a.b.c`` for ``from a.b import c``.
-
-    ``at_import_time`` leaves out what functions import when called and what only type checkers see.
-    """
-    is_package = MODULES[name].name == "__init__.py"
-    found: set[str] = set()
-    nodes: list[ast.AST] = [ast.parse(MODULES[name].read_text())]
-    while nodes:
-        node = nodes.pop()
-        if at_import_time and (isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) or is_type_checking(node)):
-            continue
-        nodes.extend(ast.iter_child_nodes(node))
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                above = name.split(".")
-                above = above[: len(above) - node.level + is_package]
-                base = ".".join([*above, base] if base else above)
-            found.update({base, *(f"{base}.{alias.name}" for alias in node.names)})
-    return found
-
-
-def own_imports(name: str) -> set[str]:
-    """Modules of this project that must be complete before ``name`` is, packages above them aside."""
-    found = set()
-    for target in imports(name, at_import_time=True):
-        if target in MODULES and not name.startswith(target + "."):
-            found.add(target)
-    # `from package import submodule` needs the submodule; that the package runs first is said by its own imports
-    return found - {name}
+def imports(name: str) -> set[str]:
+    """Absolute names that a module imports, at any time and for types; ``from a import b`` gives ``a`` and ``a.b``."""
+    found = IMPORTS[name]
+    return found.loading | found.calling | found.typing
 
 
 def test_there_is_something_to_check():
@@ -89,31 +43,27 @@ def test_the_framework_does_not_know_the_tasks(name):
 
 @pytest.mark.parametrize("name", [n for n in MODULES if n.startswith("stripe_newton")])
 def test_only_what_is_above_them_imports_envs(name):
-    above = ("stripe_newton.rl", "stripe_newton.cli", "stripe_newton.specifications.training_spec")
-    if name.startswith(("stripe_newton.envs", *above)):
+    above = ("rl", "cli", "specifications.training_spec", "registration")  # registration makes environments by name
+    if name.startswith(tuple(f"stripe_newton.{module}" for module in ("envs", *above))):
         return
     assert not {target for target in imports(name) if target.startswith("stripe_newton.envs")}
 
 
-def test_no_import_cycles():
-    graph = {name: own_imports(name) for name in MODULES}
-    done: set[str] = set()
+@pytest.mark.parametrize("kinds", [("loading",), ("loading", "calling")])
+def test_no_import_circles(kinds):
+    """Neither while modules load, nor by imports within functions: such imports are for start-up time alone."""
 
-    def visit(name: str, trail: list[str]) -> None:
-        if name in trail:
-            pytest.fail("import cycle: " + " -> ".join([*trail[trail.index(name) :], name]))
-        if name not in done:
-            for target in sorted(graph[name]):
-                visit(target, [*trail, name])
-            done.add(name)
+    def targets(name: str) -> set[str]:
+        every = set().union(*(getattr(IMPORTS[name], kind) for kind in kinds))
+        # That a package runs before its modules is not a circle.
+        return {t for t in every if t in MODULES and not name.startswith(f"{t}.")} - {name}
 
-    for name in graph:
-        visit(name, [])
+    assert circles({name: targets(name) for name in MODULES}) == []
 
 
 def imported_by(statement: str) -> set[str]:
     code = f"import sys; {statement}; print(*sys.modules)"
-    path = [str(folder.parent) for folder in PACKAGES.values()]
+    path = [str((ROOT / folder).parent) for folder in PACKAGES]
     out = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path[:0] = {path}; {code}"], capture_output=True, text=True, check=True
     )

@@ -160,7 +160,7 @@ def test_what_a_file_leaves_out():
         ("pruner: {startup_trials: -1}", ["pruner: startup_trials is -1"]),
         ("trails: 3", ["trails: is not known", "did you mean 'trials'"]),
         ("name: a/b", ["name: is 'a/b'"]),
-        ("- 1", ["holds list"]),
+        ("- 1", ["contains list"]),
         ("a: [", ["is not valid YAML"]),
         ("sampler: bayes\nseeds: []", ["sampler: ", "\nmy.yaml: seeds: "]),
     ],

@@ -33,7 +33,7 @@ def test_run_folder(tmp_path):
     assert RunFolder.of_checkpoint(find_checkpoint(one.path)).path == one.path.resolve()
     assert list(one.path.glob("events.out.tfevents.*"))
     (one.params / "env.yaml").write_text("a: [")
-    with pytest.raises(CheckpointError, match="no valid YAML"):
+    with pytest.raises(CheckpointError, match="is not valid YAML"):
         one.read_params()
 
 
