@@ -55,7 +55,7 @@ class EncoderStructs(NamedStructs):
 
 
 def register_asset_structs(structs: StructRegistry, articulations: dict[str, Articulation]) -> None:
-    """Let terms find articulations and their encoders, whose errors are zero at first."""
+    """Register the structs of articulations, and of their encoders, whose errors are zero at first."""
     structs.register(ArticulationData, ArticulationStructs())
     for name, articulation in articulations.items():
         encoder = EncoderData()

@@ -55,7 +55,7 @@ class TrainArgs:
     device: tyro.conf.DisallowNone[str | None] = None
     """cpu or cuda:N; by default the first GPU where there is one. Short for --env.sim.device."""
     log_dir: Path = Path("logs")
-    """Where run folders are made: LOG_DIR/EXPERIMENT/DATE_TIME."""
+    """Folder of the run folders: LOG_DIR/EXPERIMENT/DATE_TIME."""
     video_interval: int = 0
     """Film the training every so many iterations; 0 for one video at the end."""
     final_video: bool = True
@@ -65,7 +65,7 @@ class TrainArgs:
     resume: tyro.conf.DisallowNone[str | None] = None
     """Continue a run: its folder, or a checkpoint of it. Its configuration is taken over."""
     allow_changes: bool = False
-    """Let a resumed run go on with another environment or other networks than it had."""
+    """Resume a run with another environment or other networks than it had."""
     gpus: tyro.conf.DisallowNone[int | None] = None
     """Train on so many GPUs of this host, one process on each; --num-envs counts the environments of all."""
     sweep: tyro.conf.DisallowNone[Path | None] = None

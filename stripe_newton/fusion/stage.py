@@ -44,8 +44,8 @@ class Section:
     """Number of threads for each environment; the body uses their index, ``part``. 0 for one thread. Parts must not
     depend on each other, nor on other sections with parts in the same stage."""
     neighbours: bool = False
-    """Let neighbouring threads be parts of one environment rather than environments: for many parts that do the same
-    with neighbouring numbers, so that a GPU combines their memory accesses."""
+    """Whether neighbouring threads are parts of one environment rather than environments: for many parts that do the
+    same with neighbouring numbers, so that a GPU combines their memory accesses."""
 
     @property
     def uses_in_body(self) -> frozenset[str]:

@@ -48,7 +48,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     """Parts of a checkpoint that :meth:`load` needs where the policy only acts."""
 
     _unsaved: CheckpointWriteError | None = None
-    """Why the last checkpoint is not on the disk; None if it is."""
+    """Reason why the last checkpoint is not on the disk; None if it is."""
 
     def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlBaseRunnerCfg, log_dir: str | os.PathLike | None = None):
         """Build networks, algorithm and logger on the environment's device.
@@ -84,7 +84,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         )
         self._rollout: GraphRollout | None = None
         self.no_graphs = why_no_graphs(cfg, env, self.alg)
-        """Why ``"rollout"`` and ``"update"`` are rsl_rl's own rather than graphs; empty if both are graphs."""
+        """Reason why ``"rollout"`` and ``"update"`` are rsl_rl's own rather than graphs; empty if both are graphs."""
         if cfg.regenerate_interval:
             # The first hook: hooks of others, and the checkpoint after them, belong to the new scene.
             self.logger.iteration_hooks.append(self._regenerate)

@@ -24,7 +24,7 @@ def rsl_rl_settings(cfg: RslRlBaseRunnerCfg) -> dict[str, object]:
 
 
 def why_no_graphs(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper, algorithm: object) -> dict[str, str]:
-    """Why ``"rollout"`` and ``"update"`` run rsl_rl's own code rather than graphs; empty if both are graphs."""
+    """Reason why ``"rollout"`` and ``"update"`` run rsl_rl's own code rather than graphs; empty if both are graphs."""
     if cfg.runner != "graph":
         return dict.fromkeys(("rollout", "update"), "runner is 'rsl_rl'")
     if isinstance(algorithm, GraphPPO):
@@ -40,9 +40,7 @@ def env_mismatches(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator
     if cfg.regenerate_interval:
         inner = rl_env_of(env.unwrapped)
         problem = (
-            "the environment has no scene of a specification"
-            if inner is None
-            else inner.scene.obstacle_to_regenerating()
+            "the environment has no scene of a specification" if inner is None else inner.scene.why_not_regenerable()
         )
         if problem:
             yield f"regenerate_interval: is {cfg.regenerate_interval}, but {problem}"

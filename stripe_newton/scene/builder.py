@@ -128,7 +128,7 @@ class SceneBuilder:
             sim.add_hook(sensor)
 
     def _prepare_assets(self, template: newton.ModelBuilder) -> None:
-        """Let the assets find their bodies and write their configs onto the builder of one environment.
+        """Prepare the assets: they find their bodies and write their configs onto the builder of one environment.
 
         Raises:
             ConfigError: everything that does not fit, of all assets at once.
@@ -248,7 +248,7 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
 
 
 def _replace_pgs(builder: newton.ModelBuilder) -> None:
-    """Let MJCF files that ask for the PGS solver have Newton's method, as MuJoCo Warp has no PGS."""
+    """Replace the PGS solver of MJCF files by Newton's method, as MuJoCo Warp has no PGS."""
     attribute = builder.custom_attributes.get("mujoco:solver")
     if attribute is not None and attribute.mjcf_value_transformer is not None:
         read = attribute.mjcf_value_transformer

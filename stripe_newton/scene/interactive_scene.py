@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -150,9 +151,14 @@ class InteractiveScene(SceneContents):
         """
         self._regenerator.regenerate(seed)
 
-    def obstacle_to_regenerating(self) -> str:
-        """Why :meth:`regenerate` cannot work with any seed, and what to do about it; empty if it can."""
+    def why_not_regenerable(self) -> str:
+        """Reason why :meth:`regenerate` cannot work with any seed, and what to do about it; empty if it can."""
         return self._regenerator.why_not()
+
+    def obstacle_to_regenerating(self) -> str:
+        """Former name of :meth:`why_not_regenerable`, which goes with the next release."""
+        warnings.warn("use scene.why_not_regenerable()", DeprecationWarning, stacklevel=2)
+        return self.why_not_regenerable()
 
     # -- names and numbers
 

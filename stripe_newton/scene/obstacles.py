@@ -172,7 +172,7 @@ class Obstacles(SensorBase):
         self.capacity = max(1, count + spare if self.cfg.capacity is None else self.cfg.capacity)
 
     def use_scenery(self, scenery: Scenery) -> None:
-        """Let the colliders of a scene's assets be the obstacles, before the scene is built.
+        """Take the colliders of a scene's assets as the obstacles, before the scene is built.
 
         Raises:
             ValueError: for a box, which no capsule can represent, or more than ``capacity``.

@@ -54,7 +54,7 @@ class SceneRegenerator:
         return next((spawn for spawn in spawners if isinstance(spawn, SceneSpawnerCfg)), None)
 
     def why_not(self) -> str:
-        """Why the scene of another seed cannot be made, and what to do about it; empty if it can."""
+        """Reason why the scene of another seed cannot be made, and what to do about it; empty if it can."""
         scene, spawn = self._scene, self._spawner()
         if spawn is None:
             return "the scene is of no specification: make its config by SceneSpec.create_instance() or TrainingSpec"
@@ -130,7 +130,7 @@ class SceneRegenerator:
 
 
 def _why_colliders_stay(scenery: Scenery) -> str:
-    """Why colliders of a scenery that are shapes of the model cannot be replaced; empty if there are none."""
+    """Reason why colliders of a scenery that are shapes of the model cannot be replaced; empty if there are none."""
     touched = [p for i, p in enumerate(scenery.prototypes) if p.shapes and (scenery.which == i).any()]
     if not touched:
         return ""

@@ -70,7 +70,7 @@ class RayCasterCfg(SensorBaseCfg):
     """Prims that the rays hit, with all below them, such as ``/World/ground`` or ``{ENV_REGEX_NS}/Box_.*``; expressions
     are allowed. Empty for every collider. Visuals that collide with nothing are never hit."""
     exclude_own: bool = True
-    """Let the rays pass through the asset that carries the sensor."""
+    """Whether the rays pass through the asset that carries the sensor."""
     drift_range: tuple[float, float] = (0.0, 0.0)
     """Bounds of an error of the body's position along x, y and z, drawn for each episode [m]."""
     ray_cast_drift_range: Mapping[str, tuple[float, float]] = {}

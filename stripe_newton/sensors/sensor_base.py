@@ -157,7 +157,7 @@ class SensorBase(PhysicsHook):
     # -- another ground in the same scene, see InteractiveScene.regenerate
 
     def why_not_regenerable(self, name: str, ground: int) -> str:
-        """Why a scene with this sensor cannot get another ground, and what to do about it; empty if it can.
+        """Reason why a scene with this sensor cannot get another ground, and what to do about it; empty if it can.
 
         Args:
             name: Name of the sensor in the scene.

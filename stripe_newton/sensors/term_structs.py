@@ -26,7 +26,7 @@ class SensorStructs(NamedStructs):
 
 
 def register_sensor_structs(structs: StructRegistry, sensors: Mapping[str, SensorBase]) -> None:
-    """Let terms find the sensors of a scene."""
+    """Register the structs of a scene's sensors."""
     for name, sensor in sensors.items():
         if sensor.struct is not None:
             resolver = structs.named(struct_of(sensor.struct), lambda kind: SensorStructs(kind, sensors))

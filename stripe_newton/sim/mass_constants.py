@@ -84,7 +84,7 @@ class MassConstants(PhysicsHook):
 
     @staticmethod
     def why_unsupported(solver: newton.solvers.SolverMuJoCo) -> str:
-        """Why the constants of a model cannot be computed here; empty if they can."""
+        """Reason why the constants of a model cannot be computed here; empty if they can."""
         model = solver.mj_model
         if model.nv == 0:
             return "no degree of freedom"

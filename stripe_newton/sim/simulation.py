@@ -53,8 +53,8 @@ class SimulationCfg:
     """Arrays that the solver reports beyond the state, by Newton's names: ``"body_qdd"`` for accelerations of bodies,
     ``"body_parent_f"`` for the wrenches of their joints."""
     on_overflow: str = "raise"
-    """When contacts or constraints did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, naming the size to
-    set. It is reported without host synchronisation, so on a GPU the message may come some steps late."""
+    """Reaction to contacts or constraints that did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, with
+    the size to set. It is reported without host synchronisation, so on a GPU the message may come some steps late."""
     use_cuda_graph: bool = True
     """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
 
@@ -368,7 +368,7 @@ class Simulation:
         return self._state
 
     def flush(self) -> None:
-        """Let bodies follow the joints in environments that were reset in the last step, if that was left for later.
+        """Update the bodies of environments that were reset in the last step, if that was left for later.
 
         A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
         """

@@ -144,7 +144,7 @@ class MuJoCoSolverCfg(SolverCfg):
     enable_multiccd: bool | None = None
     """Up to four contact points for a pair of convex shapes."""
     enable_sleeping: bool | None = None
-    """Let resting bodies sleep (GPU only)."""
+    """Whether resting bodies sleep (GPU only)."""
     nvmax: int | None = None
     """Active degrees of freedom a world has room for while sleeping is enabled."""
     sleep_tolerance: float | None = None

@@ -10,6 +10,6 @@ __all__ = ["register_terrain_struct"]
 
 
 def register_terrain_struct(structs: StructRegistry, terrain: TerrainBase | None) -> None:
-    """Let terms find the terrain of a scene, where it is one that heights can be looked up in."""
+    """Register the struct of a scene's terrain, if heights can be looked up in it."""
     if terrain is not None and terrain.struct is not None:
         structs.provide(terrain.struct, "terrain")

@@ -28,7 +28,7 @@ _SIZES = {
     GeoType.CONE: 2,
     GeoType.PLANE: 2,
 }
-"""How many of a shape's three scale values are its size; all three for other types."""
+"""Number of a shape's three scale values that are its size; all three for other types."""
 
 
 def build_report(

@@ -28,11 +28,13 @@ class StageUnits(TypedDict):
     """Units and gravity of a stage."""
 
     meters_per_unit: float
-    """As authored, like the next two."""
+    """Unit of length as authored [m]."""
     kilograms_per_unit: float
+    """Unit of mass as authored [kg]."""
     up_axis: str
+    """Up axis as authored, ``"Y"`` or ``"Z"``."""
     gravity: list[float]
-    """m/s^2, Z up."""
+    """Gravity, with Z up [m/s^2]."""
     scene: str | None
     """Path of the PhysicsScene."""
 
@@ -138,7 +140,7 @@ class SiteRow:
     path: str
     body: str
     position: tuple[float, float, float]
-    """In the body's frame."""
+    """Position in the body's frame [m]."""
 
 
 @dataclass

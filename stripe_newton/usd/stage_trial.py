@@ -23,7 +23,7 @@ class StageTrial:
     outcome: str
     """``steps``, ``refused`` or ``diverges``."""
     reason: str = ""
-    """Why it was refused, or which quantity was not finite after which step."""
+    """Reason of the refusal, or the quantity that was not finite, with its step."""
     bodies: int = 0
     dofs: int = 0
     shapes: int = 0

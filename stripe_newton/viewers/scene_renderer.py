@@ -143,7 +143,7 @@ class SceneRenderer:
         self._turns = cfg.origin_type == "asset_heading"
 
     def _follow(self, bodies: np.ndarray) -> None:
-        """Let the camera move with the mean position of ``bodies`` from now on, indices into the display state."""
+        """Move the camera with the mean position of ``bodies`` from now on, indices into the display state."""
         self._follow_bodies, self._turns = bodies, False
         # Turning is smoothed more than moving: the whole picture swings with it. No jump counts as a new episode.
         self._heading, self._near = Follower(4.0 * self.cfg.follow_time, jump=1.0e9), 1.0

@@ -19,6 +19,7 @@ from stripe_newton.cli import COMMANDS
 from stripe_newton.cli.arguments import parse
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
 from tests.helpers.checkout import ROOT
+from tools.pictures import architecture_figure
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 TASK = "Stripe-Cartpole-Direct-v0"
@@ -117,8 +118,12 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", [p for p in PAGES if p.name != "stages.md"], ids=page_id)  # its files are Newton's
 def test_named_files_exist(page):
     for code in snippets(page.read_text(encoding="utf-8")):
-        for name in re.findall(r"\b(?:tools|tests|docs|kernels|tasks)/[\w/]+\.\w+", code):
+        for name in re.findall(r"\b(?:tools|tests|docs|kernels|tasks|stripe_newton)/[\w/]+\.\w+", code):
             assert (ROOT / name).exists(), f"{name}: no such file"
+
+
+def test_the_figure_of_the_architecture_is_drawn_from_the_files_that_exist():
+    assert (ROOT / "docs" / "images" / "architecture.svg").read_text(encoding="utf-8") == architecture_figure.draw()
 
 
 def test_pictures_are_small():

@@ -108,6 +108,9 @@ def test_a_scene_of_a_file_is_refused(tmp_path):
 def test_a_scene_without_a_specification_is_refused():
     with pytest.raises(ValueError, match="the scene is of no specification"):
         make_cart().regenerate(1)
+    scene = make_cart().scene
+    with pytest.deprecated_call(match="why_not_regenerable"):
+        assert scene.obstacle_to_regenerating() == scene.why_not_regenerable() != ""
 
 
 def test_training_says_at_its_start_that_it_cannot(ordinary):

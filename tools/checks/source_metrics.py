@@ -26,11 +26,11 @@ class Imports:
     """Imports of a module, by the time at which they run."""
 
     loading: set[str] = field(default_factory=set)
-    """While it is loaded."""
+    """Imports that run while it is loaded."""
     calling: set[str] = field(default_factory=set)
-    """When one of its functions is called."""
+    """Imports that run when one of its functions is called."""
     typing: set[str] = field(default_factory=set)
-    """For type checkers alone."""
+    """Imports for type checkers alone."""
 
 
 def source_files(root: Path) -> dict[str, Path]:

@@ -43,7 +43,7 @@ messages between it and them."""
 _TIMEOUT = "STRIPE_NEWTON_TIMEOUT_S"
 """Environment variable: how long a rank waits for the others [s]."""
 _SECONDS_FOR_THE_CAUSE = 10.0
-"""How long a rank that lost another one waits before it fails itself."""
+"""Time that a rank waits after it lost another one, before it fails itself."""
 
 
 class LostRankError(RuntimeError):
@@ -55,9 +55,9 @@ class World:
     """Number of this process among all that train together."""
 
     rank: int = 0
-    """From 0, over all hosts."""
+    """Index of the rank over all hosts, from 0."""
     local_rank: int = 0
-    """From 0, on this host; also the number of its GPU."""
+    """Index of the rank on this host, from 0; also the number of its GPU."""
     size: int = 1
     """Number of processes."""
 

@@ -38,7 +38,7 @@ class _OpenTrial:
     values: dict[int, float] = field(default_factory=dict)
     """Objective of the complete runs, by seed."""
     error: str | None = None
-    """Why it failed."""
+    """Reason of the failure."""
     pruned: bool = False
     """Whether the pruner has ended it."""
     reported: int = 0

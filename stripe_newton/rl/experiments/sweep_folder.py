@@ -20,7 +20,7 @@ from .sweep_cfg import SweepCfg
 __all__ = ["SweepError", "lock_folder", "open_study", "write_cfg"]
 
 _SAVING_SECONDS = 120.0
-"""How long to wait for the runs of a killed sweep, which save before they end [s]."""
+"""Time to wait for the runs of a killed sweep, which save before they end [s]."""
 
 
 class SweepError(Exception):

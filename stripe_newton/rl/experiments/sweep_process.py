@@ -140,7 +140,7 @@ class SweepProcess:
             self.process.send_signal(signal.SIGINT if self.interrupted < 3 else signal.SIGKILL)
 
     def error(self) -> str | None:
-        """Why the process failed, with the last lines of its output; None if it is complete or was interrupted."""
+        """Reason of the failure, with the last lines of output; None if the process is complete or was interrupted."""
         code = self.process.returncode
         if self.interrupted or self.run.is_complete():
             return None

@@ -43,7 +43,7 @@ class Trial:
     last_step: int | None
     """Last iteration that was reported to the pruner."""
     error: str | None
-    """Why it failed."""
+    """Reason of the failure."""
 
 
 def report(study: optuna.Study, cfg: SweepCfg, folder: Path) -> tuple[str, dict[str, Scalar] | None]:

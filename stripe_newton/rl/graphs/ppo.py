@@ -42,7 +42,7 @@ class GraphPPO(PPO):
         super().__init__(actor, critic, storage, *args, **kwargs)
         self._programs: dict[str, Program] = {}
         self.why_no_update_graph = self._why_no_update_graph()
-        """Why the update is rsl_rl's own; empty if it is a graph."""
+        """Reason why the update is rsl_rl's own; empty if it is a graph."""
         if not self.why_no_update_graph:
             self._make_optimizer()
 
@@ -167,7 +167,7 @@ class GraphPPO(PPO):
         self._prepare_optimizer()
 
     def _prepare_optimizer(self) -> None:
-        """Let the optimiser read learning rate and step count from the device, also after a state was loaded."""
+        """Make the optimiser read learning rate and step count from the device, also after a state was loaded."""
         for group in self.optimizer.param_groups:
             group |= {"lr": self._rate32, "fused": True, "capturable": torch.device(self.device).type == "cuda"}
         for state in self.optimizer.state.values():

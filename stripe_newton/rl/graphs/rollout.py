@@ -24,7 +24,7 @@ _NORMAL = GaussianDistribution, HeteroscedasticGaussianDistribution
 
 
 def why_no_rollout_graph(env: RslRlVecEnvWrapper, algorithm: object) -> str:
-    """Why policy and environment step cannot be one graph; empty if they can."""
+    """Reason why policy and environment step cannot be one graph; empty if they can."""
     if not isinstance(algorithm, GraphPPO):
         return f"the algorithm is {type(algorithm).__name__}"
     if algorithm.why_no_update_graph:

@@ -189,7 +189,7 @@ def set_learning_rate(algorithm: PPO | Distillation, value: float) -> None:
 @torch.inference_mode(False)
 @torch.no_grad()
 def _carry_progress(env: TorchVectorEnv, state: EnvState, parameters: bool) -> None:
-    """Let curricula that count steps go on; with ``parameters`` also the weights and parameters that they changed."""
+    """Restore the step counts of curricula; with ``parameters`` also the weights and parameters that they changed."""
     inner = rl_env_of(env)
     if "step" not in state or inner is None:
         return

@@ -106,8 +106,8 @@ class PreviewSurfaceCfg:
     emissive_color: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Linear RGB."""
     roughness: float = 0.5
-    """From 0 (mirror) to 1 (matt)."""
+    """Roughness, from 0 (mirror) to 1 (matt)."""
     metallic: float = 0.0
-    """From 0 (dielectric) to 1 (metal)."""
+    """Metalness, from 0 (dielectric) to 1 (metal)."""
     opacity: float = 1.0
-    """From 0 (clear) to 1 (opaque)."""
+    """Opacity, from 0 (clear) to 1 (opaque)."""

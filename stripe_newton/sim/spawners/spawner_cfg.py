@@ -65,7 +65,7 @@ class SceneSpawnerCfg(SpawnerCfg):
         raise NotImplementedError
 
     def why_not_regenerable(self) -> str:
-        """Why there is no scene with another seed, and what to do about it; empty if there is."""
+        """Reason why there is no scene with another seed, and what to do about it; empty if there is."""
         return ""
 
 
