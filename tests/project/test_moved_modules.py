@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 import sys
 
 import pytest
 
 from stripe_newton import moved_modules
+from tests.helpers.checkout import ROOT
 
 
 @pytest.fixture
@@ -54,3 +56,13 @@ def test_all_old_paths_lead_to_modules():
 
     for new in set(moved_modules.MOVED.values()):
         assert importlib.util.find_spec(new) is not None, new
+
+
+def test_the_changelog_lists_each_old_path():
+    import stripe_tasks  # noqa: F401
+
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    listed = set()
+    for entry in re.findall(r"^- `(stripe_\w+(?:\.\w+)*)`.*?:((?:.|\n  )*)", text, re.MULTILINE):
+        listed |= {f"{entry[0]}.{old}" for old in re.findall(r"`(\w+)` →", entry[1])}
+    assert not moved_modules.MOVED.keys() - listed
