@@ -132,6 +132,7 @@ def test_episodes_are_spread_before_anything_is_timed(monkeypatch):
 
 @pytest.mark.gpu
 def test_marks_see_the_work_of_torch_and_of_warp():
+    wp.init()
     clock = Clock("cuda:0")
     clock.hold(1e-3)
     clock.wait()
