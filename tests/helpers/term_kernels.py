@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from stripe_kernels import data, mdp
+from stripe_kernels.term_info import observation_size
 from tools.documentation import term_table
 
 KINDS: dict[str, tuple[Any, ...]] = {name.lower()[:-1]: modules for name, modules in term_table.KINDS.items()}
@@ -21,6 +23,13 @@ SLICES = ("out", "action", "processed")
 """Arguments that are the slice of one environment: a kernel holds the array of all."""
 
 SCALARS = {int: "int", float: "float", bool: "bool"}
+
+
+def size_of(function: wp.Function, counts: Mapping[str, int]) -> int:
+    """Number of values that an observation writes, by its decorator."""
+    size = observation_size(function)
+    assert size is not None, f"{function.key} declares no size"
+    return size if isinstance(size, int) else size(counts)
 
 
 def term_names(kind: str) -> list[str]:

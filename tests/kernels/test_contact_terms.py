@@ -226,14 +226,12 @@ def launch(name: str, v: dict[str, Any], p: dict[str, Any], device: str) -> tupl
     return arguments["result" if returns is not None else "out"].numpy(), arguments
 
 
-SIZES = contact.CONTACT_OBSERVATION_SIZES | imu.IMU_OBSERVATION_SIZES
-
-
 def params(case: dict[str, Any], name: str) -> dict[str, Any]:
     p = rounded(PARAMS | case)
     p["peak"] = rounded(np.random.default_rng(6).uniform(0.0, 0.5, (NUM_ENVS, len(p["sensor_body_ids"]))))
-    if name in SIZES:
-        p["out"] = np.full((NUM_ENVS, SIZES[name]({"body_ids": len(p["body_ids"])})), np.nan)
+    function = terms()[name]
+    if "out" in function.func.__annotations__:
+        p["out"] = np.full((NUM_ENVS, tk.size_of(function, {"body_ids": len(p["body_ids"])})), np.nan)
     return p
 
 
@@ -258,7 +256,6 @@ def test_term(name, case, device):
 def test_every_term_is_public_and_has_a_reference():
     assert set(REFERENCES) == set(terms())
     assert set(terms()) <= set(mdp.__all__)
-    assert set(SIZES) == {n for n, f in terms().items() if "out" in f.func.__annotations__}
 
 
 # -- in an environment

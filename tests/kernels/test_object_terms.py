@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 
 from stripe_kernels.mdp import objects
+from stripe_kernels.term_info import observation_size
 from stripe_newton.envs import mdp as public
 from tests.helpers import term_kernels as tk
 from tests.helpers import term_reference_objects as reference
@@ -158,7 +159,7 @@ def test_term(kind, name, case, device):
     p |= {k: tuple(rounded(np.array(p[k]))) for k in ("lower", "upper")}
     stream = Stream(SEED, NUM_ENVS)
     if kind == "observation":
-        size = objects.OBJECT_OBSERVATION_SIZES[name]({"num_objects": NUM_OBJECTS})
+        size = tk.size_of(getattr(objects, name), {"num_objects": NUM_OBJECTS})
         p["out"] = np.full((NUM_ENVS, size), np.nan)
     if kind != "event":
         expected = np.asarray(TABLES[kind][name](v, p))
@@ -181,7 +182,7 @@ def test_term(kind, name, case, device):
 def test_every_term_has_a_reference_and_every_observation_a_size():
     for kind, table in TABLES.items():
         assert set(table) == set(names(kind))
-    assert set(objects.OBJECT_OBSERVATION_SIZES) == set(names("observation"))
+    assert all(observation_size(getattr(objects, name)) is not None for name in names("observation"))
 
 
 def test_users_find_the_terms_beside_the_others():

@@ -12,7 +12,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from stripe_kernels import obstacles as kernels
-from stripe_kernels.mdp.obstacles import OBSTACLE_OBSERVATION_SIZES
+from stripe_kernels.mdp.obstacles import obstacle_distance
 from stripe_kernels.sensors.ray import RayCasterData
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
@@ -28,6 +28,7 @@ from stripe_newton.sim import (
     MuJoCoSolverCfg,
     SimulationCfg,
 )
+from tests.helpers import term_kernels as tk
 from tests.helpers.obstacle_world import (
     REACH,
     WalkCfg,
@@ -73,7 +74,7 @@ def test_terms_see_what_is_near():
             assert distances(capsules, world)[i] == pytest.approx(0.0, abs=1e-5)  # it lies on the surface
     assert some > 10
     assert 0 < close.numpy().sum() < 12
-    assert OBSTACLE_OBSERVATION_SIZES["obstacle_distance"](sensor.counts) == 16
+    assert tk.size_of(obstacle_distance, sensor.counts) == 16
 
 
 @wp.kernel(enable_backward=False)
