@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Model tables: sizes, topology and options of a MuJoCo model as constants of the fused step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+__all__ = ["PARAMETERS", "ContactPair", "ModelTables", "contact_pairs"]
+
+PARAMETERS: dict[str, str] = {
+    "timestep": "opt.timestep",
+    "gravity": "opt.gravity",
+    "mass": "body_mass",
+    "inertia": "body_inertia",
+    "com": "body_ipos",
+    "inertia_quat": "body_iquat",
+    "body_pos": "body_pos",
+    "body_quat": "body_quat",
+    "gravcomp": "body_gravcomp",
+    "weight": "body_invweight0",
+    "armature": "dof_armature",
+    "damping": "dof_damping",
+    "loss": "dof_frictionloss",
+    "dof_weight": "dof_invweight0",
+    "solref_loss": "dof_solref",
+    "solimp_loss": "dof_solimp",
+    "stiffness": "jnt_stiffness",
+    "joint_pos": "jnt_pos",
+    "joint_axis": "jnt_axis",
+    "range": "jnt_range",
+    "limit_margin": "jnt_margin",
+    "solref_limit": "jnt_solref",
+    "solimp_limit": "jnt_solimp",
+    "joint_force": "jnt_actfrcrange",
+    "spring": "qpos_spring",
+    "qpos0": "qpos0",
+    "gain": "actuator_gainprm",
+    "bias": "actuator_biasprm",
+    "gear": "actuator_gear",
+    "ctrl_range": "actuator_ctrlrange",
+    "force_range": "actuator_forcerange",
+    "geom_pos": "geom_pos",
+    "geom_quat": "geom_quat",
+    "geom_size": "geom_size",
+    "geom_friction": "geom_friction",
+    "equality": "eq_data",
+    "solref_equality": "eq_solref",
+    "solimp_equality": "eq_solimp",
+}
+"""Parameters that may differ from world to world: name in the source, and field of MuJoCo's model."""
+
+_G = mujoco.mjtGeom
+KINDS = {
+    (_G.mjGEOM_PLANE, _G.mjGEOM_SPHERE): "PLANE_SPHERE",
+    (_G.mjGEOM_PLANE, _G.mjGEOM_CAPSULE): "PLANE_CAPSULE",
+    (_G.mjGEOM_PLANE, _G.mjGEOM_BOX): "PLANE_BOX",
+    (_G.mjGEOM_PLANE, _G.mjGEOM_CYLINDER): "PLANE_CYLINDER",
+    (_G.mjGEOM_SPHERE, _G.mjGEOM_SPHERE): "SPHERE_SPHERE",
+    (_G.mjGEOM_SPHERE, _G.mjGEOM_CAPSULE): "SPHERE_CAPSULE",
+    (_G.mjGEOM_SPHERE, _G.mjGEOM_BOX): "SPHERE_BOX",
+    (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
+}
+"""Pairs of geom types that the fused step finds contacts of."""
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Two geoms that may touch, with the parameters of their contacts."""
+
+    geom1: int
+    geom2: int
+    kind: str
+    """Name of the routine; empty where there is none."""
+    dim: int
+    friction_rule: int
+    """0: the larger coefficient of both geoms, 1 or 2: that of one, 3: the pair's own."""
+    numbers: tuple[float, ...]
+    """solref (2), solimp (5), margin, friction of the pair (5). A contact beyond the margin, within the gap, has no
+    force, and is not found here."""
+
+
+def contact_pairs(model: mujoco.MjModel) -> Iterable[ContactPair]:
+    """Pairs of geoms that may touch, in the order in which MuJoCo goes over them: by bodies, then by geoms."""
+    explicit = {tuple(sorted((int(model.pair_geom1[i]), int(model.pair_geom2[i])))): i for i in range(model.npair)}
+    excluded = set(model.exclude_signature.tolist())
+    for i in range(model.npair):
+        yield _pair(model, int(model.pair_geom1[i]), int(model.pair_geom2[i]), i)
+    for b1 in range(model.nbody):
+        for b2 in range(b1 + 1, model.nbody):
+            if (b1 << 16) + b2 in excluded or not _may_touch(model, b1, b2):
+                continue
+            for g1 in _geoms(model, b1):
+                for g2 in _geoms(model, b2):
+                    types = model.geom_contype, model.geom_conaffinity
+                    touches = (types[0][g1] & types[1][g2]) or (types[0][g2] & types[1][g1])
+                    if touches and tuple(sorted((g1, g2))) not in explicit:
+                        yield _pair(model, g1, g2, None)
+
+
+def _geoms(model: mujoco.MjModel, body: int) -> range:
+    return range(int(model.body_geomadr[body]), int(model.body_geomadr[body]) + int(model.body_geomnum[body]))
+
+
+def _may_touch(model: mujoco.MjModel, b1: int, b2: int) -> bool:
+    """MuJoCo's filter: not within a body or one welded to it, nor with the parent unless that is the world."""
+    w1, w2 = int(model.body_weldid[b1]), int(model.body_weldid[b2])
+    if w1 == w2:
+        return False
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:
+        return True
+    p1, p2 = (int(model.body_weldid[model.body_parentid[w]]) for w in (w1, w2))
+    return not (w1 and w2 and (w1 == p2 or w2 == p1))
+
+
+def _pair(model: mujoco.MjModel, g1: int, g2: int, explicit: int | None) -> ContactPair:
+    if model.geom_type[g1] > model.geom_type[g2]:
+        g1, g2 = g2, g1
+    kind = KINDS.get((int(model.geom_type[g1]), int(model.geom_type[g2])), "")
+    if explicit is not None:
+        i = explicit
+        numbers = (*model.pair_solref[i], *model.pair_solimp[i], model.pair_margin[i], *model.pair_friction[i])
+        return ContactPair(g1, g2, kind, int(model.pair_dim[i]), 3, tuple(map(float, numbers)))
+    p1, p2 = int(model.geom_priority[g1]), int(model.geom_priority[g2])
+    if p1 != p2:
+        g = g1 if p1 > p2 else g2
+        solref, solimp, dim = model.geom_solref[g], model.geom_solimp[g], int(model.geom_condim[g])
+        rule = 1 if g == g1 else 2
+    else:
+        dim, rule = int(max(model.geom_condim[g1], model.geom_condim[g2])), 0
+        m1, m2 = float(model.geom_solmix[g1]), float(model.geom_solmix[g2])
+        least = 1e-15
+        if m1 >= least and m2 >= least:
+            mix = m1 / (m1 + m2)
+        else:
+            mix = 0.5 if m1 < least and m2 < least else (0.0 if m1 < least else 1.0)
+        r1, r2 = model.geom_solref[g1], model.geom_solref[g2]
+        both = r1[0] > 0 and r2[0] > 0
+        solref = mix * r1 + (1 - mix) * r2 if both else np.minimum(r1, r2)
+        solimp = mix * model.geom_solimp[g1] + (1 - mix) * model.geom_solimp[g2]
+    margin = model.geom_margin[g1] + model.geom_margin[g2]
+    numbers = (*solref, *solimp, margin, *[0.0] * 5)
+    return ContactPair(g1, g2, kind, dim, rule, tuple(map(float, numbers)))
+
+
+@dataclass(frozen=True)
+class ModelTables:
+    """Constants of the fused step for one model, as C++ source."""
+
+    source: str
+    reals: int
+    """Floating-point numbers of the state of a world."""
+    integers: int
+    """Whole numbers of it."""
+
+    def world_bytes(self, real: int) -> int:
+        """Bytes of the state of a world, for floating-point numbers of ``real`` bytes."""
+        return real * self.reals + 4 * self.integers + 8
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, max_rows: int, max_contacts: int) -> ModelTables:
+        """The constants of a model.
+
+        Args:
+            model: The compiled model.
+            max_rows: Room for constraint rows in a world.
+            max_contacts: Room for contacts in a world.
+        """
+        elliptic = model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+        all_rows = max_rows + (2 * max_contacts if elliptic else 0)
+        pairs = list(contact_pairs(model))
+        room = {"MAX_ROWS": max_rows, "MAX_CONTACTS": max_contacts, "ALL_ROWS": all_rows}
+        integers = _tree_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
+        lines = [f"#define {name} {value}" for name, value in (_sizes(model, pairs) | _options(model) | room).items()]
+        lines.append("namespace fused {")
+        lines.append(f"struct Parameters {{ const real *{', *'.join(PARAMETERS)}; }};")
+        # An array of C++ has one element at least.
+        lines += [f"TABLE int {name}[] = {{{_numbers(values) or 0}}};" for name, values in integers.items()]
+        for name, values in _coefficients(model, pairs).items():
+            lines.append(f"TABLE real {name}[] = {{{', '.join(map(repr, values)) or 0.0}}};")
+        moving = [sum(1 << i for i in _dofs(model, b)) for b in range(model.nbody)]
+        lines.append(f"TABLE unsigned long long body_dofs[] = {{{', '.join(f'{m}ull' for m in moving)}}};")
+        lines.append("}")
+        return cls("\n".join(lines) + "\n", *_state_size(model, max_rows, all_rows, max_contacts))
+
+
+def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
+    couples = sum(len(list(_ancestors(model, i))) for i in range(model.nv))
+    return {
+        "NB": model.nbody, "NQ": model.nq, "NV": model.nv, "NJ": model.njnt, "NU": max(model.nu, 1),
+        "ACTUATORS": model.nu, "NEQ": model.neq, "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
+        "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs),
+        "LD": model.nv | 1,  # odd, so that lanes that read a column do not share a bank of the shared memory
+    }  # fmt: skip
+
+
+def _options(model: mujoco.MjModel) -> dict[str, object]:
+    opt = model.opt
+    return {
+        "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(KINDS.values())},
+        "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
+        "IMPLICIT": int(opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        "REFSAFE": int(not opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE),
+        "IMPRATIO": f"((real){opt.impratio!r})", "MEAN_INERTIA": f"((real){model.stat.meaninertia!r})",
+    }  # fmt: skip
+
+
+def _tree_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
+    levels = _levels(model)
+    pairs = [(i, j) for i in range(model.nv) for j in _ancestors(model, i)]
+    return {
+        "level_start": np.cumsum([0, *map(len, levels)]),
+        "level_body": [b for level in levels for b in level],
+        "body_parent": model.body_parentid,
+        "body_joint": np.maximum(model.body_jntadr, 0),
+        "body_joints": model.body_jntnum,
+        "free_body": _free_alone(model),
+        "joint_type": model.jnt_type,
+        "joint_q": model.jnt_qposadr,
+        "joint_v": model.jnt_dofadr,
+        "joint_limited": model.jnt_limited,
+        "joint_force_limited": model.jnt_actfrclimited,
+        "dof_body": model.dof_bodyid,
+        "dof_joint": model.dof_jntid,
+        "has_friction_loss": model.dof_frictionloss > 0,
+        "pair_dof": [i for i, _ in pairs],
+        "pair_ancestor": [j for _, j in pairs],
+        "equality_joint": np.stack([model.eq_obj1id, model.eq_obj2id], axis=1).ravel(),
+    }
+
+
+def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
+    moments, by_dof, couplings = _moments(model), _actuators_by_dof(model), _couplings(model)
+    return {
+        "actuator_start": np.cumsum([0, *map(len, moments)]),
+        "actuator_dof": [d for moment in moments for d, _ in moment],
+        "dof_actuator_start": np.cumsum([0, *map(len, by_dof)]),
+        "dof_actuator": [u for group in by_dof for u, _ in group],
+        "coupling_start": np.cumsum([0, *map(len, couplings)]),
+        "coupling_dof": [d for group in couplings for d, _, _ in group],
+        "coupling_actuator": [u for group in couplings for _, u, _ in group],
+        "actuator_ctrl_limited": model.actuator_ctrllimited,
+        "actuator_force_limited": model.actuator_forcelimited,
+    }
+
+
+def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
+    kinds = list(KINDS.values())
+    return {
+        "geom_body": model.geom_bodyid,
+        "contact_pair": [v for p in pairs for v in (p.geom1, p.geom2, p.dim, p.friction_rule)],
+        "contact_kind": [kinds.index(p.kind) if p.kind else -1 for p in pairs],
+    }
+
+
+def _coefficients(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, list[float]]:
+    return {
+        "actuator_coefficient": [c for moment in _moments(model) for _, c in moment],
+        "dof_coefficient": [c for group in _actuators_by_dof(model) for _, c in group],
+        "coupling_factor": [c for group in _couplings(model) for _, _, c in group],
+        "contact_pair_real": [v for p in pairs for v in p.numbers],
+    }
+
+
+def _moments(model: mujoco.MjModel) -> list[list[tuple[int, float]]]:
+    return [list(_moment(model, u)) for u in range(model.nu)]
+
+
+def _actuators_by_dof(model: mujoco.MjModel) -> list[list[tuple[int, float]]]:
+    """Of each degree of freedom the actuators that act on it, with their coefficients."""
+    moments = _moments(model)
+    return [[(u, c) for u in range(model.nu) for d, c in moments[u] if d == i] for i in range(model.nv)]
+
+
+def _couplings(model: mujoco.MjModel) -> list[list[tuple[int, int, float]]]:
+    """Of each degree of freedom those that actuators couple it with, itself and ancestors: degree, actuator, factor.
+
+    Others that a tendon couples are left out, as MuJoCo's implicitfast leaves them out.
+    """
+    moments, by_dof = _moments(model), _actuators_by_dof(model)
+    return [
+        [(j, u, c * other) for u, c in by_dof[i] for j, other in moments[u] if j in set(_ancestors(model, i))]
+        for i in range(model.nv)
+    ]
+
+
+def _levels(model: mujoco.MjModel) -> list[list[int]]:
+    depth = [0] * model.nbody
+    for b in range(1, model.nbody):
+        depth[b] = depth[model.body_parentid[b]] + 1
+    return [[b for b in range(model.nbody) if depth[b] == level] for level in range(max(depth) + 1)]
+
+
+def _ancestors(model: mujoco.MjModel, dof: int) -> Iterable[int]:
+    while dof >= 0:
+        yield dof
+        dof = int(model.dof_parentid[dof])
+
+
+def _dofs(model: mujoco.MjModel, body: int) -> Iterable[int]:
+    """Degrees of freedom that move a body."""
+    while body > 0:
+        first = int(model.body_dofadr[body])
+        yield from range(first, first + int(model.body_dofnum[body]))
+        body = int(model.body_parentid[body])
+
+
+def _state_size(model: mujoco.MjModel, rows: int, all_rows: int, contacts: int) -> tuple[int, int]:
+    """Floating-point and whole numbers of ``World`` in dynamics.h."""
+    nb, nv, ld = model.nbody, model.nv, model.nv | 1
+    bodies = 3 + 3 + 4 + 3 + 6 + 6 + 16
+    reals = model.nq + 2 * nv + nb * bodies + 12 * nv + 2 * nv * ld + nv + 2 * max(model.nu, 1) + 4 * nv
+    reals += all_rows * (ld + 1) + 5 * rows + contacts * (31 + 6)
+    return reals, rows + 2 * contacts + 1
+
+
+def _free_alone(model: mujoco.MjModel) -> list[int]:
+    """Bodies that float, and below which nothing can move."""
+    return [b for b in range(1, model.nbody) if _is_free_alone(model, b)]
+
+
+def _is_free_alone(model: mujoco.MjModel, body: int) -> bool:
+    joint, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    if count != 1 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
+        return False
+    return int(model.tree_dofnum[model.dof_treeid[model.jnt_dofadr[joint]]]) == 6
+
+
+def _moment(model: mujoco.MjModel, actuator: int) -> Iterable[tuple[int, float]]:
+    """Degrees of freedom on which an actuator acts, with their coefficients but for its gear."""
+    target = int(model.actuator_trnid[actuator, 0])
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        yield int(model.jnt_dofadr[target]), 1.0
+        return
+    first = int(model.tendon_adr[target])
+    for wrap in range(first, first + int(model.tendon_num[target])):
+        yield int(model.jnt_dofadr[model.wrap_objid[wrap]]), float(model.wrap_prm[wrap])
+
+
+def _numbers(values: Iterable[int]) -> str:
+    return ", ".join(str(int(v)) for v in values)
