@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import warp as wp
+
+from stripe_newton.generated_files import write_generated
 
 from .kernel_source import KernelSource, write_kernel
 from .scope import Scope
@@ -89,9 +90,7 @@ def _compiled(name: str, source: KernelSource) -> _Compiled:
     digest = hashlib.sha256(baked.encode()).hexdigest()[:12]
     key = (digest, *sorted((alias, id(thing)) for alias, thing in source.aliases.items()))
     if key not in _KNOWN:
-        wp.init()  # sets wp.config.kernel_cache_dir
-        path = Path(wp.config.kernel_cache_dir) / "stripe_newton" / f"{name}_{digest}.py"
-        _write(path, source.text)
+        path = write_generated(f"{name}_{digest}.py", source.text)
         module = f"stripe_newton.generated.{name}_{digest}"
         # Equal source code may call different functions, for example of a module that was loaded twice. Warp would mix
         # them up if both modules had the same name.
@@ -101,12 +100,3 @@ def _compiled(name: str, source: KernelSource) -> _Compiled:
         exec(compile(source.text, str(path), "exec"), space)
         _KNOWN[key] = _Compiled(path, space[name], source.aliases)
     return _KNOWN[key]
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file atomically, as other processes may write the same one at the same time."""
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_suffix(f".{os.getpid()}")
-        draft.write_text(text)
-        os.replace(draft, path)

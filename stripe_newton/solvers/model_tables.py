@@ -47,6 +47,15 @@ PARAMETERS: dict[str, str] = {
     "geom_quat": "geom_quat",
     "geom_size": "geom_size",
     "geom_friction": "geom_friction",
+    "geom_margin": "geom_margin",
+    "geom_solmix": "geom_solmix",
+    "geom_solref": "geom_solref",
+    "geom_solimp": "geom_solimp",
+    "pair_margin": "pair_margin",
+    "pair_solref": "pair_solref",
+    "pair_solreffriction": "pair_solreffriction",
+    "pair_solimp": "pair_solimp",
+    "pair_friction": "pair_friction",
     "equality": "eq_data",
     "solref_equality": "eq_solref",
     "solimp_equality": "eq_solimp",
@@ -67,6 +76,10 @@ KINDS = {
 """Pairs of geom types that the fused step finds contacts of."""
 
 
+RULES = ("OF_BOTH", "OF_FIRST", "OF_SECOND", "OF_PAIR")
+"""Source of the parameters of a contact: both geoms, the one of higher priority, or a pair that the model names."""
+
+
 @dataclass(frozen=True)
 class ContactPair:
     """Two geoms that may touch, with the parameters of their contacts."""
@@ -76,11 +89,10 @@ class ContactPair:
     kind: str
     """Name of the routine; empty where there is none."""
     dim: int
-    friction_rule: int
-    """0: the larger coefficient of both geoms, 1 or 2: that of one, 3: the pair's own."""
-    numbers: tuple[float, ...]
-    """solref (2), solimp (5), margin, friction of the pair (5). A contact beyond the margin, within the gap, has no
-    force, and is not found here."""
+    rule: str
+    """Source of the parameters of its contacts, one of :data:`RULES`."""
+    explicit: int = -1
+    """Pair of the model whose parameters they are; -1 for none."""
 
 
 def contact_pairs(model: mujoco.MjModel) -> Iterable[ContactPair]:
@@ -121,29 +133,12 @@ def _pair(model: mujoco.MjModel, g1: int, g2: int, explicit: int | None) -> Cont
         g1, g2 = g2, g1
     kind = KINDS.get((int(model.geom_type[g1]), int(model.geom_type[g2])), "")
     if explicit is not None:
-        i = explicit
-        numbers = (*model.pair_solref[i], *model.pair_solimp[i], model.pair_margin[i], *model.pair_friction[i])
-        return ContactPair(g1, g2, kind, int(model.pair_dim[i]), 3, tuple(map(float, numbers)))
-    p1, p2 = int(model.geom_priority[g1]), int(model.geom_priority[g2])
-    if p1 != p2:
-        g = g1 if p1 > p2 else g2
-        solref, solimp, dim = model.geom_solref[g], model.geom_solimp[g], int(model.geom_condim[g])
-        rule = 1 if g == g1 else 2
-    else:
-        dim, rule = int(max(model.geom_condim[g1], model.geom_condim[g2])), 0
-        m1, m2 = float(model.geom_solmix[g1]), float(model.geom_solmix[g2])
-        least = 1e-15
-        if m1 >= least and m2 >= least:
-            mix = m1 / (m1 + m2)
-        else:
-            mix = 0.5 if m1 < least and m2 < least else (0.0 if m1 < least else 1.0)
-        r1, r2 = model.geom_solref[g1], model.geom_solref[g2]
-        both = r1[0] > 0 and r2[0] > 0
-        solref = mix * r1 + (1 - mix) * r2 if both else np.minimum(r1, r2)
-        solimp = mix * model.geom_solimp[g1] + (1 - mix) * model.geom_solimp[g2]
-    margin = model.geom_margin[g1] + model.geom_margin[g2]
-    numbers = (*solref, *solimp, margin, *[0.0] * 5)
-    return ContactPair(g1, g2, kind, dim, rule, tuple(map(float, numbers)))
+        return ContactPair(g1, g2, kind, int(model.pair_dim[explicit]), "OF_PAIR", explicit)
+    first, second = int(model.geom_priority[g1]), int(model.geom_priority[g2])
+    if first != second:
+        chosen = g1 if first > second else g2
+        return ContactPair(g1, g2, kind, int(model.geom_condim[chosen]), "OF_FIRST" if chosen == g1 else "OF_SECOND")
+    return ContactPair(g1, g2, kind, int(max(model.geom_condim[g1], model.geom_condim[g2])), "OF_BOTH")
 
 
 @dataclass(frozen=True)
@@ -168,7 +163,12 @@ class ModelTables:
             model: The compiled model.
             max_rows: Room for constraint rows in a world.
             max_contacts: Room for contacts in a world.
+
+        Raises:
+            ValueError: if there is no room for the rows of equalities, which are always there.
         """
+        if max_rows < model.neq:
+            raise ValueError(f"njmax is {max_rows}, must be {model.neq} or more: the model has as many equalities")
         elliptic = model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
         all_rows = max_rows + (2 * max_contacts if elliptic else 0)
         pairs = list(contact_pairs(model))
@@ -179,7 +179,7 @@ class ModelTables:
         lines.append(f"struct Parameters {{ const real *{', *'.join(PARAMETERS)}; }};")
         # An array of C++ has one element at least.
         lines += [f"TABLE int {name}[] = {{{_numbers(values) or 0}}};" for name, values in integers.items()]
-        for name, values in _coefficients(model, pairs).items():
+        for name, values in _coefficients(model).items():
             lines.append(f"TABLE real {name}[] = {{{', '.join(map(repr, values)) or 0.0}}};")
         moving = [sum(1 << i for i in _dofs(model, b)) for b in range(model.nbody)]
         lines.append(f"TABLE unsigned long long body_dofs[] = {{{', '.join(f'{m}ull' for m in moving)}}};")
@@ -200,7 +200,8 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
 def _options(model: mujoco.MjModel) -> dict[str, object]:
     opt = model.opt
     return {
-        "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(KINDS.values())},
+        "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
+        **{name: i for i, name in enumerate(KINDS.values())},
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
         "IMPLICIT": int(opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
         "REFSAFE": int(not opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE),
@@ -225,7 +226,6 @@ def _tree_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
         "joint_force_limited": model.jnt_actfrclimited,
         "dof_body": model.dof_bodyid,
         "dof_joint": model.dof_jntid,
-        "has_friction_loss": model.dof_frictionloss > 0,
         "pair_dof": [i for i, _ in pairs],
         "pair_ancestor": [j for _, j in pairs],
         "equality_joint": np.stack([model.eq_obj1id, model.eq_obj2id], axis=1).ravel(),
@@ -251,17 +251,16 @@ def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[st
     kinds = list(KINDS.values())
     return {
         "geom_body": model.geom_bodyid,
-        "contact_pair": [v for p in pairs for v in (p.geom1, p.geom2, p.dim, p.friction_rule)],
+        "contact_pair": [v for p in pairs for v in (p.geom1, p.geom2, p.dim, RULES.index(p.rule), p.explicit)],
         "contact_kind": [kinds.index(p.kind) if p.kind else -1 for p in pairs],
     }
 
 
-def _coefficients(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, list[float]]:
+def _coefficients(model: mujoco.MjModel) -> dict[str, list[float]]:
     return {
         "actuator_coefficient": [c for moment in _moments(model) for _, c in moment],
         "dof_coefficient": [c for group in _actuators_by_dof(model) for _, c in group],
         "coupling_factor": [c for group in _couplings(model) for _, _, c in group],
-        "contact_pair_real": [v for p in pairs for v in p.numbers],
     }
 
 

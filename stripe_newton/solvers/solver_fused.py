@@ -9,14 +9,15 @@ import mujoco
 import newton
 import warp as wp
 
-from .fused_kernel import FusedKernel, KernelOptions, fused_kernel
 from .model_tables import PARAMETERS, ModelTables
+from .step_kernel import OUTPUTS, STATE, KernelOptions, StepKernel, step_kernel
 from .support import why_unsupported
 
 __all__ = ["SolverFused"]
 
 _WARP = 32
-_STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
+_NOT_HERE = {"use_mujoco_cpu": True, "use_mujoco_contacts": False, "use_speculative_contacts": True}
+"""Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 
 
 class SolverFused(newton.solvers.SolverMuJoCo):
@@ -26,7 +27,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     read in every step, so that changes take effect as there. Arguments are those of that class.
 
     The state is the same to rounding. MuJoCo Warp's arrays of contacts, constraint rows and other results are not
-    filled, so that sensors and observables that read them need :class:`newton.solvers.SolverMuJoCo`.
+    filled: sensors and observables that read them need :class:`newton.solvers.SolverMuJoCo`. What is constant in the
+    kernel stays as it was when the solver was made: topology, what is limited, options, and which equalities act.
 
     Attributes:
         fused: The kernel of the step.
@@ -38,6 +40,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         Raises:
             ValueError: with the reason, if the fused step does not support the model.
         """
+        for name, value in _NOT_HERE.items():
+            if kwargs.get(name, not value) == value:
+                raise ValueError(f"the fused solver does not support {name}={value}; use SolverMuJoCo")
         super().__init__(model, **kwargs)
         reason = why_unsupported(self.mj_model)
         if reason:
@@ -53,22 +58,38 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         rows = int(self.mjw_data.njmax)
         contacts = max(1, int(self.mjw_data.naconmax) // int(self.mjw_data.nworld))
         self._tables = ModelTables.of(self.mj_model, rows, contacts)
-        self.fused: FusedKernel = fused_kernel(self._tables, options)
+        self.fused: StepKernel = step_kernel(self._tables, options)
         self._workspace: wp.array | None = None
         if lanes > 1 and not self.fused.in_shared:
             size = self._tables.world_bytes(4) * self.mjw_data.nworld
             self._workspace = wp.empty(size, dtype=wp.uint8, device=model.device)
 
+    @property
+    def supported_observables(self) -> frozenset[str]:
+        """Observables that the step fills: overflow, and the forces of actuators."""
+        kinds = self.ObservableKind
+        return frozenset(super().supported_observables & {kinds.OVERFLOW, kinds.QFRC_ACTUATOR})
+
+    def _enable_rne_postconstraint(self, state_out: newton.State, observables: Any = None) -> None:
+        """Refuse fields of the state that the step does not fill.
+
+        Raises:
+            ValueError: if the state has one.
+        """
+        for name in ("body_qdd", "body_parent_f"):
+            if getattr(state_out, name) is not None:
+                raise ValueError(f"the fused solver does not compute '{name}' of the state; use SolverMuJoCo")
+
     def _arguments(self) -> object:
         """Addresses of the arrays, as they are now: notifications of Newton may have replaced some."""
         m = self.fused.arguments()
-        for name in _STATE:
+        for name in STATE:
             _refer(m, name, getattr(self.mjw_data, name))
         for name, field in PARAMETERS.items():
             owner, _, leaf = f"model.{field}".rpartition(".")
             _refer(m, name, getattr(self.mjw_model.opt if owner.endswith("opt") else self.mjw_model, leaf))
-        m.nefc = self.mjw_data.nefc.ptr
-        m.solver_niter = self.mjw_data.solver_niter.ptr
+        for name in OUTPUTS:
+            setattr(m, name, getattr(self.mjw_data, name).ptr or 0)
         m.workspace = self._workspace.ptr if self._workspace is not None else 0
         return m
 

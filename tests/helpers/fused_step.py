@@ -9,11 +9,10 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from stripe_newton.solvers.fused_kernel import KernelOptions, fused_kernel
 from stripe_newton.solvers.model_tables import PARAMETERS, ModelTables
+from stripe_newton.solvers.step_kernel import STATE, KernelOptions, step_kernel
 
 MAX_ROWS, MAX_CONTACTS, CONTACT_SIZE = 200, 60, 31
-STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 
 
 @dataclass
@@ -64,7 +63,7 @@ def compare(model: mujoco.MjModel, count: int = 200, double: bool = True, given_
             contacts[i, k] = _numbers(model, contact)
     tolerance = 1e-15 if double else 1e-6
     options = KernelOptions(double=double, tolerance=tolerance, given_contacts=given_contacts)
-    kernel = fused_kernel(ModelTables.of(model, MAX_ROWS, MAX_CONTACTS), options)
+    kernel = step_kernel(ModelTables.of(model, MAX_ROWS, MAX_CONTACTS), options)
     dtype = wp.float64 if double else wp.float32
     arrays = {name: np.stack([s[name] for s in states]).reshape(count, -1) for name in STATE} | {"contacts": contacts}
     held = {name: wp.array(value.ravel(), dtype=dtype, device="cpu") for name, value in arrays.items()}
@@ -76,12 +75,9 @@ def compare(model: mujoco.MjModel, count: int = 200, double: bool = True, given_
         value = np.atleast_1d(getattr(model.opt, field[4:]) if field.startswith("opt.") else getattr(model, field))
         held[field] = wp.array(value.astype(float).ravel(), dtype=dtype, device="cpu")
         setattr(arguments, name, held[field].ptr or 0)  # all worlds share it: the stride stays 0
-    for name, values in (
-        ("nefc", np.zeros(count)),
-        ("solver_niter", np.zeros(count)),
-        ("contact_count", contact_counts),
-    ):
-        held[name] = wp.array(values.astype(np.int32), dtype=int, device="cpu")
+    none = np.zeros(count, dtype=np.int32)
+    for name, values in {"nefc": none, "solver_niter": none, "overflow": none, "contact_count": contact_counts}.items():
+        held[name] = wp.array(values, dtype=int, device="cpu")
         setattr(arguments, name, held[name].ptr)
     kernel.launch(arguments, count, "cpu")
     found = held["qvel"].numpy().reshape(count, -1)

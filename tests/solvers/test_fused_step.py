@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import mujoco
+import mujoco_warp
 import newton
 import numpy as np
 import pytest
 
 from stripe_newton.solvers import SolverFused, why_unsupported
 from tests.helpers.fused_step import compare
+from tests.helpers.robot_files import robot_file
 
 SCENE = """<mujoco><option timestep="0.005" {option}/><worldbody><geom type="plane" size="0 0 1" euler="5 3 0"
 conaffinity="3"/>{bodies}</worldbody>{rest}</mujoco>"""
@@ -106,29 +108,86 @@ def test_what_it_does_not_support_is_named(bodies, option, rest, reason):
     assert reason in why_unsupported(model)
 
 
-def test_a_newton_solver_with_the_states_of_mujoco_warp():
-    """A chain of spheres falls and rolls, some worlds heavier than others; masses change on the way."""
+@pytest.mark.parametrize("name", ["go1", "g1", "yam", "ant", "humanoid"])
+def test_a_step_of_a_robot_of_others(name):
+    """On a plane, with the contacts that MuJoCo finds, and under random pushes."""
+    spec = mujoco.MjSpec.from_file(str(robot_file(name)))
+    if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    model = spec.compile()
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    found = compare(model, given_contacts=True)
+    np.testing.assert_array_equal(found.rows, found.expected_rows)
+    assert np.median(found.error) < 1e-12
+    assert np.quantile(found.error, 0.99) < 1e-8
+
+
+def chain(num_worlds: int) -> newton.Model:
+    """Worlds with a chain of four spheres above a plane."""
     link = "<body pos='.4 0 0'><joint axis='0 1 0' damping='.1'/><geom type='sphere' size='.1'/>"
-    chain = "<body pos='0 0 .4'><freejoint/><geom type='sphere' size='.1'/>" + 3 * link
+    bodies = "<body pos='0 0 .4'><freejoint/><geom type='sphere' size='.1'/>" + 3 * link + "</body>" * 4
     one = newton.ModelBuilder()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(one)
+    SolverFused.register_custom_attributes(one)
     one.rigid_gap = 0.0
-    one.add_mjcf(f"<mujoco><worldbody><geom type='plane' size='0 0 1'/>{chain}{'</body>' * 4}</worldbody></mujoco>")
+    one.add_mjcf(f"<mujoco><worldbody><geom type='plane' size='0 0 1'/>{bodies}</worldbody></mujoco>")
     builder = newton.ModelBuilder()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    builder.replicate(one, 3)
-    model = builder.finalize(device="cpu")
+    SolverFused.register_custom_attributes(builder)
+    builder.replicate(one, num_worlds)
+    return builder.finalize(device="cpu")
+
+
+ROOM = {"njmax": 60, "nconmax": 20, "kinematic_switchable_roots": False}
+
+
+def test_a_newton_solver_with_the_states_of_mujoco_warp():
+    """The chain falls and rolls. Masses, frictions and the stiffness of contacts change on the way, by world."""
+    flags, model = newton.ModelFlags, chain(3)
+    names = "body_mass", "joint_friction", "shape_material_mu", "shape_material_ke"
+    built = {name: getattr(model, name).numpy().copy() for name in names}
     states = []
     for kind in (newton.solvers.SolverMuJoCo, SolverFused):
-        solver = kind(model, njmax=60, nconmax=20, kinematic_switchable_roots=False)
+        for name, values in built.items():
+            getattr(model, name).assign(values)
+        solver = kind(model, **ROOM)
         state, control = model.state(), model.control()
-        mass = model.body_mass.numpy()
         for step in range(120):
             if step == 60:
-                model.body_mass.assign(mass * np.repeat([1.0, 2.0, 3.0], len(mass) // 3))
-                solver.notify_model_changed(newton.ModelFlags.BODY_INERTIAL_PROPERTIES)
+                masses, dofs = built["body_mass"], built["joint_friction"]
+                model.body_mass.assign(masses * np.repeat([1.0, 2.0, 3.0], len(masses) // 3))
+                model.joint_friction.assign(np.where(np.arange(len(dofs)) % 9 > 5, 0.2, dofs))
+                model.shape_material_mu.assign(built["shape_material_mu"] * 0.3)
+                model.shape_material_ke.assign(built["shape_material_ke"] * 0.2)
+                solver.notify_model_changed(
+                    flags.BODY_INERTIAL_PROPERTIES | flags.JOINT_DOF_FORCE_PROPERTIES | flags.SHAPE_PROPERTIES
+                )
             solver.step(state, state, control, None, 0.004)
-        model.body_mass.assign(mass)
-        assert solver.mjw_data.nefc.numpy().min() > 0
+        assert solver.mjw_data.nefc.numpy().min() > 3  # friction losses and contacts
         states.append(np.concatenate([state.joint_q.numpy(), state.joint_qd.numpy(), state.body_q.numpy().ravel()]))
     np.testing.assert_allclose(states[1], states[0], atol=2e-4)
+
+
+@pytest.mark.parametrize(("room", "bit"), [({"njmax": 5}, "NEFC"), ({"nconmax": 2}, "NARROWPHASE")])
+def test_what_does_not_fit_is_reported_and_the_rest_stays_finite(room, bit):
+    model = chain(2)  # in the air, as Newton makes room for the contacts of the start
+    solver = SolverFused(model, **ROOM | room)
+    observables = solver.observables({solver.ObservableKind.OVERFLOW})
+    state = model.state()
+    seen = np.zeros(2, dtype=int)
+    for _ in range(100):
+        solver.step(state, state, model.control(), None, 0.004, observables=observables)
+        seen |= observables.overflow.numpy()
+    assert (seen == int(mujoco_warp.OverflowType[bit])).all()
+    assert np.isfinite(state.joint_qd.numpy()).all()
+
+
+def test_what_the_step_does_not_compute_is_refused():
+    model = chain(1)
+    with pytest.raises(ValueError, match="does not support use_mujoco_contacts=False; use SolverMuJoCo"):
+        SolverFused(model, use_mujoco_contacts=False)
+    solver = SolverFused(model, **ROOM)
+    with pytest.raises(ValueError, match="body_qdd"):
+        solver.observables({solver.ObservableKind.BODY_QDD})
+    model.request_state_attributes("body_qdd")
+    state = model.state()
+    with pytest.raises(ValueError, match="does not compute 'body_qdd' of the state"):
+        solver.step(state, state, model.control(), None, 0.004)

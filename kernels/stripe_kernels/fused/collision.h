@@ -157,43 +157,68 @@ FN Geom geom_at(const World& w, const Parameters& P, int g, Vec origin) {
     return o;
 }
 
-// A contact of a pair: frame, friction and the pair's parameters. Source of the frame: mju_makeFrame.
-FN void write_contact(World& w, const Parameters& P, int k, int pair, const Hit& hit) {
+// Margin of a pair. `pair` has two geoms, the dimension of contacts, the rule of their parameters, and the pair of the model.
+FN real margin_of(const Parameters& P, const int* pair) {
+    return pair[3] == OF_PAIR ? P.pair_margin[pair[4]] : P.geom_margin[pair[0]] + P.geom_margin[pair[1]];
+}
+
+// Solver parameters and friction of a contact: those of the pair, of the geom of higher priority, or of both geoms mixed.
+// Source: MuJoCo's documentation, chapter "Computation", section "Contact", as mj_contactParam has it.
+FN void mix(real* C, const Parameters& P, const int* pair) {
+    int g1 = pair[0], g2 = pair[1], rule = pair[3];
+    real *ref = C + C_SOLREF, *imp = C + C_SOLIMP, *friction = C + C_FRICTION;
+    if (rule == OF_PAIR) {
+        for (int i = 0; i < 2; i++) ref[i] = P.pair_solref[2 * pair[4] + i];
+        for (int i = 0; i < 5; i++) imp[i] = P.pair_solimp[5 * pair[4] + i];
+        for (int i = 0; i < 5; i++) friction[i] = larger(P.pair_friction[5 * pair[4] + i], (real)1e-5);
+        return;
+    }
+    real a = P.geom_solmix[g1], b = P.geom_solmix[g2], share = (real)0.5;  // of the first geom
+    if (rule == OF_FIRST) share = 1;
+    else if (rule == OF_SECOND) share = 0;
+    else if (a >= (real)1e-15 && b >= (real)1e-15) share = a / (a + b);
+    else if (a >= (real)1e-15 || b >= (real)1e-15) share = a > b ? 1 : 0;
+    const real *ref1 = P.geom_solref + 2 * g1, *ref2 = P.geom_solref + 2 * g2;
+    bool least = rule == OF_BOTH && !(ref1[0] > 0 && ref2[0] > 0);  // stiffness and damping are given directly
+    for (int i = 0; i < 2; i++) ref[i] = least ? smaller(ref1[i], ref2[i]) : share * ref1[i] + (1 - share) * ref2[i];
+    for (int i = 0; i < 5; i++)
+        imp[i] = share * P.geom_solimp[5 * g1 + i] + (1 - share) * P.geom_solimp[5 * g2 + i];
+    for (int i = 0; i < 5; i++) {
+        int j = i < 2 ? 0 : (i + 1) / 2;  // sliding twice, torsional once, rolling twice
+        real f1 = P.geom_friction[3 * g1 + j], f2 = P.geom_friction[3 * g2 + j];
+        friction[i] = larger(rule == OF_FIRST ? f1 : rule == OF_SECOND ? f2 : larger(f1, f2), (real)1e-5);
+    }
+}
+
+// A contact of a pair with its frame and parameters. Source of the frame: mju_makeFrame.
+FN void write_contact(World& w, const Parameters& P, int k, const int* pair, const Hit& hit) {
     real* C = w.contacts + k * CONTACT_SIZE;
-    const real* fixed = contact_pair_real + 13 * pair;
     Vec n = hit.normal, t = hit.along;
     if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
     t = t - dot(n, t) * n;
     t = (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t;
     C[C_DIST] = hit.dist;
     store(C + C_POS, hit.pos), store(C + C_FRAME, n), store(C + C_FRAME + 3, t), store(C + C_FRAME + 6, cross(n, t));
-    int g1 = contact_pair[4 * pair], g2 = contact_pair[4 * pair + 1], rule = contact_pair[4 * pair + 3];
-    const real *f1 = P.geom_friction + 3 * g1, *f2 = P.geom_friction + 3 * g2;
-    for (int i = 0; i < 5; i++) {
-        int j = i < 2 ? 0 : (i + 1) / 2;  // sliding twice, torsional once, rolling twice
-        real f = rule == 1 ? f1[j] : rule == 2 ? f2[j] : larger(f1[j], f2[j]);
-        C[C_FRICTION + i] = larger(rule == 3 ? fixed[8 + i] : f, (real)1e-5);
-    }
-    for (int i = 0; i < 2; i++) C[C_SOLREF + i] = fixed[i], C[C_SOLREF_FRICTION + i] = 0;
-    for (int i = 0; i < 5; i++) C[C_SOLIMP + i] = fixed[2 + i];
-    C[C_MARGIN] = fixed[7];
-    C[C_DIM] = contact_pair[4 * pair + 2];
-    C[C_BODY] = geom_body[g1], C[C_BODY + 1] = geom_body[g2];
+    mix(C, P, pair);
+    for (int i = 0; i < 2; i++)
+        C[C_SOLREF_FRICTION + i] = pair[3] == OF_PAIR ? P.pair_solreffriction[2 * pair[4] + i] : 0;
+    C[C_MARGIN] = margin_of(P, pair);
+    C[C_DIM] = pair[2];
+    C[C_BODY] = geom_body[pair[0]], C[C_BODY + 1] = geom_body[pair[1]];
 }
 
 // Contacts of all pairs, in the order of the pairs. Returns their number, which may exceed the room for them.
 FN int collide(World& w, const Parameters& P, int lane) {
     int count = 0;
     for (int first = 0; first < NCONTACT_PAIRS; first += LANES) {
-        int pair = first + lane;
+        const int* pair = contact_pair + 5 * (first + lane);
         Hits hits;
         hits.count = 0;
-        if (pair < NCONTACT_PAIRS) {
-            int g1 = contact_pair[4 * pair], g2 = contact_pair[4 * pair + 1];
-            Vec origin = load(w.origin + 3 * geom_body[g2]);
-            Geom a = geom_at(w, P, g1, origin), b = geom_at(w, P, g2, origin);
-            real margin = contact_pair_real[13 * pair + 7];
-            switch (contact_kind[pair]) {
+        if (first + lane < NCONTACT_PAIRS) {
+            Vec origin = load(w.origin + 3 * geom_body[pair[1]]);
+            Geom a = geom_at(w, P, pair[0], origin), b = geom_at(w, P, pair[1], origin);
+            real margin = margin_of(P, pair);
+            switch (contact_kind[first + lane]) {
                 case PLANE_SPHERE: plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
                 case PLANE_CAPSULE: plane_capsule(hits, margin, a, b); break;
                 case PLANE_BOX: plane_box(hits, margin, a, b); break;

@@ -86,7 +86,7 @@ FN int equality_rows(World& w, const Parameters& P, int lane) {
 FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
     for (int first = 0; first < NV; first += LANES) {
         int i = first + lane, mine = 0, before = 0, all;
-        if (i < NV) mine = has_friction_loss[i] && P.loss[i] > 0;
+        if (i < NV) mine = P.loss[i] > 0;
         all = mine;
         BEFORE(mine, before, all);
         int r = rows + before;
@@ -144,18 +144,19 @@ FN Spatial point_motion(const World& w, int body, int dof, Vec at, Vec origin) {
     return Spatial{s.a, s.l + cross(s.a, at + (origin - load(w.origin + 3 * body)))};
 }
 
-// Rows of contacts behind the first `rows` ones. Returns the number of all rows.
-FN int contact_rows(World& w, const Parameters& P, int count, int rows, int lane) {
-    if (lane == 0) w.cones = 0;
+// Rows of contacts behind the first `rows` ones. Returns the number of all; a contact that does not fit is `dropped` whole.
+FN int contact_rows(World& w, const Parameters& P, int count, int rows, bool& dropped, int lane) {
+    int cones = 0;
     for (int c = 0; c < count; c++) {
         const real *C = w.contacts + c * CONTACT_SIZE, *friction = C + C_FRICTION;
         int dim = (int)C[C_DIM], b1 = (int)C[C_BODY], b2 = (int)C[C_BODY + 1];
         int size = dim == 1 || ELLIPTIC_CONES ? dim : 2 * (dim - 1);
         if (rows + size > MAX_ROWS) {
-            rows += size;
+            dropped = true;
             continue;
         }
-        Vec at = load(C + C_POS), origin = load(w.origin + 3 * b2), frame[3] = {load(C + C_FRAME), load(C + C_FRAME + 3), load(C + C_FRAME + 6)};
+        Vec at = load(C + C_POS), origin = load(w.origin + 3 * b2);
+        Vec frame[3] = {load(C + C_FRAME), load(C + C_FRAME + 3), load(C + C_FRAME + 6)};
         EACH(k, NV) {
             Spatial m1 = point_motion(w, b1, k, at, origin), m2 = point_motion(w, b2, k, at, origin);
             Vec u = m2.l - m1.l, t = m2.a - m1.a;
@@ -188,16 +189,16 @@ FN int contact_rows(World& w, const Parameters& P, int count, int rows, int lane
                     y.k = 0;
                 }
                 complete_row(w, rows + i, ELLIPTIC, 1 / own, y, pos, 0);
-                w.cone[w.cones * 6 + i] = i ? f : mu;
+                w.cone[cones * 6 + i] = i ? f : mu;
             }
         }
-        if (lane == 0 && dim > 1 && ELLIPTIC_CONES) {
-            w.cone_row[w.cones] = rows, w.cone_dim[w.cones] = dim;
-            w.cones++;
+        if (dim > 1 && ELLIPTIC_CONES) {
+            if (lane == 0) w.cone_row[cones] = rows, w.cone_dim[cones] = dim;
+            cones++;
         }
-        SYNC();
         rows += size;
     }
+    if (lane == 0) w.cones = cones;
     SYNC();
     return rows;
 }

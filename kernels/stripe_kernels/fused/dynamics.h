@@ -114,7 +114,8 @@ FN void kinematics(World& w, const Parameters& P, int lane) {
 }
 
 // Mass matrix by composite inertias, and the generalised forces but for those of constraints.
-FN void forces(World& w, const Parameters& P, const real* ctrl, const real* applied, const real* wrench, int lane) {
+FN void forces(World& w, const Parameters& P, const real* ctrl, const real* applied, const real* wrench,
+               real* actuator_forces, int lane) {
     EACH(b, NB) {
         real* X = w.X + 16 * b;
         if (b == 0)
@@ -180,6 +181,7 @@ FN void forces(World& w, const Parameters& P, const real* ctrl, const real* appl
             total += dof_coefficient[t] * P.gear[6 * dof_actuator[t]] * w.drive[dof_actuator[t]];
         if (joint_force_limited[j]) total = clamped(total, P.joint_force[2 * j], P.joint_force[2 * j + 1]);
         w.smooth[i] += total;
+        if (actuator_forces) actuator_forces[i] = total;
     }
     SYNC();
 }

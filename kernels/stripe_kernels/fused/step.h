@@ -65,12 +65,18 @@ FN void integrate(World& w, const Parameters& P, int lane) {
     SYNC();
 }
 
+struct Results {  // where they are written
+    int *rows, *iterations, *overflow;
+    real* actuator_forces;  // of each degree of freedom; may be null
+};
+
 FN void step(World& w, const Parameters& P, const real* ctrl, const real* applied, const real* wrench, const real* contacts,
-             int contact_count, int* rows_out, int* iterations_out, int lane) {
+             int contact_count, const Results& out, int lane) {
     kinematics(w, P, lane);
-    forces(w, P, ctrl, applied, wrench, lane);
-    // Contacts that are given are in the world, those found here relative to the tree.
-    if (contacts) {
+    forces(w, P, ctrl, applied, wrench, out.actuator_forces, lane);
+    int overflow = 0;
+    if (contacts) {  // they are in the world, those found here relative to the tree
+        if (contact_count > MAX_CONTACTS) contact_count = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
         EACH(i, contact_count * CONTACT_SIZE) w.contacts[i] = contacts[i];
         SYNC();
         EACH(c, contact_count) {
@@ -80,14 +86,14 @@ FN void step(World& w, const Parameters& P, const real* ctrl, const real* applie
         SYNC();
     } else
         contact_count = collide(w, P, lane);
-    if (contact_count > MAX_CONTACTS) contact_count = MAX_CONTACTS;
+    if (contact_count > MAX_CONTACTS) contact_count = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
     int rows = equality_rows(w, P, lane);
     rows = joint_rows(w, P, rows, lane);
-    rows = contact_rows(w, P, contact_count, rows, lane);
-    if (lane == 0) *rows_out = rows;
-    if (rows > MAX_ROWS) rows = MAX_ROWS;
+    bool dropped = rows > MAX_ROWS;
+    rows = contact_rows(w, P, contact_count, dropped ? MAX_ROWS : rows, dropped, lane);
+    if (dropped) overflow |= OVERFLOW_ROWS;
     int iterations = constrained_acceleration(w, rows, lane);
-    if (lane == 0) *iterations_out = iterations;
+    if (lane == 0) *out.rows = rows, *out.iterations = iterations, *out.overflow |= overflow;
     integrate(w, P, lane);
 }
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fused kernel: the time step of all worlds of a model as one Warp kernel, from C++ source and the model's tables."""
+"""Step kernel: the time step of all worlds of a model as one Warp kernel, from C++ source and the model's tables."""
 
 from __future__ import annotations
 
@@ -11,16 +11,22 @@ from pathlib import Path
 from types import ModuleType
 
 import warp as wp
+from mujoco_warp import OverflowType
 
 import stripe_kernels
+from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, ModelTables
 
-__all__ = ["FusedKernel", "KernelOptions", "fused_kernel"]
+__all__ = ["OUTPUTS", "STATE", "KernelOptions", "StepKernel", "step_kernel"]
 
 _SOURCES = ("algebra.h", "dynamics.h", "constraints.h", "collision.h", "newton.h", "step.h")
-_STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
-_OUTPUTS = ("nefc", "solver_niter")
+STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
+"""Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
+OUTPUTS = ("nefc", "solver_niter", "overflow", "qfrc_actuator")
+"""Arrays of results in MuJoCo Warp's data: constraint rows, iterations, what did not fit, forces of actuators."""
+_OVERFLOW = {"ROWS": OverflowType.NEFC, "CONTACTS": OverflowType.NARROWPHASE}
+"""Bits that MuJoCo Warp reports for what did not fit."""
 _SHARED_BYTES = 48 * 1024
 """Shared memory that a block may have without a driver call, on every GPU [bytes]."""
 _SM_BYTES, _SM_THREADS = 227 * 1024, 768
@@ -43,12 +49,12 @@ class KernelOptions:
 
 
 @dataclass(frozen=True)
-class FusedKernel:
+class StepKernel:
     """The compiled step of a model."""
 
     kernel: wp.Kernel
     arguments: type
-    """Struct of the addresses that it takes; see :func:`fused_kernel`."""
+    """Struct of the addresses that it takes; see :func:`step_kernel`."""
     options: KernelOptions
     worlds_per_block: int
     in_shared: bool
@@ -63,7 +69,7 @@ class FusedKernel:
         wp.launch(self.kernel, dim=dim, inputs=[arguments, num_worlds], device=device, block_dim=block)
 
 
-def fused_kernel(tables: ModelTables, options: KernelOptions) -> FusedKernel:
+def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
     """Write the kernel of a model.
 
     Its argument is a struct. For each array of the state and of :data:`PARAMETERS` it has the address ``name`` (uint64)
@@ -73,7 +79,7 @@ def fused_kernel(tables: ModelTables, options: KernelOptions) -> FusedKernel:
     in_shared = options.lanes > 1 and tables.world_bytes(4) <= _SHARED_BYTES
     text = _python_source(tables, options, per_block, in_shared)
     module = _module(text)
-    return FusedKernel(module.step_worlds, module.Arguments, options, per_block, in_shared)
+    return StepKernel(module.step_worlds, module.Arguments, options, per_block, in_shared)
 
 
 def _library(tables: ModelTables, options: KernelOptions) -> str:
@@ -86,6 +92,7 @@ def _library(tables: ModelTables, options: KernelOptions) -> str:
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",
+        *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
     ]
     parts = ["\n".join(head) + "\n", sources["algebra.h"], tables.source, *(sources[n] for n in _SOURCES[1:])]
@@ -93,9 +100,9 @@ def _library(tables: ModelTables, options: KernelOptions) -> str:
 
 
 def _python_source(tables: ModelTables, options: KernelOptions, per_block: int, in_shared: bool) -> str:
-    arrays = [*_STATE, *PARAMETERS, "contacts"]
+    arrays = [*STATE, *PARAMETERS, "contacts"]
     fields = [f"    {name}: wp.uint64\n    {name}_stride: int\n" for name in arrays]
-    fields += [f"    {name}: wp.uint64\n" for name in (*_OUTPUTS, "contact_count", "workspace")]
+    fields += [f"    {name}: wp.uint64\n" for name in (*OUTPUTS, "contact_count", "workspace")]
     # The body of a native function stands in braces: the first one closes them, and so makes room for a library.
     library = f"}}\n{_library(tables, options)}\nstatic CUDA_CALLABLE inline void fused_library_end() {{\n"
     bounds = ""
@@ -139,7 +146,7 @@ def _body(options: KernelOptions, per_block: int, in_shared: bool) -> str:
     else:
         lines.append("fused::World w;")
     of_world = "(real*)m.{0} + (long long)id * m.{0}_stride"
-    lines += [f"real *{n} = {of_world.format(n)};" for n in _STATE]
+    lines += [f"real *{n} = {of_world.format(n)};" for n in STATE]
     parameters = ", ".join(of_world.format(n) for n in PARAMETERS)
     contacts = of_world.format("contacts") if options.given_contacts else "(const real*)0"
     count = "((int*)m.contact_count)[id]" if options.given_contacts else "0"
@@ -148,8 +155,10 @@ def _body(options: KernelOptions, per_block: int, in_shared: bool) -> str:
         "EACH(i, NQ) w.q[i] = qpos[i];",
         "EACH(i, NV) w.v[i] = qvel[i], w.a[i] = qacc_warmstart[i];",
         "SYNC();",
-        f"fused::step(w, P, ctrl, qfrc_applied, xfrc_applied, {contacts}, {count}, (int*)m.nefc + id,",
-        "            (int*)m.solver_niter + id, lane);",
+        "real* qfrc_actuator = m.qfrc_actuator ? (real*)m.qfrc_actuator + (long long)id * NV : (real*)0;",
+        "const fused::Results out = {(int*)m.nefc + id, (int*)m.solver_niter + id, (int*)m.overflow + id,",
+        "                            qfrc_actuator};",
+        f"fused::step(w, P, ctrl, qfrc_applied, xfrc_applied, {contacts}, {count}, out, lane);",
         "EACH(i, NQ) qpos[i] = w.q[i];",
         "EACH(i, NV) qvel[i] = w.v[i], qacc_warmstart[i] = w.a[i];",
     ]
@@ -161,10 +170,7 @@ def _module(text: str) -> ModuleType:
     name = f"stripe_fused_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
-    wp.init()  # sets wp.config.kernel_cache_dir
-    path = Path(wp.config.kernel_cache_dir) / "stripe_newton" / f"{name}.py"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
+    path = write_generated(f"{name}.py", text)
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
