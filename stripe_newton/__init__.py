@@ -81,7 +81,7 @@ forward_modules(
         "stripe_newton.rl.training_state": "stripe_newton.rl.runs.training_state",
         "stripe_newton.rl.vec_env": "stripe_newton.rl.wrappers.rsl_rl",
         "stripe_newton.scene.contents": "stripe_newton.scene.scene_contents",
-        "stripe_newton.scene.grid": "stripe_newton.scene.spiral_grid",
+        "stripe_newton.scene.grid": "stripe_newton.terrains.spiral_grid",
         "stripe_newton.scene.interactive_scene_cfg": "stripe_newton.scene.scene_contents",
         "stripe_newton.scene.obstacles_cfg": "stripe_newton.scene.obstacles",
         "stripe_newton.scene.regenerate": "stripe_newton.scene.regenerator",

@@ -145,6 +145,26 @@ class Actuation:
         bounds = np.array(self._delays, dtype=np.int32).reshape(-1, 2)
         self._groups = [wp.array(x) for x in (self._delay_group, bounds[:, 0].copy(), bounds[:, 1].copy())]
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether efforts do not depend on the state, so that one launch serves several physics steps."""
+        return not self.explicit.any() and not self._stepped
+
+    def report(self, joint_pos: wp.array, joint_vel: wp.array) -> None:
+        """Report the efforts of the solver's drives in a state, where :attr:`is_constant`; may be captured.
+
+        Args:
+            joint_pos: Positions, shape ``(joint_coord_count,)``.
+            joint_vel: Velocities, shape ``(joint_dof_count,)``.
+        """
+        if not self._dofs:
+            return
+        drives, shape = self.drives, (self._num_envs, -1)
+        own = drives.joint_pos, drives.joint_vel
+        drives.joint_pos, drives.joint_vel = joint_pos.reshape(shape), joint_vel.reshape(shape)
+        self._launch(drive_joints)
+        drives.joint_pos, drives.joint_vel = own
+
     # -- at work
 
     def launch(self, index: int = 0, last: bool = True) -> None:

@@ -19,8 +19,7 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.sensors import SensorBase
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.scene_context import scene_context
-
-from .spiral_grid import spiral_grid
+from stripe_newton.terrains.spiral_grid import spiral_grid
 
 __all__ = ["InteractiveSceneCfg", "SceneContents"]
 

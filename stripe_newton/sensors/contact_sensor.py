@@ -18,6 +18,7 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.matching import match_names
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
+from stripe_newton.solvers import SolverFused
 
 from .clock import SensorClock, period_steps
 from .corruption import Corruption
@@ -131,6 +132,9 @@ class ContactSensor(SensorBase):
 
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
+        self._by_world = isinstance(sim.solver, SolverFused) and not sim.solver.unsupported
+        if isinstance(sim.solver, SolverFused):
+            sim.solver.fill_contacts()
         self._clock = SensorClock(sim, self.cfg.update_period, type(self).__name__, starts_fresh=False)
         step = sim.physics_dt * (1 if self.every_substep else sim.decimation * self._period)
         self.struct = struct = kernels.ContactSensorData()
@@ -270,7 +274,8 @@ class ContactSensor(SensorBase):
         fields = [getattr(data.contact, name) for name in CONTACT_FIELDS]
         tables = [self._clock.due, self._rows, self._filters, model.opt.cone]
         inputs = [*tables, *fields, data.efc.force, data.njmax, data.nacon]
-        wp.launch(add_mujoco_contacts, data.naconmax, inputs, [self._raw])
+        places = data.naconmax // data.nworld if self._by_world else 1
+        wp.launch(add_mujoco_contacts, data.naconmax // places, [places, *inputs], [self._raw])
 
     def _add_newton_contacts(self) -> None:
         contacts, forces = self._sim.contacts, self._sim.reported("contact_f")

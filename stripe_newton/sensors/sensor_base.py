@@ -134,6 +134,10 @@ class SensorBase(PhysicsHook):
 
     # -- what a step launches
 
+    @property
+    def follows_each_step(self) -> bool:
+        return self.every_substep
+
     def launch_after_step(self) -> None:
         if self.every_substep:
             self.launch_substep()

@@ -31,6 +31,10 @@ class SolverOverflow(PhysicsHook):
         self._told = HostFlags(1, str(self.seen.device))
         solver.mjw_model.opt.warn_overflow = 0
 
+    @property
+    def follows_each_step(self) -> bool:
+        return False  # the bits of steps that are launched together are collected
+
     def launch_after_step(self) -> None:
         bits = self._observables.overflow
         wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[self.seen, self._told.array])

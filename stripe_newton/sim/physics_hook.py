@@ -24,6 +24,15 @@ class PhysicsHook:
     that they hand to kernels must be the same ones for life, or :meth:`Simulation.recapture` must be called.
     """
 
+    @property
+    def follows_each_step(self) -> bool:
+        """Whether :meth:`launch_after_step` must run after every physics step.
+
+        Otherwise once after several suffices, which lets a solver take them in one launch. By default True for a class
+        that overrides it.
+        """
+        return type(self).launch_after_step is not PhysicsHook.launch_after_step
+
     def launch_before_steps(self) -> None:
         """Launch what runs once before the physics steps that are launched together."""
 

@@ -16,6 +16,7 @@ import warp as wp
 from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
 from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.configclass import configclass
+from stripe_newton.solvers import SolverFused
 from stripe_newton.usd import Light
 
 from .capture import capture_graph
@@ -201,7 +202,7 @@ class Simulation:
                 self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
             )
             with self.actuation.solver_gains():
-                self.solver = self.cfg.solver.create(self.model)
+                self.solver = self.cfg.solver.create(self.model, self.cfg.observables)
             if self.cfg.solver.limits_drives:
                 self.drive_limits = DriveLimits(self.solver)
                 self.add_hook(self.drive_limits)
@@ -229,6 +230,9 @@ class Simulation:
         self.actuation.bind(self._state, self.control)
         self.velocity_limit = wp.full(model.joint_dof_count, value=float("inf"), dtype=float)
         self.previous_joint_qd = wp.clone(self._state.joint_qd)
+        if isinstance(self.solver, SolverFused) and not self.solver.unsupported:
+            self._previous_joint_q = wp.clone(self._state.joint_q)
+            self.solver.keep_state_before_last()
         self._cleared = ResetMask(self.num_envs, self.device)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
         self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(model)
@@ -293,6 +297,9 @@ class Simulation:
         """
         for hook in self._hooks:
             hook.launch_before_steps()
+        if before_each is None and self.steps_together:
+            self._launch_together(substeps)
+            return
         for index in range(substeps):
             last = index == substeps - 1
             if before_each is not None:
@@ -303,6 +310,29 @@ class Simulation:
             self._substep()
             for hook in self._hooks:
                 hook.launch_after_step()
+
+    @property
+    def steps_together(self) -> bool:
+        """Whether the physics steps of a call need nothing between them, and the solver takes them in one go."""
+        return (
+            isinstance(self.solver, SolverFused)
+            and not self.solver.unsupported
+            and self.external_wrench is None
+            and not self._limits_velocity
+            and self.actuation.is_constant
+            and not any(hook.follows_each_step for hook in self._hooks)
+        )
+
+    def _launch_together(self, substeps: int) -> None:
+        solver, state = self.solver, self._state
+        assert isinstance(solver, SolverFused)
+        self.actuation.launch()
+        solver.step_many(state, state, self.control, self.physics_dt, substeps, observables=self.observables)
+        # Accelerations and reported efforts are those of the last physics step.
+        solver.write_state_before_last(self._previous_joint_q, self.previous_joint_qd)
+        self.actuation.report(self._previous_joint_q, self.previous_joint_qd)
+        for hook in self._hooks:
+            hook.launch_after_step()
 
     def _substep(self) -> None:
         model, state, control = self.model, self._state, self.control

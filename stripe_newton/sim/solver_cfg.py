@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
 import newton
 
-from stripe_newton.configclass import configclass
+from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.solvers import SolverFused
 
 from .ground_contacts import use_triangles
 
@@ -52,8 +53,13 @@ class SolverCfg:
         """Declare the solver's custom attributes, so that importers fill them."""
         self.newton_class.register_custom_attributes(builder)
 
-    def create(self, model: newton.Model) -> newton.solvers.SolverBase:
-        """Make the solver for ``model``."""
+    def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
+        """Make the solver for ``model``.
+
+        Args:
+            model: The model.
+            observables: Arrays that it is going to be asked for beyond the state, by Newton's names.
+        """
         return self.newton_class(model, **self.arguments())
 
     def arguments(self) -> dict[str, Any]:
@@ -95,7 +101,12 @@ class MuJoCoSolverCfg(SolverCfg):
 
     solver_class: ClassVar[str] = "SolverMuJoCo"
     in_place: ClassVar[bool] = True
-    own_fields: ClassVar[frozenset[str]] = frozenset({"triangle_contacts", "drive_limits"})
+    own_fields: ClassVar[frozenset[str]] = frozenset({"fused", "triangle_contacts", "drive_limits"})
+
+    fused: bool | None = None
+    """Compute a step in one kernel (:class:`stripe_newton.solvers.SolverFused`), the same physics many times as fast.
+    ``None``: where that supports the model; ``True``: an error where it does not; ``False``: MuJoCo Warp. No argument
+    of the solver."""
 
     separate_worlds: bool | None = None
     """Map each Newton world to a MuJoCo world. Default: yes."""
@@ -184,9 +195,9 @@ class MuJoCoSolverCfg(SolverCfg):
             # In MuJoCo each of them would take a place in the buffers and a row in the solver, for nothing.
             builder.rigid_gap = 0.0
 
-    def create(self, model: newton.Model) -> newton.solvers.SolverBase:
+    def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
         try:
-            solver = SolverCfg.create(self, model)
+            solver = self._create(model, observables)
         except Exception as error:
             if "stackAlloc" not in str(error):  # MuJoCo's own, when the contacts of the start do not fit its memory
                 raise
@@ -195,7 +206,22 @@ class MuJoCoSolverCfg(SolverCfg):
                 "give each asset its own 'init_state.pos'"
             ) from error
         if self.triangle_contacts and self.uses_mujoco_warp and self.use_mujoco_contacts:
-            use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
+            if isinstance(solver, SolverFused) and not solver.unsupported:
+                solver.triangles = True
+            else:
+                use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
+        return solver
+
+    def _create(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
+        """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
+        if self.fused is False:
+            return newton.solvers.SolverMuJoCo(model, **self.arguments())
+        solver = SolverFused(model, fallback=self.fused is None, **self.arguments())
+        missing = sorted(set(observables) - {str(getattr(o, "value", o)) for o in solver.supported_observables})
+        if missing and self.fused:
+            raise ConfigError([f"fused: is True, but the fused step does not report {', '.join(missing)}"])
+        if missing and not solver.unsupported:
+            solver.unsupported = f"it does not report {', '.join(missing)}"
         return solver
 
     @property
@@ -316,6 +342,6 @@ class KaminoSolverCfg(SolverCfg):
     def finds_contacts(self) -> bool:
         return bool(self.use_collision_detector)
 
-    def create(self, model: newton.Model) -> newton.solvers.SolverBase:
+    def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
         solver = self.newton_class
         return solver(model, config=solver.Config.from_model(model, **self.arguments()))

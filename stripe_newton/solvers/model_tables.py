@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-__all__ = ["PARAMETERS", "ContactPair", "ModelTables", "contact_pairs"]
+__all__ = ["PARAMETERS", "ContactPair", "ModelTables", "contact_pairs", "listed_pairs"]
 
 PARAMETERS: dict[str, str] = {
     "timestep": "opt.timestep",
@@ -56,11 +56,16 @@ PARAMETERS: dict[str, str] = {
     "pair_solreffriction": "pair_solreffriction",
     "pair_solimp": "pair_solimp",
     "pair_friction": "pair_friction",
+    "geom_xpos": "data.geom_xpos",
+    "geom_xmat": "data.geom_xmat",
+    "mocap_pos": "data.mocap_pos",
+    "mocap_quat": "data.mocap_quat",
     "equality": "eq_data",
     "solref_equality": "eq_solref",
     "solimp_equality": "eq_solimp",
 }
-"""Parameters that may differ from world to world: name in the source, and field of MuJoCo's model."""
+"""Parameters that may differ from world to world: name in the source, and field of MuJoCo's model (or of its options or
+data)."""
 
 _G = mujoco.mjtGeom
 KINDS = {
@@ -72,8 +77,11 @@ KINDS = {
     (_G.mjGEOM_SPHERE, _G.mjGEOM_CAPSULE): "SPHERE_CAPSULE",
     (_G.mjGEOM_SPHERE, _G.mjGEOM_BOX): "SPHERE_BOX",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
+    (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
+    (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_CAPSULE",
+    (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
 }
-"""Pairs of geom types that the fused step finds contacts of."""
+"""Pairs of geom types that the fused step finds contacts of; those with height fields by their triangles."""
 
 
 RULES = ("OF_BOTH", "OF_FIRST", "OF_SECOND", "OF_PAIR")
@@ -93,6 +101,18 @@ class ContactPair:
     """Source of the parameters of its contacts, one of :data:`RULES`."""
     explicit: int = -1
     """Pair of the model whose parameters they are; -1 for none."""
+
+
+def listed_pairs(model: mujoco.MjModel, geoms: np.ndarray, explicit: np.ndarray) -> Iterable[ContactPair]:
+    """Pairs of a list of MuJoCo Warp.
+
+    Args:
+        model: The compiled model.
+        geoms: The geoms, shape ``(pairs, 2)``.
+        explicit: The pair of the model whose parameters each has, -1 for none, shape ``(pairs,)``.
+    """
+    for (g1, g2), pair in zip(geoms.tolist(), explicit.tolist(), strict=True):
+        yield _pair(model, g1, g2, pair if pair >= 0 else None)
 
 
 def contact_pairs(model: mujoco.MjModel) -> Iterable[ContactPair]:
@@ -143,40 +163,68 @@ def _pair(model: mujoco.MjModel, g1: int, g2: int, explicit: int | None) -> Cont
 
 @dataclass(frozen=True)
 class ModelTables:
-    """Constants of the fused step for one model, as C++ source."""
+    """Constants of the fused step for one model."""
 
-    source: str
-    reals: int
-    """Floating-point numbers of the state of a world."""
-    integers: int
-    """Whole numbers of it."""
-
-    def world_bytes(self, real: int) -> int:
-        """Bytes of the state of a world, for floating-point numbers of ``real`` bytes."""
-        return real * self.reals + 4 * self.integers + 8
+    model: mujoco.MjModel
+    pairs: tuple[ContactPair, ...]
+    """Pairs whose contacts the kernel finds."""
+    max_rows: int
+    """Room for constraint rows in a world."""
+    max_contacts: int
+    """Room for contacts in a world."""
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, max_rows: int, max_contacts: int) -> ModelTables:
-        """The constants of a model.
-
-        Args:
-            model: The compiled model.
-            max_rows: Room for constraint rows in a world.
-            max_contacts: Room for contacts in a world.
+    def of(
+        cls, model: mujoco.MjModel, max_rows: int, max_contacts: int, pairs: Iterable[ContactPair] | None = None
+    ) -> ModelTables:
+        """The constants of a model, with the pairs given, or all of it, that the kernel has a routine for.
 
         Raises:
             ValueError: if there is no room for the rows of equalities, which are always there.
         """
         if max_rows < model.neq:
             raise ValueError(f"njmax is {max_rows}, must be {model.neq} or more: the model has as many equalities")
-        elliptic = model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
-        all_rows = max_rows + (2 * max_contacts if elliptic else 0)
-        pairs = list(contact_pairs(model))
-        room = {"MAX_ROWS": max_rows, "MAX_CONTACTS": max_contacts, "ALL_ROWS": all_rows}
+        pairs = contact_pairs(model) if pairs is None else pairs
+        return cls(model, tuple(p for p in pairs if p.kind), max_rows, max_contacts)
+
+    @property
+    def elliptic(self) -> bool:
+        """Whether friction cones are elliptic."""
+        return bool(self.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC)
+
+    @property
+    def has_fields(self) -> bool:
+        """Whether the kernel finds contacts with height fields."""
+        return any(p.kind.startswith("FIELD") for p in self.pairs)
+
+    @property
+    def row_size(self) -> int:
+        """Numbers of a constraint row, as in constraints.h."""
+        return (self.model.nv + 7) | 1
+
+    @property
+    def contact_size(self) -> int:
+        """Numbers of a contact, as in constraints.h."""
+        return (27 + 2 * self.model.nv if self.elliptic else 25) | 1
+
+    def source(self, rows: int, contacts: int) -> str:
+        """The constants as C++ source.
+
+        Args:
+            rows: Constraint rows that lie in the state of a world; those beyond lie in its spill memory.
+            contacts: Contacts that do.
+        """
+        model, pairs = self.model, self.pairs
+        room = {
+            "MAX_ROWS": self.max_rows, "MAX_CONTACTS": self.max_contacts, "SHARED_ROWS": rows,
+            "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
+            "MAX_HITS": 6 if self.has_fields else 4,
+        }  # fmt: skip
         integers = _tree_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
-        lines = [f"#define {name} {value}" for name, value in (_sizes(model, pairs) | _options(model) | room).items()]
+        lines = [
+            f"#define {name} {value}" for name, value in (_sizes(model, pairs) | _options(model, pairs) | room).items()
+        ]
         lines.append("namespace fused {")
-        lines.append(f"struct Parameters {{ const real *{', *'.join(PARAMETERS)}; }};")
         # An array of C++ has one element at least.
         lines += [f"TABLE int {name}[] = {{{_numbers(values) or 0}}};" for name, values in integers.items()]
         for name, values in _coefficients(model).items():
@@ -184,7 +232,20 @@ class ModelTables:
         moving = [sum(1 << i for i in _dofs(model, b)) for b in range(model.nbody)]
         lines.append(f"TABLE unsigned long long body_dofs[] = {{{', '.join(f'{m}ull' for m in moving)}}};")
         lines.append("}")
-        return cls("\n".join(lines) + "\n", *_state_size(model, max_rows, all_rows, max_contacts))
+        return "\n".join(lines) + "\n"
+
+    def world_size(self, rows: int, contacts: int, in_registers: bool) -> int:
+        """Numbers of four bytes in ``World`` of dynamics.h, of which the source asserts that they are no fewer."""
+        model = self.model
+        nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
+        kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + nv * (nv | 1) * (2 - in_registers) + nu
+        placed = 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
+        shared = max(35 * nb + 6 * nv + nu + placed, rows * self.row_size)
+        return kept + shared + contacts * self.contact_size + 4  # with the pointer and its alignment
+
+    def spill_size(self, rows: int, contacts: int) -> int:
+        """Numbers of a world for rows and contacts beyond those of its state."""
+        return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
@@ -192,30 +253,44 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
     return {
         "NB": model.nbody, "NQ": model.nq, "NV": model.nv, "NJ": model.njnt, "NU": max(model.nu, 1),
         "ACTUATORS": model.nu, "NEQ": model.neq, "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
-        "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs),
+        "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs), "NGEOMS": len(_used_geoms(pairs)),
+        "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
+        "HAS_FIELDS": int(any(p.kind.startswith("FIELD") for p in pairs)),
+        "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(_trees(model)),
         "LD": model.nv | 1,  # odd, so that lanes that read a column do not share a bank of the shared memory
     }  # fmt: skip
 
 
-def _options(model: mujoco.MjModel) -> dict[str, object]:
+def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
     opt = model.opt
     return {
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
         **{name: i for i, name in enumerate(KINDS.values())},
+        **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in KINDS.values()},
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
         "IMPLICIT": int(opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
         "REFSAFE": int(not opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE),
+        "COUPLED": int(any(j != i for i, group in enumerate(_couplings(model)) for j, _, _ in group)),
         "IMPRATIO": f"((real){opt.impratio!r})", "MEAN_INERTIA": f"((real){model.stat.meaninertia!r})",
     }  # fmt: skip
 
 
 def _tree_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
-    levels = _levels(model)
+    levels, trees = _levels(model), _trees(model)
+    children = [[c for c in range(1, model.nbody) if model.body_parentid[c] == b] for b in range(model.nbody)]
+    # Of each level the bodies above it that have children in it; none above the second one.
+    parents = [[], [], *([b for b in level if children[b]] for level in levels[1:-1])]
     pairs = [(i, j) for i in range(model.nv) for j in _ancestors(model, i)]
     return {
         "level_start": np.cumsum([0, *map(len, levels)]),
         "level_body": [b for level in levels for b in level],
+        "level_parent_start": np.cumsum([0, *map(len, parents)]),
+        "level_parent": [b for level in parents for b in level],
+        "child_start": np.cumsum([0, *(len(children[b]) for level in parents for b in level)]),
+        "child": [c for level in parents for b in level for c in children[b]],
+        "body_tree": [trees.index(int(r)) for r in model.body_rootid],
         "body_parent": model.body_parentid,
+        "body_mocap": model.body_mocapid,
         "body_joint": np.maximum(model.body_jntadr, 0),
         "body_joints": model.body_jntnum,
         "free_body": _free_alone(model),
@@ -248,9 +323,15 @@ def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
 
 
 def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
-    kinds = list(KINDS.values())
+    kinds, used = list(KINDS.values()), _used_geoms(pairs)
     return {
         "geom_body": model.geom_bodyid,
+        "geom_field": model.geom_dataid,
+        "field_start": model.hfield_adr,
+        "field_rows": model.hfield_nrow,
+        "field_cols": model.hfield_ncol,
+        "used_geom": used,
+        "contact_geoms": [used.index(g) for p in pairs for g in (p.geom1, p.geom2)],
         "contact_pair": [v for p in pairs for v in (p.geom1, p.geom2, p.dim, RULES.index(p.rule), p.explicit)],
         "contact_kind": [kinds.index(p.kind) if p.kind else -1 for p in pairs],
     }
@@ -307,13 +388,24 @@ def _dofs(model: mujoco.MjModel, body: int) -> Iterable[int]:
         body = int(model.body_parentid[body])
 
 
-def _state_size(model: mujoco.MjModel, rows: int, all_rows: int, contacts: int) -> tuple[int, int]:
-    """Floating-point and whole numbers of ``World`` in dynamics.h."""
-    nb, nv, ld = model.nbody, model.nv, model.nv | 1
-    bodies = 3 + 3 + 4 + 3 + 6 + 6 + 16
-    reals = model.nq + 2 * nv + nb * bodies + 12 * nv + 2 * nv * ld + nv + 2 * max(model.nu, 1) + 4 * nv
-    reals += all_rows * (ld + 1) + 5 * rows + contacts * (31 + 6)
-    return reals, rows + 2 * contacts + 1
+def _trees(model: mujoco.MjModel) -> list[int]:
+    """The world, and the bodies that stand in it: each is the root of a tree."""
+    return sorted({int(root) for root in model.body_rootid})
+
+
+def _used_geoms(pairs: Sequence[ContactPair]) -> list[int]:
+    return sorted({g for pair in pairs for g in (pair.geom1, pair.geom2)})
+
+
+def _addresses(model: mujoco.MjModel) -> int:
+    """Places for the rows of a contact in MuJoCo Warp's data: those of a pyramid of the largest dimension."""
+    dims = [*model.geom_condim.tolist(), *model.pair_dim.tolist()]
+    return int(max(1, 2 * (max(dims, default=1) - 1)))
+
+
+def _places_geoms(pairs: Sequence[ContactPair]) -> bool:
+    """Whether all geoms are placed before pairs are looked at: it pays where a geom is in several."""
+    return len(pairs) > 1.5 * len(_used_geoms(pairs))
 
 
 def _free_alone(model: mujoco.MjModel) -> list[int]:

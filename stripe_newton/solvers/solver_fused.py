@@ -6,11 +6,18 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
+import mujoco_warp
 import newton
+import numpy as np
 import warp as wp
+from mujoco_warp._src.types import BroadphaseType
+from newton._src.solvers.mujoco.kernels import convert_mj_coords_to_warp_kernel
 
-from .model_tables import PARAMETERS, ModelTables
-from .step_kernel import OUTPUTS, STATE, KernelOptions, StepKernel, step_kernel
+from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
+
+from .model_tables import PARAMETERS, ContactPair, ModelTables, listed_pairs
+from .pair_list import remove_geom_pairs
+from .step_kernel import BEFORE_LAST, CONTACTS, OUTPUTS, READ, STATE, KernelOptions, StepKernel, step_kernel
 from .support import why_unsupported
 
 __all__ = ["SolverFused"]
@@ -26,49 +33,163 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     MuJoCo compiles the model and MuJoCo Warp holds it, as in :class:`newton.solvers.SolverMuJoCo`. Their arrays are
     read in every step, so that changes take effect as there. Arguments are those of that class.
 
-    The state is the same to rounding. MuJoCo Warp's arrays of contacts, constraint rows and other results are not
-    filled: sensors and observables that read them need :class:`newton.solvers.SolverMuJoCo`. What is constant in the
-    kernel stays as it was when the solver was made: topology, what is limited, options, and which equalities act.
+    The kernel finds the contacts of the pairs that it has a routine for, see ``docs/solvers.md``. If there are others,
+    MuJoCo Warp's collision detection finds theirs before each step; otherwise several steps are one launch.
+
+    The state is that of MuJoCo Warp to rounding. Its arrays of contacts and constraint forces are filled after
+    :meth:`fill_contacts`, those of other results are not. What is constant in the kernel is as it was at the first
+    step: topology, pairs of geoms, what is limited, options, and which equalities act.
 
     Attributes:
-        fused: The kernel of the step.
+        unsupported: Reason why MuJoCo Warp steps the model instead; empty if the fused step does.
+        triangles: Whether contacts of spheres, capsules and boxes with height fields are those with its triangles,
+            which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
     """
 
-    def __init__(self, model: newton.Model, **kwargs: Any):
+    def __init__(self, model: newton.Model, *, fallback: bool = False, **kwargs: Any):
         """Compile the model.
 
+        Args:
+            model: The model.
+            fallback: Let MuJoCo Warp step a model that is not supported, and say why in :attr:`unsupported`.
+            **kwargs: Arguments of ``SolverMuJoCo``.
+
         Raises:
-            ValueError: with the reason, if the fused step does not support the model.
+            ValueError: with the reason, if the fused step does not support the model and ``fallback`` is False.
         """
-        for name, value in _NOT_HERE.items():
-            if kwargs.get(name, not value) == value:
-                raise ValueError(f"the fused solver does not support {name}={value}; use SolverMuJoCo")
+        reason = next((f"{n}={v}" for n, v in _NOT_HERE.items() if kwargs.get(n, not v) == v), "")
+        if reason and not fallback:
+            raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
+        self._addresses: dict[bool, object] = {}  # first, as the constructor notifies
         super().__init__(model, **kwargs)
-        reason = why_unsupported(self.mj_model)
-        if reason:
-            raise ValueError(f"the fused solver does not support this model: {reason}; use SolverMuJoCo")
-        lanes = _WARP if model.device.is_cuda else 1
-        opt: mujoco.MjOption = self.mj_model.opt
-        options = KernelOptions(
-            lanes=lanes,
-            tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
-            iterations=opt.iterations,
-            ls_iterations=opt.ls_iterations,
-        )
-        rows = int(self.mjw_data.njmax)
-        contacts = max(1, int(self.mjw_data.naconmax) // int(self.mjw_data.nworld))
-        self._tables = ModelTables.of(self.mj_model, rows, contacts)
-        self.fused: StepKernel = step_kernel(self._tables, options)
-        self._workspace: wp.array | None = None
-        if lanes > 1 and not self.fused.in_shared:
-            size = self._tables.world_bytes(4) * self.mjw_data.nworld
-            self._workspace = wp.empty(size, dtype=wp.uint8, device=model.device)
+        self.unsupported = reason or why_unsupported(self.mj_model)
+        if self.unsupported and not fallback:
+            raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
+        self.triangles = False
+        self._fused: StepKernel | None = None
+        self._fills_contacts = False
+        self._steps = 1
+        self._before: tuple[wp.array, wp.array] | None = None
+
+    # -- what it does
+
+    @property
+    def one_launch(self) -> bool:
+        """Whether several steps are one launch, as no collision detection by others has to come between."""
+        return not self.unsupported and not self.fused.options.given_contacts
+
+    @property
+    def fused(self) -> StepKernel:
+        """The kernel of the step, made when it is first asked for."""
+        if self._fused is None:
+            self._fused = self._make()
+        return self._fused
+
+    def describe(self) -> str:
+        """What computes a step, and why, in a line."""
+        if self.unsupported:
+            return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
+        if self.one_launch:
+            return "the fused step, all physics steps of a step in one launch"
+        return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
 
     @property
     def supported_observables(self) -> frozenset[str]:
-        """Observables that the step fills: overflow, and the forces of actuators."""
+        """Observables that the step fills."""
+        every = super().supported_observables
+        if self.unsupported:
+            return every
         kinds = self.ObservableKind
-        return frozenset(super().supported_observables & {kinds.OVERFLOW, kinds.QFRC_ACTUATOR})
+        return frozenset(every & {kinds.OVERFLOW, kinds.QFRC_ACTUATOR, kinds.CONTACT_F})
+
+    def observables(self, requested: Any, *args: Any, **kwargs: Any) -> Any:
+        """Allocate observables, as :meth:`newton.solvers.SolverMuJoCo.observables`."""
+        made = super().observables(requested, *args, **kwargs)
+        if not self.unsupported and made.is_requested(self.ObservableKind.CONTACT_F):
+            self.fill_contacts()
+        return made
+
+    def fill_contacts(self) -> None:
+        """Fill MuJoCo Warp's arrays of contacts and constraint forces from the next step on.
+
+        Each world has its own places in the arrays of contacts, ``naconmax / nworld`` of them; those without a contact
+        have geoms and rows of -1.
+        """
+        if self.unsupported or self._fills_contacts:
+            return
+        self._fills_contacts = True
+        self._addresses.clear()
+        self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
+
+    # -- a step
+
+    def step_many(
+        self,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: newton.Control,
+        dt: float,
+        steps: int,
+        observables: Any = None,
+    ) -> None:
+        """Advance by several time steps with the same controls.
+
+        Args:
+            state_in: The state before.
+            state_out: The state after; it may be the same object.
+            control: Targets and forces, which apply in all steps.
+            dt: Time step [s].
+            steps: Number of steps.
+            observables: Arrays to report, of the last step; overflow is of all.
+
+        Raises:
+            RuntimeError: if MuJoCo Warp steps the model.
+        """
+        if self.unsupported:
+            raise RuntimeError(f"several steps at once need the fused step: {self.unsupported}")
+        self._steps = steps
+        try:
+            contacts = observables.contacts if observables is not None else None
+            self.step(state_in, state_out, control, contacts, dt, observables=observables)
+        finally:
+            self._steps = 1
+
+    def keep_state_before_last(self) -> None:
+        """Keep the state before the last step of each call from now on, for :meth:`write_state_before_last`."""
+        if self._before is None:
+            self._before = wp.clone(self.mjw_data.qpos), wp.clone(self.mjw_data.qvel)
+            self._addresses.clear()
+
+    def write_state_before_last(self, joint_q: wp.array, joint_qd: wp.array) -> None:
+        """Write the joints as they were before the last step of the last call; may be captured.
+
+        Args:
+            joint_q: Output, positions, shape ``(joint_coord_count,)``.
+            joint_qd: Output, velocities, shape ``(joint_dof_count,)``.
+        """
+        assert self._before is not None, "keep_state_before_last comes first"
+        model, data = self.model, self.mjw_data
+        joints = model.joint_count // data.nworld
+        names = (
+            "joint_type",
+            "joint_q_start",
+            "joint_qd_start",
+            "joint_dof_dim",
+            "joint_child",
+            "joint_X_p",
+            "joint_X_c",
+        )
+        dof_ref = getattr(getattr(model, "mujoco", None), "dof_ref", None)
+        wp.launch(
+            convert_mj_coords_to_warp_kernel,
+            dim=(data.nworld, joints),
+            inputs=[
+                *self._before, joints, *(getattr(model, name) for name in names), model.body_com, dof_ref,
+                model.body_flags, joint_q, joint_qd, self.mj_q_start, self.mj_qd_start,
+            ],
+            outputs=[joint_q, joint_qd],
+            device=model.device,
+        )  # fmt: skip
 
     def _enable_rne_postconstraint(self, state_out: newton.State, observables: Any = None) -> None:
         """Refuse fields of the state that the step does not fill.
@@ -76,25 +197,135 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         Raises:
             ValueError: if the state has one.
         """
+        if self.unsupported:
+            super()._enable_rne_postconstraint(state_out, observables)
+            return
         for name in ("body_qdd", "body_parent_f"):
             if getattr(state_out, name) is not None:
                 raise ValueError(f"the fused solver does not compute '{name}' of the state; use SolverMuJoCo")
 
-    def _arguments(self) -> object:
-        """Addresses of the arrays, as they are now: notifications of Newton may have replaced some."""
-        m = self.fused.arguments()
-        for name in STATE:
-            _refer(m, name, getattr(self.mjw_data, name))
-        for name, field in PARAMETERS.items():
-            owner, _, leaf = f"model.{field}".rpartition(".")
-            _refer(m, name, getattr(self.mjw_model.opt if owner.endswith("opt") else self.mjw_model, leaf))
-        for name in OUTPUTS:
-            setattr(m, name, getattr(self.mjw_data, name).ptr or 0)
-        m.workspace = self._workspace.ptr if self._workspace is not None else 0
-        return m
-
     def _mujoco_warp_step(self) -> None:
-        self.fused.launch(self._arguments(), self.mjw_data.nworld, str(self.model.device))
+        if self.unsupported:
+            super()._mujoco_warp_step()
+            return
+        kernel, data, device = self.fused, self.mjw_data, str(self.model.device)
+        if self.one_launch:
+            kernel.launch(self._arguments(last=True), data.nworld, device, self._steps)
+            return
+        for index in range(self._steps):
+            arguments = self._arguments(last=index == self._steps - 1)
+            kernel.launch(arguments, data.nworld, device, place=True)
+            self._collide()
+            kernel.launch(arguments, data.nworld, device)
+
+    def _collide(self) -> None:
+        """Let MuJoCo Warp find the contacts that the kernel does not, and put them in order."""
+        data, contact = self.mjw_data, self.mjw_data.contact
+        mujoco_warp.collision(self.mjw_model, data)
+        self._count.zero_()
+        wp.launch(
+            list_contacts,
+            dim=data.naconmax,
+            inputs=[data.nacon, contact.worldid, contact.type, contact.dist, contact.includemargin],
+            outputs=[self._count, self._found],
+            device=self.model.device,
+        )
+        fields = [getattr(contact, name) for name in FIELDS]
+        inputs = [self._count, self._found, *fields]
+        wp.launch(sort_contacts, self._found.shape, inputs, [self._given], device=self.model.device)
+        if self._fills_contacts:
+            data.nacon.fill_(data.naconmax)
+
+    # -- the kernel and its arguments
+
+    def _make(self) -> StepKernel:
+        """Write the kernel, and leave to MuJoCo Warp's collision detection what it has no routine for."""
+        data, device = self.mjw_data, self.model.device
+        opt: mujoco.MjOption = self.mj_model.opt
+        contacts = max(1, int(data.naconmax) // int(data.nworld))
+        pairs = self._divide_pairs()
+        cpu = self._limited_model()
+        tables = ModelTables.of(cpu, int(data.njmax), contacts, pairs)
+        options = KernelOptions(
+            lanes=_WARP if device.is_cuda else 1,
+            tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
+            iterations=opt.iterations,
+            ls_iterations=opt.ls_iterations,
+            given_contacts=bool(self._others),
+        )
+        kernel = step_kernel(tables, options)
+        size = kernel.layout.workspace_size if options.lanes > 1 else 0
+        self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
+        if self._others:
+            self._count = wp.zeros(data.nworld, dtype=int, device=device)
+            self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
+            self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
+        return kernel
+
+    def _limited_model(self) -> mujoco.MjModel:
+        """The compiled model with the limits that MuJoCo Warp's has now: drives may have got some."""
+        self.mj_model.actuator_forcelimited[:] = self.mjw_model.actuator_forcelimited.numpy().astype(bool)
+        return self.mj_model
+
+    def _divide_pairs(self) -> list[ContactPair]:
+        """Pairs whose contacts the kernel finds; they are taken from MuJoCo Warp's list. `_others` names the rest."""
+        model = self.mjw_model
+        self._others: list[str] = []
+        if self.mj_model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+            return []
+        if model.opt.broadphase != BroadphaseType.NXN:  # above some number of geoms there is no list to take pairs from
+            self._others = ["all pairs of its many geoms"]
+            return []
+        geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
+        listed = list(listed_pairs(self.mj_model, geoms, explicit))
+        own = np.array([self._finds(pair) for pair in listed], dtype=bool)
+        kinds = {self._types(pair) for pair, found in zip(listed, own, strict=True) if not found}
+        self._others = sorted(kinds)
+        if model.callback.contactfilter:
+            self._others.append("what its contact filter adds")
+        if own.any():
+            remove_geom_pairs(model, own)
+        return [pair for pair, found in zip(listed, own, strict=True) if found]
+
+    def _finds(self, pair: ContactPair) -> bool:
+        return bool(pair.kind) and (self.triangles or not pair.kind.startswith("FIELD"))
+
+    def _types(self, pair: ContactPair) -> str:
+        types = (mujoco.mjtGeom(self.mj_model.geom_type[g]).name for g in (pair.geom1, pair.geom2))
+        return " and ".join(name.removeprefix("mjGEOM_").lower() for name in types)
+
+    def _notify_model_changed(self, flags: newton.ModelFlags | int) -> None:
+        super()._notify_model_changed(flags)
+        self._addresses.clear()  # it may have replaced arrays
+
+    def _arguments(self, last: bool = True) -> object:
+        """Addresses of the arrays, for the last step of a call or for another one."""
+        if last not in self._addresses:
+            self._addresses[last] = self._refer_all(last)
+        return self._addresses[last]
+
+    def _refer_all(self, last: bool) -> object:
+        m, data = self.fused.arguments(), self.mjw_data
+        for name in (*STATE, *OUTPUTS):
+            _refer(m, name, getattr(data, name))
+        for name, field in PARAMETERS.items():
+            owner, _, leaf = field.rpartition(".")
+            place = {"": self.mjw_model, "opt": self.mjw_model.opt, "data": data}[owner]
+            _refer(m, name, getattr(place, leaf))
+        m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
+        m.workspace = self._workspace.ptr or 0
+        if self._others:
+            _refer(m, "contacts", self._given)
+            m.contact_count = self._count.ptr
+        if last and self._before is not None:
+            for name, array in zip(BEFORE_LAST, self._before, strict=True):
+                _refer(m, name, array)
+        if last and self._fills_contacts:
+            for name in CONTACTS:
+                setattr(m, f"contact_{name}", getattr(data.contact, name).ptr)
+            for name in READ:
+                _refer(m, name, data.efc.force if name == "efc_force" else getattr(data, name))
+        return m
 
 
 def _refer(arguments: Any, name: str, array: wp.array) -> None:

@@ -18,19 +18,38 @@ from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, ModelTables
 
-__all__ = ["OUTPUTS", "STATE", "KernelOptions", "StepKernel", "step_kernel"]
+__all__ = ["BEFORE_LAST", "CONTACTS", "OUTPUTS", "READ", "STATE", "KernelOptions", "StepKernel", "step_kernel"]
 
-_SOURCES = ("algebra.h", "dynamics.h", "constraints.h", "collision.h", "newton.h", "step.h")
+_SOURCES = (
+    "algebra.h", "world.h", "dynamics.h", "constraints.h", "primitives.h", "heightfield.h", "collision.h", "newton.h",
+    "results.h", "step.h",
+)  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
 OUTPUTS = ("nefc", "solver_niter", "overflow", "qfrc_actuator")
 """Arrays of results in MuJoCo Warp's data: constraint rows, iterations, what did not fit, forces of actuators."""
+_STRUCT = "STRUCT_OF_ARGUMENTS"
+"""Stands for the name that Warp gives the struct in C++."""
+_WARP = 32
 _OVERFLOW = {"ROWS": OverflowType.NEFC, "CONTACTS": OverflowType.NARROWPHASE}
 """Bits that MuJoCo Warp reports for what did not fit."""
-_SHARED_BYTES = 48 * 1024
+BEFORE_LAST = ("qpos_before", "qvel_before")
+"""Arrays that receive the state before the last step of a launch, ``(num_worlds, ...)``, if they are given."""
+READ = ("xpos", "xquat", "efc_force")
+"""Arrays of MuJoCo Warp's data that are written where somebody reads contacts, ``(num_worlds, ...)``."""
+CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "worldid")
+"""Arrays of its contacts that are; the arguments have their addresses as ``contact_*``, 0 where nobody reads them."""
+_ARRAYS = *STATE, *PARAMETERS, *BEFORE_LAST, *OUTPUTS, *READ, "contacts"
+_ADDRESSES = *(f"contact_{n}" for n in CONTACTS), "contact_count", "field_size", "field_heights", "workspace"
+_SM_BYTES, _SM_WORLDS = 228 * 1024, 32
+"""Shared memory of a multiprocessor of an H100, of which each block takes 1 KiB more than it asks for, and the worlds
+that it should have room for: 4096 are 31 for each."""
+_BLOCK_BYTES = 48 * 1024
 """Shared memory that a block may have without a driver call, on every GPU [bytes]."""
-_SM_BYTES, _SM_THREADS = 227 * 1024, 768
-"""Shared memory of a multiprocessor of an H100, and the threads for which it should have registers."""
+_BLOCK_WORLDS = 4
+_SM_REGISTERS = 65536
+_TYPICAL_ROWS, _TYPICAL_CONTACTS = 32, 8
+"""What a world mostly needs at most: a robot on four feet."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +64,53 @@ class KernelOptions:
     iterations: int = 100
     ls_iterations: int = 50
     given_contacts: bool = False
-    """Contacts come from the caller, rather than from the collision routines of the kernel."""
+    """The caller gives contacts, beside those that the kernel finds."""
+
+    def in_registers(self, tables: ModelTables) -> bool:
+        """Whether matrices are factored in the registers of a warp, a row for each lane."""
+        return self.lanes == _WARP and tables.model.nv <= _WARP and not self.double
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Place of the state of a world: how much of it is in shared memory, and who shares a block."""
+
+    rows: int
+    """Constraint rows in the state; those beyond are in the world's spill memory."""
+    contacts: int
+    world_size: int
+    """Numbers of four bytes in the state."""
+    spill_size: int
+    """Numbers of the spill memory of a world."""
+    worlds_per_block: int
+    in_shared: bool
+    """Whether the state is in shared memory; otherwise it is in the workspace."""
+
+    @property
+    def workspace_size(self) -> int:
+        """Numbers of the workspace that a world needs, even so that a pointer can lie in it."""
+        size = self.spill_size + (0 if self.in_shared else self.world_size)
+        return size + size % 2
+
+    @classmethod
+    def of(cls, tables: ModelTables, options: KernelOptions) -> Layout:
+        """The most worlds in a multiprocessor that leave room for the rows and contacts that a robot mostly has."""
+        most = tables.max_rows, tables.max_contacts
+        if options.lanes == 1:
+            return cls(*most, tables.world_size(*most, False), 0, 1, False)
+        registers = options.in_registers(tables)
+        contacts = min(_TYPICAL_CONTACTS, tables.max_contacts)
+        for blocks in range(_SM_WORLDS // _BLOCK_WORLDS, 0, -1):
+            budget = min(_BLOCK_BYTES, _SM_BYTES // blocks - 1024) // _BLOCK_WORLDS // 4
+            rows = min(tables.max_rows, _TYPICAL_ROWS)
+            if tables.world_size(rows, contacts, registers) > budget:
+                continue
+            while rows < tables.max_rows and tables.world_size(rows + 1, contacts, registers) <= budget:
+                rows += 1
+            size = tables.world_size(rows, contacts, registers)
+            return cls(rows, contacts, size, tables.spill_size(rows, contacts), _BLOCK_WORLDS, True)
+        size = tables.world_size(*most, registers)
+        return cls(*most, size, 0, 1, False)
 
 
 @dataclass(frozen=True)
@@ -53,20 +118,21 @@ class StepKernel:
     """The compiled step of a model."""
 
     kernel: wp.Kernel
+    place: wp.Kernel
+    """Kernel that only places bodies and geoms, for collision detection by others."""
     arguments: type
     """Struct of the addresses that it takes; see :func:`step_kernel`."""
     options: KernelOptions
-    worlds_per_block: int
-    in_shared: bool
-    """Whether the state of a world is in shared memory; otherwise the caller gives a workspace."""
+    layout: Layout
 
-    def launch(self, arguments: object, num_worlds: int, device: str) -> None:
-        """Launch it for ``num_worlds`` worlds."""
-        lanes, per_block = self.options.lanes, self.worlds_per_block
+    def launch(self, arguments: object, num_worlds: int, device: str, steps: int = 1, place: bool = False) -> None:
+        """Launch ``steps`` time steps of ``num_worlds`` worlds, or only the placing of their geoms."""
+        lanes, per_block = self.options.lanes, self.layout.worlds_per_block
         blocks = -(-num_worlds // per_block)
         dim = num_worlds if lanes == 1 else blocks * per_block * lanes
         block = 256 if lanes == 1 else per_block * lanes
-        wp.launch(self.kernel, dim=dim, inputs=[arguments, num_worlds], device=device, block_dim=block)
+        kernel = self.place if place else self.kernel
+        wp.launch(kernel, dim=dim, inputs=[arguments, num_worlds, steps], device=device, block_dim=block)
 
 
 def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
@@ -75,94 +141,121 @@ def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
     Its argument is a struct. For each array of the state and of :data:`PARAMETERS` it has the address ``name`` (uint64)
     and the stride from one world to the next ``name_stride`` (in numbers; 0 for one that all worlds share).
     """
-    per_block = 1 if options.lanes == 1 else max(1, min(4, _SHARED_BYTES // max(1, tables.world_bytes(4))))
-    in_shared = options.lanes > 1 and tables.world_bytes(4) <= _SHARED_BYTES
-    text = _python_source(tables, options, per_block, in_shared)
-    module = _module(text)
-    return StepKernel(module.step_worlds, module.Arguments, options, per_block, in_shared)
+    layout = Layout.of(tables, options)
+    module = _module(_python_source(tables, options, layout))
+    return StepKernel(module.step_worlds, module.place_worlds, module.Arguments, options, layout)
 
 
-def _library(tables: ModelTables, options: KernelOptions) -> str:
+def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str:
     folder = Path(stripe_kernels.__file__).parent / "fused"
     sources = {name: (folder / name).read_text() for name in _SOURCES}
     exact = 1e-14 if options.double else 1e-6
     head = [
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
+        f"#define IN_REGISTERS {int(options.in_registers(tables))}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
     ]
-    parts = ["\n".join(head) + "\n", sources["algebra.h"], tables.source, *(sources[n] for n in _SOURCES[1:])]
+    constants = tables.source(layout.rows, layout.contacts)
+    parts = ["\n".join(head) + "\n", sources["algebra.h"], constants, _parameters_source()]
+    parts += [sources[n] for n in _SOURCES[1:]]
+    parts.append(f'static_assert(sizeof(fused::World) <= sizeof(real) * {layout.world_size}, "size of World");\n')
     return "".join(parts)
 
 
-def _python_source(tables: ModelTables, options: KernelOptions, per_block: int, in_shared: bool) -> str:
-    arrays = [*STATE, *PARAMETERS, "contacts"]
-    fields = [f"    {name}: wp.uint64\n    {name}_stride: int\n" for name in arrays]
-    fields += [f"    {name}: wp.uint64\n" for name in (*OUTPUTS, "contact_count", "workspace")]
+def _parameters_source() -> str:
+    """The parameters of a world, from the struct of the arguments.
+
+    Addresses are computed where they are used, from what a GPU has at hand as constants: all together they would fill
+    the registers.
+    """
+    kinds = dict.fromkeys(PARAMETERS, "const real*") | dict.fromkeys((*STATE, *BEFORE_LAST, *READ, "contacts"), "real*")
+    kinds |= dict.fromkeys(OUTPUTS, "int*") | {"qfrc_actuator": "real*"}
+    methods = [
+        f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"
+        for n, kind in kinds.items()
+    ]
+    body = [f"    const {_STRUCT}& m;", "    const int id;", *methods]
+    return "\n".join(["namespace fused {", "struct Parameters {", *body, "};", "}", ""])
+
+
+def _python_source(tables: ModelTables, options: KernelOptions, layout: Layout) -> str:
+    fields = [f"    {name}: wp.uint64\n    {name}_stride: int\n" for name in _ARRAYS]
+    fields += [f"    {name}: wp.uint64\n" for name in _ADDRESSES]
     # The body of a native function stands in braces: the first one closes them, and so makes room for a library.
-    library = f"}}\n{_library(tables, options)}\nstatic CUDA_CALLABLE inline void fused_library_end() {{\n"
+    library = f"}}\n{_library(tables, options, layout)}\nstatic CUDA_CALLABLE inline void fused_library_end() {{\n"
     bounds = ""
-    if in_shared:  # as many registers as leave room for all blocks whose worlds fit into the shared memory
-        threads = per_block * options.lanes
-        blocks = min(_SM_BYTES // (per_block * tables.world_bytes(4)), _SM_THREADS // threads)
-        bounds = f", launch_bounds=({threads}, {max(1, blocks)})"
+    if layout.in_shared:  # as many registers as leave room for all blocks whose worlds fit into the shared memory
+        threads = layout.worlds_per_block * options.lanes
+        blocks = _SM_BYTES // (4 * layout.worlds_per_block * layout.world_size + 1024)
+        bounds = f", launch_bounds=({threads}, {max(1, min(blocks, _SM_REGISTERS // (64 * threads)))})"
     return "\n".join(
         [
             "import warp as wp",
             "@wp.struct",
             "class Arguments:",
             *fields,
-            f"@wp.func_native({library!r})",
+            f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
-            f"@wp.func_native({_body(options, per_block, in_shared)!r})",
-            "def step_world(tid: int, m: Arguments, num_worlds: int): ...",
-            f"@wp.kernel(enable_backward=False{bounds})",
-            "def step_worlds(m: Arguments, num_worlds: int):",
-            "    library()",
-            "    step_world(wp.tid(), m, num_worlds)",
+            *_kernel("step", _steps(options), options, layout, bounds),
+            *_kernel("place", _PLACING, options, layout, bounds),
             "",
         ]
     )
 
 
-def _body(options: KernelOptions, per_block: int, in_shared: bool) -> str:
-    """Source that finds the world of a thread, takes its state in, steps it and writes its state out."""
-    lanes = options.lanes
+def _kernel(name: str, work: list[str], options: KernelOptions, layout: Layout, bounds: str) -> list[str]:
+    body = "\n".join(["", *_world(options, layout), *work, ""])
+    return [
+        f"@wp.func_native({body!r})",
+        f"def {name}_world(tid: int, m: Arguments, num_worlds: int, steps: int): ...",
+        f"@wp.kernel(enable_backward=False{bounds})",
+        f"def {name}_worlds(m: Arguments, num_worlds: int, steps: int):",
+        "    library()",
+        f"    {name}_world(wp.tid(), m, num_worlds, steps)",
+    ]
+
+
+def _world(options: KernelOptions, layout: Layout) -> list[str]:
+    """Source that finds the world of a thread, and the memory of its state."""
+    lanes, per_block = options.lanes, layout.worlds_per_block
     lines = [f"const int lane = tid % {lanes}, id = tid / {lanes};", "if (id >= num_worlds) return;"]
-    if in_shared:
-        lines += ["#ifdef __CUDA_ARCH__", f"__shared__ fused::World worlds[{per_block}];"]
+    memory = f"((real*)m.workspace + (long long)id * {layout.workspace_size})"
+    if layout.in_shared:
         lines += [
+            "#ifdef __CUDA_ARCH__",
+            f"__shared__ fused::World worlds[{per_block}];",
             f"fused::World& w = worlds[(threadIdx.x / {lanes}) % {per_block}];",
             "#else",
             "fused::World w;",
             "#endif",
+            f"if (lane == 0) w.spill = {memory};",
         ]
     elif lanes > 1:
-        lines.append("fused::World& w = ((fused::World*)m.workspace)[id];")
+        lines.append(f"fused::World& w = *(fused::World*){memory};")
     else:
         lines.append("fused::World w;")
-    of_world = "(real*)m.{0} + (long long)id * m.{0}_stride"
-    lines += [f"real *{n} = {of_world.format(n)};" for n in STATE]
-    parameters = ", ".join(of_world.format(n) for n in PARAMETERS)
-    contacts = of_world.format("contacts") if options.given_contacts else "(const real*)0"
-    count = "((int*)m.contact_count)[id]" if options.given_contacts else "0"
-    lines += [
-        f"const fused::Parameters P = {{{parameters}}};",
-        "EACH(i, NQ) w.q[i] = qpos[i];",
-        "EACH(i, NV) w.v[i] = qvel[i], w.a[i] = qacc_warmstart[i];",
-        "SYNC();",
-        "real* qfrc_actuator = m.qfrc_actuator ? (real*)m.qfrc_actuator + (long long)id * NV : (real*)0;",
-        "const fused::Results out = {(int*)m.nefc + id, (int*)m.solver_niter + id, (int*)m.overflow + id,",
-        "                            qfrc_actuator};",
-        f"fused::step(w, P, ctrl, qfrc_applied, xfrc_applied, {contacts}, {count}, out, lane);",
-        "EACH(i, NQ) qpos[i] = w.q[i];",
-        "EACH(i, NV) qvel[i] = w.v[i], qacc_warmstart[i] = w.a[i];",
+    return [*lines, "const fused::Parameters P{m, id};", "fused::begin_steps(w, P, lane);"]
+
+
+_PLACING = ["fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
+
+
+def _steps(options: KernelOptions) -> list[str]:
+    contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
+    return [
+        "for (int s = 0; s < steps; s++) {",
+        "    const bool last = s == steps - 1;",
+        "    if (last && m.qpos_before) fused::keep_state(w, P.qpos_before(), P.qvel_before(), lane);",
+        f"    fused::step(w, P, {contacts}, {count}, last, lane);",
+        "}",
+        "fused::keep_state(w, P.qpos(), P.qvel(), lane);",
+        "EACH(i, NV) P.qacc_warmstart()[i] = w.a[i];",
     ]
-    return "\n" + "\n".join(lines) + "\n"
 
 
 def _module(text: str) -> ModuleType:

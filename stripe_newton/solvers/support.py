@@ -8,20 +8,18 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from .model_tables import contact_pairs
-
 __all__ = ["why_unsupported"]
 
 _MAX_DOFS = 64
 _PHYSICS = (
-    "CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "CONTACT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
+    "CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
     "ACTUATION", "EULERDAMP",
 )  # fmt: skip
-"""Parts of the physics that an option of MuJoCo can disable."""
+"""Parts of the physics that an option of MuJoCo can disable; contacts may be disabled, too."""
 
 
 def why_unsupported(model: mujoco.MjModel) -> str:
-    """Reason why the fused step cannot compute a model; empty if it can."""
+    """Reason why the fused step cannot compute a model; empty if it can. Contacts are none: others can find them."""
     return next(_reasons(model), "")
 
 
@@ -43,20 +41,13 @@ def _reasons(model: mujoco.MjModel) -> Iterator[str]:
     if opt.noslip_iterations:
         yield "it has noslip iterations"
     for count, what in (
-        (model.nflex, "a flexible body"), (model.nplugin, "a plugin"), (model.nmocap, "a mocap body"),
+        (model.nflex, "a flexible body"), (model.nplugin, "a plugin"),
         (int(np.any(model.body_gravcomp)) and int(np.any(model.jnt_actgravcomp)), "gravity compensation by actuators"),
     ):  # fmt: skip
         if count:
             yield f"it has {what}"
     yield from _joint_reasons(model)
     yield from _actuator_reasons(model)
-    for pair in contact_pairs(model):
-        if not pair.kind:
-            types = [
-                mujoco.mjtGeom(model.geom_type[g]).name.removeprefix("mjGEOM_").lower()
-                for g in (pair.geom1, pair.geom2)
-            ]
-            yield f"a {types[0]} may touch a {types[1]}"
 
 
 def _joint_reasons(model: mujoco.MjModel) -> Iterator[str]:

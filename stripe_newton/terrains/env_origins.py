@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stripe_newton.scene.spiral_grid import spiral_grid
-
 from .ground import Ground
+from .spiral_grid import spiral_grid
 
 __all__ = ["grid_origins", "tile_of"]
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from pathlib import Path
 
 import mujoco
@@ -19,14 +20,35 @@ ROBOTS = {
 }
 """Package and path of each file."""
 
+MENAGERIE = {
+    "go2": "unitree_go2/go2.xml",
+    "anymal_c": "anybotics_anymal_c/anymal_c.xml",
+    "panda": "franka_emika_panda/panda.xml",
+    "allegro": "wonik_allegro/right_hand.xml",
+    "shadow_hand": "shadow_hand/right_hand.xml",
+}
+"""Path of each file in a checkout of MuJoCo Menagerie."""
+
 
 def robot_file(name: str) -> Path:
-    """A file of an installed package, which is not imported; the test is skipped where there is none."""
+    """A file of an installed package, which is not imported, or of Menagerie. Without it the test is skipped."""
+    if name in MENAGERIE:
+        return _menagerie_file(MENAGERIE[name])
     package, path = ROBOTS[name]
     spec = importlib.util.find_spec(package)
     if spec is None:
         pytest.skip(f"{package} is not installed: pip install {package} --no-deps")
     return Path(spec.origin).parent / path
+
+
+def _menagerie_file(path: str) -> Path:
+    root = os.environ.get("MENAGERIE_ROOT")
+    if root is None:
+        pytest.skip("set MENAGERIE_ROOT to a checkout of github.com/google-deepmind/mujoco_menagerie")
+    found = Path(root) / path
+    if not found.is_file():
+        pytest.skip(f"MENAGERIE_ROOT has no file '{path}'")
+    return found
 
 
 def plain_model(path: Path) -> mujoco.MjModel:

@@ -11,7 +11,6 @@ from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import Articulation, ArticulationCfg, AssetBaseCfg, RigidObject, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
-from stripe_newton.scene.spiral_grid import spiral_grid
 from stripe_newton.sim import (
     CollisionPropertiesCfg,
     CuboidCfg,
@@ -27,6 +26,7 @@ from stripe_newton.sim import (
     SphereCfg,
     spawn_ground_plane,
 )
+from stripe_newton.terrains.spiral_grid import spiral_grid
 from stripe_tasks.cart_double_pole import CartDoublePoleEnvCfg
 from stripe_tasks.cartpole import CartpoleEnvCfg
 from stripe_tasks.locomotion import AntEnvCfg, HumanoidEnvCfg

@@ -8,6 +8,7 @@ import mujoco_warp
 import newton
 import numpy as np
 import pytest
+import warp as wp
 
 from stripe_newton.solvers import SolverFused, why_unsupported
 from tests.helpers.fused_step import compare
@@ -90,7 +91,6 @@ def test_a_step_in_single_precision(name):
 @pytest.mark.parametrize(
     ("bodies", "option", "rest", "reason"),
     [
-        (TREE, "", "", "a capsule may touch a box"),
         (primitives(), 'integrator="RK4"', "", "its integrator is mjINT_RK4"),
         (primitives(), 'solver="CG"', "", "its solver is mjSOL_CG"),
         (primitives(), 'density="1.2"', "", "it has a medium"),
@@ -125,7 +125,13 @@ def test_a_step_of_a_robot_of_others(name):
 def chain(num_worlds: int) -> newton.Model:
     """Worlds with a chain of four spheres above a plane."""
     link = "<body pos='.4 0 0'><joint axis='0 1 0' damping='.1'/><geom type='sphere' size='.1'/>"
-    bodies = "<body pos='0 0 .4'><freejoint/><geom type='sphere' size='.1'/>" + 3 * link + "</body>" * 4
+    return replicated(
+        "<body pos='0 0 .4'><freejoint/><geom type='sphere' size='.1'/>" + 3 * link + "</body>" * 4, num_worlds
+    )
+
+
+def replicated(bodies: str, num_worlds: int) -> newton.Model:
+    """Worlds with bodies above a plane."""
     one = newton.ModelBuilder()
     SolverFused.register_custom_attributes(one)
     one.rigid_gap = 0.0
@@ -164,6 +170,61 @@ def test_a_newton_solver_with_the_states_of_mujoco_warp():
         assert solver.mjw_data.nefc.numpy().min() > 3  # friction losses and contacts
         states.append(np.concatenate([state.joint_q.numpy(), state.joint_qd.numpy(), state.body_q.numpy().ravel()]))
     np.testing.assert_allclose(states[1], states[0], atol=2e-4)
+
+
+def boxes_and_balls(num_worlds: int) -> newton.Model:
+    """Worlds with boxes that lie on each other, whose contacts MuJoCo Warp finds, and a ball on the ground."""
+    place = "<body pos='{} 0 {}'><freejoint/><geom type='{}' size='.1 .1 .1'/></body>"
+    shapes = (0.0, 0.099, "box"), (0.03, 0.297, "box"), (0.4, 0.2, "sphere")
+    return replicated("".join(place.format(*shape) for shape in shapes), num_worlds)
+
+
+def test_contacts_that_the_kernel_does_not_find_are_those_of_mujoco_warp():
+    model, states, forces = boxes_and_balls(2), [], []
+    for kind in (newton.solvers.SolverMuJoCo, SolverFused):
+        solver = kind(model, **ROOM)
+        contacts = newton.Contacts(solver.get_max_contact_count(), 0, device="cpu")
+        observables = solver.observables({solver.ObservableKind.CONTACT_F}, contacts=contacts)
+        state = model.state()
+        for _ in range(60):
+            solver.step(state, state, model.control(), contacts, 0.004, observables=observables)
+        states.append(state.body_q.numpy())
+        count = int(contacts.rigid_contact_count.numpy()[0])
+        shapes = contacts.rigid_contact_shape0.numpy()[:count], contacts.rigid_contact_shape1.numpy()[:count]
+        forces.append(force_on_shapes(shapes, observables.contact_f.numpy()[:count, 2], model.shape_count))
+    assert solver.describe() == "the fused step, with MuJoCo Warp's collision detection for box and box"
+    np.testing.assert_allclose(states[1], states[0], atol=1e-4)
+    assert np.abs(forces[0]).max() > 9.81 * 8.0  # two boxes on the ground
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-3, atol=0.1)
+
+
+def force_on_shapes(shapes: tuple[np.ndarray, np.ndarray], upward: np.ndarray, count: int) -> np.ndarray:
+    """Sums of contact forces on the first shapes of contacts, and of those against them on the second ones."""
+    total = np.zeros(count)
+    touching = shapes[0] >= 0
+    np.add.at(total, shapes[0][touching], upward[touching])
+    np.add.at(total, shapes[1][touching], -upward[touching])
+    return total
+
+
+def test_several_steps_at_once_are_as_many_steps():
+    """With the state before the last of them."""
+    model = chain(2)
+    solvers = [SolverFused(model, **ROOM) for _ in range(2)]
+    states = [model.state() for _ in solvers]
+    before = [wp.zeros_like(states[0].joint_q), wp.zeros_like(states[0].joint_qd)]
+    solvers[1].keep_state_before_last()
+    for _ in range(30):
+        for step in range(4):
+            if step == 3:
+                expected = states[0].joint_q.numpy().copy(), states[0].joint_qd.numpy().copy()
+            solvers[0].step(states[0], states[0], model.control(), None, 0.004)
+        solvers[1].step_many(states[1], states[1], model.control(), 0.004, 4)
+        solvers[1].write_state_before_last(*before)
+        for array, value in zip(before, expected, strict=True):
+            np.testing.assert_allclose(array.numpy(), value, atol=1e-5)
+    # Newton's conversion of the free joint between the single steps rounds.
+    np.testing.assert_allclose(states[1].joint_q.numpy(), states[0].joint_q.numpy(), atol=1e-4)
 
 
 @pytest.mark.parametrize(("room", "bit"), [({"njmax": 5}, "NEFC"), ({"nconmax": 2}, "NARROWPHASE")])

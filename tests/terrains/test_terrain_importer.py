@@ -10,7 +10,6 @@ import torch
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.scene.spiral_grid import spiral_grid
 from stripe_newton.sim import GroundPlaneCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg, Simulation, SimulationCfg
 from stripe_newton.terrains import (
     MeshPyramidStairsTerrainCfg,
@@ -18,6 +17,7 @@ from stripe_newton.terrains import (
     TerrainImporter,
     TerrainImporterCfg,
 )
+from stripe_newton.terrains.spiral_grid import spiral_grid
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from tests.helpers.terrain_world import TINY, YardCfg, yard
 

@@ -4,8 +4,7 @@
 #ifdef FUSED_DOUBLE
 typedef double real;
 #define SQRT sqrt
-#define SIN sin
-#define COS cos
+#define SINCOS(x, s, c) s = sin(x), c = cos(x)
 #define POW pow
 #define FABS fabs
 #define ATAN2 atan2
@@ -13,8 +12,11 @@ typedef double real;
 #else
 typedef float real;
 #define SQRT sqrtf
-#define SIN sinf
-#define COS cosf
+#ifdef __CUDA_ARCH__
+#define SINCOS(x, s, c) sincosf(x, &s, &c)
+#else
+#define SINCOS(x, s, c) s = sinf(x), c = cosf(x)
+#endif
 #define POW powf
 #define FABS fabsf
 #define ATAN2 atan2f
@@ -23,9 +25,13 @@ typedef float real;
 
 #ifdef __CUDA_ARCH__
 #define FN static __device__ inline
-#define TABLE static __device__ __constant__
+#define FN_METHOD __device__
+#define COLD static __device__ __noinline__  // seldom run: out of the way of what is
+#define TABLE static __device__ const  // lanes read different elements, which constant memory would serve one by one
 #else
 #define FN static inline
+#define FN_METHOD
+#define COLD static
 #define TABLE static const
 #endif
 
@@ -88,8 +94,13 @@ FN Quat normalized(Quat q) {
     return Quat{s * q.w, s * q.x, s * q.y, s * q.z};
 }
 FN Quat turn(Vec axis, real angle) {
-    real s = SIN((real)0.5 * angle);
-    return Quat{COS((real)0.5 * angle), s * axis.x, s * axis.y, s * axis.z};
+    real s, c;
+    SINCOS((real)0.5 * angle, s, c);
+    return Quat{c, s * axis.x, s * axis.y, s * axis.z};
+}
+FN Vec rotate(Quat q, Vec v) {
+    Vec u{q.x, q.y, q.z}, t = 2 * cross(u, v);
+    return v + q.w * t + cross(u, t);
 }
 // Rotation by the vector `w` [rad]: its direction is the axis, its length the angle.
 FN Quat turn_by(Vec w) {

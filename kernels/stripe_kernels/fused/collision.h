@@ -1,238 +1,159 @@
 // SPDX-License-Identifier: Apache-2.0
-// Collision: contacts of planes, spheres, capsules, boxes and cylinders, of the pairs that the model lets collide. Each
-// routine finds what MuJoCo's of the same name finds (engine_collision_primitive.c of MuJoCo), in the same order.
-//
-// Positions are relative to the origin of the tree of the second body, so that they are exact far from the world's origin.
+// Collision: the contacts of the pairs that the model lets collide, with their frames and parameters.
 
 namespace fused {
 
-struct Geom {
-    Vec pos;
-    Mat axes;
-    Vec size;
-};
-
-struct Hit {
-    real dist;
-    Vec pos, normal, along;  // `along` is the wanted direction of the first tangent, zero for any
-};
-
-// Hits of one pair; pairs have at most four.
-struct Hits {
-    Hit hit[4];
-    int count;
-};
-
-FN void add(Hits& hits, real dist, Vec pos, Vec normal, Vec along) {
-    Hit& h = hits.hit[hits.count++];
-    h.dist = dist, h.pos = pos, h.normal = normal, h.along = along;
-}
-
-FN void plane_sphere(Hits& hits, real margin, const Geom& plane, Vec center, real radius, Vec along) {
-    Vec n = column(plane.axes, 2);
-    real dist = dot(center - plane.pos, n) - radius;
-    if (dist <= margin) add(hits, dist, center - ((real)0.5 * dist + radius) * n, n, along);
-}
-
-FN void plane_capsule(Hits& hits, real margin, const Geom& plane, const Geom& capsule) {
-    Vec axis = column(capsule.axes, 2), end = capsule.size.y * axis;
-    plane_sphere(hits, margin, plane, capsule.pos + end, capsule.size.x, axis);
-    plane_sphere(hits, margin, plane, capsule.pos - end, capsule.size.x, axis);
-}
-
-FN void plane_box(Hits& hits, real margin, const Geom& plane, const Geom& box) {
-    Vec n = column(plane.axes, 2);
-    real dist = dot(box.pos - plane.pos, n);
-    for (int i = 0; i < 8 && hits.count < 4; i++) {
-        Vec corner = box.axes * Vec{i & 1 ? box.size.x : -box.size.x, i & 2 ? box.size.y : -box.size.y,
-                                    i & 4 ? box.size.z : -box.size.z};
-        real below = dot(n, corner);
-        if (dist + below > margin || below > 0) continue;
-        add(hits, dist + below, box.pos + corner - ((real)0.5 * (dist + below)) * n, n, Vec{0, 0, 0});
-    }
-}
-
-FN void plane_cylinder(Hits& hits, real margin, const Geom& plane, const Geom& cylinder) {
-    Vec n = column(plane.axes, 2), axis = column(cylinder.axes, 2), none{0, 0, 0};
-    real radius = cylinder.size.x, slope = dot(n, axis);
-    if (slope > 0) axis = -1 * axis, slope = -slope;
-    real dist = dot(cylinder.pos - plane.pos, n);
-    Vec down = slope * axis - n;  // towards the plane, in the plane of a cap
-    real square = dot(down, down);
-    down = square >= (real)1e-24 ? (radius / SQRT(square)) * down : radius * column(cylinder.axes, 0);
-    real deep = dot(down, n);
-    axis = cylinder.size.y * axis, slope *= cylinder.size.y;
-    real d = dist + slope + deep;
-    if (d > margin) return;
-    add(hits, d, cylinder.pos + down + axis - ((real)0.5 * d) * n, n, none);
-    d = dist - slope + deep;
-    if (d <= margin) add(hits, d, cylinder.pos + down - axis - ((real)0.5 * d) * n, n, none);
-    d = dist + slope - (real)0.5 * deep;
-    if (d <= margin) {  // with the first point a triangle on the lower cap
-        Vec aside = cross(down, axis);
-        aside = (radius * (real)0.86602540378443864676 / SQRT(dot(aside, aside))) * aside;
-        for (int i = 0; i < 2; i++)
-            add(hits, d, cylinder.pos + (i ? -1 : 1) * aside + axis - (real)0.5 * down - ((real)0.5 * d) * n, n, none);
-    }
-}
-
-FN void sphere_sphere(Hits& hits, real margin, Vec a, real radius_a, Vec b, real radius_b, Vec otherwise) {
-    Vec d = b - a;
-    real square = dot(d, d), reach = margin + radius_a + radius_b;
-    if (square > reach * reach) return;
-    real length = SQRT(square), dist = length - radius_a - radius_b;
-    Vec n = length < (real)1e-15 ? otherwise : (1 / length) * d;
-    add(hits, dist, a + (radius_a + (real)0.5 * dist) * n, n, Vec{0, 0, 0});
-}
-
-// The normal of spheres whose centres coincide is across both geoms' axes.
-FN Vec across(const Geom& a, const Geom& b) {
-    Vec n = cross(column(a.axes, 2), column(b.axes, 2));
-    real length = SQRT(dot(n, n));
-    return length < (real)1e-15 ? Vec{1, 0, 0} : (1 / length) * n;
-}
-
-FN void sphere_capsule(Hits& hits, real margin, const Geom& sphere, const Geom& capsule) {
-    Vec axis = column(capsule.axes, 2);
-    real x = clamped(dot(axis, sphere.pos - capsule.pos), -capsule.size.y, capsule.size.y);
-    Vec n = across(sphere, capsule);
-    sphere_sphere(hits, margin, sphere.pos, sphere.size.x, capsule.pos + x * axis, capsule.size.x, n);
-}
-
-FN void capsule_capsule(Hits& hits, real margin, const Geom& a, const Geom& b) {
-    Vec p = a.size.y * column(a.axes, 2), q = b.size.y * column(b.axes, 2), d = a.pos - b.pos, n = across(a, b);
-    real pp = dot(p, p), pq = -dot(p, q), qq = dot(q, q), u = -dot(p, d), v = dot(q, d), det = pp * qq - pq * pq;
-    if (FABS(det) >= PARALLEL) {
-        real x = (qq * u - pq * v) / det, y = (pp * v - pq * u) / det;
-        if (x > 1) x = 1, y = (v - pq) / qq;
-        else if (x < -1) x = -1, y = (v + pq) / qq;
-        if (y > 1) y = 1, x = clamped((u - pq) / pp, -1, 1);
-        else if (y < -1) y = -1, x = clamped((u + pq) / pp, -1, 1);
-        sphere_sphere(hits, margin, a.pos + x * p, a.size.x, b.pos + y * q, b.size.x, n);
-        return;
-    }
-    // Parallel: the ends of each against the other, until there are two contacts.
-    for (int i = 0; i < 4 && hits.count < 2; i++) {
-        real end = i & 1 ? -1 : 1, x = end, y = end;
-        if (i < 2) y = clamped((v - end * pq) / qq, -1, 1);
-        else x = clamped((u - end * pq) / pp, -1, 1);
-        sphere_sphere(hits, margin, a.pos + x * p, a.size.x, b.pos + y * q, b.size.x, n);
-    }
-}
-
-FN void sphere_box(Hits& hits, real margin, const Geom& sphere, const Geom& box) {
-    Vec d = sphere.pos - box.pos;
-    real c[3] = {dot(column(box.axes, 0), d), dot(column(box.axes, 1), d), dot(column(box.axes, 2), d)};
-    real size[3] = {box.size.x, box.size.y, box.size.z}, near[3], square = 0, radius = sphere.size.x;
-    for (int i = 0; i < 3; i++) near[i] = clamped(c[i], -size[i], size[i]), square += (c[i] - near[i]) * (c[i] - near[i]);
-    real dist = SQRT(square);
-    if (dist - radius > margin) return;
-    Vec n, pos;
-    if (dist <= (real)1e-15) {  // the centre is inside: out through the nearest face
-        real least = 2 * (size[0] + size[1] + size[2]);
-        int face = 0;
-        for (int i = 0; i < 6; i++) {
-            real depth = FABS((i % 2 ? 1 : -1) * size[i / 2] - c[i / 2]);
-            if (least > depth) least = depth, face = i;
-        }
-        real sign = face % 2 ? -1 : 1;
-        n = sign * column(box.axes, face / 2);
-        pos = sphere.pos + ((real)0.5 * (radius - least)) * n;
-        dist = -least;
-    } else {
-        real s = 1 / dist, in[3] = {s * (near[0] - c[0]), s * (near[1] - c[1]), s * (near[2] - c[2])};
-        n = box.axes * Vec{in[0], in[1], in[2]};
-        pos = sphere.pos + ((real)0.5 * (radius + dist)) * n;
-    }
-    add(hits, dist - radius, pos, n, Vec{0, 0, 0});
-}
-
-FN Geom geom_at(const World& w, const Parameters& P, int g, Vec origin) {
+// Place of a geom relative to the origin of its tree; of one of the world where MuJoCo's data has it, as it may have been moved.
+FN Geom geom_of(const World& w, const Parameters& P, int g) {
     int b = geom_body[g];
+    if (b == 0) return Geom{load(P.geom_xpos() + 3 * g), load_matrix(P.geom_xmat() + 9 * g), load(P.geom_size() + 3 * g)};
     Quat turn_b = load_quat(w.quat + 4 * b);
-    Geom o;
-    o.axes = matrix(turn_b * load_quat(P.geom_quat + 4 * g));
-    o.pos = load(w.pos + 3 * b) + matrix(turn_b) * load(P.geom_pos + 3 * g) + (load(w.origin + 3 * b) - origin);
-    o.size = load(P.geom_size + 3 * g);
-    return o;
+    return Geom{load(w.pos + 3 * b) + rotate(turn_b, load(P.geom_pos() + 3 * g)),
+                matrix(turn_b * load_quat(P.geom_quat() + 4 * g)), load(P.geom_size() + 3 * g)};
+}
+
+FN void place_geoms(World& w, const Parameters& P, int lane) {
+    EACH(i, NGEOMS) {
+        Geom o = geom_of(w, P, used_geom[i]);
+        store(w.geoms + 12 * i, o.pos), store_matrix(w.geoms + 12 * i + 3, o.axes);
+    }
+    SYNC();
+}
+
+#if HAS_FIELDS
+FN Field field_of(const Parameters& P, int g) {
+    int f = geom_field[g];
+    const real* size = (const real*)P.m.field_size + 4 * f;
+    return Field{(const float*)P.m.field_heights + field_start[f], field_rows[f], field_cols[f], size[0], size[1], size[2]};
+}
+#endif
+
+// A geom of a pair, relative to `origin`.
+FN Geom geom_at(const World& w, const Parameters& P, int index, Vec origin) {
+    int g = used_geom[index];
+    const real* o = w.geoms + 12 * index;
+    Geom at = GEOMS_PLACED ? Geom{load(o), load_matrix(o + 3), load(P.geom_size() + 3 * g)} : geom_of(w, P, g);
+    at.pos = at.pos + (origin_of(w, geom_body[g]) - origin);
+    return at;
 }
 
 // Margin of a pair. `pair` has two geoms, the dimension of contacts, the rule of their parameters, and the pair of the model.
 FN real margin_of(const Parameters& P, const int* pair) {
-    return pair[3] == OF_PAIR ? P.pair_margin[pair[4]] : P.geom_margin[pair[0]] + P.geom_margin[pair[1]];
+    return pair[3] == OF_PAIR ? P.pair_margin()[pair[4]] : P.geom_margin()[pair[0]] + P.geom_margin()[pair[1]];
 }
+
+struct Material {
+    real solref[2], solreffriction[2], solimp[5];
+};
 
 // Solver parameters and friction of a contact: those of the pair, of the geom of higher priority, or of both geoms mixed.
 // Source: MuJoCo's documentation, chapter "Computation", section "Contact", as mj_contactParam has it.
-FN void mix(real* C, const Parameters& P, const int* pair) {
+FN void mix(Material& m, real* friction, const Parameters& P, const int* pair) {
     int g1 = pair[0], g2 = pair[1], rule = pair[3];
-    real *ref = C + C_SOLREF, *imp = C + C_SOLIMP, *friction = C + C_FRICTION;
     if (rule == OF_PAIR) {
-        for (int i = 0; i < 2; i++) ref[i] = P.pair_solref[2 * pair[4] + i];
-        for (int i = 0; i < 5; i++) imp[i] = P.pair_solimp[5 * pair[4] + i];
-        for (int i = 0; i < 5; i++) friction[i] = larger(P.pair_friction[5 * pair[4] + i], (real)1e-5);
+        for (int i = 0; i < 2; i++) m.solref[i] = P.pair_solref()[2 * pair[4] + i];
+        for (int i = 0; i < 2; i++) m.solreffriction[i] = P.pair_solreffriction()[2 * pair[4] + i];
+        for (int i = 0; i < 5; i++) m.solimp[i] = P.pair_solimp()[5 * pair[4] + i];
+        for (int i = 0; i < 5; i++) friction[i] = larger(P.pair_friction()[5 * pair[4] + i], (real)1e-5);
         return;
     }
-    real a = P.geom_solmix[g1], b = P.geom_solmix[g2], share = (real)0.5;  // of the first geom
+    real a = P.geom_solmix()[g1], b = P.geom_solmix()[g2], share = (real)0.5;  // of the first geom
     if (rule == OF_FIRST) share = 1;
     else if (rule == OF_SECOND) share = 0;
     else if (a >= (real)1e-15 && b >= (real)1e-15) share = a / (a + b);
     else if (a >= (real)1e-15 || b >= (real)1e-15) share = a > b ? 1 : 0;
-    const real *ref1 = P.geom_solref + 2 * g1, *ref2 = P.geom_solref + 2 * g2;
+    const real *ref1 = P.geom_solref() + 2 * g1, *ref2 = P.geom_solref() + 2 * g2;
     bool least = rule == OF_BOTH && !(ref1[0] > 0 && ref2[0] > 0);  // stiffness and damping are given directly
-    for (int i = 0; i < 2; i++) ref[i] = least ? smaller(ref1[i], ref2[i]) : share * ref1[i] + (1 - share) * ref2[i];
+    for (int i = 0; i < 2; i++) {
+        m.solref[i] = least ? smaller(ref1[i], ref2[i]) : share * ref1[i] + (1 - share) * ref2[i];
+        m.solreffriction[i] = 0;
+    }
     for (int i = 0; i < 5; i++)
-        imp[i] = share * P.geom_solimp[5 * g1 + i] + (1 - share) * P.geom_solimp[5 * g2 + i];
+        m.solimp[i] = share * P.geom_solimp()[5 * g1 + i] + (1 - share) * P.geom_solimp()[5 * g2 + i];
     for (int i = 0; i < 5; i++) {
         int j = i < 2 ? 0 : (i + 1) / 2;  // sliding twice, torsional once, rolling twice
-        real f1 = P.geom_friction[3 * g1 + j], f2 = P.geom_friction[3 * g2 + j];
+        real f1 = P.geom_friction()[3 * g1 + j], f2 = P.geom_friction()[3 * g2 + j];
         friction[i] = larger(rule == OF_FIRST ? f1 : rule == OF_SECOND ? f2 : larger(f1, f2), (real)1e-5);
     }
 }
 
-// A contact of a pair with its frame and parameters. Source of the frame: mju_makeFrame.
-FN void write_contact(World& w, const Parameters& P, int k, const int* pair, const Hit& hit) {
-    real* C = w.contacts + k * CONTACT_SIZE;
-    Vec n = hit.normal, t = hit.along;
-    if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
-    t = t - dot(n, t) * n;
-    t = (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t;
-    C[C_DIST] = hit.dist;
-    store(C + C_POS, hit.pos), store(C + C_FRAME, n), store(C + C_FRAME + 3, t), store(C + C_FRAME + 6, cross(n, t));
-    mix(C, P, pair);
-    for (int i = 0; i < 2; i++)
-        C[C_SOLREF_FRICTION + i] = pair[3] == OF_PAIR ? P.pair_solreffriction[2 * pair[4] + i] : 0;
-    C[C_MARGIN] = margin_of(P, pair);
-    C[C_DIM] = pair[2];
-    C[C_BODY] = geom_body[pair[0]], C[C_BODY + 1] = geom_body[pair[1]];
+// Frame, friction and the coefficients of the rows of all contacts, of which those of `given` come last. Source of the frame:
+// mju_makeFrame.
+FN void complete_contacts(World& w, const Parameters& P, const real* given, int count, int lane) {
+    EACH(c, count) {
+        real *C = contact(w, c), *friction = C + C_FRICTION;
+        Material m;
+        real pos;
+        if (C[C_PAIR] < 0) {
+            const real* G = given + GIVEN_SIZE * (-1 - (int)C[C_PAIR]);
+            int b1 = geom_body[(int)G[G_GEOM]], b2 = geom_body[(int)G[G_GEOM + 1]];
+            store(C + C_POS, load(G + G_POS) - origin_of(w, b1, b2));
+            store(C + C_NORMAL, load(G + G_FRAME)), store(C + C_TANGENT, load(G + G_FRAME + 3));
+            for (int i = 0; i < 2; i++)
+                m.solref[i] = G[G_SOLREF + i], m.solreffriction[i] = G[G_SOLREF_FRICTION + i];
+            for (int i = 0; i < 5; i++) m.solimp[i] = G[G_SOLIMP + i], friction[i] = G[G_FRICTION + i];
+            C[C_DIST] = G[G_DIST], C[C_DIM] = G[G_DIM], C[C_BODY] = b1, C[C_BODY + 1] = b2;
+            pos = G[G_DIST] - G[G_MARGIN];
+        } else {
+            const int* pair = contact_pair + 5 * (int)C[C_PAIR];
+            Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
+            if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
+            t = t - dot(n, t) * n;
+            store(C + C_TANGENT, (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t);
+            mix(m, friction, P, pair);
+            C[C_DIM] = pair[2], C[C_BODY] = geom_body[pair[0]], C[C_BODY + 1] = geom_body[pair[1]];
+            pos = C[C_DIST] - margin_of(P, pair);
+        }
+        Impedance z = impedance(P, m.solref, m.solimp, pos);
+        int dim = (int)C[C_DIM];
+        real weight = P.weight()[2 * (int)C[C_BODY]] + P.weight()[2 * (int)C[C_BODY + 1]];
+        if (dim > 1 && !ELLIPTIC_CONES) weight += friction[0] * friction[0] * weight;
+        C[C_DAMPING] = C[C_DAMPING + 1] = z.b, C[C_STIFFNESS] = z.k * z.imp * pos;
+        C[C_R] = regularization(z.imp, weight), C[C_MU] = friction[0] * SQRT(1 / (real)IMPRATIO);
+        if (ELLIPTIC_CONES && (m.solreffriction[0] != 0 || m.solreffriction[1] != 0))
+            C[C_DAMPING + 1] = impedance(P, m.solreffriction, m.solimp, pos).b;
+    }
+    SYNC();
 }
 
 // Contacts of all pairs, in the order of the pairs. Returns their number, which may exceed the room for them.
 FN int collide(World& w, const Parameters& P, int lane) {
     int count = 0;
+    if (GEOMS_PLACED) place_geoms(w, P, lane);
     for (int first = 0; first < NCONTACT_PAIRS; first += LANES) {
-        const int* pair = contact_pair + 5 * (first + lane);
+        int p = first + lane;
         Hits hits;
         hits.count = 0;
-        if (first + lane < NCONTACT_PAIRS) {
-            Vec origin = load(w.origin + 3 * geom_body[pair[1]]);
-            Geom a = geom_at(w, P, pair[0], origin), b = geom_at(w, P, pair[1], origin);
+        if (p < NCONTACT_PAIRS) {
+            const int* pair = contact_pair + 5 * p;
+            Vec origin = origin_of(w, geom_body[pair[0]], geom_body[pair[1]]);
+            Geom a = geom_at(w, P, contact_geoms[2 * p], origin), b = geom_at(w, P, contact_geoms[2 * p + 1], origin);
             real margin = margin_of(P, pair);
-            switch (contact_kind[first + lane]) {
-                case PLANE_SPHERE: plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
-                case PLANE_CAPSULE: plane_capsule(hits, margin, a, b); break;
-                case PLANE_BOX: plane_box(hits, margin, a, b); break;
-                case PLANE_CYLINDER: plane_cylinder(hits, margin, a, b); break;
-                case SPHERE_SPHERE: sphere_sphere(hits, margin, a.pos, a.size.x, b.pos, b.size.x, across(a, b)); break;
-                case SPHERE_CAPSULE: sphere_capsule(hits, margin, a, b); break;
-                case SPHERE_BOX: sphere_box(hits, margin, a, b); break;
-                case CAPSULE_CAPSULE: capsule_capsule(hits, margin, a, b); break;
+            switch (contact_kind[p]) {
+                case PLANE_SPHERE: if (!HAS_PLANE_SPHERE) break; plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
+                case PLANE_CAPSULE: if (!HAS_PLANE_CAPSULE) break; plane_capsule(hits, margin, a, b); break;
+                case PLANE_BOX: if (!HAS_PLANE_BOX) break; plane_box(hits, margin, a, b); break;
+                case PLANE_CYLINDER: if (!HAS_PLANE_CYLINDER) break; plane_cylinder(hits, margin, a, b); break;
+                case SPHERE_SPHERE: if (!HAS_SPHERE_SPHERE) break; sphere_sphere(hits, margin, a.pos, a.size.x, b.pos, b.size.x, across(a, b)); break;
+                case SPHERE_CAPSULE: if (!HAS_SPHERE_CAPSULE) break; sphere_capsule(hits, margin, a, b); break;
+                case SPHERE_BOX: if (!HAS_SPHERE_BOX) break; sphere_box(hits, margin, a, b); break;
+                case CAPSULE_CAPSULE: if (!HAS_CAPSULE_CAPSULE) break; capsule_capsule(hits, margin, a, b); break;
+#if HAS_FIELDS
+                case FIELD_SPHERE: field_sphere(hits, margin, field_of(P, pair[0]), a, b); break;
+                case FIELD_CAPSULE: field_capsule(hits, margin, field_of(P, pair[0]), a, b); break;
+                case FIELD_BOX: field_box(hits, margin, field_of(P, pair[0]), a, b); break;
+#endif
             }
         }
         int before = 0, all = hits.count;
         BEFORE(hits.count, before, all);
-        for (int i = 0; i < hits.count; i++)
-            if (count + before + i < MAX_CONTACTS) write_contact(w, P, count + before + i, pair, hits.hit[i]);
+        for (int i = 0; i < hits.count; i++) {
+            if (count + before + i >= MAX_CONTACTS) break;
+            real* C = contact(w, count + before + i);
+            const Hit& hit = hits.hit[i];
+            store(C + C_POS, hit.pos), store(C + C_NORMAL, hit.normal), store(C + C_TANGENT, hit.along);
+            C[C_DIST] = hit.dist, C[C_PAIR] = p;
+        }
         count += all;
     }
     SYNC();

@@ -4,23 +4,6 @@
 
 namespace fused {
 
-enum RowKind { EQUALITY, FRICTION_LOSS, INEQUALITY, ELLIPTIC };  // an elliptic contact has several rows, the first is its normal
-
-// A contact as collision detection finds it: CONTACT_SIZE numbers.
-enum ContactField {
-    C_DIST = 0,       // distance, negative inside [m]
-    C_POS = 1,        // point, relative to the origin of the second body's tree [m]
-    C_FRAME = 4,      // normal from the first to the second geom, and two tangents
-    C_FRICTION = 13,  // two tangential, one torsional, two rolling coefficients
-    C_SOLREF = 18,
-    C_SOLREF_FRICTION = 20,
-    C_SOLIMP = 22,
-    C_MARGIN = 27,    // distance below which it is active [m]
-    C_DIM = 28,
-    C_BODY = 29,      // two bodies
-    CONTACT_SIZE = 31,
-};
-
 struct Impedance {
     real k, b, imp;  // stiffness, damping and impedance of a row
 };
@@ -38,7 +21,7 @@ FN Impedance impedance(const Parameters& P, const real* solref, const real* soli
     Impedance r;
     r.imp = dmin == dmax || solimp[2] <= (real)1e-15 ? (real)0.5 * (dmin + dmax) : dmin + y * (dmax - dmin);
     if (solref[0] > 0) {
-        real time = REFSAFE ? larger(solref[0], 2 * P.timestep[0]) : solref[0], ratio = solref[1];
+        real time = REFSAFE ? larger(solref[0], 2 * P.timestep()[0]) : solref[0], ratio = solref[1];
         r.k = 1 / larger((real)1e-15, dmax * dmax * time * time * ratio * ratio);
         r.b = 2 / larger((real)1e-15, dmax * time);
     } else
@@ -48,36 +31,46 @@ FN Impedance impedance(const Parameters& P, const real* solref, const real* soli
 
 FN real regularization(real imp, real weight) { return larger((real)1e-15, (1 - imp) / imp * weight); }
 
-// Complete row r, whose Jacobian is there: D = 1/R, and e = J a - reference acceleration.
-FN void complete_row(World& w, int r, RowKind kind, real D, const Impedance& z, real pos, real loss) {
-    const real* J = w.J + r * LD;
-    real speed = 0, x = 0;
-    for (int k = 0; k < NV; k++) speed += J[k] * w.v[k], x += J[k] * w.a[k];
-    w.D[r] = D, w.kind[r] = kind, w.loss[r] = loss;
-    w.e[r] = x + z.b * speed + z.k * z.imp * pos;
+// What a row needs beside its Jacobian, for `complete_rows`.
+FN void set_row(real* o, RowKind kind, real D, real damping, real stiffness, real loss) {
+    o[R_D] = D, o[R_KIND] = kind, o[R_LOSS] = loss, o[R_JS] = damping, o[R_E] = stiffness;
+}
+
+// e = J a - reference acceleration of all rows.
+template <bool FITS>
+FN void complete_rows(World& w, int rows, int lane) {
+    EACH(r, rows) {
+        real* o = row_of<FITS>(w, r);
+        real speed = 0, x = 0;
+        for (int k = 0; k < NV; k++) speed += o[k] * w.v[k], x += o[k] * w.a[k];
+        o[R_E] += x + o[R_JS] * speed;
+    }
+    SYNC();
 }
 
 // Row of a joint coordinate: J = sign at one degree of freedom.
-FN void joint_row(World& w, int r, int dof, real sign) {
-    for (int k = 0; k < NV; k++) w.J[r * LD + k] = 0;
-    w.J[r * LD + dof] = sign;
+FN real* joint_row(World& w, int r, int dof, real sign) {
+    real* o = row(w, r);
+    for (int k = 0; k < NV; k++) o[k] = 0;
+    o[dof] = sign;
+    return o;
 }
 
 // Rows of equalities of joints: q1 - q1_0 = c_0 + c_1 (q2 - q2_0) + ... + c_4 (q2 - q2_0)^4. Returns their number.
 FN int equality_rows(World& w, const Parameters& P, int lane) {
     EACH(r, NEQ) {
         int j1 = equality_joint[2 * r], j2 = equality_joint[2 * r + 1];
-        const real* c = P.equality + 11 * r;
-        real pos = w.q[joint_q[j1]] - P.qpos0[joint_q[j1]] - c[0], weight = P.dof_weight[joint_v[j1]];
-        joint_row(w, r, joint_v[j1], 1);
+        const real* c = P.equality() + 11 * r;
+        real pos = w.q[joint_q[j1]] - P.qpos0()[joint_q[j1]] - c[0], weight = P.dof_weight()[joint_v[j1]];
+        real* o = joint_row(w, r, joint_v[j1], 1);
         if (j2 >= 0) {
-            real x = w.q[joint_q[j2]] - P.qpos0[joint_q[j2]];
+            real x = w.q[joint_q[j2]] - P.qpos0()[joint_q[j2]];
             pos -= x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])));
-            w.J[r * LD + joint_v[j2]] = -(c[1] + x * (2 * c[2] + x * (3 * c[3] + x * 4 * c[4])));
-            weight += P.dof_weight[joint_v[j2]];
+            o[joint_v[j2]] = -(c[1] + x * (2 * c[2] + x * (3 * c[3] + x * 4 * c[4])));
+            weight += P.dof_weight()[joint_v[j2]];
         }
-        Impedance z = impedance(P, P.solref_equality + 2 * r, P.solimp_equality + 5 * r, pos);
-        complete_row(w, r, EQUALITY, 1 / regularization(z.imp, weight), z, pos, 0);
+        Impedance z = impedance(P, P.solref_equality() + 2 * r, P.solimp_equality() + 5 * r, pos);
+        set_row(o, EQUALITY, 1 / regularization(z.imp, weight), z.b, z.k * z.imp * pos, 0);
     }
     return NEQ;
 }
@@ -86,15 +79,14 @@ FN int equality_rows(World& w, const Parameters& P, int lane) {
 FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
     for (int first = 0; first < NV; first += LANES) {
         int i = first + lane, mine = 0, before = 0, all;
-        if (i < NV) mine = P.loss[i] > 0;
+        if (i < NV) mine = P.loss()[i] > 0;
         all = mine;
         BEFORE(mine, before, all);
         int r = rows + before;
         if (mine && r < MAX_ROWS) {
-            joint_row(w, r, i, 1);
-            Impedance z = impedance(P, P.solref_loss + 2 * i, P.solimp_loss + 5 * i, 0);
-            z.k = 0;
-            complete_row(w, r, FRICTION_LOSS, 1 / regularization(z.imp, P.dof_weight[i]), z, 0, P.loss[i]);
+            Impedance z = impedance(P, P.solref_loss() + 2 * i, P.solimp_loss() + 5 * i, 0);
+            real D = 1 / regularization(z.imp, P.dof_weight()[i]);
+            set_row(joint_row(w, r, i, 1), FRICTION_LOSS, D, z.b, 0, P.loss()[i]);
         }
         rows += all;
     }
@@ -103,8 +95,8 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
         real margin = 0, pos[2] = {0, 0}, sign[2] = {1, -1};
         Vec axis{1, 0, 0};
         if (j < NJ && joint_limited[j]) {
-            const real *range = P.range + 2 * j, *q = w.q + joint_q[j];
-            margin = P.limit_margin[j];
+            const real *range = P.range() + 2 * j, *q = w.q + joint_q[j];
+            margin = P.limit_margin()[j];
             if (joint_type[j] == BALL) {  // the angle of its rotation must not exceed the larger end of the range
                 Quat r = normalized(load_quat(q));
                 if (r.w < 0) r = Quat{-r.w, -r.x, -r.y, -r.z};
@@ -123,10 +115,10 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
             if (!(pos[side] < margin)) continue;
             if (r < MAX_ROWS) {
                 int d = joint_v[j];
-                joint_row(w, r, d, sign[side]);
-                if (joint_type[j] == BALL) store(w.J + r * LD + d, -1 * axis);
-                Impedance z = impedance(P, P.solref_limit + 2 * j, P.solimp_limit + 5 * j, pos[side] - margin);
-                complete_row(w, r, INEQUALITY, 1 / regularization(z.imp, P.dof_weight[d]), z, pos[side] - margin, 0);
+                real* o = joint_row(w, r, d, sign[side]);
+                if (joint_type[j] == BALL) store(o + d, -1 * axis);
+                Impedance z = impedance(P, P.solref_limit() + 2 * j, P.solimp_limit() + 5 * j, pos[side] - margin);
+                set_row(o, INEQUALITY, 1 / regularization(z.imp, P.dof_weight()[d]), z.b, z.k * z.imp * (pos[side] - margin), 0);
             }
             r++;
         }
@@ -139,68 +131,77 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
 // Velocity of a contact point of a body for a unit speed of a degree of freedom, and its angular velocity. The point is
 // relative to `origin`.
 FN Spatial point_motion(const World& w, int body, int dof, Vec at, Vec origin) {
-    Spatial s = load_spatial(w.S + 6 * dof);
     if (!((body_dofs[body] >> dof) & 1)) return Spatial{{0, 0, 0}, {0, 0, 0}};
-    return Spatial{s.a, s.l + cross(s.a, at + (origin - load(w.origin + 3 * body)))};
+    Spatial s = load_spatial(w.S + 6 * dof);
+    return Spatial{s.a, s.l + cross(s.a, at + (origin - origin_of(w, body)))};
 }
 
-// Rows of contacts behind the first `rows` ones. Returns the number of all; a contact that does not fit is `dropped` whole.
-FN int contact_rows(World& w, const Parameters& P, int count, int rows, bool& dropped, int lane) {
-    int cones = 0;
-    for (int c = 0; c < count; c++) {
-        const real *C = w.contacts + c * CONTACT_SIZE, *friction = C + C_FRICTION;
-        int dim = (int)C[C_DIM], b1 = (int)C[C_BODY], b2 = (int)C[C_BODY + 1];
-        int size = dim == 1 || ELLIPTIC_CONES ? dim : 2 * (dim - 1);
-        if (rows + size > MAX_ROWS) {
-            dropped = true;
-            continue;
-        }
-        Vec at = load(C + C_POS), origin = load(w.origin + 3 * b2);
-        Vec frame[3] = {load(C + C_FRAME), load(C + C_FRAME + 3), load(C + C_FRAME + 6)};
-        EACH(k, NV) {
-            Spatial m1 = point_motion(w, b1, k, at, origin), m2 = point_motion(w, b2, k, at, origin);
-            Vec u = m2.l - m1.l, t = m2.a - m1.a;
-            real along[6];
-            for (int i = 0; i < dim; i++) along[i] = i < 3 ? dot(frame[i], u) : dot(frame[i - 3], t);
-            if (dim == 1 || ELLIPTIC_CONES)
-                for (int i = 0; i < dim; i++) w.J[(rows + i) * LD + k] = along[i];
-            else
-                for (int i = 1; i < dim; i++) {
-                    w.J[(rows + 2 * i - 2) * LD + k] = along[0] + friction[i - 1] * along[i];
-                    w.J[(rows + 2 * i - 1) * LD + k] = along[0] - friction[i - 1] * along[i];
-                }
-        }
-        SYNC();
-        real pos = C[C_DIST] - C[C_MARGIN];
-        Impedance z = impedance(P, C + C_SOLREF, C + C_SOLIMP, pos);
-        real weight = P.weight[2 * b1] + P.weight[2 * b2];
-        if (dim > 1 && !ELLIPTIC_CONES) weight += friction[0] * friction[0] * weight;
-        real R = regularization(z.imp, weight), mu = friction[0] * SQRT(1 / (real)IMPRATIO);
-        EACH(i, size) {
-            if (dim == 1) complete_row(w, rows, INEQUALITY, 1 / R, z, pos, 0);
-            else if (!ELLIPTIC_CONES) complete_row(w, rows + i, INEQUALITY, 1 / (2 * mu * mu * R), z, pos, 0);
+FN int rows_of(const real* C) {
+    int dim = (int)C[C_DIM];
+    return dim == 1 || ELLIPTIC_CONES ? dim : 2 * (dim - 1);
+}
+
+// Places of the contacts' rows behind the first `rows` ones. Returns the number of all; a contact that does not fit is `dropped`
+// whole, and so are those behind it.
+FN int place_rows(World& w, int& count, int rows, bool& dropped, int lane) {
+    const int start = rows;
+    for (int first = 0; first < count; first += LANES) {
+        real* C = contact(w, first + lane < count ? first + lane : 0);
+        int mine = first + lane < count ? rows_of(C) : 0, before = 0, all = mine;
+        BEFORE(mine, before, all);
+        if (mine) C[C_ROW] = rows + before + mine <= MAX_ROWS ? rows + before : -1;
+        rows += all;
+    }
+    SYNC();
+    if (rows > MAX_ROWS) {
+        dropped = true;
+        for (rows = start; count > 0 && contact(w, count - 1)[C_ROW] < 0;) count--;
+        if (count) rows = (int)contact(w, count - 1)[C_ROW] + rows_of(contact(w, count - 1));
+    }
+    return rows;
+}
+
+template <bool FITS>
+FN void contact_rows(World& w, int count, int lane) {
+    EACH(t, count * NV) {
+        int c = t / NV, k = t % NV;
+        const real *C = contact_of<FITS>(w, c), *friction = C + C_FRICTION;
+        int dim = (int)C[C_DIM], b1 = (int)C[C_BODY], b2 = (int)C[C_BODY + 1], r = (int)C[C_ROW];
+        Vec at = load(C + C_POS), origin = origin_of(w, b1, b2), n = load(C + C_NORMAL), t1 = load(C + C_TANGENT);
+        Vec frame[3] = {n, t1, cross(n, t1)};
+        Spatial m1 = point_motion(w, b1, k, at, origin), m2 = point_motion(w, b2, k, at, origin);
+        Vec u = m2.l - m1.l, turning = m2.a - m1.a;
+        real normal = dot(n, u);
+        if (dim == 1 || ELLIPTIC_CONES) row_of<FITS>(w, r)[k] = normal;
+#pragma unroll
+        for (int i = 1; i < 6; i++) {
+            if (i >= dim) break;
+            real along = i < 3 ? dot(frame[i], u) : dot(frame[i - 3], turning);
+            if (ELLIPTIC_CONES) row_of<FITS>(w, r + i)[k] = along;
             else {
-                real f = i ? friction[i - 1] : 1, own = R;
-                if (i) own = R / larger((real)1e-15, IMPRATIO) * friction[0] * friction[0] / (f * f);
-                Impedance y = z;
-                if (i) {
-                    const real* other = C + C_SOLREF_FRICTION;
-                    if (other[0] != 0 || other[1] != 0) y = impedance(P, other, C + C_SOLIMP, pos);
-                    y.k = 0;
-                }
-                complete_row(w, rows + i, ELLIPTIC, 1 / own, y, pos, 0);
-                w.cone[cones * 6 + i] = i ? f : mu;
+                row_of<FITS>(w, r + 2 * i - 2)[k] = normal + friction[i - 1] * along;
+                row_of<FITS>(w, r + 2 * i - 1)[k] = normal - friction[i - 1] * along;
             }
         }
-        if (dim > 1 && ELLIPTIC_CONES) {
-            if (lane == 0) w.cone_row[cones] = rows, w.cone_dim[cones] = dim;
-            cones++;
-        }
-        rows += size;
     }
-    if (lane == 0) w.cones = cones;
+    EACH(c, count) {
+        const real *C = contact_of<FITS>(w, c), *friction = C + C_FRICTION;
+        int dim = (int)C[C_DIM], r = (int)C[C_ROW], size = rows_of(C);
+        real R = C[C_R], mu = C[C_MU];
+        if (dim == 1) set_row(row_of<FITS>(w, r), INEQUALITY, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
+        else if (!ELLIPTIC_CONES)
+            for (int i = 0; i < size; i++)
+                set_row(row_of<FITS>(w, r + i), INEQUALITY, 1 / (2 * mu * mu * R), C[C_DAMPING], C[C_STIFFNESS], 0);
+        else {
+            set_row(row_of<FITS>(w, r), ELLIPTIC, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
+            for (int i = 1; i < dim; i++) {
+                real f = friction[i - 1];
+                real own = R / larger((real)1e-15, IMPRATIO) * friction[0] * friction[0] / (f * f);
+                set_row(row_of<FITS>(w, r + i), ELLIPTIC, 1 / own, C[C_DAMPING + 1], 0, 0);
+            }
+        }
+    }
     SYNC();
-    return rows;
 }
 
 }  // namespace fused

@@ -13,154 +13,169 @@ struct Cone {
     real mu, N, T, scale;  // scale is D_0 / (mu^2 (1 + mu^2))
     int zone;              // 0: no force, 1: all rows quadratic, 2: on the surface of the cone
 };
-FN Cone cone_at(const World& w, int c, const real* e, real step, const real* js) {
-    int r = w.cone_row[c];
-    const real* s = w.cone + 6 * c;
+FN bool is_cone(const real* C) { return ELLIPTIC_CONES && C[C_DIM] > 1; }
+// The friction coefficient of row i, or of the normal row mu.
+FN real friction_of(const real* C, int i) { return i ? C[C_FRICTION + i - 1] : C[C_MU]; }
+template <bool FITS>
+FN Cone cone_at(const World& w, const real* C, real step) {
+    const real* first = row_of<FITS>(w, (int)C[C_ROW]);
     Cone o;
     real tt = 0;
-    for (int i = 1; i < w.cone_dim[c]; i++) {
-        real u = s[i] * (e[r + i] + step * js[r + i]);
+    for (int i = 1; i < (int)C[C_DIM]; i++) {
+        const real* o = row_of<FITS>(w, (int)C[C_ROW] + i);
+        real u = friction_of(C, i) * (o[R_E] + step * o[R_JS]);
         tt += u * u;
     }
-    o.mu = s[0], o.N = s[0] * (e[r] + step * js[r]), o.T = SQRT(tt);
-    o.scale = w.D[r] / (o.mu * o.mu * (1 + o.mu * o.mu));
+    o.mu = C[C_MU], o.N = o.mu * (first[R_E] + step * first[R_JS]), o.T = SQRT(tt);
+    o.scale = first[R_D] / (o.mu * o.mu * (1 + o.mu * o.mu));
     if (o.N >= o.mu * o.T) o.zone = 0;
     else o.zone = o.mu * o.N + o.T <= 0 ? 1 : 2;
     return o;
 }
 
-// Forces of all rows at the present `e`, and their weights in the Hessian. Rows of a cone's surface have the weights of
+// Forces of all rows at the present e, and their weights in the Hessian. Rows of a cone's surface have the weights of
 //     scale (P P' + k (I - Q Q')),  P = (1, -mu U/T),  Q = U/T,  k = mu (mu - N/T)
-// where I, P and Q are in coordinates scaled by mu and the frictions; P and Q are the two rows behind the others.
-FN void update_rows(World& w, int rows, int lane) {
+// where I, P and Q are in coordinates scaled by mu and the frictions; P and Q are rows of their own in the contact.
+template <bool FITS>
+FN void update_rows(World& w, int rows, int contacts, int lane) {
     EACH(i, rows) {
-        real e = w.e[i], D = w.D[i];
-        bool active = e < 0 || w.kind[i] == EQUALITY;
-        w.f[i] = active ? -D * e : 0, w.weight[i] = active ? D : 0;
-        if (w.kind[i] == FRICTION_LOSS) {
-            active = D * FABS(e) < w.loss[i];
-            w.f[i] = active ? -D * e : (e < 0 ? w.loss[i] : -w.loss[i]), w.weight[i] = active ? D : 0;
-        }
-    }
-    if (!ELLIPTIC_CONES) {
-        SYNC();
-        return;
+        real* o = row_of<FITS>(w, i);
+        real e = o[R_E], D = o[R_D], outside = 0;
+        bool active = e < 0 || o[R_KIND] == EQUALITY;
+        if (o[R_KIND] == FRICTION_LOSS) active = D * FABS(e) < o[R_LOSS], outside = e < 0 ? o[R_LOSS] : -o[R_LOSS];
+        o[R_F] = active ? -D * e : outside, o[R_WEIGHT] = active ? D : 0;
     }
     SYNC();
-    EACH(c, w.cones) {
-        Cone o = cone_at(w, c, w.e, 0, w.e);
-        int r = w.cone_row[c], dim = w.cone_dim[c];
-        const real* s = w.cone + 6 * c;
-        w.weight[MAX_ROWS + 2 * c] = w.weight[MAX_ROWS + 2 * c + 1] = 0;
-        for (int i = 0; i < dim; i++) {
-            if (o.zone == 0) w.f[r + i] = 0, w.weight[r + i] = 0;
-            else if (o.zone == 1) w.f[r + i] = -w.D[r + i] * w.e[r + i], w.weight[r + i] = w.D[r + i];
+    if (!ELLIPTIC_CONES) return;
+    EACH(c, contacts) {
+        real* C = contact_of<FITS>(w, c);
+        if (!is_cone(C)) continue;
+        Cone cone = cone_at<FITS>(w, C, 0);
+        C[C_CONE] = C[C_CONE + 1] = 0;
+        for (int i = 0; i < (int)C[C_DIM]; i++) {
+            real *o = row_of<FITS>(w, (int)C[C_ROW] + i), s = friction_of(C, i);
+            if (cone.zone == 0) o[R_F] = 0, o[R_WEIGHT] = 0;
+            else if (cone.zone == 1) o[R_F] = -o[R_D] * o[R_E], o[R_WEIGHT] = o[R_D];
             else {
-                real push = -o.scale * (o.N - o.mu * o.T) * o.mu, k = o.mu * (o.mu - o.N / o.T);
-                w.f[r + i] = i ? -push / o.T * s[i] * s[i] * w.e[r + i] : push;
-                w.weight[r + i] = i ? o.scale * k * s[i] * s[i] : 0;
-                w.weight[MAX_ROWS + 2 * c] = o.scale, w.weight[MAX_ROWS + 2 * c + 1] = -o.scale * k;
+                real push = -cone.scale * (cone.N - cone.mu * cone.T) * cone.mu, k = cone.mu * (cone.mu - cone.N / cone.T);
+                o[R_F] = i ? -push / cone.T * s * s * o[R_E] : push;
+                o[R_WEIGHT] = i ? cone.scale * k * s * s : 0;
+                C[C_CONE] = cone.scale, C[C_CONE + 1] = -cone.scale * k;
             }
         }
     }
     SYNC();
-    for (int c = 0; c < w.cones; c++) {
-        if (w.weight[MAX_ROWS + 2 * c] == 0) continue;
-        Cone o = cone_at(w, c, w.e, 0, w.e);
-        int r = w.cone_row[c];
-        const real* s = w.cone + 6 * c;
+    for (int c = 0; c < contacts; c++) {
+        real* C = contact_of<FITS>(w, c);
+        if (!is_cone(C) || C[C_CONE] == 0) continue;
+        Cone cone = cone_at<FITS>(w, C, 0);
         EACH(k, NV) {
             real q = 0;
-            for (int i = 1; i < w.cone_dim[c]; i++) q += s[i] * s[i] * w.e[r + i] / o.T * w.J[(r + i) * LD + k];
-            w.J[(MAX_ROWS + 2 * c) * LD + k] = o.mu * w.J[r * LD + k] - o.mu * q;
-            w.J[(MAX_ROWS + 2 * c + 1) * LD + k] = q;
-        }
-    }
-    SYNC();
-}
-
-// Lower triangle of M - h dF/dv in w.H: damping, and of actuators what couples i with itself and with its ancestors.
-FN void add_damping(World& w, const Parameters& P, int lane) {
-    for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
-    SYNC();
-    EACH(i, NV) {
-        w.H[i * LD + i] += P.timestep[0] * P.damping[i];
-        if (IMPLICIT)
-            for (int t = coupling_start[i]; t < coupling_start[i + 1]; t++) {
-                int u = coupling_actuator[t];
-                real gear = P.gear[6 * u];
-                w.H[i * LD + coupling_dof[t]] -= P.timestep[0] * coupling_factor[t] * gear * gear * w.slope[u];
+            for (int i = 1; i < (int)C[C_DIM]; i++) {
+                const real *o = row_of<FITS>(w, (int)C[C_ROW] + i), s = friction_of(C, i);
+                q += s * s * o[R_E] / cone.T * o[k];
             }
+            C[C_CONE + 2 + k] = cone.mu * row_of<FITS>(w, (int)C[C_ROW])[k] - cone.mu * q;
+            C[C_CONE + 2 + NV + k] = q;
+        }
     }
     SYNC();
 }
 
-// Solve A x = sign b by Cholesky's factorisation, with A = M + the rows' weight_i J_i' J_i, or with `P` A = M - h dF/dv.
-#if LANES == 32 && NV <= 32
-// Lane i has row i in registers.
-FN void solve(World& w, const Parameters* P, int rows, const real* b, real sign, real* x, int lane) {
+// What M - h dF/dv has beside M. Actuators couple a degree of freedom with itself (j = i), tendons also with ancestors.
+FN real coupled(const World& w, const Parameters& P, int i, int j) {
+    real sum = i == j ? P.timestep()[0] * P.damping()[i] : 0;
+    if (IMPLICIT)
+        for (int t = coupling_start[i]; t < coupling_start[i + 1]; t++) {
+            int u = coupling_actuator[t];
+            real gear = P.gear()[6 * u];
+            if (coupling_dof[t] == j) sum -= P.timestep()[0] * coupling_factor[t] * gear * gear * w.slope[u];
+        }
+    return sum;
+}
+
+// Solve A x = sign b by Cholesky's factorisation: with `P` A = M - h dF/dv, else A = M + the sum of weight J' J of the rows.
+#if IN_REGISTERS
+// Lane i has row i in registers; of that only what is left of the diagonal counts.
+template <bool FITS>
+FN void solve(World& w, const Parameters* P, int rows, int contacts, const real* b, real sign, real* x, int lane) {
     const unsigned all = 0xffffffffu;
-    const int row = lane < NV ? lane : 0;
-    real r[NV], inverse[NV];
-    if (P) add_damping(w, *P, lane);
+    const int own = lane < NV ? lane : 0;
+    real r[NV], own_inverse = 0;
 #pragma unroll
-    for (int c = 0; c < NV; c++)
-        r[c] = P ? w.H[(row > c ? row : c) * LD + (row > c ? c : row)] : w.M[c * LD + row];
-    for (int part = 0; part < (ELLIPTIC_CONES ? 2 : 1); part++) {
-        int first = part ? MAX_ROWS : 0, last = part ? MAX_ROWS + 2 * w.cones : rows;
-        if (part && !rows) break;
-        for (int k = first; k < last; k++) {
-            real D = w.weight[k];
-            if (D == 0) continue;
-            D *= w.J[k * LD + row];
+    for (int c = 0; c < NV; c++) r[c] = w.M[c < own ? c * LD + own : own * LD + c];
+    if (P) {
+        real diagonal = coupled(w, *P, own, own);
 #pragma unroll
-            for (int c = 0; c < NV; c++) r[c] += D * w.J[k * LD + c];
+        for (int c = 0; c < NV; c++) {
+            if (c == own) r[c] += diagonal;
+            else if (COUPLED && c < own) r[c] += coupled(w, *P, own, c);
         }
     }
-    real y = sign * b[row];
+#pragma unroll 1
+    for (int k = 0; k < rows; k++) {
+        const real* o = row_of<FITS>(w, k);
+        real D = o[R_WEIGHT];
+        if (D == 0) continue;
+        D *= o[own];
+#pragma unroll
+        for (int c = 0; c < NV; c++) r[c] += D * o[c];
+    }
+    if (ELLIPTIC_CONES && !P)
+        for (int k = 0; k < 2 * contacts; k++) {
+            const real* C = contact_of<FITS>(w, k / 2);
+            if (!is_cone(C) || C[C_CONE + k % 2] == 0) continue;
+            const real* o = C + C_CONE + 2 + NV * (k % 2);
+            real D = C[C_CONE + k % 2] * o[own];
+#pragma unroll
+            for (int c = 0; c < NV; c++) r[c] += D * o[c];
+        }
+    real y = sign * b[own];
+    SYNC();
 #pragma unroll
     for (int j = 0; j < NV; j++) {
-        real inv = rsqrtf(larger(__shfl_sync(all, r[j], j), (real)1e-30)), l = r[j] * inv;
-        inverse[j] = inv, r[j] = l;
-        real yj = __shfl_sync(all, y, j) * inv;
-        y = lane > j ? y - l * yj : (lane == j ? yj : y);
+        real inverse = rsqrtf(larger(__shfl_sync(all, r[j], j), (real)1e-30)), l = r[j] * inverse;
+        real yj = __shfl_sync(all, y, j) * inverse;
+        if (lane == j) own_inverse = inverse, y = yj;
+        else if (lane > j) y -= l * yj;
+        if (lane > j && lane < NV) w.M[lane * LD + j] = l;
 #pragma unroll
         for (int c = j + 1; c < NV; c++) r[c] -= l * __shfl_sync(all, l, c);
     }
     SYNC();
-    if (lane < NV) {
-#pragma unroll
-        for (int c = 0; c < NV; c++) w.H[lane * LD + c] = r[c];
-    }
-    SYNC();
 #pragma unroll
     for (int j = NV - 1; j >= 0; j--) {
-        real xj = __shfl_sync(all, y, j) * inverse[j];
-        y = lane < j ? y - w.H[j * LD + row] * xj : (lane == j ? xj : y);
+        real xj = __shfl_sync(all, y * own_inverse, j);
+        if (lane < j) y -= w.M[j * LD + own] * xj;
+        else if (lane == j) y = xj;
     }
     if (lane < NV) x[lane] = y;
     SYNC();
 }
 #else
-FN void solve(World& w, const Parameters* P, int rows, const real* b, real sign, real* x, int lane) {
-    if (P) add_damping(w, *P, lane);
-    else {
-        for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
-        SYNC();
+FN void add_weighted(World& w, const real* J, real D, int lane) {
+    if (D != 0) EACH(i, NV) {
+        real Di = D * J[i];
+        if (Di != 0)
+            for (int j = 0; j <= i; j++) w.H[i * LD + j] += Di * J[j];
     }
-    if (rows)
-        for (int part = 0; part < (ELLIPTIC_CONES ? 2 : 1); part++) {
-            int first = part ? MAX_ROWS : 0, last = part ? MAX_ROWS + 2 * w.cones : rows;
-            for (int r = first; r < last; r++) {
-                real D = w.weight[r];
-                if (D == 0) continue;
-                const real* J = w.J + r * LD;
-                for (int i = lane; i < NV; i += LANES) {
-                    real Di = D * J[i];
-                    if (Di != 0)
-                        for (int j = 0; j <= i; j++) w.H[i * LD + j] += Di * J[j];
-                }
-            }
+}
+
+template <bool FITS>
+FN void solve(World& w, const Parameters* P, int rows, int contacts, const real* b, real sign, real* x, int lane) {
+    for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
+    SYNC();
+    if (P) EACH(i, NV) {
+        w.H[i * LD + i] += coupled(w, *P, i, i);
+        if (COUPLED)
+            for (int j = 0; j < i; j++) w.H[i * LD + j] += coupled(w, *P, i, j);
+    }
+    for (int k = 0; k < rows; k++) add_weighted(w, row_of<FITS>(w, k), row_of<FITS>(w, k)[R_WEIGHT], lane);
+    if (ELLIPTIC_CONES && !P)
+        for (int c = 0; c < contacts; c++) {
+            const real* C = contact_of<FITS>(w, c);
+            if (!is_cone(C)) continue;
+            for (int k = 0; k < 2; k++) add_weighted(w, C + C_CONE + 2 + NV * k, C[C_CONE + k], lane);
         }
     SYNC();
     // Column by column: each lane computes its rows of the column from the columns before.
@@ -197,45 +212,50 @@ FN void solve(World& w, const Parameters* P, int rows, const real* b, real sign,
 struct Line {
     real value, slope, curvature;
 };
-FN Line line_at(const World& w, int rows, real step, real q1, real q2, int lane) {
+template <bool FITS>
+FN Line line_at(const World& w, int rows, int contacts, real step, real q1, real q2, int lane) {
     real c0 = 0, c1 = 0, c2 = 0;
     EACH(i, rows) {
-        real e = w.e[i], j = w.js[i], x = e + step * j, D = w.D[i];
-        if (w.kind[i] == ELLIPTIC) continue;
-        if (w.kind[i] == FRICTION_LOSS) {
-            real loss = w.loss[i];
+        const real* o = row_of<FITS>(w, i);
+        real e = o[R_E], j = o[R_JS], x = e + step * j, D = o[R_D];
+        if (ELLIPTIC_CONES && o[R_KIND] == ELLIPTIC) continue;
+        if (o[R_KIND] == FRICTION_LOSS) {
+            real loss = o[R_LOSS];
             if (D * FABS(x) < loss) c0 += (real)0.5 * D * x * x, c1 += D * x * j, c2 += D * j * j;
             else c0 += loss * FABS(x) - (real)0.5 * loss * loss / D, c1 += x < 0 ? -loss * j : loss * j;
             c0 -= D * FABS(e) < loss ? (real)0.5 * D * e * e : loss * FABS(e) - (real)0.5 * loss * loss / D;
         } else {
-            bool always = w.kind[i] == EQUALITY;
+            bool always = o[R_KIND] == EQUALITY;
             if (x < 0 || always) c0 += (real)0.5 * D * x * x, c1 += D * x * j, c2 += D * j * j;
             if (e < 0 || always) c0 -= (real)0.5 * D * e * e;
         }
     }
     if (ELLIPTIC_CONES)
-        EACH(c, w.cones) {
-            int r = w.cone_row[c], dim = w.cone_dim[c];
-            const real* s = w.cone + 6 * c;
+        EACH(c, contacts) {
+            const real* C = contact_of<FITS>(w, c);
+            if (!is_cone(C)) continue;
+            int r = (int)C[C_ROW], dim = (int)C[C_DIM];
             for (int at_start = 0; at_start < 2; at_start++) {
-                Cone o = cone_at(w, c, w.e, at_start ? 0 : step, w.js);
-                real sign = at_start ? -1 : 1, push = o.N - o.mu * o.T;
-                if (o.zone == 1)
+                Cone cone = cone_at<FITS>(w, C, at_start ? 0 : step);
+                real sign = at_start ? -1 : 1, push = cone.N - cone.mu * cone.T;
+                if (cone.zone == 1)
                     for (int i = 0; i < dim; i++) {
-                        real x = w.e[r + i] + (at_start ? 0 : step) * w.js[r + i], D = w.D[r + i];
+                        const real* o = row_of<FITS>(w, r + i);
+                        real j = o[R_JS], x = o[R_E] + (at_start ? 0 : step) * j, D = o[R_D];
                         c0 += sign * (real)0.5 * D * x * x;
-                        if (!at_start) c1 += D * x * w.js[r + i], c2 += D * w.js[r + i] * w.js[r + i];
+                        if (!at_start) c1 += D * x * j, c2 += D * j * j;
                     }
-                if (o.zone == 2) {
-                    c0 += sign * (real)0.5 * o.scale * push * push;
+                if (cone.zone == 2) {
+                    c0 += sign * (real)0.5 * cone.scale * push * push;
                     if (at_start) continue;
                     real uv = 0, vv = 0;
                     for (int i = 1; i < dim; i++) {
-                        real v = s[i] * w.js[r + i];
-                        uv += s[i] * (w.e[r + i] + step * w.js[r + i]) * v, vv += v * v;
+                        const real* o = row_of<FITS>(w, r + i);
+                        real s = friction_of(C, i), v = s * o[R_JS];
+                        uv += s * (o[R_E] + step * o[R_JS]) * v, vv += v * v;
                     }
-                    real T1 = uv / o.T, T2 = (vv - T1 * T1) / o.T, p1 = o.mu * w.js[r] - o.mu * T1;
-                    c1 += o.scale * push * p1, c2 += o.scale * (p1 * p1 - push * o.mu * T2);
+                    real T1 = uv / cone.T, T2 = (vv - T1 * T1) / cone.T, p1 = cone.mu * row_of<FITS>(w, r)[R_JS] - cone.mu * T1;
+                    c1 += cone.scale * push * p1, c2 += cone.scale * (p1 * p1 - push * cone.mu * T2);
                 }
             }
         }
@@ -247,11 +267,12 @@ FN Line line_at(const World& w, int rows, real step, real q1, real q2, int lane)
 }
 
 // Step along the search direction to the least cost: Newton's method on the slope, kept within a bracket.
-FN real line_search(const World& w, int rows, real q1, real q2, real accuracy, real& gain, int lane) {
+template <bool FITS>
+FN real line_search(const World& w, int rows, int contacts, real q1, real q2, real accuracy, real& gain, int lane) {
     real low = 0, high = -1, step = 1, best = 0;
     gain = 0;
     for (int i = 0; i < LINE_STEPS; i++) {
-        Line line = line_at(w, rows, step, q1, q2, lane);
+        Line line = line_at<FITS>(w, rows, contacts, step, q1, q2, lane);
         if (-line.value > gain) gain = -line.value, best = step;
         if (FABS(line.slope) <= accuracy) break;
         if (line.slope < 0) low = step;
@@ -265,49 +286,53 @@ FN real line_search(const World& w, int rows, real q1, real q2, real accuracy, r
     return best;
 }
 
-// Accelerations w.a under the constraints, from those in w.a. Returns the number of iterations.
-FN int constrained_acceleration(World& w, int rows, int lane) {
-    const real scale = (real)1 / (MEAN_INERTIA * NV);
+// M x into `product`.
+FN void multiply(const World& w, const real* x, real* product, int lane) {
     EACH(i, NV) {
-        real x = 0;
-        for (int k = 0; k < NV; k++) x += w.M[i * LD + k] * w.a[k];
-        w.Ma[i] = x;
+        real sum = 0;
+        for (int k = 0; k < NV; k++) sum += mass_matrix(w, i, k) * x[k];
+        product[i] = sum;
     }
+}
+
+// Accelerations w.a under the constraints, from those in w.a, and the forces of the rows. Returns the number of iterations.
+template <bool FITS>
+FN int constrained_acceleration(World& w, int rows, int contacts, int lane) {
+    const real scale = (real)1 / (MEAN_INERTIA * NV);
+    multiply(w, w.a, w.Ma, lane);
     SYNC();
     int iterations = 0;
     for (;; iterations++) {
-        update_rows(w, rows, lane);
+        update_rows<FITS>(w, rows, contacts, lane);
         real norm = 0;
         EACH(i, NV) {
             real x = w.Ma[i] - w.smooth[i];
-            for (int r = 0; r < rows; r++) x -= w.J[r * LD + i] * w.f[r];
+            for (int r = 0; r < rows; r++) x -= row_of<FITS>(w, r)[i] * row_of<FITS>(w, r)[R_F];
             w.g[i] = x, norm += x * x;
         }
         norm = SUM(norm);
         SYNC();
         if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(norm) < TOLERANCE)) break;
-        solve(w, 0, rows, w.g, -1, w.s, lane);
+        solve<FITS>(w, 0, rows, contacts, w.g, -1, w.s, lane);
         real q1 = 0, q2 = 0, fall = 0;
-        EACH(i, NV) {
-            real x = 0;
-            for (int k = 0; k < NV; k++) x += w.M[i * LD + k] * w.s[k];
-            w.Ms[i] = x, q1 += w.s[i] * (w.Ma[i] - w.smooth[i]), q2 += w.s[i] * x, fall -= w.s[i] * w.g[i];
-        }
+        EACH(i, NV) q1 += w.s[i] * (w.Ma[i] - w.smooth[i]), fall -= w.s[i] * w.g[i];
+        multiply(w, w.s, w.Ms, lane);  // each lane where it has just read the gradient
+        EACH(i, NV) q2 += w.s[i] * w.Ms[i];
         q1 = SUM(q1), q2 = SUM(q2), fall = SUM(fall);
         EACH(r, rows) {
-            real x = 0;
-            for (int k = 0; k < NV; k++) x += w.J[r * LD + k] * w.s[k];
-            w.js[r] = x;
+            real *o = row_of<FITS>(w, r), x = 0;
+            for (int k = 0; k < NV; k++) x += o[k] * w.s[k];
+            o[R_JS] = x;
         }
         SYNC();
         real gain, step = 1;
-        if (rows) step = line_search(w, rows, q1, q2, LINE_TOLERANCE * (2 * FABS(q1) + fall), gain, lane);
+        if (rows) step = line_search<FITS>(w, rows, contacts, q1, q2, LINE_TOLERANCE * (2 * FABS(q1) + fall), gain, lane);
         else gain = (real)0.5 * fall;
         EACH(i, NV) w.a[i] += step * w.s[i], w.Ma[i] += step * w.Ms[i];
-        EACH(r, rows) w.e[r] += step * w.js[r];
+        EACH(r, rows) row_of<FITS>(w, r)[R_E] += step * row_of<FITS>(w, r)[R_JS];
         SYNC();
         if (step == 0 || scale * gain < TOLERANCE) {
-            if (step != 0) iterations++, update_rows(w, rows, lane);
+            if (step != 0) iterations++, update_rows<FITS>(w, rows, contacts, lane);
             break;
         }
     }

@@ -8,17 +8,20 @@ namespace fused {
 //     bias = (m w x (w x s), R' (w x I w)),  s the centre of mass, w = R v_angular.
 // Source: L. Euler's equations; that MuJoCo's implicitfast has them for such bodies, its changelog of 3.x.
 FN void step_free_bodies(World& w, const Parameters& P, int lane) {
-    const real h = P.timestep[0];
+    const real h = P.timestep()[0];
     EACH(f, NFREE) {
         int b = free_body[f], d = joint_v[body_joint[b]];
-        const real* X = w.X + 16 * b;
-        Mat R = matrix(load_quat(w.quat + 4 * b));
+        real X[10];  // the body's is the tree's
+        Quat turn_b = normalized(load_quat(w.q + joint_q[body_joint[b]] + 3));
+        Mat R = matrix(turn_b);
+        spatial_inertia(X, P.mass()[b], load(P.inertia() + 3 * b),
+                        matrix(turn_b * load_quat(P.inertia_quat() + 4 * b)), R * load(P.com() + 3 * b));
         Vec mc = load(X + 1), wb = load(w.v + d + 3), turning = R * wb;
         Spatial momentum = operator_inertia(X, Spatial{turning, {0, 0, 0}});
         real A[6][7];
         for (int i = 0; i < 6; i++) {
-            for (int k = 0; k < 6; k++) A[i][k] = w.M[(d + i) * LD + d + k];
-            A[i][i] += h * P.damping[d + i];
+            for (int k = 0; k < 6; k++) A[i][k] = mass_matrix(w, d + i, d + k);
+            A[i][i] += h * P.damping()[d + i];
             A[i][6] = w.Ma[d + i];
         }
         for (int k = 0; k < 3; k++) {
@@ -46,10 +49,10 @@ FN void step_free_bodies(World& w, const Parameters& P, int lane) {
 
 // Advance velocities by the accelerations w.a, with damping taken implicitly, and positions by the new velocities.
 FN void integrate(World& w, const Parameters& P, int lane) {
-    const real h = P.timestep[0];
+    const real h = P.timestep()[0];
     // (M - h dF/dv) a' = M a: the forces that a needs, but for their change with the velocity.
-    solve(w, &P, 0, w.Ma, 1, w.s, lane);
-    if (IMPLICIT) step_free_bodies(w, P, lane);
+    solve<true>(w, &P, 0, 0, w.Ma, 1, w.s, lane);
+    if (IMPLICIT && NFREE) step_free_bodies(w, P, lane);
     EACH(i, NV) w.v[i] += h * w.s[i];
     SYNC();
     EACH(j, NJ) {
@@ -65,36 +68,58 @@ FN void integrate(World& w, const Parameters& P, int lane) {
     SYNC();
 }
 
-struct Results {  // where they are written
-    int *rows, *iterations, *overflow;
-    real* actuator_forces;  // of each degree of freedom; may be null
-};
+// Accelerations under the constraints, of which `rows` are placed. Returns the number of iterations.
+template <bool FITS>
+FN int solve_constraints(World& w, int rows, int contacts, int lane) {
+    contact_rows<FITS>(w, contacts, lane);
+    complete_rows<FITS>(w, rows, lane);
+    return constrained_acceleration<FITS>(w, rows, contacts, lane);
+}
+COLD int solve_spilled(World& w, int rows, int contacts, int lane) { return solve_constraints<false>(w, rows, contacts, lane); }
 
-FN void step(World& w, const Parameters& P, const real* ctrl, const real* applied, const real* wrench, const real* contacts,
-             int contact_count, const Results& out, int lane) {
-    kinematics(w, P, lane);
-    forces(w, P, ctrl, applied, wrench, out.actuator_forces, lane);
-    int overflow = 0;
-    if (contacts) {  // they are in the world, those found here relative to the tree
-        if (contact_count > MAX_CONTACTS) contact_count = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
-        EACH(i, contact_count * CONTACT_SIZE) w.contacts[i] = contacts[i];
-        SYNC();
-        EACH(c, contact_count) {
-            real* C = w.contacts + c * CONTACT_SIZE;
-            store(C + C_POS, load(C + C_POS) - load(w.origin + 3 * (int)C[C_BODY + 1]));
-        }
-        SYNC();
-    } else
-        contact_count = collide(w, P, lane);
-    if (contact_count > MAX_CONTACTS) contact_count = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
-    int rows = equality_rows(w, P, lane);
-    rows = joint_rows(w, P, rows, lane);
+// The same number, of which the compiler knows no more: what is computed from it is not kept from phase to phase, and from step
+// to step, in registers that there are not enough of.
+FN int fresh(int x) {
+#ifdef __CUDA_ARCH__
+    asm volatile("" : "+r"(x));
+#endif
+    return x;
+}
+FN Parameters fresh(const Parameters& P) { return Parameters{P.m, fresh(P.id)}; }
+
+FN void begin_steps(World& w, const Parameters& P, int lane) {
+    EACH(i, NQ) w.q[i] = P.qpos()[i];
+    EACH(i, NV) w.v[i] = P.qvel()[i], w.a[i] = P.qacc_warmstart()[i];
+    EACH(i, NV * LD) w.M[i] = 0;  // what degrees of freedom do not share stays so
+    SYNC();
+}
+FN void keep_state(const World& w, real* q, real* v, int lane) {
+    EACH(i, NQ) q[i] = w.q[i];
+    EACH(i, NV) v[i] = w.v[i];
+}
+
+// One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch results
+// are written where somebody reads them.
+FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
+    lane = fresh(lane);
+    kinematics(w, fresh(P), lane);
+    forces(w, fresh(P), lane);
+    const bool is_read = last && P.m.contact_geom;
+    if (is_read) write_body_poses(w, fresh(P), lane);
+    int overflow = 0, found = collide(w, fresh(P), lane), contacts = found + given_count;
+    if (contacts > MAX_CONTACTS) contacts = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
+    for (int c = found + lane; c < contacts; c += LANES) contact(w, c)[C_PAIR] = -1 - (c - found);
+    complete_contacts(w, fresh(P), given, contacts, lane);
+    int rows = equality_rows(w, fresh(P), lane);
+    rows = joint_rows(w, fresh(P), rows, lane);
     bool dropped = rows > MAX_ROWS;
-    rows = contact_rows(w, P, contact_count, dropped ? MAX_ROWS : rows, dropped, lane);
+    rows = place_rows(w, contacts, dropped ? MAX_ROWS : rows, dropped, lane);
     if (dropped) overflow |= OVERFLOW_ROWS;
-    int iterations = constrained_acceleration(w, rows, lane);
-    if (lane == 0) *out.rows = rows, *out.iterations = iterations, *out.overflow |= overflow;
-    integrate(w, P, lane);
+    bool fits = SPILL == 0 || (rows <= SHARED_ROWS && contacts <= SHARED_CONTACTS);
+    int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
+    if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflow;
+    if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
+    integrate(w, fresh(P), lane);
 }
 
 }  // namespace fused

@@ -13,8 +13,9 @@ CONTACT_FIELDS = ("frame", "friction", "dim", "efc_address", "adhesion", "geom",
 """Fields of MuJoCo Warp's contacts that the kernel takes, in the order of its arguments."""
 
 
-@wp.kernel(enable_backward=False)
-def add_mujoco_contacts(
+@wp.func
+def _add_contact(
+    contact: int,
     due: wp.array[wp.bool],
     geom_row: wp.array2d[int],
     geom_column: wp.array2d[int],
@@ -31,26 +32,7 @@ def add_mujoco_contacts(
     nacon: wp.array[int],
     sensor: ContactSensorData,
 ):
-    """Add the forces of MuJoCo Warp's contacts; one thread a slot for a contact, which may be empty.
-
-    Args:
-        due: Environments that measure, shape ``(num_envs,)``.
-        geom_row: Index of each geom's body among the sensor's, else -1, shape ``(num_envs or 1, num_geoms)``.
-        geom_column: Filter that each geom belongs to, else -1, same shape.
-        cone: MuJoCo's type of friction cone.
-        contact_frame: Contact frames; the normal points from the first geom to the second.
-        contact_friction: Friction coefficients.
-        contact_dim: Dimension of each contact's force: 1, 3, 4 or 6.
-        contact_efc_address: Rows of the constraints, -1 for none.
-        contact_adhesion: Adhesive force, not in the constraints [N].
-        contact_geom: The two geoms.
-        contact_worldid: World, which is the environment.
-        efc_force: Constraint forces, shape ``(num_envs, njmax)``.
-        njmax: Capacity for constraints of a world.
-        nacon: Number of contacts in all worlds, shape ``(1,)``.
-        sensor: The sensor to add to.
-    """
-    contact = wp.tid()
+    """Add the forces of a contact, which may be none; the arguments are those of the kernel."""
     # A contact without a row of constraints lies within the gap and carries no force.
     if contact >= nacon[0] or contact_efc_address[contact, 0] < 0:
         return
@@ -83,3 +65,66 @@ def add_mujoco_contacts(
         add_force(world * bodies + row0, geom_column[table, pair[1]], -force, sensor)
     if row1 >= 0:
         add_force(world * bodies + row1, geom_column[table, pair[0]], force, sensor)
+
+
+@wp.kernel(enable_backward=False)
+def add_mujoco_contacts(
+    places: int,
+    due: wp.array[wp.bool],
+    geom_row: wp.array2d[int],
+    geom_column: wp.array2d[int],
+    cone: int,
+    contact_frame: wp.array[wp.mat33],
+    contact_friction: wp.array[vec5],
+    contact_dim: wp.array[int],
+    contact_efc_address: wp.array2d[int],
+    contact_adhesion: wp.array[float],
+    contact_geom: wp.array[wp.vec2i],
+    contact_worldid: wp.array[int],
+    efc_force: wp.array2d[float],
+    njmax: int,
+    nacon: wp.array[int],
+    sensor: ContactSensorData,
+):
+    """Add the forces of MuJoCo Warp's contacts; a thread for each ``places`` places of contacts, which may be empty.
+
+    Where each world has its own places, a thread a world adds its forces in the same order in every run.
+
+    Args:
+        places: Number of places of a thread.
+        due: Environments that measure, shape ``(num_envs,)``.
+        geom_row: Index of each geom's body among the sensor's, else -1, shape ``(num_envs or 1, num_geoms)``.
+        geom_column: Filter that each geom belongs to, else -1, same shape.
+        cone: MuJoCo's type of friction cone.
+        contact_frame: Contact frames; the normal points from the first geom to the second.
+        contact_friction: Friction coefficients.
+        contact_dim: Dimension of each contact's force: 1, 3, 4 or 6.
+        contact_efc_address: Rows of the constraints, -1 for none.
+        contact_adhesion: Adhesive force, not in the constraints [N].
+        contact_geom: The two geoms.
+        contact_worldid: World, which is the environment.
+        efc_force: Constraint forces, shape ``(num_envs, njmax)``.
+        njmax: Capacity for constraints of a world.
+        nacon: Number of contacts in all worlds, shape ``(1,)``.
+        sensor: The sensor to add to.
+    """
+    first = wp.tid() * places
+    for contact in range(first, first + places):
+        _add_contact(
+            contact,
+            due,
+            geom_row,
+            geom_column,
+            cone,
+            contact_frame,
+            contact_friction,
+            contact_dim,
+            contact_efc_address,
+            contact_adhesion,
+            contact_geom,
+            contact_worldid,
+            efc_force,
+            njmax,
+            nacon,
+            sensor,
+        )

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Results: what others read in MuJoCo's data: poses of bodies and geoms, contacts and the forces of constraints.
+
+namespace fused {
+
+FN void write_body_poses(const World& w, const Parameters& P, int lane) {
+    EACH(b, NB) {
+        store(P.xpos() + 3 * b, load(w.pos + 3 * b) + origin_of(w, b));
+        store_quat(P.xquat() + 4 * b, load_quat(w.quat + 4 * b));
+    }
+}
+
+// Of geoms that move; those of the world are where they are.
+FN void write_geom_poses(const World& w, const Parameters& P, int lane) {
+    EACH(g, NALLGEOMS) {
+        if (geom_body[g] == 0) continue;
+        Geom o = geom_of(w, P, g);
+        store((real*)P.geom_xpos() + 3 * g, o.pos + origin_of(w, geom_body[g]));
+        store_matrix((real*)P.geom_xmat() + 9 * g, o.axes);
+    }
+}
+
+// Contacts of the world, in its MAX_CONTACTS places among those of all worlds; the other places are of no geoms. `rows` are all
+// rows, whose forces are known.
+FN void write_contacts(const World& w, const Parameters& P, const real* given, int contacts, int rows, int lane) {
+    const long long first = (long long)P.id * MAX_CONTACTS;
+    EACH(r, rows) P.efc_force()[r] = row_of<false>(w, r)[R_F];
+    EACH(c, MAX_CONTACTS) {
+        int *geom = (int*)P.m.contact_geom + 2 * (first + c), *address = (int*)P.m.contact_efc_address + NADDRESSES * (first + c);
+        ((int*)P.m.contact_worldid)[first + c] = P.id;
+        geom[0] = geom[1] = -1;
+        for (int i = 0; i < NADDRESSES; i++) address[i] = -1;
+        if (c >= contacts) {
+            ((int*)P.m.contact_dim)[first + c] = 0;
+            continue;
+        }
+        const real* C = contact_of<false>(w, c);
+        int pair = (int)C[C_PAIR], size = rows_of(C);
+        for (int k = 0; k < 2; k++) geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : contact_pair[5 * pair + k];
+        for (int i = 0; i < size; i++) address[i] = (int)C[C_ROW] + i;
+        Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
+        store((real*)P.m.contact_pos + 3 * (first + c), load(C + C_POS) + origin_of(w, (int)C[C_BODY], (int)C[C_BODY + 1]));
+        store_matrix((real*)P.m.contact_frame + 9 * (first + c), Mat{n, t, cross(n, t)});
+        for (int i = 0; i < 5; i++) ((real*)P.m.contact_friction)[5 * (first + c) + i] = C[C_FRICTION + i];
+        ((real*)P.m.contact_dist)[first + c] = C[C_DIST];
+        ((int*)P.m.contact_dim)[first + c] = (int)C[C_DIM];
+    }
+}
+
+}  // namespace fused

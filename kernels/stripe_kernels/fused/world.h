@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+// World: the state of a world in a step, and the fields of its constraint rows and contacts. The generated part defines the
+// sizes N... and the tables of the topology.
+
+namespace fused {
+
+enum RowKind { EQUALITY, FRICTION_LOSS, INEQUALITY, ELLIPTIC };  // an elliptic contact has several rows, the first is its normal
+
+// A row of the constraints: its Jacobian, and ROW_SIZE - NV numbers.
+enum RowField {
+    R_D = NV,       // 1/R
+    R_E,            // J a - reference acceleration; at first the stiffness' part of the reference
+    R_JS,           // J s; at first the damping
+    R_F,            // force
+    R_LOSS,         // friction loss
+    R_WEIGHT,       // in the Hessian
+    R_KIND,
+    ROW_SIZE = (R_KIND + 1) | 1,  // odd, so that lanes that read a field do not share a bank of the shared memory
+};
+
+// A contact. Collision detection sets the first fields and the pair, or the number of a given contact; `complete_contacts` the others.
+enum ContactField {
+    C_POS = 0,        // point, relative to `origin_of` its bodies [m]
+    C_NORMAL = 3,     // from the first to the second geom
+    C_TANGENT = 6,    // the wanted one, zero for any; then the first of two
+    C_DIST = 9,       // distance, negative inside [m]
+    C_PAIR = 10,      // index among the pairs; less than 0 for given contact -1 - C_PAIR
+    C_DIM = 11,
+    C_BODY = 12,      // two bodies
+    C_ROW = 14,       // its first row, -1 for none
+    C_FRICTION = 15,  // two tangential, one torsional, two rolling coefficients
+    C_DAMPING = 20,   // of the normal row, then of the others
+    C_STIFFNESS = 22, // stiffness' part of the normal row's reference acceleration
+    C_R = 23,         // R of the normal row
+    C_MU = 24,        // friction of the regularised cone
+    C_CONE = 25,      // two weights, then two rows: see `update_rows`
+    CONTACT_SIZE = (ELLIPTIC_CONES ? C_CONE + 2 + 2 * NV : C_CONE) | 1,
+};
+
+// A contact that the caller found: GIVEN_SIZE numbers.
+enum GivenField {
+    G_DIST = 0,
+    G_POS = 1,      // in the world [m]
+    G_FRAME = 4,    // normal and two tangents
+    G_FRICTION = 13,
+    G_SOLREF = 18,
+    G_SOLREF_FRICTION = 20,
+    G_SOLIMP = 22,
+    G_MARGIN = 27,  // distance below which it is active [m]
+    G_DIM = 28,
+    G_GEOM = 29,    // two geoms
+    GIVEN_SIZE = 31,
+};
+
+// State of a world. Arrays that are not needed at the same time share their place, so that many worlds fit into the shared
+// memory of a multiprocessor.
+struct World {
+    real q[NQ], v[NV], a[NV];            // positions, velocities, accelerations (at first the warm start)
+    real origin[NTREES * 3];             // of each tree: where its root body is, in the world [m]; tree 0 is the world
+    real S[NV * 6];                      // motion of each degree of freedom
+#if IN_REGISTERS
+    real M[NV * LD];                     // mass matrix in the upper triangle; below the diagonal the factor in use
+#else
+    real M[NV * LD], H[NV * LD];         // mass matrix; the factor in use
+#endif
+    real smooth[NV];                     // forces but for those of constraints
+    real slope[NU];                      // derivatives of the actuators' forces by the actuators' velocities
+    real Ma[NV], s[NV];                  // M a; search direction
+    union {
+        real g[NV];                      // gradient, until the search direction is known
+        real Ms[NV];                     // M s
+    };
+    union {
+        struct {                         // until contacts and all other forces are known
+            real pos[NB * 3], quat[NB * 4];  // body frames relative to the origin of their tree
+            real V[NB * 6], A[NB * 6];   // velocities; accelerations without those of the joints
+            real X[NB * 16];             // spatial inertia (10) and force (6) of each body, then of its subtree
+            real U[NV * 6];              // force of a subtree for a unit acceleration of a degree of freedom
+            real drive[NU];              // forces of the actuators
+            real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
+        };
+        real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
+    };
+    real contacts[SHARED_CONTACTS * CONTACT_SIZE];  // see ContactField
+    real* spill;                         // memory of the device for the rows and contacts beyond these
+};
+
+#if IN_REGISTERS
+FN real mass_matrix(const World& w, int i, int j) { return i < j ? w.M[i * LD + j] : w.M[j * LD + i]; }
+#else
+FN real mass_matrix(const World& w, int i, int j) { return w.M[i * LD + j]; }
+#endif
+FN Vec origin_of(const World& w, int body) { return load(w.origin + 3 * body_tree[body]); }
+// Point that a contact of two bodies is relative to: the origin of a tree that moves.
+FN Vec origin_of(const World& w, int body1, int body2) { return origin_of(w, body2 ? body2 : body1); }
+
+// Rows and contacts. `FITS` says that all are in the state, rather than some in the spill memory.
+template <bool FITS>
+FN real* row_of(World& w, int r) {
+    if (FITS || MAX_ROWS <= SHARED_ROWS || r < SHARED_ROWS) return w.rows + r * ROW_SIZE;
+    return w.spill + (r - SHARED_ROWS) * ROW_SIZE;
+}
+template <bool FITS>
+FN const real* row_of(const World& w, int r) {
+    return row_of<FITS>(const_cast<World&>(w), r);
+}
+FN real* row(World& w, int r) { return row_of<false>(w, r); }
+template <bool FITS>
+FN real* contact_of(World& w, int c) {
+    if (FITS || MAX_CONTACTS <= SHARED_CONTACTS || c < SHARED_CONTACTS) return w.contacts + c * CONTACT_SIZE;
+    return w.spill + (MAX_ROWS - SHARED_ROWS) * ROW_SIZE + (c - SHARED_CONTACTS) * CONTACT_SIZE;
+}
+template <bool FITS>
+FN const real* contact_of(const World& w, int c) {
+    return contact_of<FITS>(const_cast<World&>(w), c);
+}
+FN real* contact(World& w, int c) { return contact_of<false>(w, c); }
+
+}  // namespace fused

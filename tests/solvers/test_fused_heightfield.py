@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Height-field contacts of the fused step against the Warp functions that find those of MuJoCo Warp's solver."""
+
+# No `from __future__ import annotations`: Warp reads annotations as types, and some of them are local here.
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from mujoco_warp import GeomType
+
+import stripe_kernels
+from stripe_kernels.heightfield import Field, Touch, Touches, add_touch, field_peak
+from stripe_kernels.mujoco_ground import _find_touch, _half_extents
+
+SPHERE, CAPSULE, BOX = int(GeomType.SPHERE), int(GeomType.CAPSULE), int(GeomType.BOX)
+COUNT, MAX_HITS, HIT = 2000, 6, 7
+SIZE = (1.0, 0.8, 0.12, 0.1)
+"""Half extents of the field and its height [m]; the last, the depth of its base, is not used."""
+FIND = f"""
+const real *pos = (real*)xpos.data + 6 * tid, *axes = (real*)xmat.data + 18 * tid, *sizes = (real*)size.data + 3 * tid;
+const fused::Geom ground{{fused::load(pos), fused::load_matrix(axes), fused::Vec{{0, 0, 0}}}};
+const fused::Geom geom{{fused::load(pos + 3), fused::load_matrix(axes + 9), fused::load(sizes)}};
+const fused::Field surface{{field.heights.data, field.nrow, field.ncol, field.size[0], field.size[1], field.size[2]}};
+fused::Hits hits;
+hits.count = 0;
+if (kind == {SPHERE}) fused::field_sphere(hits, margin, surface, ground, geom);
+if (kind == {CAPSULE}) fused::field_capsule(hits, margin, surface, ground, geom);
+if (kind == {BOX}) fused::field_box(hits, margin, surface, ground, geom);
+real* out = (real*)found.data + {1 + HIT * MAX_HITS} * tid;
+*out++ = hits.count;
+for (int i = 0; i < hits.count; i++, out += {HIT}) {{
+    out[0] = hits.hit[i].dist, fused::store(out + 1, hits.hit[i].pos), fused::store(out + 4, hits.hit[i].normal);
+}}
+"""
+
+
+@cache
+def fused_kernel(double: bool) -> wp.Kernel:
+    """Kernel of the C++ source, for geoms that need no model."""
+    folder = Path(stripe_kernels.__file__).parent / "fused"
+    sources = "".join((folder / name).read_text() for name in ("algebra.h", "primitives.h", "heightfield.h"))
+    head = f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n" + "#define FUSED_DOUBLE\n" * double
+    vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
+
+    # As in step_kernel.py: the first brace closes the body of the function, and so makes room for a library.
+    @wp.func_native(f"}}\n{head}{sources}\nstatic CUDA_CALLABLE inline void end_() {{\n")
+    def library(): ...
+
+    @wp.func_native(FIND)
+    def find(
+        tid: int,
+        field: Field,
+        kind: int,
+        margin: float,
+        xpos: wp.array2d(dtype=vec),
+        xmat: wp.array2d(dtype=mat),
+        size: wp.array(dtype=vec),
+        found: wp.array2d(dtype=real),
+    ): ...
+
+    # In a module of its own: the macros of the two precisions differ.
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_hits(
+        field: Field,
+        kind: int,
+        margin: float,
+        xpos: wp.array2d(dtype=vec),
+        xmat: wp.array2d(dtype=mat),
+        size: wp.array(dtype=vec),
+        found: wp.array2d(dtype=real),
+    ):
+        library()
+        find(wp.tid(), field, kind, margin, xpos, xmat, size, found)
+
+    return find_hits
+
+
+@wp.kernel(enable_backward=False)
+def find_expected(
+    field: Field,
+    kind: int,
+    margin: float,
+    xpos: wp.array2d[wp.vec3],
+    xmat: wp.array2d[wp.mat33],
+    size: wp.array[wp.vec3],
+    found: wp.array2d[float],
+):
+    """Touches in the slots of add_ground_contacts."""
+    i = wp.tid()
+    frame = xmat[i, 0]
+    pos = wp.transpose(frame) * (xpos[i, 1] - xpos[i, 0])
+    rot = wp.transpose(frame) * xmat[i, 1]
+    extent = _half_extents(kind, rot, size[i]) + wp.vec3(1.0, 1.0, 1.0) * margin
+    if field_peak(field, pos - extent, pos + extent) < pos[2] - extent[2]:
+        return
+    touches, touch, search, count = Touches(), Touch(), wp.bool(True), wp.int32(0)
+    for slot in range(wp.where(kind == CAPSULE, 6, 4)):
+        if kind == CAPSULE and (slot == 2 or slot == 4):
+            touches.count = 0
+            search = wp.bool(True)
+        if search:
+            touch = _find_touch(slot, kind, field, pos, rot, size[i], margin, touches)
+        search = search and touch.found
+        if search:
+            touches = add_touch(touches, touch)
+            point = xpos[i, 0] + frame * (touch.point + 0.5 * touch.dist * touch.normal)
+            normal = frame * touch.normal
+            found[i, 1 + HIT * count] = touch.dist
+            for k in range(3):
+                found[i, 2 + HIT * count + k] = point[k]
+                found[i, 5 + HIT * count + k] = normal[k]
+            count += 1
+    found[i, 0] = float(count)
+
+
+def random_case(kind: int, rough: bool) -> dict[str, np.ndarray]:
+    """A field, and geoms at random around its surface: above, deep inside, and beyond its border."""
+    rng = np.random.default_rng(kind)
+    heights = rng.uniform(size=(33, 41)) if rough else np.full((33, 41), 0.5)
+    turn = [trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3] for _ in range(2 * COUNT)]
+    xmat = np.reshape(turn, (COUNT, 2, 3, 3))
+    local = rng.uniform(-1.0, 1.0, (COUNT, 3)) * (1.1, 0.9, 0.2) + (0.0, 0.0, 0.1)
+    near = rng.uniform(-0.3, 0.3, (COUNT, 3))  # the origin is that of a tree of bodies, near the geom
+    far = near - np.einsum("nij,nj->ni", xmat[:, 0], local)
+    size = rng.uniform(0.02, 0.15, (COUNT, 3))
+    case = {"heights": heights, "xpos": np.stack([far, near], axis=1), "xmat": xmat, "size": size}
+    return {name: values.astype(np.float32) for name, values in case.items()}
+
+
+def hits_of(kernel: wp.Kernel, kind: int, margin: float, case: dict[str, np.ndarray], double: bool = False) -> tuple:
+    """Counts of hits, and distances, positions and normals, shape ``(n, 6, 7)``."""
+    vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
+    field = Field()
+    field.heights = wp.array(case["heights"].ravel(), dtype=float, device="cpu")
+    field.nrow, field.ncol = case["heights"].shape
+    field.size = wp.vec4(*SIZE)
+    arrays = [wp.array(case[n], dtype=t, device="cpu") for n, t in (("xpos", vec), ("xmat", mat), ("size", vec))]
+    found = wp.zeros((COUNT, 1 + HIT * MAX_HITS), dtype=real, device="cpu")
+    wp.launch(kernel, dim=COUNT, inputs=[field, kind, margin, *arrays, found], device="cpu")
+    numbers = found.numpy()
+    return numbers[:, 0].astype(int), numbers[:, 1:].reshape(COUNT, MAX_HITS, HIT)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.02])
+@pytest.mark.parametrize(
+    ("kind", "rough", "most"),
+    [(SPHERE, True, 4), (CAPSULE, True, 6), (BOX, True, 4), (SPHERE, False, 1), (CAPSULE, False, 2), (BOX, False, 4)],
+)
+def test_hits_are_those_of_the_warp_functions_in_both_precisions(kind, rough, most, margin):
+    case = random_case(kind, rough)
+    counts, hits = hits_of(fused_kernel(False), kind, margin, case)
+    assert np.bincount(counts)[1:].min() > 50
+    assert len(np.bincount(counts)) == 1 + most
+    for kernel, double in ((find_expected, False), (fused_kernel(True), True)):
+        expected_counts, expected = hits_of(kernel, kind, margin, case, double)
+        same = counts == expected_counts
+        assert same.mean() > 0.999
+        np.testing.assert_allclose(hits[same, :, 0], expected[same, :, 0], atol=1e-5)
+        # The normal of a sphere whose centre is all but on the surface is inexact, and its point halfway, too.
+        error = np.abs(hits - expected)[same].max(axis=(1, 2))
+        assert np.median(error) < 1e-6
+        assert np.mean(error < 1e-4) > 0.995
+
+
+@pytest.mark.parametrize("kind", [SPHERE, CAPSULE, BOX])
+@pytest.mark.parametrize("place", [np.nan, np.inf, 1e30])
+def test_a_geom_that_flew_away_touches_nothing(kind, place):
+    case = random_case(kind, rough=True)
+    case["xpos"][:, 1] = place
+    assert not hits_of(fused_kernel(False), kind, 0.0, case)[0].any()
