@@ -78,7 +78,7 @@ def solver_problems(sim: Simulation, kind: Struct, field: str, dofs: list[int], 
     """
     cfg: Any = sim.cfg.solver
     solver = sim.solver
-    name = type(solver).__name__
+    name = cfg.solver_class
     if field == "effort_limit" and sim.actuation.explicit[dofs].any():
         return  # the actuators of the package limit it, whatever the solver does
     unread = field in _UNREAD.get(cfg.kind, {}).get(kind, ())

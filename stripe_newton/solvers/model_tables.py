@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -78,11 +79,15 @@ KINDS = {
     (_G.mjGEOM_SPHERE, _G.mjGEOM_BOX): "SPHERE_BOX",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
-    (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_CAPSULE",
+    (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_HIGH_END",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
 }
 """Pairs of geom types that the fused step finds contacts of; those with height fields by their triangles."""
 
+_OF_CAPSULE = "FIELD_HIGH_END", "FIELD_LOW_END", "FIELD_AXIS"
+"""Routines for a capsule and a height field, of which lanes run each: two ends and the axis between."""
+
+_ROUTINES = [*KINDS.values(), *_OF_CAPSULE[1:]]
 
 RULES = ("OF_BOTH", "OF_FIRST", "OF_SECOND", "OF_PAIR")
 """Source of the parameters of a contact: both geoms, the one of higher priority, or a pair that the model names."""
@@ -185,7 +190,14 @@ class ModelTables:
         if max_rows < model.neq:
             raise ValueError(f"njmax is {max_rows}, must be {model.neq} or more: the model has as many equalities")
         pairs = contact_pairs(model) if pairs is None else pairs
-        return cls(model, tuple(p for p in pairs if p.kind), max_rows, max_contacts)
+        parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in _parts(p.kind))
+        # Those that search for long come last, so that lanes do so together.
+        return cls(
+            model,
+            tuple(sorted(parts, key=lambda p: _LATE.index(p.kind) if p.kind in _LATE else -1)),
+            max_rows,
+            max_contacts,
+        )
 
     @property
     def elliptic(self) -> bool:
@@ -218,7 +230,7 @@ class ModelTables:
         room = {
             "MAX_ROWS": self.max_rows, "MAX_CONTACTS": self.max_contacts, "SHARED_ROWS": rows,
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
-            "MAX_HITS": 6 if self.has_fields else 4,
+            "MAX_HITS": 4,
         }  # fmt: skip
         integers = _tree_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
         lines = [
@@ -248,6 +260,14 @@ class ModelTables:
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
+_LATE = "FIELD_AXIS", "FIELD_BOX"
+
+
+def _parts(kind: str) -> tuple[str, ...]:
+    """Routines that find the contacts of a pair of a kind."""
+    return _OF_CAPSULE if kind == _OF_CAPSULE[0] else (kind,)
+
+
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
     couples = sum(len(list(_ancestors(model, i))) for i in range(model.nv))
     return {
@@ -265,8 +285,8 @@ def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, o
     opt = model.opt
     return {
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
-        **{name: i for i, name in enumerate(KINDS.values())},
-        **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in KINDS.values()},
+        **{name: i for i, name in enumerate(_ROUTINES)},
+        **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in _ROUTINES},
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
         "IMPLICIT": int(opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
         "REFSAFE": int(not opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE),
@@ -323,7 +343,7 @@ def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
 
 
 def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
-    kinds, used = list(KINDS.values()), _used_geoms(pairs)
+    used = _used_geoms(pairs)
     return {
         "geom_body": model.geom_bodyid,
         "geom_field": model.geom_dataid,
@@ -333,7 +353,7 @@ def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[st
         "used_geom": used,
         "contact_geoms": [used.index(g) for p in pairs for g in (p.geom1, p.geom2)],
         "contact_pair": [v for p in pairs for v in (p.geom1, p.geom2, p.dim, RULES.index(p.rule), p.explicit)],
-        "contact_kind": [kinds.index(p.kind) if p.kind else -1 for p in pairs],
+        "contact_kind": [_ROUTINES.index(p.kind) for p in pairs],
     }
 
 
@@ -405,7 +425,7 @@ def _addresses(model: mujoco.MjModel) -> int:
 
 def _places_geoms(pairs: Sequence[ContactPair]) -> bool:
     """Whether all geoms are placed before pairs are looked at: it pays where a geom is in several."""
-    return len(pairs) > 1.5 * len(_used_geoms(pairs))
+    return len({(p.geom1, p.geom2) for p in pairs}) > 1.5 * len(_used_geoms(pairs))
 
 
 def _free_alone(model: mujoco.MjModel) -> list[int]:

@@ -201,7 +201,7 @@ def _python_source(tables: ModelTables, options: KernelOptions, layout: Layout) 
             *fields,
             f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
-            *_kernel("step", _steps(options), options, layout, bounds),
+            *_kernel("step", _steps(options, layout), options, layout, bounds),
             *_kernel("place", _PLACING, options, layout, bounds),
             "",
         ]
@@ -245,10 +245,19 @@ def _world(options: KernelOptions, layout: Layout) -> list[str]:
 _PLACING = ["fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
 
 
-def _steps(options: KernelOptions) -> list[str]:
+def _together(options: KernelOptions, layout: Layout) -> list[str]:
+    """Source that lets the worlds of a block begin a step together: they then share the fetched instructions."""
+    if options.lanes == 1:
+        return []
+    full = f"(blockIdx.x + 1) * {layout.worlds_per_block} <= num_worlds"
+    return ["#ifdef __CUDA_ARCH__", f"    if ({full}) __syncthreads();", "#endif"]
+
+
+def _steps(options: KernelOptions, layout: Layout) -> list[str]:
     contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
     return [
         "for (int s = 0; s < steps; s++) {",
+        *_together(options, layout),
         "    const bool last = s == steps - 1;",
         "    if (last && m.qpos_before) fused::keep_state(w, P.qpos_before(), P.qvel_before(), lane);",
         f"    fused::step(w, P, {contacts}, {count}, last, lane);",

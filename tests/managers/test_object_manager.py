@@ -32,6 +32,7 @@ from stripe_newton.sim import (
 from stripe_newton.sim.overflow import SolverOverflow
 from stripe_tasks.robots import ANT_CFG
 from tests.helpers.manager_world import manager_context, plan, run, set_reset
+from tests.helpers.solver_contacts import contact_count, touching_geoms, watch_contacts
 
 N, DT, SUBSTEPS, RADIUS = 4, 1.0 / 120.0, 2, 0.1
 REGION = {"x": (-1.5, 1.5), "y": (-1.0, 1.0), "z": (0.0, 0.2), "yaw": (-3.0, 3.0)}
@@ -75,6 +76,8 @@ class World:
         scene.clone_environments()
         scene.build()
         self.sim = scene.sim
+        if hasattr(self.sim.solver, "mjw_data"):
+            watch_contacts(self.sim.solver)
         self.context = ManagerContext(scene, SUBSTEPS * DT, SUBSTEPS, 1.0, 60)
         self.manager = ObjectManager(pools, self.context)
         assert not self.context.problems, self.context.problems
@@ -95,10 +98,8 @@ class World:
 
     def touching(self) -> set[tuple[int, int]]:
         """World and body of all contacts of the last physics step."""
-        data, model = self.sim.solver.mjw_data, self.sim.solver.mjw_model
-        count = int(data.nacon.numpy()[0])
-        worlds, geoms = data.contact.worldid.numpy()[:count], data.contact.geom.numpy()[:count]
-        of_geom, of_body = model.geom_bodyid.numpy(), self.sim.solver.mjc_body_to_newton.numpy()
+        worlds, geoms = touching_geoms(self.sim.solver)
+        of_geom, of_body = self.sim.solver.mjw_model.geom_bodyid.numpy(), self.sim.solver.mjc_body_to_newton.numpy()
         found = {(int(w), int(of_body[w, of_geom[g]])) for w, pair in zip(worlds, geoms, strict=True) for g in pair}
         per_env = self.sim.model.body_count // self.scene.num_envs
         return {(w, b % per_env) for w, b in found if b >= 0}
@@ -289,7 +290,7 @@ def test_retired_objects_do_not_leave_their_place_over_500_steps():
     world.after_physics(slice(None))
     for _ in range(500):
         world.sim.step(SUBSTEPS)
-        assert int(world.sim.solver.mjw_data.nacon.numpy()[0]) == 0
+        assert contact_count(world.sim.solver) == 0
         assert (world.manager["balls"].positions - parked(world, "balls")).abs().max() < FALL
         world.after_physics()
     pool = world.manager["balls"]

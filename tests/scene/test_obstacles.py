@@ -32,6 +32,7 @@ from tests.helpers.obstacle_world import (
     random_capsules,
     slots_cfg,
 )
+from tests.helpers.solver_contacts import contact_count, watch_contacts
 
 # -- the grid
 
@@ -156,11 +157,12 @@ def fall(cfg: Any, steps: int, device: str) -> tuple[np.ndarray, InteractiveScen
     """Root poses and joint positions of four quadrupeds, shape ``(steps, envs, n)``, and contacts at each step."""
     scene = make(WalkCfg(num_envs=4, env_spacing=3.0, obstacles=cfg), device=device)
     rows, contacts = [], []
+    watch_contacts(scene.sim.solver)
     for _ in range(steps):
         scene.sim.step()
         data = scene["robot"].data
         rows.append(torch.cat([data.root_pose_w, data.joint_pos], dim=1).cpu().numpy().copy())
-        contacts.append(int(scene.sim.solver.mjw_data.nacon.numpy()[0]))
+        contacts.append(contact_count(scene.sim.solver))
     return np.array(rows), scene, contacts
 
 
@@ -199,6 +201,7 @@ def lying(height: float, count: int = 1) -> Capsules:
 
 
 def heights(scene: InteractiveScene, steps: int = 120) -> np.ndarray:
+    watch_contacts(scene.sim.solver)
     for _ in range(steps):
         scene.sim.step()
     return scene["robot"].data.root_pos_w[:, 2].numpy()
@@ -208,7 +211,7 @@ def test_others_take_their_place():
     scene = ball_scene(lying(0.3), num_envs=2, capacity=3)
     move_to(scene, [[0.0, 0.0, 0.62], [2.0, 0.0, 0.62]])
     assert heights(scene) == pytest.approx(0.6, abs=5e-3)
-    assert int(scene.sim.solver.mjw_data.nacon.numpy()[0]) == 2
+    assert contact_count(scene.sim.solver) == 2
     scene["obstacles"].replace(Capsules(np.zeros((0, 3)), np.zeros((0, 4)), 1.0, 0.0))
     assert scene["obstacles"].data.count.tolist() == [0, 0]
     assert heights(scene) == pytest.approx(0.1, abs=5e-3)
@@ -221,7 +224,7 @@ def test_others_take_their_place():
 def test_parked_slots_touch_nothing():
     scene = ball_scene(Capsules([[50.0, 0.0, 0.0]], [0, 0, 0, 1], 0.3, 1.0), num_envs=2, slots=4)
     assert heights(scene) == pytest.approx(0.1, abs=5e-3)
-    assert int(scene.sim.solver.mjw_data.nacon.numpy()[0]) == 2  # the ground alone
+    assert contact_count(scene.sim.solver) == 2  # the ground alone
     assert scene["obstacles"].data.count.tolist() == [0, 0]
 
 
@@ -244,7 +247,7 @@ def test_other_bodies_and_the_ground_are_not_touched():
     scene = ball_scene(capsules, num_envs=2, other=other)
     assert heights(scene) == pytest.approx(0.4, abs=5e-3)
     assert scene["other"].data.root_pos_w[:, 2].numpy() == pytest.approx(0.1, abs=5e-3)
-    assert int(scene.sim.solver.mjw_data.nacon.numpy()[0]) == 4
+    assert contact_count(scene.sim.solver) == 4
 
 
 def test_friction_is_that_of_the_config():

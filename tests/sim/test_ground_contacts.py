@@ -242,21 +242,21 @@ def tilted(heights: np.ndarray) -> Any:
 
 
 def test_other_shapes_keep_the_general_routine():
-    solver = simulate(field(stairs()), "cylinder", thrown(), 1)[1]
+    solver = simulate(field(stairs()), "cylinder", thrown(), 1, fused=False)[1]
     assert solver.mjw_model.callback.contactfilter is None
-    solver = simulate(field(stairs()), "sphere", thrown(), 1)[1]
+    solver = simulate(field(stairs()), "sphere", thrown(), 1, fused=False)[1]
     assert solver.mjw_model.callback.contactfilter is not None
     assert len(solver.mjw_model.nxn_geom_pair_filtered) == 0
-    solver = simulate(field(stairs()), "sphere", thrown(), 1, triangle_contacts=False)[1]
+    solver = simulate(field(stairs()), "sphere", thrown(), 1, triangle_contacts=False, fused=False)[1]
     assert len(solver.mjw_model.nxn_geom_pair_filtered) == 1
     assert use_triangles(solver.mjw_model) == 1
-    solver = simulate(plane(0.0), "sphere", thrown(), 1)[1]
+    solver = simulate(plane(0.0), "sphere", thrown(), 1, fused=False)[1]
     assert solver.mjw_model.callback.contactfilter is None
 
 
 def test_contacts_that_do_not_fit_are_reported():
     low = thrown() - np.array([0, 0, 0.25, 0, 0, 0, 0])
-    solver = simulate(field(sloping(0.0)), "box", low, 1)[1]
+    solver = simulate(field(sloping(0.0)), "box", low, 1, fused=False)[1]
     model, data = solver.model, solver.mjw_data
     data.naconmax = 3
     state, seen = model.state(), solver.observables({"overflow"})

@@ -27,8 +27,11 @@ const fused::Geom geom{{fused::load(pos + 3), fused::load_matrix(axes + 9), fuse
 const fused::Field surface{{field.heights.data, field.nrow, field.ncol, field.size[0], field.size[1], field.size[2]}};
 fused::Hits hits;
 hits.count = 0;
-if (kind == {SPHERE}) fused::field_sphere(hits, margin, surface, ground, geom);
-if (kind == {CAPSULE}) fused::field_capsule(hits, margin, surface, ground, geom);
+if (kind == {SPHERE}) fused::field_ball(hits, margin, surface, ground, geom, 0, 4);
+if (kind == {CAPSULE}) {{
+    for (int end = 1; end > -2; end -= 2) fused::field_ball(hits, margin, surface, ground, geom, end, 2);
+    fused::field_axis(hits, margin, surface, ground, geom);
+}}
 if (kind == {BOX}) fused::field_box(hits, margin, surface, ground, geom);
 real* out = (real*)found.data + {1 + HIT * MAX_HITS} * tid;
 *out++ = hits.count;

@@ -22,6 +22,7 @@ from stripe_newton.usd import inspect_stage
 from stripe_tasks.robots import HUMANOID_POSITION_CFG, QUADRUPED_CFG
 from tests.helpers.checkout import ROOT, TOOLS
 from tests.helpers.small_scenes import make_scene, numpy, sim_cfg
+from tests.helpers.solver_contacts import touching_geoms, watch_contacts
 
 STAGE = Path(QUADRUPED_CFG.spawn.usd_path)
 GROUND = AssetBaseCfg(prim_path="/World/ground", spawn=GroundPlaneCfg())
@@ -181,14 +182,12 @@ def test_it_stands_on_its_default_pose(quadruped):
 
 def test_only_the_feet_touch_the_ground(quadruped):
     """Run after it stood: what MuJoCo reports of its contacts."""
-    data, model = quadruped.sim.solver.mjw_data, quadruped.sim.solver.mj_model
-    count = int(data.nacon.numpy()[0])
-    touching = data.contact.dist.numpy()[:count] < 0.0
-    bodies = {
-        model.body(model.geom_bodyid[g]).name.rpartition("/")[2]
-        for pair in data.contact.geom.numpy()[:count][touching]
-        for g in pair
-    }
+    solver = quadruped.sim.solver
+    model = solver.mj_model
+    watch_contacts(solver)
+    quadruped.sim.step()
+    geoms = touching_geoms(solver)[1]
+    bodies = {model.body(model.geom_bodyid[g]).name.rpartition("/")[2] for pair in geoms for g in pair}
     assert {b.rpartition("_")[2] for b in bodies} - {"world"} == {"foot"}
     assert len(bodies - {"world"}) == 4
 

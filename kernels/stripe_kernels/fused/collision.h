@@ -139,9 +139,18 @@ FN int collide(World& w, const Parameters& P, int lane) {
                 case SPHERE_BOX: if (!HAS_SPHERE_BOX) break; sphere_box(hits, margin, a, b); break;
                 case CAPSULE_CAPSULE: if (!HAS_CAPSULE_CAPSULE) break; capsule_capsule(hits, margin, a, b); break;
 #if HAS_FIELDS
-                case FIELD_SPHERE: field_sphere(hits, margin, field_of(P, pair[0]), a, b); break;
-                case FIELD_CAPSULE: field_capsule(hits, margin, field_of(P, pair[0]), a, b); break;
-                case FIELD_BOX: field_box(hits, margin, field_of(P, pair[0]), a, b); break;
+                // Spheres and ends of capsules are one case, so that lanes search for their touches together.
+                case FIELD_SPHERE:
+                case FIELD_HIGH_END:
+                case FIELD_LOW_END: {
+                    int end = contact_kind[p] == FIELD_SPHERE ? 0 : contact_kind[p] == FIELD_HIGH_END ? 1 : -1;
+                    field_ball(hits, margin, field_of(P, pair[0]), a, b, end, end ? 2 : 4);
+                    break;
+                }
+                case FIELD_AXIS: field_axis(hits, margin, field_of(P, pair[0]), a, b); break;
+                case FIELD_BOX:
+                    if (HAS_FIELD_BOX) field_box(hits, margin, field_of(P, pair[0]), a, b);
+                    break;
 #endif
             }
         }

@@ -54,12 +54,12 @@ FN Cells cells_below(const Patch& p, Vec low, Vec high) {
                  first_cell(row_at(p, low.y), f.rows), last_cell(row_at(p, high.y), f.rows)};
 }
 
-// Whether a geom is above the highest vertex below it; `extent` is half of its bounding box.
-FN bool is_above(const Patch& p, Vec extent) {
-    Cells c = cells_below(p, -1 * extent, extent);
+// Whether a part of a geom is above the highest vertex below it; `extent` is half of its bounding box.
+FN bool is_above(const Patch& p, Vec center, Vec extent) {
+    Cells c = cells_below(p, center - extent, center + extent);
     for (int row = c.row; row <= c.last_row + 1; row++)
         for (int col = c.col; col <= c.last_col + 1; col++)
-            if (vertex(p, row, col).z >= -extent.z) return false;
+            if (vertex(p, row, col).z >= center.z - extent.z) return false;
     return true;
 }
 
@@ -149,13 +149,6 @@ FN bool sphere_touch(const Hits& hits, int first, real reach, const Patch& p, Ve
     }
     best.dist -= radius;
     return found;
-}
-
-// Add touches of a sphere, nearest first. After a miss there is none.
-FN void add_sphere(Hits& hits, int most, real margin, const Patch& p, Vec center, real radius) {
-    Hit hit;
-    for (int first = hits.count; hits.count < first + most && sphere_touch(hits, first, margin, p, center, radius, hit);)
-        hits.hit[hits.count++] = hit;
 }
 
 // Nearest touch of an axis from -half to half, its ends left out, with a ridge: an edge at which the surface bends down.
@@ -250,28 +243,28 @@ FN void to_world(Hits& hits, int first, const Geom& ground, const Geom& geom) {
     }
 }
 
-// At most four contacts.
-FN void field_sphere(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& sphere) {
-    Patch p = patch_at(field, ground, sphere);
-    real size = sphere.size.x + margin;
-    if (is_above(p, Vec{size, size, size})) return;
+// At most `most` contacts of a sphere, or of an end of a capsule: `end` is 1 or -1.
+FN void field_ball(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& geom, int end, int most) {
+    Patch p = patch_at(field, ground, geom);
+    Vec center = end * geom.size.y * (p.axes * column(geom.axes, 2));
+    real radius = geom.size.x, size = radius + margin;
+    if (is_above(p, center, Vec{size, size, size})) return;
     int first = hits.count;
-    add_sphere(hits, 4, margin, p, Vec{0, 0, 0}, sphere.size.x);
-    to_world(hits, first, ground, sphere);
+    Hit hit;
+    while (hits.count < first + most && sphere_touch(hits, first, margin, p, center, radius, hit))
+        hits.hit[hits.count++] = hit;  // nearest first; after a miss there is none
+    to_world(hits, first, ground, geom);
 }
 
-// At most two contacts of each end, then two along the axis. Each of the three is searched on its own.
-FN void field_capsule(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& capsule) {
+// At most two contacts of the axis of a capsule, its ends left out.
+FN void field_axis(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& capsule) {
     Patch p = patch_at(field, ground, capsule);
     Vec half = capsule.size.y * (p.axes * column(capsule.axes, 2));
     real radius = capsule.size.x, size = radius + margin;
-    if (is_above(p, Vec{FABS(half.x) + size, FABS(half.y) + size, FABS(half.z) + size})) return;
+    if (is_above(p, Vec{0, 0, 0}, Vec{FABS(half.x) + size, FABS(half.y) + size, FABS(half.z) + size})) return;
     int first = hits.count;
-#pragma unroll 1
-    for (int end = 0; end < 2; end++) add_sphere(hits, 2, margin, p, (end ? -1 : 1) * half, radius);
     Hit hit;
-    for (int i = hits.count; hits.count < i + 2 && ridge_touch(hits, i, margin, p, half, radius, hit);)
-        hits.hit[hits.count++] = hit;
+    while (hits.count < first + 2 && ridge_touch(hits, first, margin, p, half, radius, hit)) hits.hit[hits.count++] = hit;
     to_world(hits, first, ground, capsule);
 }
 
@@ -284,7 +277,7 @@ FN void field_box(Hits& hits, real margin, const Field& field, const Geom& groun
         axis[i] = p.axes * column(box.axes, i);
         extent = extent + half[i] * Vec{FABS(axis[i].x), FABS(axis[i].y), FABS(axis[i].z)};
     }
-    if (is_above(p, extent + more)) return;
+    if (is_above(p, Vec{0, 0, 0}, extent + more)) return;
     int first = hits.count;
     Hit hit;
     while (hits.count < first + 4 && box_touch(hits, first, margin, p, axis, half, extent, hit))

@@ -18,7 +18,7 @@ struct Hit {
     Vec pos, normal, along;  // `along` is the wanted direction of the first tangent, zero for any
 };
 
-// Hits of one pair; those with a height field have at most six, others four.
+// Hits of one pair; no routine finds more than MAX_HITS.
 struct Hits {
     Hit hit[MAX_HITS];
     int count;
