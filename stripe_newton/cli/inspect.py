@@ -113,6 +113,7 @@ def _inspect_task(task: str) -> _Inspection:
         facts = {
             "task": task,
             "device": str(env.device),
+            "physics": inner.sim.describe_solver(),
             "physics_dt": inner.physics_dt,
             "decimation": cfg.decimation,
             "step_dt": inner.step_dt,

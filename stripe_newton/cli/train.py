@@ -25,6 +25,7 @@ from stripe_newton.rl.experiments.sweep_process import end_with_sweep
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
 from stripe_newton.rl.runs.video import video_steps
+from stripe_newton.rl.torch_vector_env import rl_env_of
 
 from . import USER_ERRORS
 from .arguments import parse, peek, task_of
@@ -155,6 +156,9 @@ def _build_runner(
     """Build environment and runner, and load the checkpoint of a resumed run."""
     agent = configs.need_agent()
     runner = build(task, configs, folder.path, render=world().rank == 0)
+    inner = rl_env_of(runner.env.unwrapped)
+    if inner is not None and world().rank == 0:
+        print(f"physics: {inner.sim.describe_solver()}")
     if agent.runner == "graph" and world().rank == 0 and runner.device != "cpu":
         for part, reason in runner.no_graphs.items():
             print(f"the {part} runs rsl_rl's own code rather than a graph: {reason}")

@@ -441,12 +441,15 @@ class RLEnv(VectorEnv):
         return self._safety.worlds
 
     def describe(self, kernels: bool = False) -> str:
-        """The stages of a step, what runs in each, and what of it is one CUDA graph, as a table in plain text.
+        """What computes the physics, the stages of a step, what runs in each, and what of it is one CUDA graph.
 
         Args:
             kernels: Also the source of the generated kernels.
+
+        Returns:
+            A line and a table, in plain text.
         """
-        return self.plan.describe(kernels)
+        return f"physics: {self.sim.describe_solver()}\n\n{self.plan.describe(kernels)}"
 
     def render(self) -> np.ndarray | None:
         """A picture of the scene, uint8, shape ``(height, width, 3)``; ``None`` without ``render_mode="rgb_array"``.

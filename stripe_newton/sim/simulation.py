@@ -256,6 +256,12 @@ class Simulation:
         """
         self._hooks.append(hook)
 
+    def describe_solver(self) -> str:
+        """What computes the physics, and why, in a line."""
+        if isinstance(self.solver, SolverFused):
+            return self.solver.describe()
+        return "MuJoCo Warp" if self.cfg.solver.uses_mujoco_warp else f"Newton's {self.cfg.solver.solver_class}"
+
     # -- stepping
 
     def step(self, substeps: int = 1) -> None:

@@ -60,7 +60,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         reason = next((f"{n}={v}" for n, v in _NOT_HERE.items() if kwargs.get(n, not v) == v), "")
         if reason and not fallback:
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
-        self._addresses: dict[bool, object] = {}  # first, as the constructor notifies
+        self._addresses: dict[tuple[bool, int], Any] = {}  # first, as the constructor notifies
+        self._state_out: newton.State | None = None
         super().__init__(model, **kwargs)
         self.unsupported = reason or why_unsupported(self.mj_model)
         if self.unsupported and not fallback:
@@ -168,6 +169,12 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             joint_qd: Output, velocities, shape ``(joint_dof_count,)``.
         """
         assert self._before is not None, "keep_state_before_last comes first"
+        self._write_joints(*self._before, joint_q, joint_qd, joint_q, joint_qd)
+
+    def _write_joints(
+        self, qpos: wp.array, qvel: wp.array, kept_q: wp.array, kept_qd: wp.array, joint_q: wp.array, joint_qd: wp.array
+    ) -> None:
+        """Convert MuJoCo's coordinates; those of kinematic bodies are the ones kept."""
         model, data = self.model, self.mjw_data
         joints = model.joint_count // data.nworld
         names = (
@@ -184,8 +191,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             convert_mj_coords_to_warp_kernel,
             dim=(data.nworld, joints),
             inputs=[
-                *self._before, joints, *(getattr(model, name) for name in names), model.body_com, dof_ref,
-                model.body_flags, joint_q, joint_qd, self.mj_q_start, self.mj_qd_start,
+                qpos, qvel, joints, *(getattr(model, name) for name in names), model.body_com, dof_ref,
+                model.body_flags, kept_q, kept_qd, self.mj_q_start, self.mj_qd_start,
             ],
             outputs=[joint_q, joint_qd],
             device=model.device,
@@ -203,6 +210,25 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         for name in ("body_qdd", "body_parent_f"):
             if getattr(state_out, name) is not None:
                 raise ValueError(f"the fused solver does not compute '{name}' of the state; use SolverMuJoCo")
+
+    def step(self, state_in: newton.State, state_out: newton.State, *args: Any, **kwargs: Any) -> None:
+        """Advance by one time step, as :meth:`newton.solvers.SolverMuJoCo.step`."""
+        self._state_out = state_out
+        super().step(state_in, state_out, *args, **kwargs)
+
+    def _update_newton_state(
+        self, model: newton.Model, state: newton.State, mj_data: Any, state_prev: newton.State, observables: Any = None
+    ) -> None:
+        if self.unsupported or not self._writes_bodies or mj_data is not self.mjw_data:
+            super()._update_newton_state(model, state, mj_data, state_prev, observables)
+            return
+        # What the base class does, but for the bodies, which the kernel has written.
+        self._write_joints(
+            mj_data.qpos, mj_data.qvel, state_prev.joint_q, state_prev.joint_qd, state.joint_q, state.joint_qd
+        )
+        if observables is not None and observables.is_requested(self.ObservableKind.QFRC_ACTUATOR):
+            joints, worlds = model.joint_count // mj_data.nworld, mj_data.nworld
+            self._convert_mj_qfrc(model, mj_data, mj_data.qfrc_actuator, worlds, joints, observables.qfrc_actuator)
 
     def _mujoco_warp_step(self) -> None:
         if self.unsupported:
@@ -254,6 +280,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             given_contacts=bool(self._others),
         )
         kernel = step_kernel(tables, options)
+        # Newton's forward kinematics are left out where all bodies are MuJoCo's.
+        self._writes_bodies = self._has_all_bodies()
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
         self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
         if self._others:
@@ -261,6 +289,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
+
+    def _has_all_bodies(self) -> bool:
+        bodies = self.mjc_body_to_newton.numpy()
+        return np.array_equal(np.sort(bodies[bodies >= 0]), np.arange(self.model.body_count))
 
     def _limited_model(self) -> mujoco.MjModel:
         """The compiled model with the limits that MuJoCo Warp's has now: drives may have got some."""
@@ -300,9 +332,15 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     def _arguments(self, last: bool = True) -> object:
         """Addresses of the arrays, for the last step of a call or for another one."""
-        if last not in self._addresses:
-            self._addresses[last] = self._refer_all(last)
-        return self._addresses[last]
+        bodies = self._state_out if last and self._writes_bodies else None
+        key = last, id(bodies)
+        if key not in self._addresses:
+            self._addresses[key] = self._refer_all(last)
+        m = self._addresses[key]
+        if bodies is not None:
+            m.newton_body = self.mjc_body_to_newton.ptr
+            m.body_q, m.body_qd = bodies.body_q.ptr, bodies.body_qd.ptr
+        return m
 
     def _refer_all(self, last: bool) -> object:
         m, data = self.fused.arguments(), self.mjw_data

@@ -40,7 +40,16 @@ READ = ("xpos", "xquat", "efc_force")
 CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "worldid")
 """Arrays of its contacts that are; the arguments have their addresses as ``contact_*``, 0 where nobody reads them."""
 _ARRAYS = *STATE, *PARAMETERS, *BEFORE_LAST, *OUTPUTS, *READ, "contacts"
-_ADDRESSES = *(f"contact_{n}" for n in CONTACTS), "contact_count", "field_size", "field_heights", "workspace"
+_ADDRESSES = (
+    *(f"contact_{n}" for n in CONTACTS),
+    "newton_body",
+    "body_q",
+    "body_qd",
+    "contact_count",
+    "field_size",
+    "field_heights",
+    "workspace",
+)
 _SM_BYTES, _SM_WORLDS = 228 * 1024, 32
 """Shared memory of a multiprocessor of an H100, of which each block takes 1 KiB more than it asks for, and the worlds
 that it should have room for: 4096 are 31 for each."""
@@ -264,6 +273,7 @@ def _steps(options: KernelOptions, layout: Layout) -> list[str]:
         "}",
         "fused::keep_state(w, P.qpos(), P.qvel(), lane);",
         "EACH(i, NV) P.qacc_warmstart()[i] = w.a[i];",
+        "if (m.body_q) fused::write_newton_bodies(w, fused::fresh(P), lane);",
     ]
 
 

@@ -207,6 +207,20 @@ def force_on_shapes(shapes: tuple[np.ndarray, np.ndarray], upward: np.ndarray, c
     return total
 
 
+def test_bodies_are_those_of_forward_kinematics():
+    model = replicated(TREE, 2)
+    solver, state = SolverFused(model, **ROOM), model.state()
+    for _ in range(50):
+        solver.step(state, state, model.control(), None, 0.004)
+    expected = model.state()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, expected)
+    poses, same = state.body_q.numpy(), expected.body_q.numpy()
+    poses[:, 3:] *= np.sign((poses[:, 3:] * same[:, 3:]).sum(1, keepdims=True))  # of two quaternions of a rotation
+    assert np.abs(state.joint_qd.numpy()).max() > 1.0
+    np.testing.assert_allclose(poses, same, atol=1e-5)
+    np.testing.assert_allclose(state.body_qd.numpy(), expected.body_qd.numpy(), atol=1e-4)
+
+
 def test_several_steps_at_once_are_as_many_steps():
     """With the state before the last of them."""
     model = chain(2)

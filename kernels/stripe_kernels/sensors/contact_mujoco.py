@@ -110,6 +110,8 @@ def add_mujoco_contacts(
     """
     first = wp.tid() * places
     for contact in range(first, first + places):
+        if places > 1 and contact_geom[contact][0] < 0:  # the world has no more
+            return
         _add_contact(
             contact,
             due,
