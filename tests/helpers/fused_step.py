@@ -13,9 +13,11 @@ import numpy as np
 import warp as wp
 
 from stripe_newton.solvers.model_tables import PARAMETERS, ModelTables
-from stripe_newton.solvers.step_kernel import STATE, KernelOptions, step_kernel
+from stripe_newton.solvers.step_kernel import CONTACTS, STATE, KernelOptions, step_kernel
 
 MAX_ROWS, MAX_CONTACTS, CONTACT_SIZE = 600, 150, 31
+CONTACT_SIZES = dict(zip(CONTACTS, (3, 9, 5, 1, 1, 2, 10, 1), strict=True))
+"""Numbers of the fields of a contact; it has up to ten rows."""
 State = dict[str, np.ndarray]
 
 
@@ -25,6 +27,9 @@ class Comparison:
 
     error: np.ndarray
     """Relative errors of the velocities, shape ``(n,)``."""
+    force_error: np.ndarray
+    """Relative errors of the forces of all constraint rows in the last step, in the states with as many rows and any
+    force, shape ``(m,)``."""
     rows: np.ndarray
     """Constraint rows of the fused step."""
     expected_rows: np.ndarray
@@ -234,6 +239,7 @@ def compare(
     states, data = states or record(model, count), mujoco.MjData(model)
     count = len(states)
     velocities, rows = np.zeros((count, model.nv)), np.zeros(count, dtype=int)
+    forces = np.zeros((count, MAX_ROWS))
     contacts, contact_counts = np.zeros((count, MAX_CONTACTS, CONTACT_SIZE)), np.zeros(count, dtype=np.int32)
     for i, state in enumerate(states):
         mujoco.mj_resetData(model, data)
@@ -242,6 +248,7 @@ def compare(
         for _ in range(steps):
             mujoco.mj_step(model, data)
         velocities[i], rows[i] = data.qvel, data.nefc
+        forces[i, : data.nefc] = data.efc_force
         active = [c for c in data.contact if not c.exclude and c.efc_address >= 0] if given_contacts else []
         contact_counts[i] = len(active)
         for k, contact in enumerate(active):
@@ -270,10 +277,22 @@ def compare(
             setattr(arguments, f"{name}_stride", 1)
     held["qfrc_actuator"] = wp.zeros(count * model.nv, dtype=dtype, device="cpu")
     arguments.qfrc_actuator, arguments.qfrc_actuator_stride = held["qfrc_actuator"].ptr or 0, model.nv
+    for name, size in {"xpos": 3 * model.nbody, "xquat": 4 * model.nbody, "efc_force": MAX_ROWS}.items():
+        held[name] = wp.zeros(count * size, dtype=dtype, device="cpu")
+        setattr(arguments, name, held[name].ptr)
+        setattr(arguments, f"{name}_stride", size)
+    for name, size in CONTACT_SIZES.items():
+        whole = name in ("dim", "geom", "efc_address", "worldid")
+        held[name] = wp.zeros(count * MAX_CONTACTS * size, dtype=int if whole else dtype, device="cpu")
+        setattr(arguments, f"contact_{name}", held[name].ptr)
     kernel.launch(arguments, count, "cpu", steps)
     found = held["qvel"].numpy().reshape(count, -1)
     error = np.linalg.norm(found - velocities, axis=1) / np.linalg.norm(velocities, axis=1)
-    return Comparison(error, held["nefc"].numpy(), rows)
+    nefc, found_forces = held["nefc"].numpy(), held["efc_force"].numpy().reshape(count, -1)
+    size = np.linalg.norm(forces, axis=1)
+    compared = (nefc == rows) & (size > 0.0)
+    off = np.linalg.norm(found_forces - forces, axis=1)[compared] / size[compared]
+    return Comparison(error, off, nefc, rows)
 
 
 def _numbers(model: mujoco.MjModel, contact: mujoco.MjContact) -> np.ndarray:

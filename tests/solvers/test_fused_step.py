@@ -77,6 +77,7 @@ def test_a_step_is_that_of_mujoco(name):
     assert found.rows.max() >= 7
     assert np.median(found.error) < 1e-12
     assert np.quantile(found.error, 0.99) < 1e-8
+    assert np.median(found.force_error) < 1e-11
 
 
 @pytest.mark.parametrize("name", MODELS)
