@@ -114,7 +114,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         """Fill MuJoCo Warp's arrays of contacts and constraint forces from the next step on.
 
         Each world has its own places in the arrays of contacts, ``naconmax / nworld`` of them; those without a contact
-        have geoms and rows of -1.
+        have geoms and rows of -1. Graphs that were recorded before do not fill them: see :meth:`Simulation.recapture`.
         """
         if self.unsupported or self._fills_contacts:
             return

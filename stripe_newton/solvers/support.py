@@ -25,6 +25,8 @@ def why_unsupported(model: mujoco.MjModel) -> str:
 
 def _reasons(model: mujoco.MjModel) -> Iterator[str]:
     opt = model.opt
+    if not model.nv:
+        yield "nothing in it can move"
     if model.nv > _MAX_DOFS:
         yield f"it has {model.nv} degrees of freedom, more than {_MAX_DOFS}"
     if int(opt.integrator) not in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST):

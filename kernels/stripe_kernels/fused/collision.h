@@ -3,7 +3,7 @@
 
 namespace fused {
 
-// Place of a geom relative to the origin of its tree; of one of the world where MuJoCo's data has it, as it may have been moved.
+// Place of a geom relative to the origin of its tree. One of the world is where MuJoCo's data has it: it may have been moved.
 FN Geom geom_of(const World& w, const Parameters& P, int g) {
     int b = geom_body[g];
     if (b == 0) return Geom{load(P.geom_xpos() + 3 * g), load_matrix(P.geom_xmat() + 9 * g), load(P.geom_size() + 3 * g)};
@@ -116,6 +116,11 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
     SYNC();
 }
 
+// A kind of which the model has pairs; the code of others is left out.
+#define CASE(kind) \
+    case kind:     \
+        if (!HAS_##kind) break;
+
 // Contacts of all pairs, in the order of the pairs. Returns their number, which may exceed the room for them.
 FN int collide(World& w, const Parameters& P, int lane) {
     int count = 0;
@@ -130,14 +135,14 @@ FN int collide(World& w, const Parameters& P, int lane) {
             Geom a = geom_at(w, P, contact_geoms[2 * p], origin), b = geom_at(w, P, contact_geoms[2 * p + 1], origin);
             real margin = margin_of(P, pair);
             switch (contact_kind[p]) {
-                case PLANE_SPHERE: if (!HAS_PLANE_SPHERE) break; plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
-                case PLANE_CAPSULE: if (!HAS_PLANE_CAPSULE) break; plane_capsule(hits, margin, a, b); break;
-                case PLANE_BOX: if (!HAS_PLANE_BOX) break; plane_box(hits, margin, a, b); break;
-                case PLANE_CYLINDER: if (!HAS_PLANE_CYLINDER) break; plane_cylinder(hits, margin, a, b); break;
-                case SPHERE_SPHERE: if (!HAS_SPHERE_SPHERE) break; sphere_sphere(hits, margin, a.pos, a.size.x, b.pos, b.size.x, across(a, b)); break;
-                case SPHERE_CAPSULE: if (!HAS_SPHERE_CAPSULE) break; sphere_capsule(hits, margin, a, b); break;
-                case SPHERE_BOX: if (!HAS_SPHERE_BOX) break; sphere_box(hits, margin, a, b); break;
-                case CAPSULE_CAPSULE: if (!HAS_CAPSULE_CAPSULE) break; capsule_capsule(hits, margin, a, b); break;
+                CASE(PLANE_SPHERE) plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
+                CASE(PLANE_CAPSULE) plane_capsule(hits, margin, a, b); break;
+                CASE(PLANE_BOX) plane_box(hits, margin, a, b); break;
+                CASE(PLANE_CYLINDER) plane_cylinder(hits, margin, a, b); break;
+                CASE(SPHERE_SPHERE) sphere_sphere(hits, margin, a.pos, a.size.x, b.pos, b.size.x, across(a, b)); break;
+                CASE(SPHERE_CAPSULE) sphere_capsule(hits, margin, a, b); break;
+                CASE(SPHERE_BOX) sphere_box(hits, margin, a, b); break;
+                CASE(CAPSULE_CAPSULE) capsule_capsule(hits, margin, a, b); break;
 #if HAS_FIELDS
                 // Spheres and ends of capsules are one case, so that lanes search for their touches together.
                 case FIELD_SPHERE:
@@ -147,10 +152,8 @@ FN int collide(World& w, const Parameters& P, int lane) {
                     field_ball(hits, margin, field_of(P, pair[0]), a, b, end, end ? 2 : 4);
                     break;
                 }
-                case FIELD_AXIS: field_axis(hits, margin, field_of(P, pair[0]), a, b); break;
-                case FIELD_BOX:
-                    if (HAS_FIELD_BOX) field_box(hits, margin, field_of(P, pair[0]), a, b);
-                    break;
+                CASE(FIELD_AXIS) field_axis(hits, margin, field_of(P, pair[0]), a, b); break;
+                CASE(FIELD_BOX) field_box(hits, margin, field_of(P, pair[0]), a, b); break;
 #endif
             }
         }

@@ -118,7 +118,8 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
                 real* o = joint_row(w, r, d, sign[side]);
                 if (joint_type[j] == BALL) store(o + d, -1 * axis);
                 Impedance z = impedance(P, P.solref_limit() + 2 * j, P.solimp_limit() + 5 * j, pos[side] - margin);
-                set_row(o, INEQUALITY, 1 / regularization(z.imp, P.dof_weight()[d]), z.b, z.k * z.imp * (pos[side] - margin), 0);
+                real D = 1 / regularization(z.imp, P.dof_weight()[d]);
+                set_row(o, INEQUALITY, D, z.b, z.k * z.imp * (pos[side] - margin), 0);
             }
             r++;
         }
@@ -141,8 +142,8 @@ FN int rows_of(const real* C) {
     return dim == 1 || ELLIPTIC_CONES ? dim : 2 * (dim - 1);
 }
 
-// Places of the contacts' rows behind the first `rows` ones. Returns the number of all; a contact that does not fit is `dropped`
-// whole, and so are those behind it.
+// Places of the contacts' rows behind the first `rows` ones. Returns the number of all. A contact that does not fit is
+// `dropped` whole, and so are those behind it.
 FN int place_rows(World& w, int& count, int rows, bool& dropped, int lane) {
     const int start = rows;
     for (int first = 0; first < count; first += LANES) {

@@ -75,7 +75,8 @@ FN void kinematics(World& w, const Parameters& P, int lane) {
     EACH(b, NB) {
         Quat turn_b = load_quat(w.quat + 4 * b);
         Vec c = load(w.pos + 3 * b) + rotate(turn_b, load(P.com() + 3 * b));
-        spatial_inertia(w.X + 16 * b, P.mass()[b], load(P.inertia() + 3 * b), matrix(turn_b * load_quat(P.inertia_quat() + 4 * b)), c);
+        Mat axes = matrix(turn_b * load_quat(P.inertia_quat() + 4 * b));
+        spatial_inertia(w.X + 16 * b, P.mass()[b], load(P.inertia() + 3 * b), axes, c);
         if (b) continue;
         store_spatial(w.V, Spatial{{0, 0, 0}, {0, 0, 0}});
         store_spatial(w.A, Spatial{{0, 0, 0}, -1 * load(P.gravity())});  // gravity as an acceleration of the world

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Primitives: contacts of planes, spheres, capsules, boxes and cylinders. Each
-// routine finds what MuJoCo's of the same name finds (engine_collision_primitive.c of MuJoCo), in the same order,
-// but for those whose distance is their margin: they act on nothing.
+// Primitives: contacts of planes, spheres, capsules, boxes and cylinders. Each routine finds what MuJoCo's of the same name
+// finds (engine_collision_primitive.c of MuJoCo), in the same order, but for contacts whose distance is their margin: they
+// act on nothing.
 //
 // Positions are relative to the origin of a tree that moves, so that they are exact far from the world's origin.
 

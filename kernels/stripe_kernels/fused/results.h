@@ -10,8 +10,8 @@ FN void write_body_poses(const World& w, const Parameters& P, int lane) {
     }
 }
 
-// Poses and velocities of bodies at the end of a launch as Newton has them: (position, x, y, z, w), and (velocity of the centre of
-// mass, angular velocity) in the world.
+// Poses and velocities of bodies at the end of a launch as Newton has them: (position, x, y, z, w), and (velocity of the
+// centre of mass, angular velocity) in the world.
 FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
     kinematics(w, P, lane);
     EACH(b, NB) {
@@ -43,7 +43,8 @@ FN void write_contacts(const World& w, const Parameters& P, const real* given, i
     const long long first = (long long)P.id * MAX_CONTACTS;
     EACH(r, rows) P.efc_force()[r] = row_of<false>(w, r)[R_F];
     EACH(c, MAX_CONTACTS) {
-        int *geom = (int*)P.m.contact_geom + 2 * (first + c), *address = (int*)P.m.contact_efc_address + NADDRESSES * (first + c);
+        int* geom = (int*)P.m.contact_geom + 2 * (first + c);
+        int* address = (int*)P.m.contact_efc_address + NADDRESSES * (first + c);
         ((int*)P.m.contact_worldid)[first + c] = P.id;
         geom[0] = geom[1] = -1;
         for (int i = 0; i < NADDRESSES; i++) address[i] = -1;
@@ -53,7 +54,8 @@ FN void write_contacts(const World& w, const Parameters& P, const real* given, i
         }
         const real* C = contact_of<false>(w, c);
         int pair = (int)C[C_PAIR], size = rows_of(C);
-        for (int k = 0; k < 2; k++) geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : contact_pair[5 * pair + k];
+        for (int k = 0; k < 2; k++)
+            geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : contact_pair[5 * pair + k];
         for (int i = 0; i < size; i++) address[i] = (int)C[C_ROW] + i;
         Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
         store((real*)P.m.contact_pos + 3 * (first + c), load(C + C_POS) + origin_of(w, (int)C[C_BODY], (int)C[C_BODY + 1]));

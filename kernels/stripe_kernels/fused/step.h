@@ -75,10 +75,12 @@ FN int solve_constraints(World& w, int rows, int contacts, int lane) {
     complete_rows<FITS>(w, rows, lane);
     return constrained_acceleration<FITS>(w, rows, contacts, lane);
 }
-COLD int solve_spilled(World& w, int rows, int contacts, int lane) { return solve_constraints<false>(w, rows, contacts, lane); }
+COLD int solve_spilled(World& w, int rows, int contacts, int lane) {
+    return solve_constraints<false>(w, rows, contacts, lane);
+}
 
-// The same number, of which the compiler knows no more: what is computed from it is not kept from phase to phase, and from step
-// to step, in registers that there are not enough of.
+// The same number, of which the compiler knows no more: what is computed from it is not kept from phase to phase, and from
+// step to step, in registers that there are not enough of.
 FN int fresh(int x) {
 #ifdef __CUDA_ARCH__
     asm volatile("" : "+r"(x));
@@ -98,8 +100,8 @@ FN void keep_state(const World& w, real* q, real* v, int lane) {
     EACH(i, NV) v[i] = w.v[i];
 }
 
-// One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch results
-// are written where somebody reads them.
+// One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch
+// results are written where somebody reads them.
 FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
     lane = fresh(lane);
     kinematics(w, fresh(P), lane);

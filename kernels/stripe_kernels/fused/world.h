@@ -4,7 +4,8 @@
 
 namespace fused {
 
-enum RowKind { EQUALITY, FRICTION_LOSS, INEQUALITY, ELLIPTIC };  // an elliptic contact has several rows, the first is its normal
+// Of an elliptic contact's rows the first is its normal.
+enum RowKind { EQUALITY, FRICTION_LOSS, INEQUALITY, ELLIPTIC };
 
 // A row of the constraints: its Jacobian, and ROW_SIZE - NV numbers.
 enum RowField {
@@ -18,7 +19,8 @@ enum RowField {
     ROW_SIZE = (R_KIND + 1) | 1,  // odd, so that lanes that read a field do not share a bank of the shared memory
 };
 
-// A contact. Collision detection sets the first fields and the pair, or the number of a given contact; `complete_contacts` the others.
+// A contact. Collision detection sets the first fields and the pair, or the number of a given contact, `complete_contacts`
+// the others.
 enum ContactField {
     C_POS = 0,        // point, relative to `origin_of` its bodies [m]
     C_NORMAL = 3,     // from the first to the second geom
