@@ -441,7 +441,7 @@ class RLEnv(VectorEnv):
         return self._safety.worlds
 
     def describe(self, kernels: bool = False) -> str:
-        """What computes the physics, the stages of a step, what runs in each, and what of it is one CUDA graph.
+        """Describe the physics, the stages of a step, what runs in each, and what of it is one CUDA graph.
 
         Args:
             kernels: Also the source of the generated kernels.

@@ -257,7 +257,7 @@ class Simulation:
         self._hooks.append(hook)
 
     def describe_solver(self) -> str:
-        """What computes the physics, and why, in a line."""
+        """Describe in a line what computes the physics, and why."""
         if isinstance(self.solver, SolverFused):
             return self.solver.describe()
         return "MuJoCo Warp" if self.cfg.solver.uses_mujoco_warp else f"Newton's {self.cfg.solver.solver_class}"

@@ -87,7 +87,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         return self._fused
 
     def describe(self) -> str:
-        """What computes a step, and why, in a line."""
+        """Describe in a line what computes a step, and why."""
         if self.unsupported:
             return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
         if self.one_launch:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step kernel: the time step of all worlds of a model as one Warp kernel, from C++ source and the model's tables."""
+"""Step kernel: one Warp kernel that steps all worlds of a model, generated from C++ source and the model's tables."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _TYPICAL_ROWS, _TYPICAL_CONTACTS = 32, 8
 
 @dataclass(frozen=True)
 class KernelOptions:
-    """Options of the step that are constants of the kernel."""
+    """Options of a step kernel, which are constants in it."""
 
     lanes: int = 1
     """Threads that share a world: 1, or the 32 of a warp."""
@@ -82,7 +82,7 @@ class KernelOptions:
 
 @dataclass(frozen=True)
 class Layout:
-    """Place of the state of a world: how much of it is in shared memory, and who shares a block."""
+    """Layout of a step kernel's memory: how much of a world is in shared memory, how many worlds share a block."""
 
     rows: int
     """Constraint rows in the state; those beyond are in the world's spill memory."""
@@ -124,7 +124,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class StepKernel:
-    """The compiled step of a model."""
+    """Step kernel of a model, with a second kernel that only places its geoms."""
 
     kernel: wp.Kernel
     place: wp.Kernel
@@ -135,7 +135,7 @@ class StepKernel:
     layout: Layout
 
     def launch(self, arguments: object, num_worlds: int, device: str, steps: int = 1, place: bool = False) -> None:
-        """Launch ``steps`` time steps of ``num_worlds`` worlds, or only the placing of their geoms."""
+        """Launch the kernel: ``steps`` time steps of ``num_worlds`` worlds, or only the placing of their geoms."""
         lanes, per_block = self.options.lanes, self.layout.worlds_per_block
         blocks = -(-num_worlds // per_block)
         dim = num_worlds if lanes == 1 else blocks * per_block * lanes
@@ -145,7 +145,7 @@ class StepKernel:
 
 
 def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
-    """Write the kernel of a model.
+    """Make the step kernel of a model.
 
     Its argument is a struct. For each array of the state and of :data:`PARAMETERS` it has the address ``name`` (uint64)
     and the stride from one world to the next ``name_stride`` (in numbers; 0 for one that all worlds share).

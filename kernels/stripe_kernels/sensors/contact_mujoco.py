@@ -13,60 +13,6 @@ CONTACT_FIELDS = ("frame", "friction", "dim", "efc_address", "adhesion", "geom",
 """Fields of MuJoCo Warp's contacts that the kernel takes, in the order of its arguments."""
 
 
-@wp.func
-def _add_contact(
-    contact: int,
-    due: wp.array[wp.bool],
-    geom_row: wp.array2d[int],
-    geom_column: wp.array2d[int],
-    cone: int,
-    contact_frame: wp.array[wp.mat33],
-    contact_friction: wp.array[vec5],
-    contact_dim: wp.array[int],
-    contact_efc_address: wp.array2d[int],
-    contact_adhesion: wp.array[float],
-    contact_geom: wp.array[wp.vec2i],
-    contact_worldid: wp.array[int],
-    efc_force: wp.array2d[float],
-    njmax: int,
-    nacon: wp.array[int],
-    sensor: ContactSensorData,
-):
-    """Add the forces of a contact, which may be none; the arguments are those of the kernel."""
-    # A contact without a row of constraints lies within the gap and carries no force.
-    if contact >= nacon[0] or contact_efc_address[contact, 0] < 0:
-        return
-    pair = contact_geom[contact]
-    if pair[0] < 0 or pair[1] < 0:  # a flex, not a geom
-        return
-    world = contact_worldid[contact]
-    table = world % geom_row.shape[0]
-    row0 = geom_row[table, pair[0]]
-    row1 = geom_row[table, pair[1]]
-    if wp.max(row0, row1) < 0 or not due[world]:
-        return
-    bodies = sensor.net_forces_w.shape[1]
-    wrench = contact_force_fn(
-        cone,
-        contact_frame,
-        contact_friction,
-        contact_dim,
-        contact_efc_address,
-        contact_adhesion,
-        efc_force,
-        njmax,
-        nacon,
-        world,
-        contact,
-        True,
-    )
-    force = wp.spatial_top(wrench)  # on the second geom
-    if row0 >= 0:
-        add_force(world * bodies + row0, geom_column[table, pair[1]], -force, sensor)
-    if row1 >= 0:
-        add_force(world * bodies + row1, geom_column[table, pair[0]], force, sensor)
-
-
 @wp.kernel(enable_backward=False)
 def add_mujoco_contacts(
     places: int,
@@ -112,21 +58,35 @@ def add_mujoco_contacts(
     for contact in range(first, first + places):
         if places > 1 and contact_geom[contact][0] < 0:  # the world has no more
             return
-        _add_contact(
-            contact,
-            due,
-            geom_row,
-            geom_column,
+        # A contact without a row of constraints lies within the gap and carries no force.
+        if contact >= nacon[0] or contact_efc_address[contact, 0] < 0:
+            continue
+        pair = contact_geom[contact]
+        if pair[0] < 0 or pair[1] < 0:  # a flex, not a geom
+            continue
+        world = contact_worldid[contact]
+        table = world % geom_row.shape[0]
+        row0 = geom_row[table, pair[0]]
+        row1 = geom_row[table, pair[1]]
+        if wp.max(row0, row1) < 0 or not due[world]:
+            continue
+        bodies = sensor.net_forces_w.shape[1]
+        wrench = contact_force_fn(
             cone,
             contact_frame,
             contact_friction,
             contact_dim,
             contact_efc_address,
             contact_adhesion,
-            contact_geom,
-            contact_worldid,
             efc_force,
             njmax,
             nacon,
-            sensor,
+            world,
+            contact,
+            True,
         )
+        force = wp.spatial_top(wrench)  # on the second geom
+        if row0 >= 0:
+            add_force(world * bodies + row0, geom_column[table, pair[1]], -force, sensor)
+        if row1 >= 0:
+            add_force(world * bodies + row1, geom_column[table, pair[0]], force, sensor)
