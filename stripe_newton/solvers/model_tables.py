@@ -191,13 +191,8 @@ class ModelTables:
             raise ValueError(f"njmax is {max_rows}, must be {model.neq} or more: the model has as many equalities")
         pairs = contact_pairs(model) if pairs is None else pairs
         parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in _parts(p.kind))
-        # Those that search for long come last, so that lanes do so together.
-        return cls(
-            model,
-            tuple(sorted(parts, key=lambda p: _LATE.index(p.kind) if p.kind in _LATE else -1)),
-            max_rows,
-            max_contacts,
-        )
+        # Those with height fields come last: their contacts are searched for together.
+        return cls(model, tuple(sorted(parts, key=_is_field)), max_rows, max_contacts)
 
     @property
     def elliptic(self) -> bool:
@@ -207,7 +202,22 @@ class ModelTables:
     @property
     def has_fields(self) -> bool:
         """Whether the kernel finds contacts with height fields."""
-        return any(p.kind.startswith("FIELD") for p in self.pairs)
+        return any(_is_field(p) for p in self.pairs)
+
+    @property
+    def searches(self) -> int:
+        """Searches for contacts with height fields that there is room for where the forces were computed."""
+        return max(1, self._forces_size // self._search_size)
+
+    @property
+    def _forces_size(self) -> int:
+        """Numbers of what is needed until the forces are known, see ``World``."""
+        return 28 * self.model.nbody + 6 * self.model.nv + max(self.model.nu, 1)
+
+    @property
+    def _search_size(self) -> int:
+        """Numbers of four bytes of a search, as in heightfield.h."""
+        return 72 if any(p.kind == "FIELD_BOX" for p in self.pairs) else 60
 
     @property
     def row_size(self) -> int:
@@ -252,15 +262,19 @@ class ModelTables:
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + nv * (nv | 1) * (2 - in_registers) + nu
         placed = 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
-        shared = max(35 * nb + 6 * nv + nu + placed, rows * self.row_size)
-        return kept + shared + contacts * self.contact_size + 4  # with the pointer and its alignment
+        forces = self._forces_size + 1
+        if self.has_fields:
+            forces = max(forces, self.searches * self._search_size)
+        shared = max(7 * nb + 1 + forces + placed, rows * self.row_size)
+        return kept + shared + contacts * self.contact_size + 5  # with the pointer, and alignments
 
     def spill_size(self, rows: int, contacts: int) -> int:
         """Numbers of a world for rows and contacts beyond those of its state."""
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
-_LATE = "FIELD_AXIS", "FIELD_BOX"
+def _is_field(pair: ContactPair) -> bool:
+    return pair.kind.startswith("FIELD")
 
 
 def _parts(kind: str) -> tuple[str, ...]:
@@ -275,7 +289,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "ACTUATORS": model.nu, "NEQ": model.neq, "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
         "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs), "NGEOMS": len(_used_geoms(pairs)),
         "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
-        "HAS_FIELDS": int(any(p.kind.startswith("FIELD") for p in pairs)),
+        "HAS_FIELDS": int(any(map(_is_field, pairs))), "FIRST_FIELD_PAIR": sum(not _is_field(p) for p in pairs),
         "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(_trees(model)),
         "LD": model.nv | 1,  # odd, so that lanes that read a column do not share a bank of the shared memory
     }  # fmt: skip
@@ -287,6 +301,7 @@ def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, o
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
         **{name: i for i, name in enumerate(_ROUTINES)},
         **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in _ROUTINES},
+        "SEARCHES_BOXES": int(any(p.kind == "FIELD_BOX" for p in pairs)),
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
         "IMPLICIT": int(opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
         "REFSAFE": int(not opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE),

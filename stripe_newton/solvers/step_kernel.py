@@ -21,7 +21,7 @@ from .model_tables import PARAMETERS, ModelTables
 __all__ = ["BEFORE_LAST", "CONTACTS", "OUTPUTS", "READ", "STATE", "KernelOptions", "StepKernel", "step_kernel"]
 
 _SOURCES = (
-    "algebra.h", "world.h", "dynamics.h", "constraints.h", "primitives.h", "heightfield.h", "collision.h", "newton.h",
+    "algebra.h", "primitives.h", "heightfield.h", "world.h", "dynamics.h", "constraints.h", "collision.h", "newton.h",
     "results.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -163,6 +163,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
+        f"#define SEARCHES {min(tables.searches, options.lanes)}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",

@@ -25,18 +25,21 @@ const real *pos = (real*)xpos.data + 6 * tid, *axes = (real*)xmat.data + 18 * ti
 const fused::Geom ground{{fused::load(pos), fused::load_matrix(axes), fused::Vec{{0, 0, 0}}}};
 const fused::Geom geom{{fused::load(pos + 3), fused::load_matrix(axes + 9), fused::load(sizes)}};
 const fused::Field surface{{field.heights.data, field.nrow, field.ncol, field.size[0], field.size[1], field.size[2]}};
-fused::Hits hits;
-hits.count = 0;
-if (kind == {SPHERE}) fused::field_ball(hits, margin, surface, ground, geom, 0, 4);
-if (kind == {CAPSULE}) {{
-    for (int end = 1; end > -2; end -= 2) fused::field_ball(hits, margin, surface, ground, geom, end, 2);
-    fused::field_axis(hits, margin, surface, ground, geom);
+fused::Hit hits[MAX_HITS];
+int count = 0;
+const bool is_box = kind == {BOX};
+const fused::PartKind kinds[] = {{is_box ? fused::BOX_PART : fused::BALL_PART, fused::BALL_PART, fused::AXIS_PART}};
+for (int part = 0; part < (kind == {CAPSULE} ? 3 : 1); part++) {{
+    fused::Search s;
+    s.count = 0, s.ended = false;
+    if (!fused::prepare(s, kinds[part], kind == {CAPSULE} ? 1 - 2 * part : 0, margin, surface, ground, geom)) continue;
+    fused::find_hits(&s, 1, 0);
+    for (int i = 0; i < s.count; i++) hits[count++] = fused::to_world(s.hit[i], ground, geom);
 }}
-if (kind == {BOX}) fused::field_box(hits, margin, surface, ground, geom);
 real* out = (real*)found.data + {1 + HIT * MAX_HITS} * tid;
-*out++ = hits.count;
-for (int i = 0; i < hits.count; i++, out += {HIT}) {{
-    out[0] = hits.hit[i].dist, fused::store(out + 1, hits.hit[i].pos), fused::store(out + 4, hits.hit[i].normal);
+*out++ = count;
+for (int i = 0; i < count; i++, out += {HIT}) {{
+    out[0] = hits[i].dist, fused::store(out + 1, hits[i].pos), fused::store(out + 4, hits[i].normal);
 }}
 """
 
@@ -46,7 +49,9 @@ def fused_kernel(double: bool) -> wp.Kernel:
     """Kernel of the C++ source, for geoms that need no model."""
     folder = Path(stripe_kernels.__file__).parent / "fused"
     sources = "".join((folder / name).read_text() for name in ("algebra.h", "primitives.h", "heightfield.h"))
-    head = f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n" + "#define FUSED_DOUBLE\n" * double
+    head = (
+        f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n" + "#define FUSED_DOUBLE\n" * double
+    )
     vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
 
     # As in step_kernel.py: the first brace closes the body of the function, and so makes room for a library.

@@ -121,19 +121,34 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
     case kind:     \
         if (!HAS_##kind) break;
 
-// Contacts of all pairs, in the order of the pairs. Returns their number, which may exceed the room for them.
-FN int collide(World& w, const Parameters& P, int lane) {
+// Write a contact of pair `p`, if there is room for it.
+FN void place_contact(World& w, int c, int p, const Hit& hit) {
+    if (c >= MAX_CONTACTS) return;
+    real* C = contact(w, c);
+    store(C + C_POS, hit.pos), store(C + C_NORMAL, hit.normal), store(C + C_TANGENT, hit.along);
+    C[C_DIST] = hit.dist, C[C_PAIR] = p;
+}
+
+struct PairGeoms {
+    Geom a, b;  // relative to the point that their contacts are relative to
+};
+FN PairGeoms geoms_of(const World& w, const Parameters& P, int p) {
+    const int* pair = contact_pair + 5 * p;
+    Vec origin = origin_of(w, geom_body[pair[0]], geom_body[pair[1]]);
+    return PairGeoms{geom_at(w, P, contact_geoms[2 * p], origin), geom_at(w, P, contact_geoms[2 * p + 1], origin)};
+}
+
+// Contacts of primitives, in the order of the pairs. Returns their number.
+FN int collide_primitives(World& w, const Parameters& P, int lane) {
     int count = 0;
-    if (GEOMS_PLACED) place_geoms(w, P, lane);
-    for (int first = 0; first < NCONTACT_PAIRS; first += LANES) {
+    for (int first = 0; first < FIRST_FIELD_PAIR; first += LANES) {
         int p = first + lane;
         Hits hits;
         hits.count = 0;
-        if (p < NCONTACT_PAIRS) {
-            const int* pair = contact_pair + 5 * p;
-            Vec origin = origin_of(w, geom_body[pair[0]], geom_body[pair[1]]);
-            Geom a = geom_at(w, P, contact_geoms[2 * p], origin), b = geom_at(w, P, contact_geoms[2 * p + 1], origin);
-            real margin = margin_of(P, pair);
+        if (p < FIRST_FIELD_PAIR) {
+            PairGeoms g = geoms_of(w, P, p);
+            const Geom &a = g.a, &b = g.b;
+            real margin = margin_of(P, contact_pair + 5 * p);
             switch (contact_kind[p]) {
                 CASE(PLANE_SPHERE) plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
                 CASE(PLANE_CAPSULE) plane_capsule(hits, margin, a, b); break;
@@ -143,31 +158,63 @@ FN int collide(World& w, const Parameters& P, int lane) {
                 CASE(SPHERE_CAPSULE) sphere_capsule(hits, margin, a, b); break;
                 CASE(SPHERE_BOX) sphere_box(hits, margin, a, b); break;
                 CASE(CAPSULE_CAPSULE) capsule_capsule(hits, margin, a, b); break;
-#if HAS_FIELDS
-                // Spheres and ends of capsules are one case, so that lanes search for their touches together.
-                case FIELD_SPHERE:
-                case FIELD_HIGH_END:
-                case FIELD_LOW_END: {
-                    int end = contact_kind[p] == FIELD_SPHERE ? 0 : contact_kind[p] == FIELD_HIGH_END ? 1 : -1;
-                    field_ball(hits, margin, field_of(P, pair[0]), a, b, end, end ? 2 : 4);
-                    break;
-                }
-                CASE(FIELD_AXIS) field_axis(hits, margin, field_of(P, pair[0]), a, b); break;
-                CASE(FIELD_BOX) field_box(hits, margin, field_of(P, pair[0]), a, b); break;
-#endif
             }
         }
         int before = 0, all = hits.count;
         BEFORE(hits.count, before, all);
-        for (int i = 0; i < hits.count; i++) {
-            if (count + before + i >= MAX_CONTACTS) break;
-            real* C = contact(w, count + before + i);
-            const Hit& hit = hits.hit[i];
-            store(C + C_POS, hit.pos), store(C + C_NORMAL, hit.normal), store(C + C_TANGENT, hit.along);
-            C[C_DIST] = hit.dist, C[C_PAIR] = p;
-        }
+        for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
         count += all;
     }
+    return count;
+}
+
+#if HAS_FIELDS
+// Contacts with height fields behind the first `count` ones, in the order of the parts. Returns the number of all.
+FN int collide_fields(World& w, const Parameters& P, int count, int lane) {
+    for (int first = FIRST_FIELD_PAIR; first < NCONTACT_PAIRS; first += LANES) {
+        int p = first + lane, near = 0, before = 0, all;
+        Part part;
+        if (p < NCONTACT_PAIRS) {
+            const int *pair = contact_pair + 5 * p, kind = contact_kind[p];
+            PairGeoms g = geoms_of(w, P, p);
+            PartKind is = kind == FIELD_AXIS ? AXIS_PART : kind == FIELD_BOX ? BOX_PART : BALL_PART;
+            int end = kind == FIELD_HIGH_END ? 1 : kind == FIELD_LOW_END ? -1 : 0;
+            near = prepare(part, is, end, margin_of(P, pair), field_of(P, pair[0]), g.a, g.b);
+        }
+        all = near;
+        BEFORE(near, before, all);
+        for (int done = 0; done < all; done += SEARCHES) {  // as many at once as there is room for
+            int size = all - done < SEARCHES ? all - done : SEARCHES, k = before - done, hits = 0, place = 0, found;
+            SYNC();  // the last ones have been read
+            if (near && k >= 0 && k < size) {
+                Search& s = w.search[k];
+                static_cast<Part&>(s) = part, s.pair = p, s.count = 0, s.ended = false;
+            }
+            SYNC();
+            find_hits(w.search, size, lane);
+            if (lane < size) hits = w.search[lane].count;
+            found = hits;
+            BEFORE(hits, place, found);
+            for (int i = 0; i < hits; i++) {
+                const Search& s = w.search[lane];
+                PairGeoms g = geoms_of(w, P, s.pair);
+                place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b));
+            }
+            count += found;
+        }
+    }
+    return count;
+}
+#endif
+
+// Contacts of all pairs. Returns their number, which may exceed the room for them.
+FN int collide(World& w, const Parameters& P, int lane) {
+    if (GEOMS_PLACED) place_geoms(w, P, lane);
+    int count = collide_primitives(w, P, lane);
+#if HAS_FIELDS
+    SYNC();  // searches take the place of what the forces needed
+    count = collide_fields(w, P, count, lane);
+#endif
     SYNC();
     return count;
 }

@@ -5,7 +5,9 @@
 // Touches are searched in the axes of the field, relative to the geom's centre, so that they are exact far from the world's
 // origin. While they are, `pos` of a hit is the point on the surface; `to_world` completes the hits.
 //
-// Loops of few passes are not unrolled, which would make the code larger by 40 %.
+// A search is that of a part of a geom: a ball, the axis of a capsule, or a box. Its candidates, the triangles, edges or
+// vertices that are below the part, are spread over the lanes of a world, all searches together. The best one is the next
+// touch; then the rest are candidates again, of which some are no more, as they are too near to it.
 
 namespace fused {
 
@@ -19,27 +21,29 @@ struct Field {
 
 // A field as seen from a geom: points are in the field's axes, relative to the geom's centre.
 struct Patch {
-    const Field& field;
-    Mat axes;  // rows: the axes of the field
+    const float* heights;
+    int rows, cols;
+    real scale, step_x, step_y, cols_per_metre, rows_per_metre;
     Vec geom;  // the geom's centre in the frame of the field
-    real step_x, step_y, cols_per_metre, rows_per_metre;
 };
-FN Patch patch_at(const Field& field, const Geom& ground, const Geom& geom) {
-    Mat axes{column(ground.axes, 0), column(ground.axes, 1), column(ground.axes, 2)};
+FN Mat field_axes(const Geom& ground) {  // rows: the axes of the field
+    return Mat{column(ground.axes, 0), column(ground.axes, 1), column(ground.axes, 2)};
+}
+FN Patch patch_at(const Field& field, Vec geom) {
     real width = 2 * field.x, length = 2 * field.y, cols = field.cols - 1, rows = field.rows - 1;
-    return Patch{field, axes, axes * (geom.pos - ground.pos), width / cols, length / rows, cols / width, rows / length};
+    return Patch{field.heights,  field.rows,    field.cols,   field.scale, width / cols,
+                 length / rows,  cols / width,  rows / length, geom};
 }
 
 // Vertices from the middle of the field outwards: 2 col + 1 - cols is exact.
 FN Vec vertex(const Patch& p, int row, int col) {
-    const Field& f = p.field;
-    return Vec{(real)0.5 * (2 * col + 1 - f.cols) * p.step_x, (real)0.5 * (2 * row + 1 - f.rows) * p.step_y,
-               f.heights[row * f.cols + col] * f.scale} -
+    return Vec{(real)0.5 * (2 * col + 1 - p.cols) * p.step_x, (real)0.5 * (2 * row + 1 - p.rows) * p.step_y,
+               p.heights[row * p.cols + col] * p.scale} -
            p.geom;
 }
 // Where a point is over the grid, in columns and in rows.
-FN real column_at(const Patch& p, real x) { return (p.geom.x + x + p.field.x) * p.cols_per_metre; }
-FN real row_at(const Patch& p, real y) { return (p.geom.y + y + p.field.y) * p.rows_per_metre; }
+FN real column_at(const Patch& p, real x) { return (p.geom.x + x) * p.cols_per_metre + (real)0.5 * (p.cols - 1); }
+FN real row_at(const Patch& p, real y) { return (p.geom.y + y) * p.rows_per_metre + (real)0.5 * (p.rows - 1); }
 
 // Cells below a box: the first and the last column and row; none where the first exceeds the last.
 struct Cells {
@@ -49,18 +53,17 @@ struct Cells {
 FN int first_cell(real u, int n) { return (int)smaller(larger(u, 0), (real)(n - 1)); }
 FN int last_cell(real u, int n) { return u >= 0 ? (int)smaller(u, (real)(n - 2)) : -1; }
 FN Cells cells_below(const Patch& p, Vec low, Vec high) {
-    const Field& f = p.field;
-    return Cells{first_cell(column_at(p, low.x), f.cols), last_cell(column_at(p, high.x), f.cols),
-                 first_cell(row_at(p, low.y), f.rows), last_cell(row_at(p, high.y), f.rows)};
+    return Cells{first_cell(column_at(p, low.x), p.cols), last_cell(column_at(p, high.x), p.cols),
+                 first_cell(row_at(p, low.y), p.rows), last_cell(row_at(p, high.y), p.rows)};
 }
 
-// Whether a part of a geom is above the highest vertex below it; `extent` is half of its bounding box.
-FN bool is_above(const Patch& p, Vec center, Vec extent) {
-    Cells c = cells_below(p, center - extent, center + extent);
+// Height of the highest vertex of the cells. Each is read whatever the others are, so that reads do not wait for each other.
+FN real peak(const Patch& p, const Cells& c) {
+    real height = (real)-1e30;
     for (int row = c.row; row <= c.last_row + 1; row++)
-        for (int col = c.col; col <= c.last_col + 1; col++)
-            if (vertex(p, row, col).z >= center.z - extent.z) return false;
-    return true;
+#pragma unroll 4
+        for (int col = c.col; col <= c.last_col + 1; col++) height = larger(height, p.heights[row * p.cols + col]);
+    return height * p.scale - p.geom.z;
 }
 
 // Counterclockwise, seen from above.
@@ -93,196 +96,294 @@ FN Vec closest_on_triangle(Vec p, const Triangle& t) {
     return t.a + (1 / sum) * (u * ab + v * ac);
 }
 
-// Whether a point is above the tangent planes of the hits from the first on: those of a smooth surface are one touch.
-FN bool is_above_planes(const Hits& hits, int first, Vec point) {
+enum PartKind { BALL_PART, AXIS_PART, BOX_PART };
+
+// A part of a geom that may touch the field.
+struct Part {
+    Patch patch;
+    Cells cells;
+    Vec at;              // centre of a ball, half of an axis, half of a box's bounding box
+    real radius, reach;  // of a ball or axis; distance below which it touches
+#if SEARCHES_BOXES
+    Vec axis[3];         // of a box
+    real half[3];        // its half sizes
+#endif
+    int kind, most;      // PartKind; touches that it may have
+    int size;            // number of its candidates
+    bool inside;         // whether a ball's centre is below the surface
+};
+
+struct Touch {
+    real dist;
+    Vec pos, normal;
+};
+
+// The search for touches of a part.
+struct Search : Part {
+    int pair;   // the caller's
+    int start;  // its candidates among those of all searches
+    int count;
+    bool ended;
+    Touch hit[4];
+#if LANES > 1
+    unsigned long long best;  // order and number of the best candidate
+#else
+    real order;
+    int best;
+#endif
+};
+
+// Offer a candidate for the next hit. The one of lowest order is taken; the first of those of equal order, whichever lane
+// comes first.
+#if LANES > 1
+FN void expect(Search& s) { s.best = ~0ull; }
+FN void offer(Search& s, real order, int candidate) {
+#ifdef __CUDA_ARCH__
+    unsigned bits = __float_as_uint(order);  // as an unsigned number of the same order
+    bits ^= bits >> 31 ? 0xffffffffu : 0x80000000u;
+    atomicMin(&s.best, (unsigned long long)bits << 32 | (unsigned)candidate);
+#endif
+}
+FN int taken(const Search& s) { return s.best == ~0ull ? -1 : (int)(s.best & 0xffffffffu); }
+#else
+FN void expect(Search& s) { s.best = -1; }
+FN void offer(Search& s, real order, int candidate) {
+    if (s.best < 0 || order < s.order) s.order = order, s.best = candidate;
+}
+FN int taken(const Search& s) { return s.best; }
+#endif
+
+// Whether a point is above the tangent planes of the hits: those of a smooth surface are one touch.
+FN bool is_above_planes(const Search& s, Vec point) {
 #pragma unroll 1
-    for (int i = first; i < hits.count; i++)
-        if (dot(point - hits.hit[i].pos, hits.hit[i].normal) <= (real)1e-4) return false;
+    for (int i = 0; i < s.count; i++)
+        if (dot(point - s.hit[i].pos, s.hit[i].normal) <= (real)1e-4) return false;
     return true;
 }
 
-// Whether a point is at least 1 mm away from the hits from the first on.
-FN bool is_apart(const Hits& hits, int first, Vec point) {
+// Whether a point is at least 1 mm away from the hits.
+FN bool is_apart(const Search& s, Vec point) {
 #pragma unroll 1
-    for (int i = first; i < hits.count; i++) {
-        Vec d = point - hits.hit[i].pos;
+    for (int i = 0; i < s.count; i++) {
+        Vec d = point - s.hit[i].pos;
         if (dot(d, d) < (real)1e-6) return false;
     }
     return true;
 }
 
-// Nearest touch of a sphere, apart from the hits from the first on. Returns whether there is one.
-FN bool sphere_touch(const Hits& hits, int first, real reach, const Patch& p, Vec center, real radius, Hit& best) {
-    const Field& f = p.field;
-    real size = radius + reach, u = column_at(p, center.x), v = row_at(p, center.y);
-    bool inside = false;
-    best.dist = size;
-    // The triangle straight above or below the centre tells on which side of the surface it is.
-    if (u >= 0 && u < f.cols - 1 && v >= 0 && v < f.rows - 1) {
-        int col = (int)u, row = (int)v;
-        Triangle t = triangle(p, row, col, (u - col) + (v - row) > 1);
-        Vec n = upward_normal(t);
-        real above = dot(center - t.a, n);
-        if (above < 0) inside = true, best = Hit{above, center - above * n, n, Vec{0, 0, 0}};
-    }
-    if (inside && hits.count > first) return false;  // below the surface there is one touch only
-    bool found = inside;
-    Cells cells = cells_below(p, center - Vec{size, size, size}, center + Vec{size, size, size});
-    for (int row = cells.row; row <= cells.last_row; row++) {
-        for (int i = 2 * cells.col; i < 2 * (cells.last_col + 1); i++) {
-            Triangle t = triangle(p, row, i / 2, i % 2);
-            // Vertices that are all lower than the best distance reaches have no nearer point between them.
-            if (!inside && larger(larger(t.a.z, t.b.z), t.c.z) < center.z - best.dist) continue;
-            Vec n = upward_normal(t);
-            real above = dot(center - t.a, n);
-            // From above the surface, a triangle that the centre is below is on the far side of a ridge.
-            if (inside ? above > 0 : above < 0) continue;
-            Vec from = inside ? center - above * n : center, point = closest_on_triangle(from, t), offset = from - point;
-            real dist = SQRT(dot(offset, offset));
-            if (inside) {  // the least depth, of the triangles that the perpendicular from the centre meets
-                if (above > best.dist && dist < (real)1e-5) best = Hit{above, from, n, Vec{0, 0, 0}};
-            } else if (dist < best.dist && is_above_planes(hits, first, point)) {
-                found = true;
-                best = Hit{dist, point, dist > (real)1e-7 ? (1 / dist) * offset : n, Vec{0, 0, 0}};
-            }
-        }
-    }
-    best.dist -= radius;
-    return found;
+// The triangle straight above or below a point tells on which side of the surface it is. Returns whether it is below; then
+// `hit` is the touch there.
+FN bool is_below(const Patch& p, Vec point, Touch& hit) {
+    real u = column_at(p, point.x), v = row_at(p, point.y);
+    if (!(u >= 0 && u < p.cols - 1 && v >= 0 && v < p.rows - 1)) return false;
+    int col = (int)u, row = (int)v;
+    Triangle t = triangle(p, row, col, (u - col) + (v - row) > 1);
+    Vec n = upward_normal(t);
+    real above = dot(point - t.a, n);
+    hit.dist = above, hit.pos = point - above * n, hit.normal = n;
+    return above < 0;
 }
 
-// Nearest touch of an axis from -half to half, its ends left out, with a ridge: an edge at which the surface bends down.
-FN bool ridge_touch(const Hits& hits, int first, real reach, const Patch& p, Vec half, real radius, Hit& best) {
-    real size = radius + reach, pp = 4 * dot(half, half);
-    if (pp <= (real)1e-8) return false;  // all but a sphere
-    Vec axis = 2 * half, high{FABS(half.x) + size, FABS(half.y) + size, FABS(half.z) + size};
-    bool found = false;
-    best.dist = size;
-    Cells cells = cells_below(p, -1 * high, high);
-    // Each cell looks at three edges: its lower, its left and its diagonal one; the others belong to its neighbours. Hence
-    // one more row and column. The edges of the field's border have but one triangle and are no ridges.
-    int row_end = cells.last_row + 1, col_end = cells.last_col + 1;
-    if (row_end > p.field.rows - 2) row_end = p.field.rows - 2;
-    if (col_end > p.field.cols - 2) col_end = p.field.cols - 2;
-    for (int row = cells.row > 1 ? cells.row : 1; row <= row_end; row++) {
-        for (int col = cells.col > 1 ? cells.col : 1; col <= col_end; col++) {
-            Triangle t = triangle(p, row, col, 0);
-            if (larger(larger(t.a.z, t.b.z), t.c.z) < -high.z) continue;
-            Vec n = upward_normal(t);
-            // The edges a to b of the triangle, which turns from one to the next, and the triangle on their other side.
+// Touch of a point with a triangle: its distance, or from below the surface (`inside`) less than 0, the least depth being that
+// of the triangles that the perpendicular from the point meets. Returns whether there is one.
+FN bool triangle_touch(const Patch& p, Vec center, bool inside, real reach, int row, int col, int upper, Touch& hit) {
+    Triangle t = triangle(p, row, col, upper);
+    if (!inside && larger(larger(t.a.z, t.b.z), t.c.z) < center.z - reach) return false;
+    Vec n = upward_normal(t);
+    real above = dot(center - t.a, n);
+    // From above the surface, a triangle that the centre is below is on the far side of a ridge.
+    if (inside ? above > 0 : above < 0) return false;
+    Vec from = inside ? center - above * n : center, point = closest_on_triangle(from, t), offset = from - point;
+    real dist = SQRT(dot(offset, offset));
+    hit.pos = inside ? from : point, hit.dist = inside ? above : dist;
+    hit.normal = inside || dist <= (real)1e-7 ? n : (1 / dist) * offset;
+    return inside ? dist < (real)1e-5 : dist < reach;
+}
+
+// Candidates of a ball: the triangle straight above it, then those of the cells. From below the surface there is one touch.
+FN bool ball_touch(const Search& s, int i, Touch& hit, real& order) {
+    if (i == 0) {
+        if (!s.inside) return false;
+        is_below(s.patch, s.at, hit);
+    } else {
+        int width = 2 * (s.cells.last_col - s.cells.col + 1), row = (i - 1) / width, k = (i - 1) % width;
+        if (!triangle_touch(s.patch, s.at, s.inside, s.radius + s.reach, s.cells.row + row, s.cells.col + k / 2, k % 2, hit))
+            return false;
+        if (!s.inside && !is_above_planes(s, hit.pos)) return false;
+    }
+    order = s.inside ? -hit.dist : hit.dist;
+    hit.dist -= s.radius;
+    return true;
+}
+
+// Candidates of an axis from -half to half, its ends left out: the edges, of which those at which the surface bends down may
+// touch. Each cell has three: its lower, its left and its diagonal one; the others belong to its neighbours.
+FN bool ridge_touch(const Search& s, int i, Touch& hit, real& order) {
+    const Patch& p = s.patch;
+    const Vec half = s.at, axis = 2 * half;
+    int width = 3 * (s.cells.last_col - s.cells.col + 1), row = s.cells.row + i / width, edge = i % width;
+    int col = s.cells.col + edge / 3;
+    edge %= 3;
+    real pp = dot(axis, axis), size = s.radius + s.reach;
+    Triangle t = triangle(p, row, col, 0);
+    if (larger(larger(t.a.z, t.b.z), t.c.z) < -FABS(half.z) - size) return false;
+    // The edge a to b of the triangle, and the triangle on its other side.
+    Vec n = upward_normal(t), right = vertex(p, row + (edge == 0 ? -1 : 1), col + (edge == 1 ? -1 : 1));
+    if (edge == 1) t = Triangle{t.c, t.a, t.b};
+    if (edge == 2) t = Triangle{t.b, t.c, t.a};
+    if (dot(right - t.a, n) > (real)-1e-5) return false;  // level, or a valley
+    // Nearest points of axis and edge: -half + x axis and a + y ab. Source: Ericson, 5.1.9, with the difference of products
+    // in x as products of cross products, which keep their digits when axis and edge are parallel.
+    Vec ab = t.b - t.a, r = -1 * half - t.a, across = cross(axis, ab);
+    real pq = dot(axis, ab), c = dot(axis, r), det = dot(across, across);
+    real x = det > 0 ? clamped(dot(across, cross(ab, r)) / det, 0, 1) : 0;
+    real y = (pq * x + dot(ab, r)) / dot(ab, ab);
+    if (y < 0) y = 0, x = clamped(-c / pp, 0, 1);
+    else if (y > 1) y = 1, x = clamped((pq - c) / pp, 0, 1);
+    if (x <= (real)1e-3 || x >= 1 - (real)1e-3) return false;  // the balls at the ends have their own touches
+    Vec point = t.a + y * ab, offset = x * axis - half - point;
+    // The point is the nearest one of both triangles only if neither goes on towards the axis.
+    if (dot(offset, t.c - point) > (real)1e-5 || dot(offset, right - point) > (real)1e-5) return false;
+    real dist = SQRT(dot(offset, offset));
+    if (dist <= (real)1e-6 || offset.z <= 0 || dist >= size || !is_apart(s, point)) return false;
+    hit.pos = point, hit.normal = (1 / dist) * offset, hit.dist = dist - s.radius, order = dist;
+    return true;
+}
+
+#if SEARCHES_BOXES
+// Touch of a corner of a box, a ball of radius 0. It minds no other touches: corners lie side by side on a flat ground, on
+// each other's tangent planes, and all of them must count.
+FN bool corner_touch(const Patch& p, Vec corner, real reach, Touch& best) {
+    bool inside = is_below(p, corner, best), found = inside;
+    if (!inside) best.dist = reach;
+    Cells cells = cells_below(p, corner - Vec{reach, reach, reach}, corner + Vec{reach, reach, reach});
+    int width = 2 * (cells.last_col - cells.col + 1), rows = cells.last_row - cells.row + 1;
 #pragma unroll 1
-            for (int edge = 0; edge < 3; edge++, t = Triangle{t.c, t.a, t.b}) {
-                Vec right = vertex(p, row + (edge == 0 ? -1 : 1), col + (edge == 1 ? -1 : 1));
-                if (dot(right - t.a, n) > (real)-1e-5) continue;  // level, or a valley
-                // Nearest points of axis and edge: -half + s axis and a + y ab. Source: Ericson, 5.1.9, with the difference
-                // of products in s as products of cross products, which keep their digits when axis and edge are parallel.
-                Vec ab = t.b - t.a, r = -1 * half - t.a, across = cross(axis, ab);
-                real pq = dot(axis, ab), c = dot(axis, r), det = dot(across, across);
-                real s = det > 0 ? clamped(dot(across, cross(ab, r)) / det, 0, 1) : 0;
-                real y = (pq * s + dot(ab, r)) / dot(ab, ab);
-                if (y < 0) y = 0, s = clamped(-c / pp, 0, 1);
-                else if (y > 1) y = 1, s = clamped((pq - c) / pp, 0, 1);
-                if (s <= (real)1e-3 || s >= 1 - (real)1e-3) continue;  // the spheres at the ends have their own touches
-                Vec point = t.a + y * ab, offset = s * axis - half - point;
-                // The point is the nearest one of both triangles only if neither goes on towards the axis.
-                if (dot(offset, t.c - point) > (real)1e-5 || dot(offset, right - point) > (real)1e-5) continue;
-                real dist = SQRT(dot(offset, offset));
-                if (dist <= (real)1e-6 || offset.z <= 0 || dist >= best.dist || !is_apart(hits, first, point)) continue;
-                found = true;
-                best = Hit{dist, point, (1 / dist) * offset, Vec{0, 0, 0}};
-            }
-        }
-    }
-    best.dist -= radius;
-    return found;
-}
-
-// Deepest touch of a box, apart from the hits from the first on: a corner below the surface, or a vertex of the surface
-// inside the box. `axis` are the box's axes, `half` its half sizes, `extent` half of its bounding box.
-FN bool box_touch(const Hits& hits, int first, real reach, const Patch& p, const Vec* axis, const real* half, Vec extent,
-                  Hit& best) {
-    bool found = false;
-    best.dist = reach;
-    for (int i = 0; i < 8; i++) {
-        Vec corner = (i & 1 ? -half[0] : half[0]) * axis[0] + (i & 2 ? -half[1] : half[1]) * axis[1] +
-                     (i & 4 ? -half[2] : half[2]) * axis[2];
-        Hit hit;
-        // A corner is a sphere of radius 0. It gets no hits to avoid: corners lie side by side on a flat ground, on each
-        // other's tangent planes, and all of them must count.
-        bool touches = sphere_touch(hits, hits.count, larger(reach, 0) + (real)1e-6, p, corner, 0, hit);
-        if (touches && hit.dist < best.dist && is_apart(hits, first, hit.pos)) best = hit, found = true;
-    }
-    Cells cells = cells_below(p, -1 * extent, extent);
-    for (int row = cells.row; row <= cells.last_row + 1; row++) {
-        for (int col = cells.col; col <= cells.last_col + 1; col++) {
-            Vec point = vertex(p, row, col), normal{0, 0, 1};
-            if (point.z < -extent.z) continue;
-            // The depth is that to the nearest side that faces down: only through such a side the ground can leave the box.
-            real depth = (real)1e6;
-            bool inside = true;
-            for (int i = 0; i < 3; i++) {
-                Vec up = (axis[i].z < 0 ? -1 : 1) * axis[i];
-                real x = dot(up, point);
-                inside = inside && FABS(x) <= half[i];
-                if (up.z > (real)0.1 && half[i] + x < depth) depth = half[i] + x, normal = up;
-            }
-            if (!inside || -depth >= best.dist || !is_apart(hits, first, point)) continue;
-            found = true;
-            best = Hit{-depth, point, normal, Vec{0, 0, 0}};
-        }
+    for (int i = 0; i < (width > 0 ? width * rows : 0); i++) {
+        Touch hit;
+        int row = cells.row + i / width, k = i % width;
+        if (!triangle_touch(p, corner, inside, best.dist, row, cells.col + k / 2, k % 2, hit)) continue;
+        if (inside ? hit.dist > best.dist : hit.dist < best.dist) best = hit, found = true;
     }
     return found;
 }
 
-// Touches from the first on, as hits in the axes of the world, with points halfway between the two surfaces.
-FN void to_world(Hits& hits, int first, const Geom& ground, const Geom& geom) {
-#pragma unroll 1
-    for (int i = first; i < hits.count; i++) {
-        Hit& h = hits.hit[i];
-        h.pos = geom.pos + ground.axes * (h.pos + ((real)0.5 * h.dist) * h.normal), h.normal = ground.axes * h.normal;
+// Candidates of a box: its corners, then the vertices of the surface, which touch inside the box.
+FN bool box_touch(const Search& s, int i, Touch& hit, real& order) {
+    const Patch& p = s.patch;
+    if (i < 8) {
+        Vec corner = (i & 1 ? -s.half[0] : s.half[0]) * s.axis[0] + (i & 2 ? -s.half[1] : s.half[1]) * s.axis[1] +
+                     (i & 4 ? -s.half[2] : s.half[2]) * s.axis[2];
+        if (!corner_touch(p, corner, larger(s.reach, 0) + (real)1e-6, hit)) return false;
+    } else {
+        int width = s.cells.last_col - s.cells.col + 2;
+        hit.pos = vertex(p, s.cells.row + (i - 8) / width, s.cells.col + (i - 8) % width), hit.normal = Vec{0, 0, 1};
+        if (hit.pos.z < -s.at.z) return false;
+        // The depth is that to the nearest side that faces down: only through such a side the ground can leave the box.
+        real depth = (real)1e6;
+        bool inside = true;
+        for (int k = 0; k < 3; k++) {
+            Vec up = (s.axis[k].z < 0 ? -1 : 1) * s.axis[k];
+            real x = dot(up, hit.pos);
+            inside = inside && FABS(x) <= s.half[k];
+            if (up.z > (real)0.1 && s.half[k] + x < depth) depth = s.half[k] + x, hit.normal = up;
+        }
+        if (!inside) return false;
+        hit.dist = -depth;
+    }
+    order = hit.dist;
+    return hit.dist < s.reach && is_apart(s, hit.pos);
+}
+#endif
+
+// In one copy, as a function of this size is not placed where it is called twice.
+COLD bool touch(const Search& s, int candidate, Touch& hit, real& order) {
+#if SEARCHES_BOXES
+    if (s.kind == BOX_PART) return box_touch(s, candidate, hit, order);
+#endif
+    return s.kind == BALL_PART ? ball_touch(s, candidate, hit, order) : ridge_touch(s, candidate, hit, order);
+}
+
+// Prepare the search for touches of a part of a geom: its ball at `end` times its half length along its axis z, its axis, or
+// the whole box. Returns whether it is not above the highest vertex below it.
+FN bool prepare(Part& s, PartKind kind, int end, real margin, const Field& field, const Geom& ground, const Geom& geom) {
+    Mat axes = field_axes(ground);
+    s.patch = patch_at(field, axes * (geom.pos - ground.pos));
+    s.kind = kind, s.reach = margin, s.radius = kind == BOX_PART ? 0 : geom.size.x;
+    s.inside = false;
+    Vec center{0, 0, 0}, more = (s.radius + margin) * Vec{1, 1, 1};
+    if (kind != BOX_PART) s.at = (kind == BALL_PART ? end : 1) * geom.size.y * (axes * column(geom.axes, 2));
+    if (kind == BALL_PART) center = s.at, s.most = end ? 2 : 4;
+    if (kind == AXIS_PART) more = more + Vec{FABS(s.at.x), FABS(s.at.y), FABS(s.at.z)}, s.most = 2;
+#if SEARCHES_BOXES
+    if (kind == BOX_PART) {
+        s.half[0] = geom.size.x, s.half[1] = geom.size.y, s.half[2] = geom.size.z, s.at = Vec{0, 0, 0}, s.most = 4;
+        for (int i = 0; i < 3; i++) {
+            s.axis[i] = axes * column(geom.axes, i);
+            s.at = s.at + s.half[i] * Vec{FABS(s.axis[i].x), FABS(s.axis[i].y), FABS(s.axis[i].z)};
+        }
+        more = more + s.at;
+    }
+#endif
+    s.cells = cells_below(s.patch, center - more, center + more);
+    if (peak(s.patch, s.cells) < center.z - more.z) return false;
+    if (kind == AXIS_PART) {
+        if (4 * dot(s.at, s.at) <= (real)1e-8) return false;  // all but a ball
+        // One more row and column, as each cell has but some of its edges. Those of the field's border have but one triangle
+        // and are no ridges.
+        s.cells.row = s.cells.row > 1 ? s.cells.row : 1, s.cells.col = s.cells.col > 1 ? s.cells.col : 1;
+        if (s.cells.last_row + 1 <= s.patch.rows - 2) s.cells.last_row++;
+        if (s.cells.last_col + 1 <= s.patch.cols - 2) s.cells.last_col++;
+    }
+    Touch hit;
+    if (kind == BALL_PART) s.inside = is_below(s.patch, s.at, hit);
+    int rows = s.cells.last_row - s.cells.row + 1, cols = s.cells.last_col - s.cells.col + 1;
+    s.size = rows > 0 && cols > 0 ? rows * cols : 0;
+    if (kind == BALL_PART) s.size = 1 + 2 * s.size;
+    if (kind == AXIS_PART) s.size = 3 * s.size;
+    if (kind == BOX_PART) s.size = 8 + (s.size ? (rows + 1) * (cols + 1) : 0);
+    return true;
+}
+
+// Hits of the first `count` searches, nearest first; at most as many searches as there are lanes.
+FN void find_hits(Search* searches, int count, int lane) {
+    for (;;) {
+        int before = 0, all = 0, mine = 0;
+        if (lane < count) {
+            mine = searches[lane].ended ? 0 : searches[lane].size;
+            expect(searches[lane]);
+        }
+        all = mine;
+        BEFORE(mine, before, all);
+        if (lane < count) searches[lane].start = before;
+        SYNC();
+        if (all == 0) break;
+        int k = 0;
+        for (int c = lane; c < all; c += LANES) {
+            while (k + 1 < count && searches[k + 1].start <= c) k++;  // the last that starts there: those before are empty
+            Touch hit;
+            real order;
+            if (touch(searches[k], c - searches[k].start, hit, order)) offer(searches[k], order, c - searches[k].start);
+        }
+        SYNC();
+        if (lane < count && !searches[lane].ended) {
+            Search& s = searches[lane];
+            int candidate = taken(s);
+            real order;
+            if (candidate >= 0) {
+                Touch hit;
+                touch(s, candidate, hit, order);
+                s.hit[s.count++] = hit;
+            }
+            s.ended = candidate < 0 || s.inside || s.count == s.most;
+        }
+        SYNC();
     }
 }
 
-// At most `most` contacts of a sphere, or of an end of a capsule: `end` is 1 or -1.
-FN void field_ball(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& geom, int end, int most) {
-    Patch p = patch_at(field, ground, geom);
-    Vec center = end * geom.size.y * (p.axes * column(geom.axes, 2));
-    real radius = geom.size.x, size = radius + margin;
-    if (is_above(p, center, Vec{size, size, size})) return;
-    int first = hits.count;
-    Hit hit;
-    while (hits.count < first + most && sphere_touch(hits, first, margin, p, center, radius, hit))
-        hits.hit[hits.count++] = hit;  // nearest first; after a miss there is none
-    to_world(hits, first, ground, geom);
-}
-
-// At most two contacts of the axis of a capsule, its ends left out.
-FN void field_axis(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& capsule) {
-    Patch p = patch_at(field, ground, capsule);
-    Vec half = capsule.size.y * (p.axes * column(capsule.axes, 2));
-    real radius = capsule.size.x, size = radius + margin;
-    if (is_above(p, Vec{0, 0, 0}, Vec{FABS(half.x) + size, FABS(half.y) + size, FABS(half.z) + size})) return;
-    int first = hits.count;
-    Hit hit;
-    while (hits.count < first + 2 && ridge_touch(hits, first, margin, p, half, radius, hit)) hits.hit[hits.count++] = hit;
-    to_world(hits, first, ground, capsule);
-}
-
-// At most four contacts.
-FN void field_box(Hits& hits, real margin, const Field& field, const Geom& ground, const Geom& box) {
-    Patch p = patch_at(field, ground, box);
-    real half[3] = {box.size.x, box.size.y, box.size.z};
-    Vec axis[3], extent{0, 0, 0}, more{margin, margin, margin};
-    for (int i = 0; i < 3; i++) {
-        axis[i] = p.axes * column(box.axes, i);
-        extent = extent + half[i] * Vec{FABS(axis[i].x), FABS(axis[i].y), FABS(axis[i].z)};
-    }
-    if (is_above(p, Vec{0, 0, 0}, extent + more)) return;
-    int first = hits.count;
-    Hit hit;
-    while (hits.count < first + 4 && box_touch(hits, first, margin, p, axis, half, extent, hit))
-        hits.hit[hits.count++] = hit;
-    to_world(hits, first, ground, box);
+// A hit in the axes of the world, halfway between the two surfaces.
+FN Hit to_world(const Touch& h, const Geom& ground, const Geom& geom) {
+    return Hit{h.dist, geom.pos + ground.axes * (h.pos + ((real)0.5 * h.dist) * h.normal), ground.axes * h.normal, {0, 0, 0}};
 }
 
 }  // namespace fused

@@ -75,10 +75,17 @@ struct World {
     union {
         struct {                         // until contacts and all other forces are known
             real pos[NB * 3], quat[NB * 4];  // body frames relative to the origin of their tree
-            real V[NB * 6], A[NB * 6];   // velocities; accelerations without those of the joints
-            real X[NB * 16];             // spatial inertia (10) and force (6) of each body, then of its subtree
-            real U[NV * 6];              // force of a subtree for a unit acceleration of a degree of freedom
-            real drive[NU];              // forces of the actuators
+            union {
+                struct {
+                    real V[NB * 6], A[NB * 6];  // velocities; accelerations without those of the joints
+                    real X[NB * 16];            // spatial inertia (10) and force (6) of each body, then of its subtree
+                    real U[NV * 6];             // force of a subtree for a unit acceleration of a degree of freedom
+                    real drive[NU];             // forces of the actuators
+                };
+#if HAS_FIELDS
+                Search search[SEARCHES];        // from then on: searches for contacts with height fields
+#endif
+            };
             real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
         };
         real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
