@@ -25,6 +25,8 @@ __all__ = ["SolverFused"]
 _WARP = 32
 _NOT_HERE = {"use_mujoco_cpu": True, "use_mujoco_contacts": False, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
+_OF_BODIES = ("body_qdd", "body_parent_f")
+"""Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
 
 class SolverFused(newton.solvers.SolverMuJoCo):
@@ -36,9 +38,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     The kernel finds the contacts of the pairs that it has a routine for, see ``docs/solvers.md``. If there are others,
     MuJoCo Warp's collision detection finds theirs before each step; otherwise several steps are one launch.
 
-    The state is that of MuJoCo Warp to rounding. Its arrays of contacts and constraint forces are filled after
-    :meth:`fill_contacts`, those of other results are not. What is constant in the kernel is as it was at the first
-    step: topology, pairs of geoms, what is limited, options, and which equalities act.
+    The state is that of MuJoCo Warp to rounding, and so are ``body_qdd`` and ``body_parent_f``. MuJoCo Warp's arrays of
+    contacts and constraint forces are filled after :meth:`fill_contacts`, those of other results are not. What is
+    constant in the kernel is as it was at the first step: topology, pairs of geoms, what is limited, options, and which
+    equalities act.
 
     Attributes:
         unsupported: Reason why MuJoCo Warp steps the model instead; empty if the fused step does.
@@ -71,6 +74,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fills_contacts = False
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
+        self._accelerations: dict[str, wp.array] = {}
+        self._wrench: wp.array | None = None
 
     # -- what it does
 
@@ -101,7 +106,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported:
             return every
         kinds = self.ObservableKind
-        return frozenset(every & {kinds.OVERFLOW, kinds.QFRC_ACTUATOR, kinds.CONTACT_F})
+        bodies = {kinds.BODY_QDD, kinds.BODY_PARENT_F}
+        return frozenset(every & {kinds.OVERFLOW, kinds.QFRC_ACTUATOR, kinds.CONTACT_F, *bodies})
 
     def observables(self, requested: Any, *args: Any, **kwargs: Any) -> Any:
         """Allocate observables, as :meth:`newton.solvers.SolverMuJoCo.observables`."""
@@ -199,17 +205,20 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         )  # fmt: skip
 
     def _enable_rne_postconstraint(self, state_out: newton.State, observables: Any = None) -> None:
-        """Refuse fields of the state that the step does not fill.
-
-        Raises:
-            ValueError: if the state has one.
-        """
+        """Note which accelerations and wrenches of bodies the coming step has to write, and where."""
         if self.unsupported:
             super()._enable_rne_postconstraint(state_out, observables)
             return
-        for name in ("body_qdd", "body_parent_f"):
-            if getattr(state_out, name) is not None:
-                raise ValueError(f"the fused solver does not compute '{name}' of the state; use SolverMuJoCo")
+        self._accelerations = {}
+        for name in _OF_BODIES:
+            asked = observables is not None and observables.is_requested(name)
+            array = getattr(observables if asked else state_out, name)
+            if array is not None:
+                self._accelerations[name] = array
+        if "body_parent_f" in self._accelerations and self._wrench is None:
+            data = self.mjw_data
+            self._wrench = wp.empty((data.nworld, 6 * self.mj_model.nbody), dtype=float, device=self.model.device)
+            self._addresses.clear()
 
     def step(self, state_in: newton.State, state_out: newton.State, *args: Any, **kwargs: Any) -> None:
         """Advance by one time step, as :meth:`newton.solvers.SolverMuJoCo.step`."""
@@ -226,9 +235,22 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._write_joints(
             mj_data.qpos, mj_data.qvel, state_prev.joint_q, state_prev.joint_qd, state.joint_q, state.joint_qd
         )
+        self._update_body_observables(model, state, mj_data, observables)
         if observables is not None and observables.is_requested(self.ObservableKind.QFRC_ACTUATOR):
             joints, worlds = model.joint_count // mj_data.nworld, mj_data.nworld
             self._convert_mj_qfrc(model, mj_data, mj_data.qfrc_actuator, worlds, joints, observables.qfrc_actuator)
+
+    def _update_body_observables(
+        self, model: newton.Model, state: newton.State, mj_data: Any, observables: Any = None
+    ) -> None:
+        """Copy what the kernel has written to the state where that has such a field, too."""
+        if self.unsupported or mj_data is not self.mjw_data:
+            super()._update_body_observables(model, state, mj_data, observables)
+            return
+        for name, written in self._accelerations.items():
+            field = getattr(state, name)
+            if field is not None and field.ptr != written.ptr:
+                wp.copy(field, written)
 
     def _mujoco_warp_step(self) -> None:
         if self.unsupported:
@@ -338,8 +360,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._addresses[key] = self._refer_all(last)
         m = self._addresses[key]
         if bodies is not None:
-            m.newton_body = self.mjc_body_to_newton.ptr
             m.body_q, m.body_qd = bodies.body_q.ptr, bodies.body_qd.ptr
+        if last:
+            for name in _OF_BODIES:
+                array = self._accelerations.get(name)
+                setattr(m, name, array.ptr if array is not None else 0)
         return m
 
     def _refer_all(self, last: bool) -> object:
@@ -352,6 +377,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             _refer(m, name, getattr(place, leaf))
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
         m.workspace = self._workspace.ptr or 0
+        m.newton_body = self.mjc_body_to_newton.ptr
+        if self._wrench is not None:
+            _refer(m, "wrench", self._wrench)
         if self._others:
             _refer(m, "contacts", self._given)
             m.contact_count = self._count.ptr

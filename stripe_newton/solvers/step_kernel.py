@@ -22,7 +22,7 @@ __all__ = ["BEFORE_LAST", "CONTACTS", "OUTPUTS", "READ", "STATE", "KernelOptions
 
 _SOURCES = (
     "algebra.h", "primitives.h", "heightfield.h", "world.h", "dynamics.h", "constraints.h", "collision.h", "newton.h",
-    "results.h", "step.h",
+    "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
@@ -39,12 +39,17 @@ READ = ("xpos", "xquat", "efc_force")
 """Arrays of MuJoCo Warp's data that are written where somebody reads contacts, ``(num_worlds, ...)``."""
 CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "worldid")
 """Arrays of its contacts that are; the arguments have their addresses as ``contact_*``, 0 where nobody reads them."""
-_ARRAYS = *STATE, *PARAMETERS, *BEFORE_LAST, *OUTPUTS, *READ, "contacts"
+_SPACES = ("contacts", "wrench")
+"""Arrays for contacts that others find, and for wrenches on bodies that the kernel keeps for a moment, six numbers for
+each body, where ``body_parent_f`` is read."""
+_ARRAYS = *STATE, *PARAMETERS, *BEFORE_LAST, *OUTPUTS, *READ, *_SPACES
 _ADDRESSES = (
     *(f"contact_{n}" for n in CONTACTS),
     "newton_body",
     "body_q",
     "body_qd",
+    "body_qdd",
+    "body_parent_f",
     "contact_count",
     "field_size",
     "field_heights",
@@ -183,7 +188,7 @@ def _parameters_source() -> str:
     Addresses are computed where they are used, from what a GPU has at hand as constants: all together they would fill
     the registers.
     """
-    kinds = dict.fromkeys(PARAMETERS, "const real*") | dict.fromkeys((*STATE, *BEFORE_LAST, *READ, "contacts"), "real*")
+    kinds = dict.fromkeys(PARAMETERS, "const real*") | dict.fromkeys((*STATE, *BEFORE_LAST, *READ, *_SPACES), "real*")
     kinds |= dict.fromkeys(OUTPUTS, "int*") | {"qfrc_actuator": "real*"}
     methods = [
         f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"

@@ -34,6 +34,10 @@ class Comparison:
     """Constraint rows of the fused step."""
     expected_rows: np.ndarray
     """Constraint rows of MuJoCo."""
+    acceleration_error: np.ndarray
+    """Relative errors of the accelerations of all bodies in the last step, shape ``(n,)``."""
+    wrench_error: np.ndarray
+    """Relative errors of the wrenches that bodies receive through their joints, in that step, shape ``(n,)``."""
 
 
 def record(model: mujoco.MjModel, count: int, seed: int = 0) -> list[dict[str, np.ndarray]]:
@@ -240,14 +244,17 @@ def compare(
     count = len(states)
     velocities, rows = np.zeros((count, model.nv)), np.zeros(count, dtype=int)
     forces = np.zeros((count, MAX_ROWS))
+    accelerations, wrenches = np.zeros((2, count, model.nbody - 1, 6))
     contacts, contact_counts = np.zeros((count, MAX_CONTACTS, CONTACT_SIZE)), np.zeros(count, dtype=np.int32)
     for i, state in enumerate(states):
         mujoco.mj_resetData(model, data)
         for name, value in state.items():
             getattr(data, name)[:] = value
         for _ in range(steps):
+            before = data.qvel.copy()
             mujoco.mj_step(model, data)
         velocities[i], rows[i] = data.qvel, data.nefc
+        accelerations[i], wrenches[i] = body_results(model, data, before)
         forces[i, : data.nefc] = data.efc_force
         active = [c for c in data.contact if not c.exclude and c.efc_address >= 0] if given_contacts else []
         contact_counts[i] = len(active)
@@ -285,6 +292,15 @@ def compare(
         whole = name in ("dim", "geom", "efc_address", "worldid")
         held[name] = wp.zeros(count * MAX_CONTACTS * size, dtype=int if whole else dtype, device="cpu")
         setattr(arguments, f"contact_{name}", held[name].ptr)
+    bodies = np.arange(-1, model.nbody - 1)[None] + (model.nbody - 1) * np.arange(count)[:, None]
+    bodies[:, 0] = -1  # Newton has no body for the world
+    held["newton_body"] = wp.array(bodies.ravel(), dtype=int, device="cpu")
+    held["wrench"] = wp.zeros(count * 6 * model.nbody, dtype=dtype, device="cpu")
+    arguments.wrench_stride = 6 * model.nbody
+    for name in ("body_qdd", "body_parent_f"):
+        held[name] = wp.zeros(accelerations.size, dtype=dtype, device="cpu")
+    for name in ("newton_body", "wrench", "body_qdd", "body_parent_f"):
+        setattr(arguments, name, held[name].ptr or 0)
     kernel.launch(arguments, count, "cpu", steps)
     found = held["qvel"].numpy().reshape(count, -1)
     error = np.linalg.norm(found - velocities, axis=1) / np.linalg.norm(velocities, axis=1)
@@ -292,7 +308,39 @@ def compare(
     size = np.linalg.norm(forces, axis=1)
     compared = (nefc == rows) & (size > 0.0)
     off = np.linalg.norm(found_forces - forces, axis=1)[compared] / size[compared]
-    return Comparison(error, off, nefc, rows)
+    of_bodies = (("body_qdd", accelerations), ("body_parent_f", wrenches))
+    return Comparison(error, off, nefc, rows, *(_relative(held[name].numpy(), right) for name, right in of_bodies))
+
+
+def body_results(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations of bodies and the wrenches of their joints in the last step of MuJoCo, as Newton has them.
+
+    Args:
+        model: The model.
+        data: Its data after a step, which is lost.
+        before: Velocities before that step.
+
+    Returns:
+        (acceleration of the centre of mass, angular acceleration), and (force, torque about the centre of mass) that
+        each body receives from its parent, in the world, shape ``(nbody - 1, 6)``.
+    """
+    data.qvel[:] = before  # the other results are those at the start of the step
+    mujoco.mj_rnePostConstraint(model, data)
+    accelerations, wrenches, one = np.zeros((model.nbody - 1, 6)), np.zeros((model.nbody - 1, 6)), np.zeros(6)
+    for b in range(1, model.nbody):
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, b, one, 0)
+        accelerations[b - 1] = [*(one[3:] + model.opt.gravity), *one[:3]]
+        torque, force = data.cfrc_int[b, :3], data.cfrc_int[b, 3:]
+        offset = data.xipos[b] - data.subtree_com[model.body_rootid[b]]
+        wrenches[b - 1] = [*force, *(torque - np.cross(offset, force))]
+    return accelerations, wrenches
+
+
+def _relative(found: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Relative errors of rows, of which one that should be zero has the error of its size."""
+    right = right.reshape(len(right), -1)
+    size = np.linalg.norm(right, axis=1)
+    return np.linalg.norm(found.reshape(right.shape) - right, axis=1) / np.where(size > 0.0, size, 1.0)
 
 
 def _numbers(model: mujoco.MjModel, contact: mujoco.MjContact) -> np.ndarray:

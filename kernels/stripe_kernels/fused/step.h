@@ -121,6 +121,7 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
     if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflow;
     if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
+    if (last && (P.m.body_qdd || P.m.body_parent_f)) write_accelerations(w, fresh(P), contacts, lane);
     integrate(w, fresh(P), lane);
 }
 
