@@ -232,7 +232,6 @@ class Simulation:
         self.previous_joint_qd = wp.clone(self._state.joint_qd)
         if isinstance(self.solver, SolverFused) and not self.solver.unsupported:
             self._previous_joint_q = wp.clone(self._state.joint_q)
-            self.solver.keep_state_before_last()
         self._cleared = ResetMask(self.num_envs, self.device)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
         self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(model)
@@ -322,7 +321,7 @@ class Simulation:
         """Whether the physics steps of a call need nothing between them, and the solver takes them in one go."""
         return (
             isinstance(self.solver, SolverFused)
-            and not self.solver.unsupported
+            and self.solver.converts
             and self.external_wrench is None
             and not self._limits_velocity
             and self.actuation.is_constant
@@ -333,10 +332,9 @@ class Simulation:
         solver, state = self.solver, self._state
         assert isinstance(solver, SolverFused)
         self.actuation.launch()
-        solver.step_many(state, state, self.control, self.physics_dt, substeps, observables=self.observables)
-        # Accelerations and reported efforts are those of the last physics step.
-        solver.write_state_before_last(self._previous_joint_q, self.previous_joint_qd)
-        self.actuation.report(self._previous_joint_q, self.previous_joint_qd)
+        before = self._previous_joint_q, self.previous_joint_qd
+        solver.step_many(state, state, self.control, self.physics_dt, substeps, self.observables, before)
+        self.actuation.report(*before)  # efforts are those of the last physics step, and so are accelerations
         for hook in self._hooks:
             hook.launch_after_step()
 

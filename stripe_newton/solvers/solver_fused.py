@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -11,13 +12,24 @@ import newton
 import numpy as np
 import warp as wp
 from mujoco_warp._src.types import BroadphaseType
-from newton._src.solvers.mujoco.kernels import convert_mj_coords_to_warp_kernel
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
 from .model_tables import PARAMETERS, ContactPair, ModelTables, listed_pairs
+from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
-from .step_kernel import BEFORE_LAST, CONTACTS, OUTPUTS, READ, STATE, KernelOptions, StepKernel, step_kernel
+from .step_kernel import (
+    CONTACTS,
+    NEWTON_IN,
+    NEWTON_MODEL,
+    NEWTON_OUT,
+    OUTPUTS,
+    READ,
+    STATE,
+    KernelOptions,
+    StepKernel,
+    step_kernel,
+)  # fmt: skip
 from .support import why_unsupported
 
 __all__ = ["SolverFused"]
@@ -27,6 +39,18 @@ _NOT_HERE = {"use_mujoco_cpu": True, "use_mujoco_contacts": False, "use_speculat
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
+
+
+@dataclass
+class _Call:
+    """What a call of ``step`` reads and writes."""
+
+    state_in: newton.State
+    state_out: newton.State
+    control: newton.Control | None
+    observables: Any
+    reads_state: bool = False
+    """Whether the state comes from Newton's, rather than from where the last step has left it in MuJoCo's."""
 
 
 class SolverFused(newton.solvers.SolverMuJoCo):
@@ -63,8 +87,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         reason = next((f"{n}={v}" for n, v in _NOT_HERE.items() if kwargs.get(n, not v) == v), "")
         if reason and not fallback:
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
-        self._addresses: dict[tuple[bool, int], Any] = {}  # first, as the constructor notifies
-        self._state_out: newton.State | None = None
+        self._addresses: dict[bool, Any] = {}  # first, as the constructor notifies
+        self._call: _Call | None = None
         super().__init__(model, **kwargs)
         self.unsupported = reason or why_unsupported(self.mj_model)
         if self.unsupported and not fallback:
@@ -74,6 +98,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fills_contacts = False
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
+        self._layout: NewtonLayout | None = None
         self._accelerations: dict[str, wp.array] = {}
         self._wrench: wp.array | None = None
 
@@ -83,6 +108,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     def one_launch(self) -> bool:
         """Whether several steps are one launch, as no collision detection by others has to come between."""
         return not self.unsupported and not self.fused.options.given_contacts
+
+    @property
+    def converts(self) -> bool:
+        """Whether the kernel reads and writes Newton's state itself, rather than kernels of Newton around it."""
+        return not self.unsupported and self.fused is not None and self._layout is not None
 
     @property
     def fused(self) -> StepKernel:
@@ -96,7 +126,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported:
             return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
         if self.one_launch:
-            return "the fused step, all physics steps of a step in one launch"
+            return "the fused step, " + (
+                "all physics steps of a step in one launch" if self.converts else "each a launch"
+            )
         return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
 
     @property
@@ -138,6 +170,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         dt: float,
         steps: int,
         observables: Any = None,
+        before: tuple[wp.array, wp.array] | None = None,
     ) -> None:
         """Advance by several time steps with the same controls.
 
@@ -148,61 +181,22 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             dt: Time step [s].
             steps: Number of steps.
             observables: Arrays to report, of the last step; overflow is of all.
+            before: Output, positions and velocities of the joints before the last step, shapes ``(joint_coord_count,)``
+                and ``(joint_dof_count,)``.
 
         Raises:
-            RuntimeError: if MuJoCo Warp steps the model.
+            RuntimeError: if MuJoCo Warp steps the model, or ``before`` is asked for but :attr:`converts` is False.
         """
         if self.unsupported:
             raise RuntimeError(f"several steps at once need the fused step: {self.unsupported}")
-        self._steps = steps
+        if before is not None and not self.converts:
+            raise RuntimeError("the joints before the last step need a kernel that converts Newton's state")
+        self._steps, self._before = steps, before
         try:
             contacts = observables.contacts if observables is not None else None
             self.step(state_in, state_out, control, contacts, dt, observables=observables)
         finally:
-            self._steps = 1
-
-    def keep_state_before_last(self) -> None:
-        """Keep the state before the last step of each call from now on, for :meth:`write_state_before_last`."""
-        if self._before is None:
-            self._before = wp.clone(self.mjw_data.qpos), wp.clone(self.mjw_data.qvel)
-            self._addresses.clear()
-
-    def write_state_before_last(self, joint_q: wp.array, joint_qd: wp.array) -> None:
-        """Write the joints as they were before the last step of the last call; may be captured.
-
-        Args:
-            joint_q: Output, positions, shape ``(joint_coord_count,)``.
-            joint_qd: Output, velocities, shape ``(joint_dof_count,)``.
-        """
-        assert self._before is not None, "keep_state_before_last comes first"
-        self._write_joints(*self._before, joint_q, joint_qd, joint_q, joint_qd)
-
-    def _write_joints(
-        self, qpos: wp.array, qvel: wp.array, kept_q: wp.array, kept_qd: wp.array, joint_q: wp.array, joint_qd: wp.array
-    ) -> None:
-        """Convert MuJoCo's coordinates; those of kinematic bodies are the ones kept."""
-        model, data = self.model, self.mjw_data
-        joints = model.joint_count // data.nworld
-        names = (
-            "joint_type",
-            "joint_q_start",
-            "joint_qd_start",
-            "joint_dof_dim",
-            "joint_child",
-            "joint_X_p",
-            "joint_X_c",
-        )
-        dof_ref = getattr(getattr(model, "mujoco", None), "dof_ref", None)
-        wp.launch(
-            convert_mj_coords_to_warp_kernel,
-            dim=(data.nworld, joints),
-            inputs=[
-                qpos, qvel, joints, *(getattr(model, name) for name in names), model.body_com, dof_ref,
-                model.body_flags, kept_q, kept_qd, self.mj_q_start, self.mj_qd_start,
-            ],
-            outputs=[joint_q, joint_qd],
-            device=model.device,
-        )  # fmt: skip
+            self._steps, self._before = 1, None
 
     def _enable_rne_postconstraint(self, state_out: newton.State, observables: Any = None) -> None:
         """Note which accelerations and wrenches of bodies the coming step has to write, and where."""
@@ -220,25 +214,52 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._wrench = wp.empty((data.nworld, 6 * self.mj_model.nbody), dtype=float, device=self.model.device)
             self._addresses.clear()
 
-    def step(self, state_in: newton.State, state_out: newton.State, *args: Any, **kwargs: Any) -> None:
+    def step(
+        self,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: newton.Control | None,
+        contacts: newton.Contacts | None,
+        dt: float,
+        *,
+        observables: Any = None,
+    ) -> None:
         """Advance by one time step, as :meth:`newton.solvers.SolverMuJoCo.step`."""
-        self._state_out = state_out
-        super().step(state_in, state_out, *args, **kwargs)
+        if self.converts:
+            self._call = _Call(state_in, state_out, control, observables)
+        try:
+            super().step(state_in, state_out, control, contacts, dt, observables=observables)
+        finally:
+            self._call = None
+
+    # The base class calls the following around a step. Where the kernel does what they do, they do nothing.
+
+    def _apply_mjc_control(self, *args: Any, **kwargs: Any) -> None:
+        if self._call is None:
+            super()._apply_mjc_control(*args, **kwargs)
+
+    def _update_mjc_data(self, *args: Any, **kwargs: Any) -> None:
+        if self._call is None:
+            super()._update_mjc_data(*args, **kwargs)
+        else:
+            self._call.reads_state = True
 
     def _update_newton_state(
         self, model: newton.Model, state: newton.State, mj_data: Any, state_prev: newton.State, observables: Any = None
     ) -> None:
-        if self.unsupported or not self._writes_bodies or mj_data is not self.mjw_data:
+        if self._call is None:
             super()._update_newton_state(model, state, mj_data, state_prev, observables)
             return
-        # What the base class does, but for the bodies, which the kernel has written.
-        self._write_joints(
-            mj_data.qpos, mj_data.qvel, state_prev.joint_q, state_prev.joint_qd, state.joint_q, state.joint_qd
-        )
         self._update_body_observables(model, state, mj_data, observables)
-        if observables is not None and observables.is_requested(self.ObservableKind.QFRC_ACTUATOR):
-            joints, worlds = model.joint_count // mj_data.nworld, mj_data.nworld
-            self._convert_mj_qfrc(model, mj_data, mj_data.qfrc_actuator, worlds, joints, observables.qfrc_actuator)
+        efforts, field = self._efforts(self._call), _field_of_efforts(state)
+        if efforts is not None and field is not None and field.ptr != efforts.ptr:
+            wp.copy(field, efforts)
+
+    def _efforts(self, call: _Call) -> wp.array | None:
+        """Array for the forces of actuators, if anybody reads them."""
+        if call.observables is not None and call.observables.is_requested(self.ObservableKind.QFRC_ACTUATOR):
+            return call.observables.qfrc_actuator
+        return _field_of_efforts(call.state_out)
 
     def _update_body_observables(
         self, model: newton.Model, state: newton.State, mj_data: Any, observables: Any = None
@@ -257,11 +278,14 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             super()._mujoco_warp_step()
             return
         kernel, data, device = self.fused, self.mjw_data, str(self.model.device)
+        if self._call is not None and self._call.state_in is not self._call.state_out:
+            for name in ("joint_q", "joint_qd"):  # the kernel leaves joints of kinematic bodies as they are
+                wp.copy(getattr(self._call.state_out, name), getattr(self._call.state_in, name))
         if self.one_launch:
-            kernel.launch(self._arguments(last=True), data.nworld, device, self._steps)
+            kernel.launch(self._arguments(first=True, last=True), data.nworld, device, self._steps)
             return
         for index in range(self._steps):
-            arguments = self._arguments(last=index == self._steps - 1)
+            arguments = self._arguments(first=index == 0, last=index == self._steps - 1)
             kernel.launch(arguments, data.nworld, device, place=True)
             self._collide()
             kernel.launch(arguments, data.nworld, device)
@@ -301,9 +325,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             ls_iterations=opt.ls_iterations,
             given_contacts=bool(self._others),
         )
-        kernel = step_kernel(tables, options)
-        # Newton's forward kinematics are left out where all bodies are MuJoCo's.
-        self._writes_bodies = self._has_all_bodies()
+        self._layout = NewtonLayout.of(self) if self._has_all_bodies() else None
+        kernel = step_kernel(tables, options, self._layout)
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
         self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
         if self._others:
@@ -352,20 +375,40 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         super()._notify_model_changed(flags)
         self._addresses.clear()  # it may have replaced arrays
 
-    def _arguments(self, last: bool = True) -> object:
-        """Addresses of the arrays, for the last step of a call or for another one."""
-        bodies = self._state_out if last and self._writes_bodies else None
-        key = last, id(bodies)
-        if key not in self._addresses:
-            self._addresses[key] = self._refer_all(last)
-        m = self._addresses[key]
-        if bodies is not None:
-            m.body_q, m.body_qd = bodies.body_q.ptr, bodies.body_qd.ptr
-        if last:
-            for name in _OF_BODIES:
-                array = self._accelerations.get(name)
-                setattr(m, name, array.ptr if array is not None else 0)
+    def _arguments(self, first: bool, last: bool) -> object:
+        """Addresses of the arrays, for the first or the last step of a call or one between."""
+        if last not in self._addresses:
+            self._addresses[last] = self._refer_all(last)
+        m = self._addresses[last]
+        given = self._read_arrays(self._call) if first and self._call is not None else {}
+        written = self._written_arrays(self._call) if last else {}
+        for name in NEWTON_IN:
+            setattr(m, name, _address(given.get(name)))
+        for name in NEWTON_OUT:
+            setattr(m, name, _address(written.get(name)))
         return m
+
+    def _read_arrays(self, call: _Call) -> dict[str, wp.array]:
+        """Arrays of :data:`NEWTON_IN` that a call reads."""
+        state, control = call.state_in, call.control
+        arrays = {"body_f": state.body_f}
+        if call.reads_state:
+            arrays |= {"joint_q_in": state.joint_q, "joint_qd_in": state.joint_qd}
+        if control is not None and control.joint_f is not None:
+            arrays |= {name: getattr(control, name) for name in ("joint_f", "joint_target_q", "joint_target_qd")}
+            arrays["controls"] = getattr(getattr(control, "mujoco", None), "ctrl", None)
+        return arrays
+
+    def _written_arrays(self, call: _Call | None) -> dict[str, wp.array]:
+        """Arrays of :data:`NEWTON_OUT` that a call writes; without one those that Newton's conversion does not."""
+        arrays = dict(self._accelerations)
+        if call is not None:
+            state = call.state_out
+            arrays |= {"joint_q_out": state.joint_q, "joint_qd_out": state.joint_qd, "efforts": self._efforts(call)}
+            arrays |= {"body_q": state.body_q, "body_qd": state.body_qd}
+        if self._before is not None:
+            arrays |= dict(zip(("joint_q_before", "joint_qd_before"), self._before, strict=True))
+        return arrays
 
     def _refer_all(self, last: bool) -> object:
         m, data = self.fused.arguments(), self.mjw_data
@@ -377,21 +420,30 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             _refer(m, name, getattr(place, leaf))
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
         m.workspace = self._workspace.ptr or 0
-        m.newton_body = self.mjc_body_to_newton.ptr
+        references = getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
+        own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}
+        for name in NEWTON_MODEL:
+            setattr(m, name, _address(own[name] if name in own else getattr(self.model, name)))
         if self._wrench is not None:
             _refer(m, "wrench", self._wrench)
         if self._others:
             _refer(m, "contacts", self._given)
             m.contact_count = self._count.ptr
-        if last and self._before is not None:
-            for name, array in zip(BEFORE_LAST, self._before, strict=True):
-                _refer(m, name, array)
         if last and self._fills_contacts:
             for name in CONTACTS:
                 setattr(m, f"contact_{name}", getattr(data.contact, name).ptr)
             for name in READ:
                 _refer(m, name, data.efc.force if name == "efc_force" else getattr(data, name))
         return m
+
+
+def _field_of_efforts(state: newton.State) -> wp.array | None:
+    """The field of a state for the forces of actuators, which Newton's observables replace."""
+    return getattr(getattr(state, "mujoco", None), "qfrc_actuator", None)
+
+
+def _address(array: wp.array | None) -> int:
+    return 0 if array is None else array.ptr or 0
 
 
 def _refer(arguments: Any, name: str, array: wp.array) -> None:

@@ -17,12 +17,16 @@ import stripe_kernels
 from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, ModelTables
+from .newton_layout import NewtonLayout
 
-__all__ = ["BEFORE_LAST", "CONTACTS", "OUTPUTS", "READ", "STATE", "KernelOptions", "StepKernel", "step_kernel"]
+__all__ = [
+    "CONTACTS", "NEWTON_IN", "NEWTON_MODEL", "NEWTON_OUT", "OUTPUTS", "READ", "STATE", "KernelOptions", "StepKernel",
+    "step_kernel",
+]  # fmt: skip
 
 _SOURCES = (
     "algebra.h", "primitives.h", "heightfield.h", "world.h", "dynamics.h", "constraints.h", "collision.h", "newton.h",
-    "results.h", "accelerations.h", "step.h",
+    "newton_state.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
@@ -33,8 +37,6 @@ _STRUCT = "STRUCT_OF_ARGUMENTS"
 _WARP = 32
 _OVERFLOW = {"ROWS": OverflowType.NEFC, "CONTACTS": OverflowType.NARROWPHASE}
 """Bits that MuJoCo Warp reports for what did not fit."""
-BEFORE_LAST = ("qpos_before", "qvel_before")
-"""Arrays that receive the state before the last step of a launch, ``(num_worlds, ...)``, if they are given."""
 READ = ("xpos", "xquat", "efc_force")
 """Arrays of MuJoCo Warp's data that are written where somebody reads contacts, ``(num_worlds, ...)``."""
 CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "worldid")
@@ -42,14 +44,24 @@ CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "w
 _SPACES = ("contacts", "wrench")
 """Arrays for contacts that others find, and for wrenches on bodies that the kernel keeps for a moment, six numbers for
 each body, where ``body_parent_f`` is read."""
-_ARRAYS = *STATE, *PARAMETERS, *BEFORE_LAST, *OUTPUTS, *READ, *_SPACES
+_ARRAYS = *STATE, *PARAMETERS, *OUTPUTS, *READ, *_SPACES
+NEWTON_IN = (
+    "joint_q_in", "joint_qd_in", "joint_f", "body_f", "joint_target_q", "joint_target_qd", "controls",
+)  # fmt: skip
+"""Arrays of Newton's state and control. Those with an address are read instead of MuJoCo's arrays of the same."""
+NEWTON_OUT = (
+    "joint_q_out", "joint_qd_out", "joint_q_before", "joint_qd_before", "body_q", "body_qd", "efforts", "body_qdd",
+    "body_parent_f",
+)  # fmt: skip
+"""Arrays of Newton that are written where they have an address: the state after the last step of a launch, the joints
+before it, forces of actuators, and accelerations and wrenches of bodies."""
+NEWTON_MODEL = ("joint_X_p", "joint_X_c", "body_com", "body_flags", "dof_ref", "newton_body")
+"""Arrays of Newton's model that the conversion reads; the last has the bodies of MuJoCo's."""
 _ADDRESSES = (
     *(f"contact_{n}" for n in CONTACTS),
-    "newton_body",
-    "body_q",
-    "body_qd",
-    "body_qdd",
-    "body_parent_f",
+    *NEWTON_IN,
+    *NEWTON_OUT,
+    *NEWTON_MODEL,
     "contact_count",
     "field_size",
     "field_heights",
@@ -149,18 +161,19 @@ class StepKernel:
         wp.launch(kernel, dim=dim, inputs=[arguments, num_worlds, steps], device=device, block_dim=block)
 
 
-def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
-    """Make the step kernel of a model.
+def step_kernel(tables: ModelTables, options: KernelOptions, newton: NewtonLayout | None = None) -> StepKernel:
+    """Make the step kernel of a model; with a layout it can read and write Newton's state.
 
     Its argument is a struct. For each array of the state and of :data:`PARAMETERS` it has the address ``name`` (uint64)
     and the stride from one world to the next ``name_stride`` (in numbers; 0 for one that all worlds share).
     """
     layout = Layout.of(tables, options)
-    module = _module(_python_source(tables, options, layout))
+    library = _library(tables, options, layout, newton)
+    module = _module(_python_source(library, options, layout))
     return StepKernel(module.step_worlds, module.place_worlds, module.Arguments, options, layout)
 
 
-def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str:
+def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton: NewtonLayout | None) -> str:
     folder = Path(stripe_kernels.__file__).parent / "fused"
     sources = {name: (folder / name).read_text() for name in _SOURCES}
     exact = 1e-14 if options.double else 1e-6
@@ -174,8 +187,9 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define LINE_STEPS {options.ls_iterations}",
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
+        f"#define HAS_NEWTON {int(newton is not None)}",
     ]
-    constants = tables.source(layout.rows, layout.contacts)
+    constants = tables.source(layout.rows, layout.contacts) + (newton.source() if newton else "")
     parts = ["\n".join(head) + "\n", sources["algebra.h"], constants, _parameters_source()]
     parts += [sources[n] for n in _SOURCES[1:]]
     parts.append(f'static_assert(sizeof(fused::World) <= sizeof(real) * {layout.world_size}, "size of World");\n')
@@ -188,7 +202,7 @@ def _parameters_source() -> str:
     Addresses are computed where they are used, from what a GPU has at hand as constants: all together they would fill
     the registers.
     """
-    kinds = dict.fromkeys(PARAMETERS, "const real*") | dict.fromkeys((*STATE, *BEFORE_LAST, *READ, *_SPACES), "real*")
+    kinds = dict.fromkeys(PARAMETERS, "const real*") | dict.fromkeys((*STATE, *READ, *_SPACES), "real*")
     kinds |= dict.fromkeys(OUTPUTS, "int*") | {"qfrc_actuator": "real*"}
     methods = [
         f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"
@@ -198,11 +212,11 @@ def _parameters_source() -> str:
     return "\n".join(["namespace fused {", "struct Parameters {", *body, "};", "}", ""])
 
 
-def _python_source(tables: ModelTables, options: KernelOptions, layout: Layout) -> str:
+def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     fields = [f"    {name}: wp.uint64\n    {name}_stride: int\n" for name in _ARRAYS]
     fields += [f"    {name}: wp.uint64\n" for name in _ADDRESSES]
     # The body of a native function stands in braces: the first one closes them, and so makes room for a library.
-    library = f"}}\n{_library(tables, options, layout)}\nstatic CUDA_CALLABLE inline void fused_library_end() {{\n"
+    library = f"}}\n{source}\nstatic CUDA_CALLABLE inline void fused_library_end() {{\n"
     bounds = ""
     if layout.in_shared:  # as many registers as leave room for all blocks whose worlds fit into the shared memory
         threads = layout.worlds_per_block * options.lanes
@@ -273,13 +287,9 @@ def _steps(options: KernelOptions, layout: Layout) -> list[str]:
     return [
         "for (int s = 0; s < steps; s++) {",
         *_together(options, layout),
-        "    const bool last = s == steps - 1;",
-        "    if (last && m.qpos_before) fused::keep_state(w, P.qpos_before(), P.qvel_before(), lane);",
-        f"    fused::step(w, P, {contacts}, {count}, last, lane);",
+        f"    fused::step(w, P, {contacts}, {count}, s == steps - 1, lane);",
         "}",
-        "fused::keep_state(w, P.qpos(), P.qvel(), lane);",
-        "EACH(i, NV) P.qacc_warmstart()[i] = w.a[i];",
-        "if (m.body_q) fused::write_newton_bodies(w, fused::fresh(P), lane);",
+        "fused::end_steps(w, fused::fresh(P), lane);",
     ]
 
 

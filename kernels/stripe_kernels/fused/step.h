@@ -90,20 +90,46 @@ FN int fresh(int x) {
 FN Parameters fresh(const Parameters& P) { return Parameters{P.m, fresh(P.id)}; }
 
 FN void begin_steps(World& w, const Parameters& P, int lane) {
-    EACH(i, NQ) w.q[i] = P.qpos()[i];
-    EACH(i, NV) w.v[i] = P.qvel()[i], w.a[i] = P.qacc_warmstart()[i];
+    if (!P.m.joint_q_in) {
+        EACH(i, NQ) w.q[i] = P.qpos()[i];
+        EACH(i, NV) w.v[i] = P.qvel()[i];
+    }
+#if HAS_NEWTON
+    if (P.m.joint_q_in) {
+        read_newton_joints(w, P, (const float*)P.m.joint_q_in, (const float*)P.m.joint_qd_in, true, lane);
+        place_fixed_bodies(P, lane);
+    }
+    SYNC();
+    read_newton_controls(w, P, lane);
+#endif
+    EACH(i, NV) w.a[i] = P.qacc_warmstart()[i];
     EACH(i, NV * LD) w.M[i] = 0;  // what degrees of freedom do not share stays so
     SYNC();
 }
-FN void keep_state(const World& w, real* q, real* v, int lane) {
-    EACH(i, NQ) q[i] = w.q[i];
-    EACH(i, NV) v[i] = w.v[i];
+
+FN void end_steps(World& w, const Parameters& P, int lane) {
+    EACH(i, NQ) P.qpos()[i] = w.q[i];
+    EACH(i, NV) P.qvel()[i] = w.v[i], P.qacc_warmstart()[i] = w.a[i];
+#if HAS_NEWTON
+    if (P.m.joint_q_out) {
+        float *q = (float*)P.m.joint_q_out, *v = (float*)P.m.joint_qd_out;
+        write_newton_joints(w, P, q, v, lane);
+        read_newton_joints(w, P, q, v, false, lane);  // where their bodies are
+        SYNC();
+    }
+    if (P.m.efforts) write_newton_efforts(P, lane);
+#endif
+    if (P.m.body_q) write_newton_bodies(w, P, lane);
 }
 
 // One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch
 // results are written where somebody reads them.
 FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
     lane = fresh(lane);
+#if HAS_NEWTON
+    if (last && P.m.joint_q_before)
+        write_newton_joints(w, fresh(P), (float*)P.m.joint_q_before, (float*)P.m.joint_qd_before, lane);
+#endif
     kinematics(w, fresh(P), lane);
     forces(w, fresh(P), lane);
     const bool is_read = last && P.m.contact_geom;
