@@ -78,6 +78,7 @@ KINDS = {
     (_G.mjGEOM_SPHERE, _G.mjGEOM_CAPSULE): "SPHERE_CAPSULE",
     (_G.mjGEOM_SPHERE, _G.mjGEOM_BOX): "SPHERE_BOX",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
+    (_G.mjGEOM_CAPSULE, _G.mjGEOM_BOX): "CAPSULE_BOX",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_HIGH_END",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
@@ -191,8 +192,10 @@ class ModelTables:
             raise ValueError(f"njmax is {max_rows}, must be {model.neq} or more: the model has as many equalities")
         pairs = contact_pairs(model) if pairs is None else pairs
         parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in _parts(p.kind))
-        # Those with height fields come last: their contacts are searched for together.
-        return cls(model, tuple(sorted(parts, key=_is_field)), max_rows, max_contacts)
+        # Those with height fields come last: their contacts are searched for together. Before them come pairs that need
+        # long if they are near, so that lanes look at them together.
+        in_order = sorted(parts, key=lambda p: 2 if _is_field(p) else int(p.kind in _LONG))
+        return cls(model, tuple(in_order), max_rows, max_contacts)
 
     @property
     def elliptic(self) -> bool:
@@ -271,6 +274,9 @@ class ModelTables:
     def spill_size(self, rows: int, contacts: int) -> int:
         """Numbers of a world for rows and contacts beyond those of its state."""
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
+
+
+_LONG = ("CAPSULE_BOX",)
 
 
 def _is_field(pair: ContactPair) -> bool:

@@ -38,6 +38,10 @@ class Comparison:
     """Relative errors of the accelerations of all bodies in the last step, shape ``(n,)``."""
     wrench_error: np.ndarray
     """Relative errors of the wrenches that bodies receive through their joints, in that step, shape ``(n,)``."""
+    contacts: list[np.ndarray]
+    """Contacts of the fused step in each state, in order: geoms, distance, point and frame, ``(contacts, 15)``."""
+    expected_contacts: list[np.ndarray]
+    """Contacts of MuJoCo."""
 
 
 def record(model: mujoco.MjModel, count: int, seed: int = 0) -> list[dict[str, np.ndarray]]:
@@ -243,7 +247,7 @@ def compare(
     states, data = states or record(model, count), mujoco.MjData(model)
     count = len(states)
     velocities, rows = np.zeros((count, model.nv)), np.zeros(count, dtype=int)
-    forces = np.zeros((count, MAX_ROWS))
+    forces, expected = np.zeros((count, MAX_ROWS)), []
     accelerations, wrenches = np.zeros((2, count, model.nbody - 1, 6))
     contacts, contact_counts = np.zeros((count, MAX_CONTACTS, CONTACT_SIZE)), np.zeros(count, dtype=np.int32)
     for i, state in enumerate(states):
@@ -255,6 +259,7 @@ def compare(
             mujoco.mj_step(model, data)
         velocities[i], rows[i] = data.qvel, data.nefc
         accelerations[i], wrenches[i] = body_results(model, data, before)
+        expected.append(np.array([_numbers(model, c)[_PLACE] for c in data.contact]).reshape(-1, 15))
         forces[i, : data.nefc] = data.efc_force
         active = [c for c in data.contact if not c.exclude and c.efc_address >= 0] if given_contacts else []
         contact_counts[i] = len(active)
@@ -309,7 +314,8 @@ def compare(
     compared = (nefc == rows) & (size > 0.0)
     off = np.linalg.norm(found_forces - forces, axis=1)[compared] / size[compared]
     of_bodies = (("body_qdd", accelerations), ("body_parent_f", wrenches))
-    return Comparison(error, off, nefc, rows, *(_relative(held[name].numpy(), right) for name, right in of_bodies))
+    body_errors = (_relative(held[name].numpy(), right) for name, right in of_bodies)
+    return Comparison(error, off, nefc, rows, *body_errors, _written_contacts(held, count), expected)
 
 
 def body_results(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -341,6 +347,17 @@ def _relative(found: np.ndarray, right: np.ndarray) -> np.ndarray:
     right = right.reshape(len(right), -1)
     size = np.linalg.norm(right, axis=1)
     return np.linalg.norm(found.reshape(right.shape) - right, axis=1) / np.where(size > 0.0, size, 1.0)
+
+
+_PLACE = [29, 30, *range(13)]
+"""Geoms, distance, point and frame in :func:`_numbers`."""
+
+
+def _written_contacts(held: dict[str, wp.array], count: int) -> list[np.ndarray]:
+    """Contacts that the fused step wrote, as in :class:`Comparison`."""
+    names = "geom", "dist", "pos", "frame"
+    places = np.concatenate([held[n].numpy().reshape(count, MAX_CONTACTS, CONTACT_SIZES[n]) for n in names], axis=2)
+    return [found[found[:, 0] >= 0] for found in places]
 
 
 def _numbers(model: mujoco.MjModel, contact: mujoco.MjContact) -> np.ndarray:

@@ -123,6 +123,7 @@ FN Vec operator*(Mat m, Vec v) { return Vec{dot(m.r0, v), dot(m.r1, v), dot(m.r2
 FN Vec column(Mat m, int i) {
     return i == 0 ? Vec{m.r0.x, m.r1.x, m.r2.x} : i == 1 ? Vec{m.r0.y, m.r1.y, m.r2.y} : Vec{m.r0.z, m.r1.z, m.r2.z};
 }
+FN Mat transposed(Mat m) { return Mat{column(m, 0), column(m, 1), column(m, 2)}; }
 
 // Spatial vectors (angular, linear) about a point, in the world's axes. Source: R. Featherstone, "Rigid Body Dynamics
 // Algorithms", Springer, 2008, chapter 2.

@@ -156,8 +156,9 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
                 CASE(PLANE_CYLINDER) plane_cylinder(hits, margin, a, b); break;
                 CASE(SPHERE_SPHERE) sphere_sphere(hits, margin, a.pos, a.size.x, b.pos, b.size.x, across(a, b)); break;
                 CASE(SPHERE_CAPSULE) sphere_capsule(hits, margin, a, b); break;
-                CASE(SPHERE_BOX) sphere_box(hits, margin, a, b); break;
+                CASE(SPHERE_BOX) sphere_box(hits, margin, a.pos, a.size.x, b); break;
                 CASE(CAPSULE_CAPSULE) capsule_capsule(hits, margin, a, b); break;
+                CASE(CAPSULE_BOX) capsule_box(hits, margin, a, b); break;
             }
         }
         int before = 0, all = hits.count;

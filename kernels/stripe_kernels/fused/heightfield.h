@@ -26,9 +26,6 @@ struct Patch {
     real scale, step_x, step_y, cols_per_metre, rows_per_metre;
     Vec geom;  // the geom's centre in the frame of the field
 };
-FN Mat field_axes(const Geom& ground) {  // rows: the axes of the field
-    return Mat{column(ground.axes, 0), column(ground.axes, 1), column(ground.axes, 2)};
-}
 FN Patch patch_at(const Field& field, Vec geom) {
     real width = 2 * field.x, length = 2 * field.y, cols = field.cols - 1, rows = field.rows - 1;
     return Patch{field.heights,  field.rows,    field.cols,   field.scale, width / cols,
@@ -307,7 +304,7 @@ COLD bool touch(const Search& s, int candidate, Touch& hit, real& order) {
 // Prepare the search for touches of a part of a geom: its ball at `end` times its half length along its axis z, its axis, or
 // the whole box. Returns whether it is not above the highest vertex below it.
 FN bool prepare(Part& s, PartKind kind, int end, real margin, const Field& field, const Geom& ground, const Geom& geom) {
-    Mat axes = field_axes(ground);
+    Mat axes = transposed(ground.axes);  // rows: the axes of the field
     s.patch = patch_at(field, axes * (geom.pos - ground.pos));
     s.kind = kind, s.reach = margin, s.radius = kind == BOX_PART ? 0 : geom.size.x;
     s.inside = false;

@@ -121,10 +121,10 @@ FN void capsule_capsule(Hits& hits, real margin, const Geom& a, const Geom& b) {
     }
 }
 
-FN void sphere_box(Hits& hits, real margin, const Geom& sphere, const Geom& box) {
-    Vec d = sphere.pos - box.pos;
+FN void sphere_box(Hits& hits, real margin, Vec center, real radius, const Geom& box) {
+    Vec d = center - box.pos;
     real c[3] = {dot(column(box.axes, 0), d), dot(column(box.axes, 1), d), dot(column(box.axes, 2), d)};
-    real size[3] = {box.size.x, box.size.y, box.size.z}, near[3], square = 0, radius = sphere.size.x;
+    real size[3] = {box.size.x, box.size.y, box.size.z}, near[3], square = 0;
     for (int i = 0; i < 3; i++) near[i] = clamped(c[i], -size[i], size[i]), square += (c[i] - near[i]) * (c[i] - near[i]);
     real dist = SQRT(square);
     if (dist - radius >= margin) return;
@@ -138,12 +138,12 @@ FN void sphere_box(Hits& hits, real margin, const Geom& sphere, const Geom& box)
         }
         real sign = face % 2 ? -1 : 1;
         n = sign * column(box.axes, face / 2);
-        pos = sphere.pos + ((real)0.5 * (radius - least)) * n;
+        pos = center + ((real)0.5 * (radius - least)) * n;
         dist = -least;
     } else {
         real s = 1 / dist, in[3] = {s * (near[0] - c[0]), s * (near[1] - c[1]), s * (near[2] - c[2])};
         n = box.axes * Vec{in[0], in[1], in[2]};
-        pos = sphere.pos + ((real)0.5 * (radius + dist)) * n;
+        pos = center + ((real)0.5 * (radius + dist)) * n;
     }
     add(hits, dist - radius, pos, n, Vec{0, 0, 0});
 }
