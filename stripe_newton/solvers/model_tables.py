@@ -210,12 +210,17 @@ class ModelTables:
     @property
     def searches(self) -> int:
         """Searches for contacts with height fields that there is room for where the forces were computed."""
-        return max(1, self._forces_size // self._search_size)
+        return max(1, (self._forces_size - self._geoms_size) // self._search_size)
 
     @property
     def _forces_size(self) -> int:
         """Numbers of what is needed until the forces are known, see ``World``."""
         return 28 * self.model.nbody + 6 * self.model.nv + max(self.model.nu, 1)
+
+    @property
+    def _geoms_size(self) -> int:
+        """Numbers for the places of geoms."""
+        return 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
 
     @property
     def _search_size(self) -> int:
@@ -264,11 +269,8 @@ class ModelTables:
         model = self.model
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + nv * (nv | 1) * (2 - in_registers) + nu
-        placed = 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
-        forces = self._forces_size + 1
-        if self.has_fields:
-            forces = max(forces, self.searches * self._search_size)
-        shared = max(7 * nb + 1 + forces + placed, rows * self.row_size)
+        found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_fields else 0)
+        shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 5  # with the pointer, and alignments
 
     def spill_size(self, rows: int, contacts: int) -> int:

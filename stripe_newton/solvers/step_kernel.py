@@ -68,11 +68,12 @@ _ADDRESSES = (
     "workspace",
 )
 _SM_BYTES, _SM_WORLDS = 228 * 1024, 32
-"""Shared memory of a multiprocessor of an H100, of which each block takes 1 KiB more than it asks for, and the worlds
-that it should have room for: 4096 are 31 for each."""
+"""Shared memory of a multiprocessor of an H100, and the worlds that it should have room for: 4096 are 31 for each."""
 _BLOCK_BYTES = 48 * 1024
 """Shared memory that a block may have without a driver call, on every GPU [bytes]."""
 _BLOCK_WORLDS = 4
+_OF_WARP, _OF_CUDA = 4 * _BLOCK_WORLDS * _WARP, 1024
+"""Shared memory of a block beyond that of its worlds: what Warp has for its tiles, and what CUDA takes [bytes]."""
 _SM_REGISTERS = 65536
 _TYPICAL_ROWS, _TYPICAL_CONTACTS = 32, 8
 """What a world mostly needs at most: a robot on four feet."""
@@ -127,7 +128,7 @@ class Layout:
         registers = options.in_registers(tables)
         contacts = min(_TYPICAL_CONTACTS, tables.max_contacts)
         for blocks in range(_SM_WORLDS // _BLOCK_WORLDS, 0, -1):
-            budget = min(_BLOCK_BYTES, _SM_BYTES // blocks - 1024) // _BLOCK_WORLDS // 4
+            budget = (min(_BLOCK_BYTES, _SM_BYTES // blocks - _OF_CUDA) - _OF_WARP) // _BLOCK_WORLDS // 4
             rows = min(tables.max_rows, _TYPICAL_ROWS)
             if tables.world_size(rows, contacts, registers) > budget:
                 continue
@@ -220,7 +221,7 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     bounds = ""
     if layout.in_shared:  # as many registers as leave room for all blocks whose worlds fit into the shared memory
         threads = layout.worlds_per_block * options.lanes
-        blocks = _SM_BYTES // (4 * layout.worlds_per_block * layout.world_size + 1024)
+        blocks = _SM_BYTES // (4 * layout.worlds_per_block * layout.world_size + _OF_WARP + _OF_CUDA)
         bounds = f", launch_bounds=({threads}, {max(1, min(blocks, _SM_REGISTERS // (64 * threads)))})"
     return "\n".join(
         [

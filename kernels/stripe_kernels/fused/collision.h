@@ -213,7 +213,6 @@ FN int collide(World& w, const Parameters& P, int lane) {
     if (GEOMS_PLACED) place_geoms(w, P, lane);
     int count = collide_primitives(w, P, lane);
 #if HAS_FIELDS
-    SYNC();  // searches take the place of what the forces needed
     count = collide_fields(w, P, count, lane);
 #endif
     SYNC();

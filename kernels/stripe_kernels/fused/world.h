@@ -82,11 +82,13 @@ struct World {
                     real U[NV * 6];             // force of a subtree for a unit acceleration of a degree of freedom
                     real drive[NU];             // forces of the actuators
                 };
+                struct {                        // from then on
+                    real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
 #if HAS_FIELDS
-                Search search[SEARCHES];        // from then on: searches for contacts with height fields
+                    Search search[SEARCHES];    // for contacts with height fields
 #endif
+                };
             };
-            real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
         };
         real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
     };
