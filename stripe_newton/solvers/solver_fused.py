@@ -19,6 +19,7 @@ from .model_tables import PARAMETERS, ContactPair, ModelTables, listed_pairs
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
 from .step_kernel import (
+    BODY_SIZE,
     CONTACTS,
     NEWTON_IN,
     NEWTON_MODEL,
@@ -99,8 +100,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
         self._layout: NewtonLayout | None = None
+        self._pairs: list[ContactPair] | None = None
         self._accelerations: dict[str, wp.array] = {}
-        self._wrench: wp.array | None = None
+        self._kept_bodies: wp.array | None = None
 
     # -- what it does
 
@@ -146,6 +148,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         made = super().observables(requested, *args, **kwargs)
         if not self.unsupported and made.is_requested(self.ObservableKind.CONTACT_F):
             self.fill_contacts()
+        if not self.unsupported and any(made.is_requested(name) for name in _OF_BODIES):
+            self._compute_accelerations()
         return made
 
     def fill_contacts(self) -> None:
@@ -209,9 +213,15 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             array = getattr(observables if asked else state_out, name)
             if array is not None:
                 self._accelerations[name] = array
-        if "body_parent_f" in self._accelerations and self._wrench is None:
-            data = self.mjw_data
-            self._wrench = wp.empty((data.nworld, 6 * self.mj_model.nbody), dtype=float, device=self.model.device)
+        if self._accelerations:
+            self._compute_accelerations()
+
+    def _compute_accelerations(self) -> None:
+        """Take a kernel that can compute accelerations of bodies from now on."""
+        if self._kept_bodies is None:
+            shape = self.mjw_data.nworld, BODY_SIZE * self.mj_model.nbody
+            self._kept_bodies = wp.empty(shape, dtype=float, device=self.model.device)
+            self._fused = None
             self._addresses.clear()
 
     def step(
@@ -315,18 +325,23 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         data, device = self.mjw_data, self.model.device
         opt: mujoco.MjOption = self.mj_model.opt
         contacts = max(1, int(data.naconmax) // int(data.nworld))
-        pairs = self._divide_pairs()
+        first = self._pairs is None
+        if self._pairs is None:
+            self._pairs = self._divide_pairs()
         cpu = self._limited_model()
-        tables = ModelTables.of(cpu, int(data.njmax), contacts, pairs)
+        tables = ModelTables.of(cpu, int(data.njmax), contacts, self._pairs)
         options = KernelOptions(
             lanes=_WARP if device.is_cuda else 1,
             tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,
             given_contacts=bool(self._others),
+            accelerations=self._kept_bodies is not None,
         )
         self._layout = NewtonLayout.of(self) if self._has_all_bodies() else None
         kernel = step_kernel(tables, options, self._layout)
+        if not first:  # recorded graphs have the addresses of these arrays
+            return kernel
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
         self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
         if self._others:
@@ -424,8 +439,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}
         for name in NEWTON_MODEL:
             setattr(m, name, _address(own[name] if name in own else getattr(self.model, name)))
-        if self._wrench is not None:
-            _refer(m, "wrench", self._wrench)
+        if self._kept_bodies is not None:
+            _refer(m, "bodies", self._kept_bodies)
         if self._others:
             _refer(m, "contacts", self._given)
             m.contact_count = self._count.ptr

@@ -20,8 +20,8 @@ from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
 
 __all__ = [
-    "CONTACTS", "NEWTON_IN", "NEWTON_MODEL", "NEWTON_OUT", "OUTPUTS", "READ", "STATE", "KernelOptions", "StepKernel",
-    "step_kernel",
+    "BODY_SIZE", "CONTACTS", "NEWTON_IN", "NEWTON_MODEL", "NEWTON_OUT", "OUTPUTS", "READ", "STATE", "KernelOptions",
+    "StepKernel", "step_kernel",
 ]  # fmt: skip
 
 _SOURCES = (
@@ -41,9 +41,11 @@ READ = ("xpos", "xquat", "efc_force")
 """Arrays of MuJoCo Warp's data that are written where somebody reads contacts, ``(num_worlds, ...)``."""
 CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "worldid")
 """Arrays of its contacts that are; the arguments have their addresses as ``contact_*``, 0 where nobody reads them."""
-_SPACES = ("contacts", "wrench")
-"""Arrays for contacts that others find, and for wrenches on bodies that the kernel keeps for a moment, six numbers for
-each body, where ``body_parent_f`` is read."""
+_SPACES = ("contacts", "bodies")
+"""Arrays for contacts that others find, and for what the kernel keeps of bodies for a moment where their accelerations
+are read, :data:`BODY_SIZE` numbers for each."""
+BODY_SIZE = 31
+"""Numbers of a body, as in accelerations.h."""
 _ARRAYS = *STATE, *PARAMETERS, *OUTPUTS, *READ, *_SPACES
 NEWTON_IN = (
     "joint_q_in", "joint_qd_in", "joint_f", "body_f", "joint_target_q", "joint_target_qd", "controls",
@@ -92,6 +94,8 @@ class KernelOptions:
     ls_iterations: int = 50
     given_contacts: bool = False
     """The caller gives contacts, beside those that the kernel finds."""
+    accelerations: bool = False
+    """Accelerations of bodies and wrenches of their joints can be asked for; their code takes registers of a GPU."""
 
     def in_registers(self, tables: ModelTables) -> bool:
         """Whether matrices are factored in the registers of a warp, a row for each lane."""
@@ -186,6 +190,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",
+        f"#define ACCELERATIONS {int(options.accelerations)}",
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
         f"#define HAS_NEWTON {int(newton is not None)}",

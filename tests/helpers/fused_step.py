@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from stripe_newton.solvers.model_tables import PARAMETERS, ModelTables
-from stripe_newton.solvers.step_kernel import CONTACTS, STATE, KernelOptions, step_kernel
+from stripe_newton.solvers.step_kernel import BODY_SIZE, CONTACTS, STATE, KernelOptions, step_kernel
 
 MAX_ROWS, MAX_CONTACTS, CONTACT_SIZE = 600, 150, 31
 CONTACT_SIZES = dict(zip(CONTACTS, (3, 9, 5, 1, 1, 2, 10, 1), strict=True))
@@ -37,7 +37,8 @@ class Comparison:
     acceleration_error: np.ndarray
     """Relative errors of the accelerations of all bodies in the last step, shape ``(n,)``."""
     wrench_error: np.ndarray
-    """Relative errors of the wrenches that bodies receive through their joints, in that step, shape ``(n,)``."""
+    """Errors of the wrenches that bodies receive through their joints, in that step, relative to these and the wrenches
+    from outside, shape ``(n,)``."""
     contacts: list[np.ndarray]
     """Contacts of the fused step in each state, in order: geoms, distance, point and frame, ``(contacts, 15)``."""
     expected_contacts: list[np.ndarray]
@@ -248,7 +249,7 @@ def compare(
     count = len(states)
     velocities, rows = np.zeros((count, model.nv)), np.zeros(count, dtype=int)
     forces, expected = np.zeros((count, MAX_ROWS)), []
-    accelerations, wrenches = np.zeros((2, count, model.nbody - 1, 6))
+    (accelerations, wrenches), sizes = np.zeros((2, count, model.nbody - 1, 6)), np.zeros(count)
     contacts, contact_counts = np.zeros((count, MAX_CONTACTS, CONTACT_SIZE)), np.zeros(count, dtype=np.int32)
     for i, state in enumerate(states):
         mujoco.mj_resetData(model, data)
@@ -259,6 +260,7 @@ def compare(
             mujoco.mj_step(model, data)
         velocities[i], rows[i] = data.qvel, data.nefc
         accelerations[i], wrenches[i] = body_results(model, data, before)
+        sizes[i] = np.linalg.norm(wrenches[i]) + np.linalg.norm(data.cfrc_ext)
         expected.append(np.array([_numbers(model, c)[_PLACE] for c in data.contact]).reshape(-1, 15))
         forces[i, : data.nefc] = data.efc_force
         active = [c for c in data.contact if not c.exclude and c.efc_address >= 0] if given_contacts else []
@@ -266,7 +268,7 @@ def compare(
         for k, contact in enumerate(active):
             contacts[i, k] = _numbers(model, contact)
     tolerance = 1e-15 if double else 1e-6
-    options = KernelOptions(double=double, tolerance=tolerance, given_contacts=given_contacts)
+    options = KernelOptions(double=double, tolerance=tolerance, given_contacts=given_contacts, accelerations=True)
     tables = ModelTables.of(model, MAX_ROWS, MAX_CONTACTS)
     kernel = step_kernel(dataclasses.replace(tables, pairs=()) if given_contacts else tables, options)
     dtype = wp.float64 if double else wp.float32
@@ -300,11 +302,11 @@ def compare(
     bodies = np.arange(-1, model.nbody - 1)[None] + (model.nbody - 1) * np.arange(count)[:, None]
     bodies[:, 0] = -1  # Newton has no body for the world
     held["newton_body"] = wp.array(bodies.ravel(), dtype=int, device="cpu")
-    held["wrench"] = wp.zeros(count * 6 * model.nbody, dtype=dtype, device="cpu")
-    arguments.wrench_stride = 6 * model.nbody
+    held["bodies"] = wp.zeros(count * BODY_SIZE * model.nbody, dtype=dtype, device="cpu")
+    arguments.bodies_stride = BODY_SIZE * model.nbody
     for name in ("body_qdd", "body_parent_f"):
         held[name] = wp.zeros(accelerations.size, dtype=dtype, device="cpu")
-    for name in ("newton_body", "wrench", "body_qdd", "body_parent_f"):
+    for name in ("newton_body", "bodies", "body_qdd", "body_parent_f"):
         setattr(arguments, name, held[name].ptr or 0)
     kernel.launch(arguments, count, "cpu", steps)
     found = held["qvel"].numpy().reshape(count, -1)
@@ -313,9 +315,13 @@ def compare(
     size = np.linalg.norm(forces, axis=1)
     compared = (nefc == rows) & (size > 0.0)
     off = np.linalg.norm(found_forces - forces, axis=1)[compared] / size[compared]
-    of_bodies = (("body_qdd", accelerations), ("body_parent_f", wrenches))
-    body_errors = (_relative(held[name].numpy(), right) for name, right in of_bodies)
-    return Comparison(error, off, nefc, rows, *body_errors, _written_contacts(held, count), expected)
+    accelerated, wrench = (held[name].numpy().reshape(count, -1) for name in ("body_qdd", "body_parent_f"))
+    acceleration_error = np.linalg.norm(accelerated - accelerations.reshape(count, -1), axis=1)
+    acceleration_error /= np.linalg.norm(accelerations, axis=(1, 2))
+    wrench_error = np.linalg.norm(wrench - wrenches.reshape(count, -1), axis=1) / sizes
+    return Comparison(
+        error, off, nefc, rows, acceleration_error, wrench_error, _written_contacts(held, count), expected
+    )
 
 
 def body_results(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -332,21 +338,16 @@ def body_results(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray)
     """
     data.qvel[:] = before  # the other results are those at the start of the step
     mujoco.mj_rnePostConstraint(model, data)
-    accelerations, wrenches, one = np.zeros((model.nbody - 1, 6)), np.zeros((model.nbody - 1, 6)), np.zeros(6)
+    accelerations, wrenches = np.zeros((2, model.nbody - 1, 6))
     for b in range(1, model.nbody):
-        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, b, one, 0)
-        accelerations[b - 1] = [*(one[3:] + model.opt.gravity), *one[:3]]
-        torque, force = data.cfrc_int[b, :3], data.cfrc_int[b, 3:]
+        # Spatial quantities (angular, linear) of a tree are about its centre of mass.
         offset = data.xipos[b] - data.subtree_com[model.body_rootid[b]]
+        spin, velocity = data.cvel[b, :3], data.cvel[b, 3:] - np.cross(offset, data.cvel[b, :3])
+        turning, acceleration = data.cacc[b, :3], data.cacc[b, 3:] - np.cross(offset, data.cacc[b, :3])
+        accelerations[b - 1] = [*(acceleration + np.cross(spin, velocity) + model.opt.gravity), *turning]
+        torque, force = data.cfrc_int[b, :3], data.cfrc_int[b, 3:]
         wrenches[b - 1] = [*force, *(torque - np.cross(offset, force))]
     return accelerations, wrenches
-
-
-def _relative(found: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Relative errors of rows, of which one that should be zero has the error of its size."""
-    right = right.reshape(len(right), -1)
-    size = np.linalg.norm(right, axis=1)
-    return np.linalg.norm(found.reshape(right.shape) - right, axis=1) / np.where(size > 0.0, size, 1.0)
 
 
 _PLACE = [29, 30, *range(13)]

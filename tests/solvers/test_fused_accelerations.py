@@ -87,3 +87,18 @@ def test_a_hanging_chain_carries_its_weight():
     expected[:, :, 2] = 9.81 * np.cumsum(masses[::-1])[::-1]
     np.testing.assert_allclose(observables.body_parent_f.numpy().reshape(2, 3, 6), expected, atol=1e-4)
     np.testing.assert_allclose(observables.body_qdd.numpy(), 0.0, atol=1e-5)
+
+
+def test_they_can_be_asked_for_while_running():
+    """The kernel is then another one, with the same contacts by others."""
+    model, results = boxes_and_balls(2), []
+    for late in (False, True):
+        solver, state, control = SolverFused(model, **ROOM), model.state(), model.control()
+        observables = None if late else solver.observables(set(FIELDS))
+        for _ in range(20):
+            solver.step(state, state, control, None, 0.004, observables=observables)
+        observables = solver.observables(set(FIELDS))
+        solver.step(state, state, control, None, 0.004, observables=observables)
+        results.append(observables.body_qdd.numpy())
+    assert np.abs(results[0]).max() > 1.0
+    np.testing.assert_array_equal(results[1], results[0])

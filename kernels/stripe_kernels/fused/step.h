@@ -134,6 +134,9 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     forces(w, fresh(P), lane);
     const bool is_read = last && P.m.contact_geom;
     if (is_read) write_body_poses(w, fresh(P), lane);
+#if ACCELERATIONS
+    if (last && (P.m.body_qdd || P.m.body_parent_f)) keep_bodies(w, fresh(P), lane);
+#endif
     int overflow = 0, found = collide(w, fresh(P), lane), contacts = found + given_count;
     if (contacts > MAX_CONTACTS) contacts = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
     for (int c = found + lane; c < contacts; c += LANES) contact(w, c)[C_PAIR] = -1 - (c - found);
@@ -147,7 +150,9 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
     if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflow;
     if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
+#if ACCELERATIONS
     if (last && (P.m.body_qdd || P.m.body_parent_f)) write_accelerations(w, fresh(P), contacts, lane);
+#endif
     integrate(w, fresh(P), lane);
 }
 
