@@ -64,9 +64,14 @@ PARAMETERS: dict[str, str] = {
     "equality": "eq_data",
     "solref_equality": "eq_solref",
     "solimp_equality": "eq_solimp",
+    "site_pos": "site_pos",
+    "site_quat": "site_quat",
 }
 """Parameters that may differ from world to world: name in the source, and field of MuJoCo's model (or of its options or
 data)."""
+
+_EQUALITY_ROWS = {mujoco.mjtEq.mjEQ_CONNECT: 3, mujoco.mjtEq.mjEQ_WELD: 6}
+"""Rows of equalities of bodies."""
 
 _G = mujoco.mjtGeom
 KINDS = {
@@ -186,10 +191,11 @@ class ModelTables:
         """The constants of a model, with the pairs given, or all of it, that the kernel has a routine for.
 
         Raises:
-            ValueError: if there is no room for the rows of equalities, which are always there.
+            ValueError: if there is no room for the rows of the equalities that are active at the start.
         """
-        if max_rows < model.neq:
-            raise ValueError(f"njmax is {max_rows}, must be {model.neq} or more: the model has as many equalities")
+        least = sum(size for size, active in zip(_equality_sizes(model), model.eq_active0, strict=True) if active)
+        if max_rows < least:
+            raise ValueError(f"njmax is {max_rows}, must be {least} or more: the equalities have as many rows")
         pairs = contact_pairs(model) if pairs is None else pairs
         parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in _parts(p.kind))
         # Those with height fields come last: their contacts are searched for together. Before them come pairs that need
@@ -250,7 +256,7 @@ class ModelTables:
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
             "MAX_HITS": 4,
         }  # fmt: skip
-        integers = _tree_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
+        integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
         lines = [
             f"#define {name} {value}" for name, value in (_sizes(model, pairs) | _options(model, pairs) | room).items()
         ]
@@ -269,6 +275,7 @@ class ModelTables:
         model = self.model
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + nv * (nv | 1) * (2 - in_registers) + nu
+        kept += _ATTACHMENT_SIZE * len(_attachments(model))
         found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_fields else 0)
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 5  # with the pointer, and alignments
@@ -278,6 +285,8 @@ class ModelTables:
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
+_ATTACHMENT_SIZE = 24
+"""Numbers of an attachment, as in world.h."""
 _LONG = ("CAPSULE_BOX",)
 
 
@@ -294,7 +303,8 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
     couples = sum(len(list(_ancestors(model, i))) for i in range(model.nv))
     return {
         "NB": model.nbody, "NQ": model.nq, "NV": model.nv, "NJ": model.njnt, "NU": max(model.nu, 1),
-        "ACTUATORS": model.nu, "NEQ": model.neq, "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
+        "ACTUATORS": model.nu, "NEQ": model.neq, "EQUALITY_DATA": mujoco.mjNEQDATA,
+        "NATTACHMENTS": len(_attachments(model)), "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
         "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs), "NGEOMS": len(_used_geoms(pairs)),
         "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
         "HAS_FIELDS": int(any(map(_is_field, pairs))), "FIRST_FIELD_PAIR": sum(not _is_field(p) for p in pairs),
@@ -346,7 +356,20 @@ def _tree_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
         "dof_joint": model.dof_jntid,
         "pair_dof": [i for i, _ in pairs],
         "pair_ancestor": [j for _, j in pairs],
-        "equality_joint": np.stack([model.eq_obj1id, model.eq_obj2id], axis=1).ravel(),
+    }
+
+
+def _equality_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
+    attachments = _attachments(model)
+    objects = [(int(model.eq_obj1id[e]), int(model.eq_obj2id[e])) for e in range(model.neq)]
+    of_sites = model.eq_objtype == mujoco.mjtObj.mjOBJ_SITE
+    return {
+        "equality_joint": [j for pair in objects for j in pair],
+        "equality_size": _equality_sizes(model),
+        "equality_attachment": [attachments.index(e) if e in attachments else -1 for e in range(model.neq)],
+        "attached_equality": attachments,
+        "attached_body": [b for e in attachments for b in _equality_bodies(model, e)],
+        "attached_site": [o if of_sites[e] else -1 for e in attachments for o in objects[e]],
     }
 
 
@@ -390,6 +413,29 @@ def _coefficients(model: mujoco.MjModel) -> dict[str, list[float]]:
 
 def _moments(model: mujoco.MjModel) -> list[list[tuple[int, float]]]:
     return [list(_moment(model, u)) for u in range(model.nu)]
+
+
+def _equality_bodies(model: mujoco.MjModel, equality: int) -> tuple[int, int]:
+    """The two bodies of an equality that is not one of joints."""
+    first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+    if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
+        return int(model.site_bodyid[first]), int(model.site_bodyid[second])
+    return first, second
+
+
+def _equality_sizes(model: mujoco.MjModel) -> list[int]:
+    """Rows of each equality while it is active: MuJoCo leaves out those of bodies that cannot move."""
+    sizes = []
+    for e, kind in enumerate(model.eq_type.tolist()):
+        rows = _EQUALITY_ROWS.get(kind, 1)
+        moves = rows == 1 or any(list(_dofs(model, b)) for b in _equality_bodies(model, e))
+        sizes.append(rows if moves else 0)
+    return sizes
+
+
+def _attachments(model: mujoco.MjModel) -> list[int]:
+    """Equalities that attach a body, or a site of it, to another one."""
+    return [e for e, size in enumerate(_equality_sizes(model)) if size > 1]
 
 
 def _actuators_by_dof(model: mujoco.MjModel) -> list[list[tuple[int, float]]]:

@@ -65,8 +65,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     The state is that of MuJoCo Warp to rounding, and so are ``body_qdd`` and ``body_parent_f``. MuJoCo Warp's arrays of
     contacts and constraint forces are filled after :meth:`fill_contacts`, those of other results are not. What is
-    constant in the kernel is as it was at the first step: topology, pairs of geoms, what is limited, options, and which
-    equalities act.
+    constant in the kernel is as it was at the first step: topology, pairs of geoms, what is limited, and options.
 
     Attributes:
         unsupported: Reason why MuJoCo Warp steps the model instead; empty if the fused step does.
@@ -91,7 +90,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._addresses: dict[bool, Any] = {}  # first, as the constructor notifies
         self._call: _Call | None = None
         super().__init__(model, **kwargs)
-        self.unsupported = reason or why_unsupported(self.mj_model)
+        self.unsupported = reason or self._why_kinematic() or why_unsupported(self.mj_model)
         if self.unsupported and not fallback:
             raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
         self.triangles = False
@@ -103,6 +102,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._pairs: list[ContactPair] | None = None
         self._accelerations: dict[str, wp.array] = {}
         self._kept_bodies: wp.array | None = None
+
+    def _why_kinematic(self) -> str:
+        """Reason not to step kinematic bodies: Newton places the welds that hold them anew before each step."""
+        return "a body is kinematic or may become it" if self._kinematic_weld_eq is not None else ""
 
     # -- what it does
 
@@ -439,6 +442,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}
         for name in NEWTON_MODEL:
             setattr(m, name, _address(own[name] if name in own else getattr(self.model, name)))
+        m.eq_active = data.eq_active.ptr or 0
         if self._kept_bodies is not None:
             _refer(m, "bodies", self._kept_bodies)
         if self._others:

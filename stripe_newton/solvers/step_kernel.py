@@ -25,8 +25,8 @@ __all__ = [
 ]  # fmt: skip
 
 _SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "heightfield.h", "world.h", "dynamics.h", "constraints.h", "collision.h",
-    "newton.h", "newton_state.h", "results.h", "accelerations.h", "step.h",
+    "algebra.h", "primitives.h", "boxes.h", "heightfield.h", "world.h", "dynamics.h", "constraints.h",
+    "attachments.h", "collision.h", "newton.h", "newton_state.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
@@ -65,6 +65,7 @@ _ADDRESSES = (
     *NEWTON_OUT,
     *NEWTON_MODEL,
     "contact_count",
+    "eq_active",
     "field_size",
     "field_heights",
     "workspace",

@@ -53,6 +53,7 @@ def _reasons(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _joint_reasons(model: mujoco.MjModel) -> Iterator[str]:
+    kinds = mujoco.mjtEq
     free, ball = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
     for j in range(model.njnt):
         name = model.joint(j).name or j
@@ -63,10 +64,8 @@ def _joint_reasons(model: mujoco.MjModel) -> Iterator[str]:
     if np.any(model.jnt_stiffnesspoly) or np.any(model.dof_dampingpoly):
         yield "a joint has polynomial stiffness or damping"
     for e in range(model.neq):
-        if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT:
-            yield f"equality '{model.equality(e).name or e}' is of type {mujoco.mjtEq(model.eq_type[e]).name}"
-        elif not model.eq_active0[e]:
-            yield f"equality '{model.equality(e).name or e}' is not active"
+        if int(model.eq_type[e]) not in (kinds.mjEQ_JOINT, kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
+            yield f"equality '{model.equality(e).name or e}' is of type {kinds(model.eq_type[e]).name}"
 
 
 def _actuator_reasons(model: mujoco.MjModel) -> Iterator[str]:

@@ -239,7 +239,8 @@ def compare(
         count: Number of states to record.
         double: Whether the kernel computes in double precision.
         given_contacts: Whether the kernel takes MuJoCo's contacts, of the first step, rather than find its own.
-        states: Recorded states; default: those of :func:`record`.
+        states: Recorded states; default: those of :func:`record`. They may have ``eq_active`` and poses of mocap
+            bodies, too.
         steps: Time steps. The rows are those of the last one.
     """
     model = copy.copy(model)
@@ -283,6 +284,10 @@ def compare(
         value = np.atleast_1d(getattr({"": model, "opt": model.opt, "data": data}[owner], leaf))
         held[field] = wp.array(value.astype(float).ravel(), dtype=dtype, device="cpu")
         setattr(arguments, name, held[field].ptr or 0)  # all worlds share it: the stride stays 0
+        if owner == "data" and leaf in states[0]:
+            held[field] = wp.array(np.stack([s[leaf] for s in states]).ravel(), dtype=dtype, device="cpu")
+            setattr(arguments, name, held[field].ptr or 0)
+            setattr(arguments, f"{name}_stride", value.size)
     none = np.zeros(count, dtype=np.int32)
     for name, values in {"nefc": none, "solver_niter": none, "overflow": none, "contact_count": contact_counts}.items():
         held[name] = wp.array(values, dtype=int, device="cpu")
@@ -306,7 +311,9 @@ def compare(
     arguments.bodies_stride = BODY_SIZE * model.nbody
     for name in ("body_qdd", "body_parent_f"):
         held[name] = wp.zeros(accelerations.size, dtype=dtype, device="cpu")
-    for name in ("newton_body", "bodies", "body_qdd", "body_parent_f"):
+    active = np.array([s.get("eq_active", model.eq_active0) for s in states], dtype=np.uint8)
+    held["eq_active"] = wp.array(active.ravel(), dtype=wp.uint8, device="cpu")
+    for name in ("eq_active", "newton_body", "bodies", "body_qdd", "body_parent_f"):
         setattr(arguments, name, held[name].ptr or 0)
     kernel.launch(arguments, count, "cpu", steps)
     found = held["qvel"].numpy().reshape(count, -1)

@@ -9,8 +9,8 @@
 #if ACCELERATIONS
 namespace fused {
 
-// What is kept of a body until its acceleration is known, in memory of the device: the rows of the constraints are going to
-// overwrite the rest of the kinematics, and placing bodies again would be a second copy of that code.
+// What is kept of a body until its acceleration is known, in memory of the device: geoms and the rows of the constraints are
+// going to overwrite the kinematics, and placing bodies again would be a second copy of that code.
 enum BodyField {
     B_COM = 0,   // centre of mass, relative to the origin of its tree [m]
     B_V = 3,     // velocity
@@ -32,9 +32,11 @@ FN void keep_bodies(const World& w, const Parameters& P, int lane) {
         const real* push = P.xfrc_applied() + 6 * b;
         store_spatial(o + B_F, Spatial{load(push + 3) + cross(c, load(push)), load(push)});
     }
+    SYNC();
 }
 
-// Force (normal, two tangents) and torque about the same axes of a contact, from the forces of its rows. In a pyramid the
+// Wrench of a contact at a point, about the origin of the tree, from the forces of its rows: normal, two tangents, and
+// torques about the same axes. In a pyramid the
 // rows are pairs of edges, each the normal and plus or minus a friction coefficient times another axis.
 FN Spatial contact_wrench(const World& w, const real* C, Vec at) {
     int dim = (int)C[C_DIM], r = (int)C[C_ROW];
@@ -43,7 +45,10 @@ FN Spatial contact_wrench(const World& w, const real* C, Vec at) {
         bool is_pair = dim > 1 && !ELLIPTIC_CONES;
         real x = 0;
         if (!is_pair) x = row_of<false>(w, r + i)[R_F];
-        else if (i) x = C[C_FRICTION + i - 1] * (row_of<false>(w, r + 2 * i - 2)[R_F] - row_of<false>(w, r + 2 * i - 1)[R_F]);
+        else if (i) {
+            const real *plus = row_of<false>(w, r + 2 * i - 2), *minus = row_of<false>(w, r + 2 * i - 1);
+            x = C[C_FRICTION + i - 1] * (plus[R_F] - minus[R_F]);
+        }
         else
             for (int k = 0; k < 2 * (dim - 1); k++) x += row_of<false>(w, r + k)[R_F];
         Vec axis = i % 3 == 0 ? n : i % 3 == 1 ? t : cross(n, t);
@@ -53,7 +58,7 @@ FN Spatial contact_wrench(const World& w, const real* C, Vec at) {
     return Spatial{torque + cross(at, force), force};
 }
 
-// Wrenches on a body from outside, about the origin of its tree: of contacts.
+// Wrenches on a body from outside, about the origin of its tree: of contacts and attachments.
 FN Spatial constraint_wrench(const World& w, int b, int contacts) {
     Spatial sum{{0, 0, 0}, {0, 0, 0}};
     for (int c = 0; c < contacts; c++) {
@@ -63,6 +68,11 @@ FN Spatial constraint_wrench(const World& w, int b, int contacts) {
         Vec at = load(C + C_POS) + (origin_of(w, b1, b2) - origin_of(w, b));
         sum = sum + (real)(b == b2 ? 1 : -1) * contact_wrench(w, C, at);
     }
+#if NATTACHMENTS
+    for (int i = 0; i < NATTACHMENTS; i++)
+        for (int k = 0; k < 2; k++)
+            if (attached_body[2 * i + k] == b) sum = sum + attachment_wrench(w, i, k);
+#endif
     return sum;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Constraints: rows of friction losses, joint limits and contacts, with their regularisation and reference acceleration.
+// Constraints: rows of equalities, friction losses, joint limits and contacts, with their regularisation and reference
+// acceleration.
 // Formulas: MuJoCo's documentation, chapter "Computation", sections "Constraint model" and "Solver parameters".
 
 namespace fused {
@@ -56,23 +57,48 @@ FN real* joint_row(World& w, int r, int dof, real sign) {
     return o;
 }
 
-// Rows of equalities of joints: q1 - q1_0 = c_0 + c_1 (q2 - q2_0) + ... + c_4 (q2 - q2_0)^4. Returns their number.
-FN int equality_rows(World& w, const Parameters& P, int lane) {
-    EACH(r, NEQ) {
-        int j1 = equality_joint[2 * r], j2 = equality_joint[2 * r + 1];
-        const real* c = P.equality() + 11 * r;
-        real pos = w.q[joint_q[j1]] - P.qpos0()[joint_q[j1]] - c[0], weight = P.dof_weight()[joint_v[j1]];
-        real* o = joint_row(w, r, joint_v[j1], 1);
-        if (j2 >= 0) {
-            real x = w.q[joint_q[j2]] - P.qpos0()[joint_q[j2]];
-            pos -= x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])));
-            o[joint_v[j2]] = -(c[1] + x * (2 * c[2] + x * (3 * c[3] + x * 4 * c[4])));
-            weight += P.dof_weight()[joint_v[j2]];
-        }
-        Impedance z = impedance(P, P.solref_equality() + 2 * r, P.solimp_equality() + 5 * r, pos);
-        set_row(o, EQUALITY, 1 / regularization(z.imp, weight), z.b, z.k * z.imp * pos, 0);
+// Row of an equality of joints: q1 - q1_0 = c_0 + c_1 (q2 - q2_0) + ... + c_4 (q2 - q2_0)^4.
+FN void joint_equality_row(World& w, const Parameters& P, int e, int r) {
+    int j1 = equality_joint[2 * e], j2 = equality_joint[2 * e + 1];
+    const real* c = P.equality() + EQUALITY_DATA * e;
+    real pos = w.q[joint_q[j1]] - P.qpos0()[joint_q[j1]] - c[0], weight = P.dof_weight()[joint_v[j1]];
+    real* o = joint_row(w, r, joint_v[j1], 1);
+    if (j2 >= 0) {
+        real x = w.q[joint_q[j2]] - P.qpos0()[joint_q[j2]];
+        pos -= x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])));
+        o[joint_v[j2]] = -(c[1] + x * (2 * c[2] + x * (3 * c[3] + x * 4 * c[4])));
+        weight += P.dof_weight()[joint_v[j2]];
     }
-    return NEQ;
+    Impedance z = impedance(P, P.solref_equality() + 2 * e, P.solimp_equality() + 5 * e, pos);
+    set_row(o, EQUALITY, 1 / regularization(z.imp, weight), z.b, z.k * z.imp * pos, 0);
+}
+
+#if NATTACHMENTS
+FN void attachment_rows(World& w, int lane);
+#endif
+
+// Rows of the equalities that are active, in their order. Returns their number.
+FN int equality_rows(World& w, const Parameters& P, int lane) {
+    int rows = 0;
+    for (int first = 0; first < NEQ; first += LANES) {
+        int e = first + lane, mine = 0, before = 0, all;
+        if (e < NEQ && ((const unsigned char*)P.m.eq_active)[(long long)P.id * NEQ + e]) mine = equality_size[e];
+        all = mine;
+        BEFORE(mine, before, all);
+        int r = rows + before;
+#if NATTACHMENTS
+        if (e < NEQ && equality_attachment[e] >= 0)
+            w.attachments[ATTACHMENT_SIZE * equality_attachment[e] + A_ROW] = mine ? r : -1;
+        if (e < NEQ && equality_attachment[e] >= 0) mine = 0;
+#endif
+        if (mine && r < MAX_ROWS) joint_equality_row(w, P, e, r);
+        rows += all;
+    }
+#if NATTACHMENTS
+    SYNC();
+    attachment_rows(w, lane);
+#endif
+    return rows;
 }
 
 // Rows of friction losses and of limits, behind the first `rows` ones. Returns the number of all, the same for all lanes.

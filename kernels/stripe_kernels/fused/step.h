@@ -137,6 +137,9 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
 #if ACCELERATIONS
     if (last && (P.m.body_qdd || P.m.body_parent_f)) keep_bodies(w, fresh(P), lane);
 #endif
+#if NATTACHMENTS
+    place_attachments(w, fresh(P), lane);
+#endif
     int overflow = 0, found = collide(w, fresh(P), lane), contacts = found + given_count;
     if (contacts > MAX_CONTACTS) contacts = MAX_CONTACTS, overflow |= OVERFLOW_CONTACTS;
     for (int c = found + lane; c < contacts; c += LANES) contact(w, c)[C_PAIR] = -1 - (c - found);

@@ -54,6 +54,18 @@ enum GivenField {
     GIVEN_SIZE = 31,
 };
 
+// Two bodies or sites that an equality connects at a point or welds together, see attachments.h.
+enum AttachmentField {
+    A_POINT = 0,      // on each body, relative to the origin of its tree [m]
+    A_TURN = 6,       // of a weld: orientation of the second frame
+    A_RELATIVE = 10,  // and that of the first one in it, times half of the torque scale
+    A_E = 14,         // of each row what its reference acceleration has beside the damping
+    A_D = 20,         // 1/R of the rows of translations, and of those of rotations
+    A_DAMPING = 22,
+    A_ROW = 23,       // its first row, -1 where the equality is not active
+    ATTACHMENT_SIZE = 24,
+};
+
 // State of a world. Arrays that are not needed at the same time share their place, so that many worlds fit into the shared
 // memory of a multiprocessor.
 struct World {
@@ -93,6 +105,9 @@ struct World {
         real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
     };
     real contacts[SHARED_CONTACTS * CONTACT_SIZE];  // see ContactField
+#if NATTACHMENTS
+    real attachments[NATTACHMENTS * ATTACHMENT_SIZE];  // see AttachmentField
+#endif
     real* spill;                         // memory of the device for the rows and contacts beyond these
 };
 
