@@ -135,6 +135,7 @@ def test_the_table_has_a_column_a_side(tmp_path):
     measured = {"step_ms": 2.0, "physics_ms": 1.0, "env_steps_per_s": 500.0, "copies_per_step": None}
     found = {
         "request": {"device": "cpu", "num_envs": 8},
+        "others": [],
         "decimation": 4,
         "dt": 0.005,
         "stripe-newton": common | measured | {"curve": rows((10, 1.0, None), (20, 2.0, 5.0))},
@@ -148,6 +149,12 @@ def test_the_table_has_a_column_a_side(tmp_path):
     assert lines["return after 20 samples"] == ["5.00", "4.00"]
     assert lines["return after 2.0 s"] == ["5.00", "-"]
     assert "cpu, 8 environments, 4 physics steps of 5 ms a step" in lines
+    found["others"] = [tool.UNFUSED, "T-v0"]
+    found[tool.UNFUSED] = measured | {"physics_ms": 2.0, "curve": [], "physics_by": "MuJoCo Warp"}
+    found["T-v0"] = measured | {"physics_ms": 0.5}
+    lines = {re.split(r"  +", line)[0]: re.split(r"  +", line.strip())[1:] for line in tool.table(found).splitlines()}
+    assert lines["physics alone [ms]"] == ["1.000", "1.000", "1.00", "2.000", "0.50", "0.500", "2.00"]
+    assert "with MuJoCo Warp: MuJoCo Warp" in lines
     tool.plot(found, tmp_path / "curves.png")
     assert (tmp_path / "curves.png").stat().st_size > 1000
 

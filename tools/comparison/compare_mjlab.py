@@ -2,14 +2,15 @@
 """Comparison with mjlab on its own task: the Go1 follows velocity commands on a plane, in both frameworks.
 
     python tools/comparison/compare_mjlab.py --mjlab-python PYTHON [--device cuda:0] [--num-envs 4096] [--steps 300]
-        [--train-iterations 100] [--parts step train walk] [--task TASK] [--no-tf32] [--cone pyramidal] [--njmax 300]
-        [--json FILE] [--plot FILE]
+        [--train-iterations 100] [--parts step train walk] [--fused both] [--task TASK] [--no-tf32]
+        [--cone pyramidal] [--njmax 300] [--json FILE] [--plot FILE]
 
 mjlab needs other versions of MuJoCo than this package, so it runs under an interpreter of its own (``--mjlab-python``),
 or under this one with its folder first on the path (``--mjlab-path``). Both sides run in fresh processes, one after the
 other, and are measured by the same functions (``compare_mjlab_measure.py``). The table has a column for each side;
-``docs/comparison.md`` lists what is the same and where the two differ. ``--task`` adds a column for a task of this
-package, with its own robot and settings.
+``docs/comparison.md`` lists what is the same and where the two differ. ``--fused both`` adds a column for this side
+with MuJoCo Warp instead of the fused solver, ``--task`` one for a task of this package, with its own robot and
+settings.
 """
 
 from __future__ import annotations
@@ -28,10 +29,14 @@ if TYPE_CHECKING:
     import torch
     from compare_mjlab_measure import Side
 
+    from stripe_newton.sim import Simulation
+
 TOOLS = Path(__file__).parent
 Json = dict[str, Any]
 """Requests, facts and results, which go from process to process as JSON."""
 SIDES = ("stripe-newton", "mjlab")
+UNFUSED = "with MuJoCo Warp"
+"""Column of this side with ``fused=False``, beside the fused solver."""
 ROWS = (
     ("start: build and first reset [s]", "build_s", ".1f", -1),
     ("whole step [ms]", "step_ms", ".3f", -1),
@@ -108,6 +113,7 @@ def make_side(request: Json) -> Side:
 
         configs = load_configs(request["task"], None)
         configs.env.sim.device, configs.env.scene.num_envs = request["device"], request["num_envs"]
+        configs.env.sim.solver.fused = request["fused"]
         agent, configs.env.seed, configs.agent.seed = configs.agent, request["seed"], request["seed"]
         env = make_env(request["task"], configs.env)
     else:
@@ -138,7 +144,14 @@ def make_side(request: Json) -> Side:
         max_episode_length=env.max_episode_length,
         make_runner=lambda folder: OnPolicyRunner(RslRlVecEnvWrapper(env, agent.clip_actions), agent, folder),
         velocity_error=velocity_error,
+        physics_by=describe_physics(sim),
     )
+
+
+def describe_physics(sim: Simulation) -> str:
+    """What computes our physics, and whether the physics steps of a step are one launch."""
+    launches = "together" if sim.steps_together else "one by one"
+    return f"{sim.describe_solver()}; physics steps {launches}"
 
 
 # -- both sides
@@ -166,6 +179,7 @@ def compare(arguments: argparse.Namespace, folder: Path) -> Json:
         "njmax": arguments.njmax,
         "randomize": True,
         "task": None,
+        "fused": False if arguments.fused == "false" else None,
     }
     peer = Peer(arguments.mjlab_python, arguments.mjlab_path)
     print("reading the task of mjlab ...", flush=True)
@@ -173,18 +187,21 @@ def compare(arguments: argparse.Namespace, folder: Path) -> Json:
     task = json.loads(facts.read_text())
     _check(task, arguments)
     physics = {"decimation": task["env"]["decimation"], "dt": task["env"]["sim"]["mujoco"]["timestep"]}
-    found: Json = {"request": {**request, "task": arguments.task}, **physics}
+    others = [*([UNFUSED] if arguments.fused == "both" else []), *([arguments.task] if arguments.task else [])]
+    found: Json = {"request": {**request, "task": arguments.task}, "others": others, **physics}
     print("measuring mjlab ...", flush=True)
     answer = peer.ask("measure", request, folder / "mjlab.json")
     found["mjlab"] = json.loads(answer.read_text())
     _keep(found, arguments.json)
     own = [sys.executable, str(Path(__file__).resolve()), "--request"]
-    for side in ("stripe-newton", *([arguments.task] if arguments.task else [])):
+    for side in ("stripe-newton", *others):
         print(f"measuring {side} ...", flush=True)
-        asked = {**request, "facts": str(facts), "task": None if side in SIDES else side}
-        found[side] = json.loads(_run(own, asked, folder / f"{side}.json", dict(os.environ)).read_text())
+        asked = {**request, "facts": str(facts), "task": side if side == arguments.task else None}
+        asked |= {"fused": False} if side == UNFUSED else {}
+        file = folder / f"{side.replace(' ', '_')}.json"
+        found[side] = json.loads(_run(own, asked, file, dict(os.environ)).read_text())
         _keep(found, arguments.json)
-    for side in (*SIDES, arguments.task):
+    for side in (*SIDES, *others):
         if "step_ms" in found.get(side, {}):
             found[side]["overhead"] = found[side]["step_ms"] / found[side]["physics_ms"]
     if "train" in arguments.parts:
@@ -229,12 +246,12 @@ def returns(ours: list[Json], theirs: list[Json]) -> Json:
 
 
 def table(found: Json) -> str:
-    """Both sides as text, and a task of ours; ``better by`` is the factor by which ours is better than mjlab."""
-    task = found["request"].get("task")
-    head = ("", *SIDES, "better by", *((task, "better by") if task else ()))
-    lines = _aligned([head, *_figures(found, task), *_returns(found, task)])
+    """All sides as text; ``better by`` is the factor by which the column before it is better than mjlab."""
+    others = found["others"]
+    head = ("", *SIDES, "better by", *(word for side in others for word in (side, "better by")))
+    lines = _aligned([head, *_figures(found), *_returns(found)])
     lines.insert(1, "-" * len(lines[0]))
-    versions = []
+    versions = [f"{side}: {found[side]['physics_by']}" for side in (*SIDES, *others) if found[side].get("physics_by")]
     for side in SIDES:
         packages = {k: v for k, v in found[side]["versions"].items() if k == side or k not in SIDES}
         versions.append(f"{side}: {', '.join(f'{k} {v}' for k, v in packages.items())}")
@@ -244,28 +261,25 @@ def table(found: Json) -> str:
     return "\n".join([title, *lines, "", *versions])
 
 
-def _figures(found: Json, task: str | None) -> list[tuple[str, ...]]:
+def _figures(found: Json) -> list[tuple[str, ...]]:
     """Rows of the figures that were measured."""
     rows: list[tuple[str, ...]] = []
     for label, key, form, sign in ROWS:
         if not any(key in found[side] for side in SIDES):
             continue
-        ours, theirs = (found[side].get(key) for side in SIDES)
+        ours, theirs, *others = (found[side].get(key) for side in (*SIDES, *found["others"]))
         row = (label, _text(ours, form), _text(theirs, form), _factor([ours, theirs], sign))
-        if task:
-            own = found[task].get(key)
-            row = (*row, _text(own, form), _factor([own, theirs], sign))
-        rows.append(row)
+        rows.append(row + tuple(word for v in others for word in (_text(v, form), _factor([v, theirs], sign))))
     return rows
 
 
-def _returns(found: Json, task: str | None) -> list[tuple[str, ...]]:
+def _returns(found: Json) -> list[tuple[str, ...]]:
     """Rows of the returns after the same samples and after the same time."""
     if "returns" not in found:
         return []
     pairs = found["returns"]
     at = {"after_samples": f"{pairs['samples']:,} samples", "after_seconds": f"{pairs['seconds']:.1f} s"}
-    blank = ("", *((" ", " ") if task else ()))
+    blank = ("", *(" " for _ in range(2 * len(found["others"]))))
     return [
         (f"return after {when}", *(_text(value, ".2f") for value in pairs[key]), *blank) for key, when in at.items()
     ]
@@ -299,7 +313,7 @@ def plot(found: Json, path: Path) -> None:
 
     figure, axes = pyplot.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
     for axis, key, label in zip(axes, ("samples", "seconds"), ("samples", "time [s]"), strict=True):
-        for side in SIDES:
+        for side in (*SIDES, *(side for side in found["others"] if side == UNFUSED)):
             rows = [row for row in found[side]["curve"] if row["return"] is not None]
             axis.plot([row[key] for row in rows], [row["return"] for row in rows], label=side)
         axis.set_xlabel(label)
@@ -320,6 +334,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--steps", type=int, default=300, help="steps to time, in blocks of up to 32")
     parser.add_argument("--train-iterations", type=int, default=100)
     parser.add_argument("--parts", nargs="+", choices=("step", "train", "walk"), default=["step", "train", "walk"])
+    parser.add_argument(
+        "--fused",
+        choices=("auto", "false", "both"),
+        default="auto",
+        help="physics of this side: the fused solver where it supports the model, MuJoCo Warp, or a column for each",
+    )
     parser.add_argument("--task", help="a velocity task of this package, measured too")
     parser.add_argument("--seed", type=int, default=42)
     parser.add_argument(

@@ -67,7 +67,7 @@ def make_env_cfg(facts: Json, robot_file: Path, request: Json) -> ManagerBasedRL
         facts: Facts that the peer found.
         robot_file: The robot as mjlab writes it.
         request: ``num_envs``, ``seed``, ``device`` and ``randomize``; without the last there is no noise, no push and
-            no randomisation at the start.
+            no randomisation at the start. ``fused`` is that of the solver, by default None.
     """
     task, solver, randomize = facts["env"], facts["env"]["sim"]["mujoco"], request["randomize"]
     fallen = task["terminations"]["fell_over"]["params"]
@@ -85,6 +85,7 @@ def make_env_cfg(facts: Json, robot_file: Path, request: Json) -> ManagerBasedRL
             gravity=tuple(solver["gravity"]),
             physics_material=RigidBodyMaterialCfg(static_friction=1.0, dynamic_friction=1.0),  # MuJoCo's default
             solver=MuJoCoSolverCfg(
+                fused=request.get("fused"),
                 drive_limits=True,
                 **{name: solver[name] for name in (*names, "jacobian", "cone")},
                 impratio=float(solver["impratio"]),

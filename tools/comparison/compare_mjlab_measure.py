@@ -57,6 +57,8 @@ class Side:
     """Makes an rsl_rl runner that writes to a folder."""
     velocity_error: Callable[[], torch.Tensor]
     """Errors of the robots' horizontal velocities [m/s], ``(num_envs,)``."""
+    physics_by: str = ""
+    """What computes the physics, if there are several ways."""
 
 
 def measure(make: Callable[[], Side], request: Json) -> Json:
@@ -76,6 +78,7 @@ def measure(make: Callable[[], Side], request: Json) -> Json:
     start = time.perf_counter()
     side = make()
     found: Json = {"versions": versions(), "device_name": device_name(side.device), "num_envs": side.num_envs}
+    found["physics_by"] = side.physics_by
     wait(side.device)
     found["build_s"] = time.perf_counter() - start
     memory.look()
