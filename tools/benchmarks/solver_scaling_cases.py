@@ -306,7 +306,8 @@ def main() -> None:
     for case in cases:
         attempt(case, entries, lambda case=case: built.update({case: build(case, options)}))
     Path(request["ready"]).write_text(f"{len(built)} of {len(cases)} built\n", encoding="utf-8")
-    sys.stdin.readline()
+    if not sys.stdin.readline():  # the program that started this one has ended
+        return
     for case in cases:
         if case in built:
             attempt(case, entries, lambda case=case: entries.update({case: built[case].measure()}))
