@@ -84,6 +84,7 @@ KINDS = {
     (_G.mjGEOM_SPHERE, _G.mjGEOM_BOX): "SPHERE_BOX",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_BOX): "CAPSULE_BOX",
+    (_G.mjGEOM_BOX, _G.mjGEOM_BOX): "BOX_BOX",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_HIGH_END",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
@@ -254,7 +255,7 @@ class ModelTables:
         room = {
             "MAX_ROWS": self.max_rows, "MAX_CONTACTS": self.max_contacts, "SHARED_ROWS": rows,
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
-            "MAX_HITS": 4,
+            "MAX_HITS": 8 if any(p.kind == "BOX_BOX" for p in pairs) else 4,
         }  # fmt: skip
         integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
         lines = [
@@ -287,7 +288,7 @@ class ModelTables:
 
 _ATTACHMENT_SIZE = 24
 """Numbers of an attachment, as in world.h."""
-_LONG = ("CAPSULE_BOX",)
+_LONG = ("CAPSULE_BOX", "BOX_BOX")
 
 
 def _is_field(pair: ContactPair) -> bool:

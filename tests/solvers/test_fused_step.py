@@ -173,16 +173,25 @@ def test_a_newton_solver_with_the_states_of_mujoco_warp():
     np.testing.assert_allclose(states[1], states[0], atol=2e-4)
 
 
-def boxes_and_balls(num_worlds: int) -> newton.Model:
-    """Worlds with boxes that lie on each other, whose contacts MuJoCo Warp finds, and a ball on the ground."""
+def tower_and_ball(top: str, num_worlds: int) -> newton.Model:
+    """Worlds with a box, a box or an ellipsoid on it, and a ball on the ground."""
     # Of boxes whose edges are parallel MuJoCo Warp finds no contacts at all in some steps.
     place = "<body pos='{} 0 {}' euler='0 0 {}'><freejoint/><geom type='{}' size='.1 .1 .1'/></body>"
-    shapes = (0.0, 0.099, 0, "box"), (0.03, 0.297, 20, "box"), (0.4, 0.2, 0, "sphere")
-    return replicated("".join(place.format(*shape) for shape in shapes), num_worlds)
+    places = (0.0, 0.099, 0, "box"), (0.03, 0.297, 20, top), (0.4, 0.2, 0, "sphere")
+    return replicated("".join(place.format(*at) for at in places), num_worlds)
 
 
-def test_contacts_that_the_kernel_does_not_find_are_those_of_mujoco_warp():
-    model, states, forces = boxes_and_balls(2), [], []
+@pytest.mark.parametrize(
+    ("top", "how"),
+    [
+        ("box", "all physics steps of a step in one launch"),
+        ("ellipsoid", "with MuJoCo Warp's collision detection for ellipsoid and box, plane and ellipsoid, "),
+    ],
+    ids=["a box", "an ellipsoid"],
+)
+def test_contacts_of_the_kernel_and_of_mujoco_warp(top, how):
+    """The kernel finds those of boxes, and takes those of ellipsoids from MuJoCo Warp."""
+    model, states, forces = tower_and_ball(top, 2), [], []
     for kind in (newton.solvers.SolverMuJoCo, SolverFused):
         solver = kind(model, **ROOM)
         contacts = newton.Contacts(solver.get_max_contact_count(), 0, device="cpu")
@@ -194,9 +203,9 @@ def test_contacts_that_the_kernel_does_not_find_are_those_of_mujoco_warp():
         count = int(contacts.rigid_contact_count.numpy()[0])
         shapes = contacts.rigid_contact_shape0.numpy()[:count], contacts.rigid_contact_shape1.numpy()[:count]
         forces.append(force_on_shapes(shapes, observables.contact_f.numpy()[:count, 2], model.shape_count))
-    assert solver.describe() == "the fused step, with MuJoCo Warp's collision detection for box and box"
+    assert solver.describe().startswith(f"the fused step, {how}")
     np.testing.assert_allclose(states[1], states[0], atol=1e-4)
-    assert np.abs(forces[0]).max() > 9.81 * 8.0  # two boxes on the ground
+    assert np.abs(forces[0]).max() > 9.81 * 8.0  # both on the ground
     np.testing.assert_allclose(forces[1], forces[0], rtol=1e-3, atol=0.1)
 
 

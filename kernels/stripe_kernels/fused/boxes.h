@@ -1,9 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Boxes: contacts of capsules with boxes. Each routine finds what MuJoCo's of the same name finds (engine_collision_box.c
-// of MuJoCo), in the same order, as those of primitives.h do.
+// Boxes: contacts of capsules and boxes with boxes. Each routine finds what MuJoCo's of the same name finds
+// (engine_collision_box.c of MuJoCo), in the same order, as those of primitives.h do.
 //
 // Vectors in the axes of a box are indexed by selection: an array with an index that is not a constant would lie in the
 // local memory of a GPU. Loops of few passes are not unrolled, as few pairs are so near that they run.
+
+// Bounds of rounding for boxes, those of MuJoCo: relative gap below which they are not apart, squared sine of parallel
+// edges, cosine of perpendicular axes, squared relative distance of equal vertices.
+#ifdef FUSED_DOUBLE
+#define GAP_SLACK 1e-13
+#define PARALLEL_EDGES 1e-16
+#define PERPENDICULAR 1e-9
+#define SAME_VERTEX 1e-14
+#else
+#define GAP_SLACK 1e-6f
+#define PARALLEL_EDGES 1e-7f
+#define PERPENDICULAR 1e-5f
+#define SAME_VERTEX 1e-10f
+#endif
 
 namespace fused {
 
@@ -76,8 +90,8 @@ FN bool second_point(const Nearest& n, Vec h, Vec s, real& t) {
     if (n.feature == FACE) {
         walls = 7 & ~(1 << n.axis), forward = n.t > 0 ? -1 : 1;
     } else if (n.feature == EDGE) {
-        // It crosses the edge if it leads inwards along one axis and outwards along the other. It is then above the face
-        // that it is more parallel to.
+        // It crosses the edge if it leads inwards along one axis and outwards along the other. It is then above the
+        // face that it is more parallel to.
         inward &= ~(1 << n.axis);
         int a = (n.axis + 1) % 3, b = (n.axis + 2) % 3;
         int over = FABS(component(h, a)) > FABS(component(h, b)) ? a : b;
@@ -120,6 +134,149 @@ FN void capsule_box(Hits& hits, real margin, const Geom& capsule, const Geom& bo
 #pragma unroll 1
     for (int i = 0; i <= is_along; i++)
         sphere_box(hits, margin, capsule.pos + (i ? second : n.t) * half, capsule.size.x, box);
+}
+
+// Directions that may separate two boxes of axes `a` and `b`: the normals of the faces of both, and from 6 on those
+// across an edge of each, zero if these are parallel. Source: S. Gottschalk, M. C. Lin, D. Manocha, "OBBTree", SIGGRAPH
+// 1996.
+FN Vec candidate_axis(const Mat& a, const Mat& b, int k) {
+    if (k < 6) return k < 3 ? column(a, k) : column(b, k - 3);
+    Vec n = cross(column(a, k / 3 - 2), column(b, k % 3));
+    real square = dot(n, n);
+    return (square < PARALLEL_EDGES ? 0 : 1 / SQRT(square)) * n;
+}
+
+// Corner of a box of half sizes `s` that is farthest in a direction.
+FN Vec corner_towards(Vec n, Vec s) {
+    return Vec{n.x >= 0 ? s.x : -s.x, n.y >= 0 ? s.y : -s.y, n.z >= 0 ? s.z : -s.z};
+}
+// An axis perpendicular to `n`, other than axis i; -1 for none.
+FN int perpendicular_axis(Vec n, int i) {
+    int a = (i + 1) % 3, b = (i + 2) % 3;
+    return FABS(component(n, a)) < PERPENDICULAR ? a : FABS(component(n, b)) < PERPENDICULAR ? b : -1;
+}
+
+// Contact of an edge of each box, along their axes i and j, `n` being across both: halfway between the nearest points.
+FN void edge_contact(Hits& hits, real margin, const Geom& a, const Geom& b, int i, int j, Vec n) {
+    Vec d = b.pos - a.pos;
+    if (dot(n, d) < 0) n = -1 * n;
+    Vec na = transposed(a.axes) * n, nb = transposed(b.axes) * n;
+    Vec u = column(a.axes, i), v = column(b.axes, j), uxv = cross(u, v);
+    real half_u = component(a.size, i), half_v = component(b.size, j), uv = dot(u, v), det = dot(uxv, uxv);
+    // The edges are those farthest along n and against it. Of an axis perpendicular to n either end may be: the nearest
+    // edges count.
+    int swap_a = perpendicular_axis(na, i), swap_b = perpendicular_axis(nb, j);
+    real nearest = (real)1e30, dist = 0;
+    Vec middle = d;
+#pragma unroll 1
+    for (int swapped = 0; swapped < 4; swapped++) {
+        if ((has(swapped, 1) && swap_a < 0) || (has(swapped, 0) && swap_b < 0)) continue;
+        Vec at = with(corner_towards(na, a.size), i, 0), bt = with(-1 * corner_towards(nb, b.size), j, 0);
+        if (has(swapped, 1)) at = with(at, swap_a, -component(at, swap_a));
+        if (has(swapped, 0)) bt = with(bt, swap_b, -component(bt, swap_b));
+        Vec p = a.axes * at, q = d + b.axes * bt, gap = q - p;
+        // Nearest points of two lines, in a form that keeps its digits if they are all but parallel, then of the edges.
+        real x = det < (real)1e-15 ? 0 : clamped(dot(cross(gap, v), uxv) / det, -half_u, half_u);
+        real y = clamped(uv * x - dot(v, gap), -half_v, half_v);
+        x = clamped(dot(u, gap) + uv * y, -half_u, half_u);
+        p = p + x * u, q = q + y * v, gap = q - p;
+        real square = dot(gap, gap);
+        if (square < nearest) nearest = square, dist = dot(gap, n), middle = (real)0.5 * (p + q);
+    }
+    if (dist < margin) add(hits, dist, a.pos + middle, n, Vec{0, 0, 0});
+}
+
+// Clips a convex polygon, the points of the first hits, where `sign` times a coordinate exceeds a limit. Returns its
+// number of vertices, one more at most, so that each is read before its place is written. Source: I. E. Sutherland,
+// G. W. Hodgman, "Reentrant polygon clipping", Communications of the ACM 17 (1), 1974.
+FN int clip(Hits& hits, int count, int coordinate, real sign, real limit) {
+    Vec first = hits.hit[0].pos, p = first;
+    real over = sign * component(p, coordinate) - limit;
+    int kept = 0;
+#pragma unroll 1
+    for (int k = 1; k <= count; k++) {
+        Vec q = k < count ? hits.hit[k].pos : first;
+        real over_q = sign * component(q, coordinate) - limit;
+        if (over <= 0 && kept < MAX_HITS) hits.hit[kept++].pos = p;
+        if (over * over_q < 0 && kept < MAX_HITS) hits.hit[kept++].pos = p + (over / (over - over_q)) * (q - p);
+        p = q, over = over_q;
+    }
+    return kept;
+}
+
+// Contacts of a face of one box, along its axis k, with the face of the other that is most opposed to it: the vertices
+// of the latter, clipped at the sides of the former. `sign` is 1 if the face is that of the first geom, else -1.
+FN void face_contacts(Hits& hits, real margin, const Geom& box, const Geom& other, int k, real sign) {
+    int kx = (k + 1) % 3, ky = (k + 2) % 3;
+    Vec d = other.pos - box.pos, up = column(box.axes, k);
+    if (dot(up, d) < 0) up = -1 * up;
+    Mat axes{column(box.axes, kx), column(box.axes, ky), up};  // of the face; its middle is at height `top`
+    real x = component(box.size, kx), y = component(box.size, ky), top = component(box.size, k);
+    Vec slope = transposed(other.axes) * up, steep = magnitudes(slope);
+    int j = steep.y > steep.x ? (steep.z > steep.y ? 2 : 1) : (steep.z > steep.x ? 2 : 0);
+    int ju = (j + 1) % 3, jv = (j + 2) % 3;
+    real out = component(slope, j) > 0 ? -component(other.size, j) : component(other.size, j);
+    Vec middle = axes * (d + out * column(other.axes, j)) - Vec{0, 0, top};
+    Vec u = component(other.size, ju) * (axes * column(other.axes, ju));
+    Vec v = component(other.size, jv) * (axes * column(other.axes, jv));
+    hits.hit[0].pos = middle + u + v, hits.hit[1].pos = middle - u + v;
+    hits.hit[2].pos = middle - u - v, hits.hit[3].pos = middle + u - v;
+    int count = 4;
+#pragma unroll 1
+    for (int side = 0; side < 4; side++) count = clip(hits, count, side >> 1, side & 1 ? -1 : 1, side < 2 ? x : y);
+    // Vertices in reach, each once: clipping at a corner may give it twice.
+    real same = SAME_VERTEX * (x * x + y * y);
+#pragma unroll 1
+    for (int i = 0; i < count; i++) {
+        Vec p = hits.hit[i].pos;
+        bool is_new = p.z < margin;
+        for (int n = 0; n < hits.count && is_new; n++) {
+            Vec gap = with(p - hits.hit[n].pos, 2, 0);
+            is_new = dot(gap, gap) >= same;
+        }
+        if (is_new) hits.hit[hits.count++].pos = p;
+    }
+#pragma unroll 1
+    for (int i = 0; i < hits.count; i++) {
+        Hit& h = hits.hit[i];
+        Vec p = h.pos;
+        h.dist = p.z, h.normal = sign * up, h.along = Vec{0, 0, 0};
+        h.pos = box.pos + p.x * axes.r0 + p.y * axes.r1 + (top + (real)0.5 * p.z) * up;  // halfway between the surfaces
+    }
+}
+
+// At most eight contacts: of two faces, or one of two edges, whichever are the least deep in each other.
+FN void box_box(Hits& hits, real margin, const Geom& a, const Geom& b) {
+    Vec d = b.pos - a.pos;
+    real reach = margin + SQRT(dot(a.size, a.size)) + SQRT(dot(b.size, b.size));
+    if (!(dot(d, d) < reach * reach)) return;  // most pairs are apart; also if it is not a number
+    Mat to_a = transposed(a.axes), to_b = transposed(b.axes);
+    Vec sizes = a.size + b.size;
+    real best = (real)-1e30, best_face = best, apart = margin + GAP_SLACK * (sizes.x + sizes.y + sizes.z);
+    int axis = 0, face = 0;
+#pragma unroll 1
+    for (int k = 0; k < 15; k++) {
+        Vec n = candidate_axis(a.axes, b.axes, k);
+        if (dot(n, n) == 0) continue;
+        real gap = FABS(dot(n, d)) - dot(a.size, magnitudes(to_a * n)) - dot(b.size, magnitudes(to_b * n));
+        if (gap > apart) return;
+        // Of equal ones a face is better: its several points hold a body more steadily than one of two edges.
+        if (gap - (k < 6 ? 0 : (real)1e-6) * FABS(gap) > best) best = gap, axis = k;
+        if (k < 6) face = axis, best_face = best;
+    }
+    if (axis >= 6) {
+        // Nor should edges that are all but in the best face take turns with it while a body rests.
+        Vec n = candidate_axis(a.axes, b.axes, axis);
+        bool is_face = FABS(dot(n, candidate_axis(a.axes, b.axes, face))) > (real)0.99 &&
+                       best < best_face + (real)0.05 * FABS(best_face) + (real)1e-15;
+        if (!is_face) {
+            edge_contact(hits, margin, a, b, axis / 3 - 2, axis % 3, n);
+            return;
+        }
+    }
+    Geom box = a, other = b;
+    if (face >= 3) box = b, other = a;
+    face_contacts(hits, margin, box, other, face % 3, face < 3 ? 1 : -1);
 }
 
 }  // namespace fused

@@ -159,6 +159,7 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
                 CASE(SPHERE_BOX) sphere_box(hits, margin, a.pos, a.size.x, b); break;
                 CASE(CAPSULE_CAPSULE) capsule_capsule(hits, margin, a, b); break;
                 CASE(CAPSULE_BOX) capsule_box(hits, margin, a, b); break;
+                CASE(BOX_BOX) box_box(hits, margin, a, b); break;
             }
         }
         int before = 0, all = hits.count;
