@@ -42,7 +42,7 @@ class Comparison:
     contacts: list[np.ndarray]
     """Contacts of the fused step in each state, in order: geoms, distance, point and frame, ``(contacts, 15)``."""
     expected_contacts: list[np.ndarray]
-    """Contacts of MuJoCo."""
+    """Contacts of MuJoCo that act, those nearer than their margin."""
 
 
 def record(model: mujoco.MjModel, count: int, seed: int = 0) -> list[dict[str, np.ndarray]]:
@@ -262,12 +262,12 @@ def compare(
         velocities[i], rows[i] = data.qvel, data.nefc
         accelerations[i], wrenches[i] = body_results(model, data, before)
         sizes[i] = np.linalg.norm(wrenches[i]) + np.linalg.norm(data.cfrc_ext)
-        expected.append(np.array([_numbers(model, c)[_PLACE] for c in data.contact]).reshape(-1, 15))
+        active = [c for c in data.contact if not c.exclude and c.efc_address >= 0]
+        expected.append(np.array([_numbers(model, c)[_PLACE] for c in active]).reshape(-1, 15))
         forces[i, : data.nefc] = data.efc_force
-        active = [c for c in data.contact if not c.exclude and c.efc_address >= 0] if given_contacts else []
-        contact_counts[i] = len(active)
-        for k, contact in enumerate(active):
-            contacts[i, k] = _numbers(model, contact)
+        contact_counts[i] = len(active) if given_contacts else 0
+        for k in range(contact_counts[i]):
+            contacts[i, k] = _numbers(model, active[k])
     tolerance = 1e-15 if double else 1e-6
     options = KernelOptions(double=double, tolerance=tolerance, given_contacts=given_contacts, accelerations=True)
     tables = ModelTables.of(model, MAX_ROWS, MAX_CONTACTS)
