@@ -275,11 +275,20 @@ class ModelTables:
         """Numbers of four bytes in ``World`` of dynamics.h, of which the source asserts that they are no fewer."""
         model = self.model
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
-        kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + nv * (nv | 1) * (2 - in_registers) + nu
+        matrices = (nv + 2 if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
+        kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + matrices + nu
         kept += _ATTACHMENT_SIZE * len(_attachments(model))
         found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_fields else 0)
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
-        return kept + shared + contacts * self.contact_size + 5  # with the pointer, and alignments
+        return kept + shared + contacts * self.contact_size + 11  # with the pointer, and alignments
+
+    def row_of_matrix(self, in_registers: bool) -> int:
+        """Numbers from one row of a matrix to the next.
+
+        Lanes that read a column, or fours of a row each, are not to share a bank of the shared memory.
+        """
+        nv = self.model.nv
+        return 4 * (-(-nv // 4) | 1) if in_registers else nv | 1
 
     def spill_size(self, rows: int, contacts: int) -> int:
         """Numbers of a world for rows and contacts beyond those of its state."""
@@ -310,7 +319,6 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
         "HAS_FIELDS": int(any(map(_is_field, pairs))), "FIRST_FIELD_PAIR": sum(not _is_field(p) for p in pairs),
         "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(_trees(model)),
-        "LD": model.nv | 1,  # odd, so that lanes that read a column do not share a bank of the shared memory
     }  # fmt: skip
 
 

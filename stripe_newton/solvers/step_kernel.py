@@ -120,9 +120,9 @@ class Layout:
 
     @property
     def workspace_size(self) -> int:
-        """Numbers of the workspace that a world needs, even so that a pointer can lie in it."""
+        """Numbers of the workspace that a world needs, in fours so that its matrix lies well."""
         size = self.spill_size + (0 if self.in_shared else self.world_size)
-        return size + size % 2
+        return -(-size // 4) * 4
 
     @classmethod
     def of(cls, tables: ModelTables, options: KernelOptions) -> Layout:
@@ -187,6 +187,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
+        f"#define LD {tables.row_of_matrix(options.in_registers(tables))}",
         f"#define SEARCHES {min(tables.searches, options.lanes)}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",

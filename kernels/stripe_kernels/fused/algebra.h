@@ -27,11 +27,13 @@ typedef float real;
 #define FN static __device__ inline
 #define FN_METHOD __device__
 #define COLD static __device__ __noinline__  // seldom run: out of the way of what is
+#define ONE_COPY COLD                        // used in several places: instructions must be fetched, too
 #define TABLE static __device__ const  // lanes read different elements, which constant memory would serve one by one
 #else
 #define FN static inline
 #define FN_METHOD
 #define COLD static
+#define ONE_COPY FN
 #define TABLE static const
 #endif
 

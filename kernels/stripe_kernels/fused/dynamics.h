@@ -167,8 +167,8 @@ FN void forces(World& w, const Parameters& P, int lane) {
         int i = pair_dof[t], j = pair_ancestor[t];
         real m = dot(load_spatial(w.S + 6 * j), load_spatial(w.U + 6 * i));
         if (i == j) m += P.armature()[i];
-        w.M[j * LD + i] = m;
-        if (!IN_REGISTERS) w.M[i * LD + j] = m;
+        w.M[i * LD + j] = m;
+        if (!IN_REGISTERS) w.M[j * LD + i] = m;
     }
     SYNC();
     EACH(i, NV) {  // the joint's own limit is on the sum of its actuators

@@ -293,8 +293,7 @@ FN bool box_touch(const Search& s, int i, Touch& hit, real& order) {
 }
 #endif
 
-// In one copy, as a function of this size is not placed where it is called twice.
-COLD bool touch(const Search& s, int candidate, Touch& hit, real& order) {
+ONE_COPY bool touch(const Search& s, int candidate, Touch& hit, real& order) {
 #if SEARCHES_BOXES
     if (s.kind == BOX_PART) return box_touch(s, candidate, hit, order);
 #endif

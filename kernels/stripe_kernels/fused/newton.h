@@ -82,35 +82,25 @@ FN void update_rows(World& w, int rows, int contacts, int lane) {
     SYNC();
 }
 
-// What M - h dF/dv has beside M. Actuators couple a degree of freedom with itself (j = i), tendons also with ancestors.
-FN real coupled(const World& w, const Parameters& P, int i, int j) {
-    real sum = i == j ? P.timestep()[0] * P.damping()[i] : 0;
-    if (IMPLICIT)
-        for (int t = coupling_start[i]; t < coupling_start[i + 1]; t++) {
-            int u = coupling_actuator[t];
-            real gear = P.gear()[6 * u];
-            if (coupling_dof[t] == j) sum -= P.timestep()[0] * coupling_factor[t] * gear * gear * w.slope[u];
-        }
-    return sum;
-}
-
-// Solve A x = sign b by Cholesky's factorisation: with `P` A = M - h dF/dv, else A = M + the sum of weight J' J of the rows.
+// Solve A x = sign b, with A = M + the sum of weight J' J of the rows.
 #if IN_REGISTERS
-// Lane i has row i in registers; of that only what is left of the diagonal counts.
+struct alignas(16) Four {
+    real x[4];
+};
+
+// A = L D L'. Lane i has row i of A in registers, of which what is left of the diagonal counts. Columns of L D are kept above
+// the diagonal of M, and the lanes read the last one as fours.
 template <bool FITS>
-FN void solve(World& w, const Parameters* P, int rows, int contacts, const real* b, real sign, real* x, int lane) {
+ONE_COPY void solve(World& w, int rows, int contacts, const real* b, real sign, real* x, int lane) {
     const unsigned all = 0xffffffffu;
     const int own = lane < NV ? lane : 0;
-    real r[NV], own_inverse = 0;
+    const Four* fours = (const Four*)(w.M + own * LD);
+    real r[LD], y = sign * b[own], inverse = 0;
 #pragma unroll
-    for (int c = 0; c < NV; c++) r[c] = w.M[c < own ? c * LD + own : own * LD + c];
-    if (P) {
-        real diagonal = coupled(w, *P, own, own);
+    for (int g = 0; g < LD / 4; g++) {
+        Four four = fours[g];
 #pragma unroll
-        for (int c = 0; c < NV; c++) {
-            if (c == own) r[c] += diagonal;
-            else if (COUPLED && c < own) r[c] += coupled(w, *P, own, c);
-        }
+        for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
     }
 #pragma unroll 1
     for (int k = 0; k < rows; k++) {
@@ -121,7 +111,7 @@ FN void solve(World& w, const Parameters* P, int rows, int contacts, const real*
 #pragma unroll
         for (int c = 0; c < NV; c++) r[c] += D * o[c];
     }
-    if (ELLIPTIC_CONES && !P)
+    if (ELLIPTIC_CONES)
         for (int k = 0; k < 2 * contacts; k++) {
             const real* C = contact_of<FITS>(w, k / 2);
             if (!is_cone(C) || C[C_CONE + k % 2] == 0) continue;
@@ -130,25 +120,28 @@ FN void solve(World& w, const Parameters* P, int rows, int contacts, const real*
 #pragma unroll
             for (int c = 0; c < NV; c++) r[c] += D * o[c];
         }
-    real y = sign * b[own];
-    SYNC();
-#pragma unroll
+    // Rolled, as straight code of this size would wait for its instructions: what is left of a row moves on by a place.
+#pragma unroll 1
     for (int j = 0; j < NV; j++) {
-        real inverse = rsqrtf(larger(__shfl_sync(all, r[j], j), (real)1e-30)), l = r[j] * inverse;
-        real yj = __shfl_sync(all, y, j) * inverse;
-        if (lane == j) own_inverse = inverse, y = yj;
-        else if (lane > j) y -= l * yj;
-        if (lane > j && lane < NV) w.M[lane * LD + j] = l;
+        bool below = lane > j && lane < NV;
+        real* column = w.column[j & 1];  // while a lane still reads the last one
+        if (below) w.M[j * LD + lane] = column[lane - j - 1] = r[0];
+        real scale = __fdividef(1, larger(__shfl_sync(all, r[0], j), (real)1e-30)), l = below ? r[0] * scale : 0;
+        if (lane == j) inverse = scale;
+        y -= l * __shfl_sync(all, y, j);
+        SYNC();
 #pragma unroll
-        for (int c = j + 1; c < NV; c++) r[c] -= l * __shfl_sync(all, l, c);
-    }
-    SYNC();
+        for (int g = 0; g < LD / 4; g++) {
+            Four four = ((const Four*)column)[g];
 #pragma unroll
-    for (int j = NV - 1; j >= 0; j--) {
-        real xj = __shfl_sync(all, y * own_inverse, j);
-        if (lane < j) y -= w.M[j * LD + own] * xj;
-        else if (lane == j) y = xj;
+            for (int k = 0; k < 4; k++)
+                if (4 * g + k + 1 < NV) r[4 * g + k] = r[4 * g + k + 1] - l * four.x[k];
+        }
     }
+    // x = D^-1 y - L' x, with a row of L' in a lane.
+    y *= inverse;
+#pragma unroll 4
+    for (int j = NV - 1; j > 0; j--) y -= (lane < j ? w.M[own * LD + j] * inverse : 0) * __shfl_sync(all, y, j);
     if (lane < NV) x[lane] = y;
     SYNC();
 }
@@ -161,17 +154,13 @@ FN void add_weighted(World& w, const real* J, real D, int lane) {
     }
 }
 
+// By Cholesky's factorisation.
 template <bool FITS>
-FN void solve(World& w, const Parameters* P, int rows, int contacts, const real* b, real sign, real* x, int lane) {
+FN void solve(World& w, int rows, int contacts, const real* b, real sign, real* x, int lane) {
     for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
     SYNC();
-    if (P) EACH(i, NV) {
-        w.H[i * LD + i] += coupled(w, *P, i, i);
-        if (COUPLED)
-            for (int j = 0; j < i; j++) w.H[i * LD + j] += coupled(w, *P, i, j);
-    }
     for (int k = 0; k < rows; k++) add_weighted(w, row_of<FITS>(w, k), row_of<FITS>(w, k)[R_WEIGHT], lane);
-    if (ELLIPTIC_CONES && !P)
+    if (ELLIPTIC_CONES)
         for (int c = 0; c < contacts; c++) {
             const real* C = contact_of<FITS>(w, c);
             if (!is_cone(C)) continue;
@@ -317,7 +306,7 @@ FN int constrained_acceleration(World& w, int rows, int contacts, int lane) {
         norm = SUM(norm);
         SYNC();
         if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(norm) < TOLERANCE)) break;
-        solve<FITS>(w, 0, rows, contacts, w.g, -1, w.s, lane);
+        solve<FITS>(w, rows, contacts, w.g, -1, w.s, lane);
         real q1 = 0, q2 = 0, fall = 0;
         EACH(i, NV) q1 += w.s[i] * (w.Ma[i] - w.smooth[i]), fall -= w.s[i] * w.g[i];
         multiply(w, w.s, w.Ms, lane);  // each lane where it has just read the gradient

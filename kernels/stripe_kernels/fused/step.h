@@ -3,6 +3,18 @@
 
 namespace fused {
 
+// What M - h dF/dv has beside M. Actuators couple a degree of freedom with itself (j = i), tendons also with ancestors.
+FN real coupled(const World& w, const Parameters& P, int i, int j) {
+    real sum = i == j ? P.timestep()[0] * P.damping()[i] : 0;
+    if (IMPLICIT)
+        for (int t = coupling_start[i]; t < coupling_start[i + 1]; t++) {
+            int u = coupling_actuator[t];
+            real gear = P.gear()[6 * u];
+            if (coupling_dof[t] == j) sum -= P.timestep()[0] * coupling_factor[t] * gear * gear * w.slope[u];
+        }
+    return sum;
+}
+
 // Solve the implicit step of free bodies without joints below them, for which the change of the bias force with the angular
 // velocity counts, too: A = M + h (damping + d(bias)/dv), not symmetric. With the spatial inertia about the body's origin
 //     bias = (m w x (w x s), R' (w x I w)),  s the centre of mass, w = R v_angular.
@@ -21,7 +33,6 @@ FN void step_free_bodies(World& w, const Parameters& P, int lane) {
         real A[6][7];
         for (int i = 0; i < 6; i++) {
             for (int k = 0; k < 6; k++) A[i][k] = mass_matrix(w, d + i, d + k);
-            A[i][i] += h * P.damping()[d + i];
             A[i][6] = w.Ma[d + i];
         }
         for (int k = 0; k < 3; k++) {
@@ -50,8 +61,13 @@ FN void step_free_bodies(World& w, const Parameters& P, int lane) {
 // Advance velocities by the accelerations w.a, with damping taken implicitly, and positions by the new velocities.
 FN void integrate(World& w, const Parameters& P, int lane) {
     const real h = P.timestep()[0];
-    // (M - h dF/dv) a' = M a: the forces that a needs, but for their change with the velocity.
-    solve<true>(w, &P, 0, 0, w.Ma, 1, w.s, lane);
+    // (M - h dF/dv) a' = M a: the forces that a needs, but for their change with the velocity. M is not needed any more.
+    EACH(t, NPAIRS) {
+        int i = pair_dof[t], j = pair_ancestor[t];
+        if (i == j || COUPLED) w.M[i * LD + j] += coupled(w, P, i, j);
+    }
+    SYNC();
+    solve<true>(w, 0, 0, w.Ma, 1, w.s, lane);
     if (IMPLICIT && NFREE) step_free_bodies(w, P, lane);
     EACH(i, NV) w.v[i] += h * w.s[i];
     SYNC();

@@ -73,7 +73,8 @@ struct World {
     real origin[NTREES * 3];             // of each tree: where its root body is, in the world [m]; tree 0 is the world
     real S[NV * 6];                      // motion of each degree of freedom
 #if IN_REGISTERS
-    real M[NV * LD];                     // mass matrix in the upper triangle; below the diagonal the factor in use
+    alignas(16) real M[NV * LD];         // mass matrix in the lower triangle; above the diagonal the factor in use
+    alignas(16) real column[2][LD];      // of the factor
 #else
     real M[NV * LD], H[NV * LD];         // mass matrix; the factor in use
 #endif
@@ -112,7 +113,7 @@ struct World {
 };
 
 #if IN_REGISTERS
-FN real mass_matrix(const World& w, int i, int j) { return i < j ? w.M[i * LD + j] : w.M[j * LD + i]; }
+FN real mass_matrix(const World& w, int i, int j) { return i > j ? w.M[i * LD + j] : w.M[j * LD + i]; }
 #else
 FN real mass_matrix(const World& w, int i, int j) { return w.M[i * LD + j]; }
 #endif
