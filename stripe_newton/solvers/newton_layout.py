@@ -31,7 +31,7 @@ class NewtonLayout:
     def of(cls, solver: newton.solvers.SolverMuJoCo) -> NewtonLayout | None:
         """The layout of a solver's model, None where worlds differ in it or it has what the fused step has no case for.
 
-        That is a mocap body that a joint moves, a body of all worlds, and an actuator of a ball joint.
+        That is a mocap body that a joint moves, a body of all worlds beside others, and an actuator of a ball joint.
         """
         model, data = solver.model, solver.mjw_data
         axis = solver.mjc_actuator_to_target_q_axis_idx
@@ -39,7 +39,9 @@ class NewtonLayout:
             return None
         bodies = solver.mjc_body_to_newton.numpy()
         worlds = int(data.nworld)
-        if model.joint_count == 0 or (model.body_world.numpy()[bodies[bodies >= 0]] < 0).any():
+        # Bodies of all worlds fall with a gravity of their own, if there are several.
+        is_global = (model.body_world.numpy()[bodies[bodies >= 0]] < 0).any()
+        if model.joint_count == 0 or (is_global and len(model.gravity) > 1):
             return None
         joints, fixed = _joints(solver, worlds), _fixed(solver, worlds)
         if joints is None or fixed is None:
