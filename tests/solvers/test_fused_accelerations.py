@@ -9,7 +9,7 @@ import pytest
 
 from stripe_newton.solvers import SolverFused
 from tests.helpers.fused_step import compare
-from tests.solvers.test_fused_step import MODELS, ROOM, TREE, boxes_and_balls, chain, model_of, replicated
+from tests.helpers.solver_models import MODELS, ROOM, TREE, chain, model_of, replicated, tower_and_ball
 
 FIELDS = ("body_qdd", "body_parent_f")
 
@@ -40,10 +40,12 @@ def test_of_several_steps_they_are_of_the_last():
     assert np.quantile(found.acceleration_error, 0.99) < 1e-10
 
 
-@pytest.mark.parametrize("scene", ["chain", "tree", "boxes and balls"])
+@pytest.mark.parametrize("scene", ["chain", "tree", "tower"])
 def test_newton_reports_those_of_mujoco_warp(scene):
     """From the same states in two worlds: in the air, at the ground, and with contacts that others find."""
-    model = {"chain": chain, "tree": lambda n: replicated(TREE, n), "boxes and balls": boxes_and_balls}[scene](2)
+    model = {"chain": chain, "tree": lambda n: replicated(TREE, n), "tower": lambda n: tower_and_ball("ellipsoid", n)}[
+        scene
+    ](2)
     solvers = [kind(model, **ROOM) for kind in (newton.solvers.SolverMuJoCo, SolverFused)]
     reported = [solver.observables(set(FIELDS)) for solver in solvers]
     state, following, control = model.state(), model.state(), model.control()
@@ -56,7 +58,7 @@ def test_newton_reports_those_of_mujoco_warp(scene):
         for k, name in enumerate(FIELDS):
             expected, found = (getattr(r, name).numpy() for r in reported)
             errors[k, i], sizes[k, i] = np.abs(found - expected).max(), np.abs(expected).max()
-    assert sizes.max(axis=1).min() > 10.0 or scene == "boxes and balls"
+    assert sizes.max(axis=1).min() > 10.0 or scene == "tower"
     errors /= np.maximum(sizes, 1.0)  # joints of free bodies carry nothing
     assert np.median(errors, axis=1).max() < 1e-4
     assert errors.max() < 0.1  # impacts: forces of stiff rows in single precision
@@ -91,7 +93,7 @@ def test_a_hanging_chain_carries_its_weight():
 
 def test_they_can_be_asked_for_while_running():
     """The kernel is then another one, with the same contacts by others."""
-    model, results = boxes_and_balls(2), []
+    model, results = tower_and_ball("ellipsoid", 2), []
     for late in (False, True):
         solver, state, control = SolverFused(model, **ROOM), model.state(), model.control()
         observables = None if late else solver.observables(set(FIELDS))

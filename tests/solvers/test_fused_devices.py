@@ -6,6 +6,7 @@ from __future__ import annotations
 import pytest
 import torch
 
+import stripe_tasks  # noqa: F401 - registers the tasks
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs import RLEnv
 

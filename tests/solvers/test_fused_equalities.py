@@ -12,7 +12,7 @@ import pytest
 from stripe_newton.solvers import SolverFused, why_unsupported
 from stripe_newton.solvers.model_tables import ModelTables
 from tests.helpers.fused_step import Comparison, State, compare, record
-from tests.solvers.test_fused_step import ROOM
+from tests.helpers.solver_models import ROOM
 
 SCENE = """<mujoco><option timestep="0.004" {option}/><worldbody>{bodies}</worldbody>
 <equality>{equalities}</equality></mujoco>"""

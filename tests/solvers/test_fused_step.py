@@ -13,60 +13,18 @@ import warp as wp
 from stripe_newton.solvers import SolverFused, why_unsupported
 from tests.helpers.fused_step import compare
 from tests.helpers.robot_files import robot_file
-
-SCENE = """<mujoco><option timestep="0.005" {option}/><worldbody><geom type="plane" size="0 0 1" euler="5 3 0"
-conaffinity="3"/>{bodies}</worldbody>{rest}</mujoco>"""
-TREE = """<body pos="0 0 0.3"><freejoint/><geom type="box" size=".2 .1 .05" density="500"/>
-<body pos=".2 .1 0"><joint axis="0 1 0" range="-1 1" limited="true" damping=".1" armature=".01" name="a"/>
-<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03"/><body pos="0 0 -.25" gravcomp="0.5">
-<joint axis="0 1 0" stiffness="2" springref=".2" frictionloss=".1" name="b" actuatorfrcrange="-1 1"/>
-<geom type="capsule" fromto="0 0 0 0.05 0 -.2" size=".02"/></body></body>
-<body pos="-.2 -.1 0"><joint type="ball" damping=".02" range="0 1" limited="true"/>
-<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03"/><body pos="0 0 -.25">
-<joint type="slide" axis="0 0 1" range="-.1 .1" limited="true" name="c" armature=".1"/>
-<joint axis="1 0 0" name="d" armature=".01"/>
-<geom type="sphere" size=".03"/></body></body></body>"""
-DRIVES = """<tendon><fixed name="t"><joint joint="c" coef=".5"/><joint joint="d" coef="2"/></fixed></tendon>
-<equality><joint joint1="a" joint2="b" polycoef=".1 .5 .2 0 .1"/></equality><actuator>
-<position joint="a" kp="20" kv="1" ctrlrange="-.5 .5"/><motor joint="b" gear="3" forcerange="-.4 .4"/>
-<position tendon="t" kp="5" kv=".3"/><velocity joint="d" kv=".5"/></actuator>"""
-
-
-def primitives() -> str:
-    """Ten free bodies of three shapes, with all sizes of contacts, priorities and margins; cylinders touch planes."""
-    rng, lines = np.random.default_rng(0), []
-    shapes = ('type="sphere" size=".1"', 'type="capsule" size=".05 .1"', 'type="cylinder" size=".08 .07"')
-    for i in range(10):
-        x, y = rng.uniform(-0.35, 0.35, 2)
-        only_plane = ' contype="2" conaffinity="0"' if i % 3 == 2 else ""
-        lines.append(
-            f'<body pos="{x} {y} {0.15 + 0.12 * i}"><freejoint/><geom {shapes[i % 3]}{only_plane} '
-            f'condim="{(1, 3, 4, 6)[i % 4]}" friction="{rng.uniform(0.3, 1.0)} .01 .001" priority="{i % 2}" '
-            f'margin="{0.01 * (i % 3)}"/></body>'
-        )
-    return "".join(lines)
-
-
-def boxes() -> str:
-    """Boxes and spheres, of which those of one kind pass through each other."""
-    kinds = ('type="sphere" contype="2" conaffinity="1"', 'type="box" contype="1" conaffinity="2"')
-    place = "<body pos='{} {} .15'><freejoint/><geom {} size='.1 .08 .06'/></body>"
-    return "".join(place.format(0.3 * (i % 3), 0.3 * (i // 3), kinds[i % 2]) for i in range(9))
-
-
-MODELS = {
-    "tree, implicitfast": (TREE, 'integrator="implicitfast"', DRIVES, True),
-    "tree, Euler, elliptic": (TREE, 'integrator="Euler" cone="elliptic" impratio="3"', DRIVES, True),
-    "primitives": (primitives(), 'integrator="implicitfast"', "", False),
-    "primitives, elliptic": (primitives(), 'cone="elliptic" integrator="implicitfast"', "", False),
-    "boxes": (boxes(), "", "", False),
-}
-"""Bodies, options, actuators, and whether contacts are those of MuJoCo rather than found by the kernel."""
-
-
-def model_of(name: str) -> tuple[mujoco.MjModel, bool]:
-    bodies, option, rest, given = MODELS[name]
-    return mujoco.MjModel.from_xml_string(SCENE.format(bodies=bodies, option=option, rest=rest)), given
+from tests.helpers.solver_models import (
+    MODELS,
+    ROOM,
+    SCENE,
+    TREE,
+    boxes,
+    chain,
+    model_of,
+    primitives,
+    replicated,
+    tower_and_ball,
+)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -123,29 +81,6 @@ def test_a_step_of_a_robot_of_others(name):
     assert np.quantile(found.error, 0.99) < 1e-8
 
 
-def chain(num_worlds: int) -> newton.Model:
-    """Worlds with a chain of four spheres above a plane."""
-    link = "<body pos='.4 0 0'><joint axis='0 1 0' damping='.1'/><geom type='sphere' size='.1'/>"
-    return replicated(
-        "<body pos='0 0 .4'><freejoint/><geom type='sphere' size='.1'/>" + 3 * link + "</body>" * 4, num_worlds
-    )
-
-
-def replicated(bodies: str, num_worlds: int) -> newton.Model:
-    """Worlds with bodies above a plane."""
-    one = newton.ModelBuilder()
-    SolverFused.register_custom_attributes(one)
-    one.rigid_gap = 0.0
-    one.add_mjcf(f"<mujoco><worldbody><geom type='plane' size='0 0 1'/>{bodies}</worldbody></mujoco>")
-    builder = newton.ModelBuilder()
-    SolverFused.register_custom_attributes(builder)
-    builder.replicate(one, num_worlds)
-    return builder.finalize(device="cpu")
-
-
-ROOM = {"njmax": 60, "nconmax": 20, "kinematic_switchable_roots": False}
-
-
 def test_a_newton_solver_with_the_states_of_mujoco_warp():
     """The chain falls and rolls. Masses, frictions and the stiffness of contacts change on the way, by world."""
     flags, model = newton.ModelFlags, chain(3)
@@ -171,14 +106,6 @@ def test_a_newton_solver_with_the_states_of_mujoco_warp():
         assert solver.mjw_data.nefc.numpy().min() > 3  # friction losses and contacts
         states.append(np.concatenate([state.joint_q.numpy(), state.joint_qd.numpy(), state.body_q.numpy().ravel()]))
     np.testing.assert_allclose(states[1], states[0], atol=2e-4)
-
-
-def tower_and_ball(top: str, num_worlds: int) -> newton.Model:
-    """Worlds with a box, a box or an ellipsoid on it, and a ball on the ground."""
-    # Of boxes whose edges are parallel MuJoCo Warp finds no contacts at all in some steps.
-    place = "<body pos='{} 0 {}' euler='0 0 {}'><freejoint/><geom type='{}' size='.1 .1 .1'/></body>"
-    places = (0.0, 0.099, 0, "box"), (0.03, 0.297, 20, top), (0.4, 0.2, 0, "sphere")
-    return replicated("".join(place.format(*at) for at in places), num_worlds)
 
 
 @pytest.mark.parametrize(
