@@ -89,6 +89,7 @@ FN Quat operator*(Quat a, Quat b) {
     return Quat{a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
                 a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
 }
+FN Quat conjugate(Quat q) { return Quat{q.w, -q.x, -q.y, -q.z}; }
 FN Quat normalized(Quat q) {
     real n = SQRT(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
     if (n < (real)1e-15) return Quat{1, 0, 0, 0};

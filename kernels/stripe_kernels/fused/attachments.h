@@ -17,7 +17,6 @@ namespace fused {
 
 // Of an orientation (s, u) and a vector in its frame: the vector part of its product with them, from the left.
 FN Vec turned_part(Quat h, Vec y) { return h.w * y + cross(y, Vec{h.x, h.y, h.z}); }
-FN Quat conjugate(Quat q) { return Quat{q.w, -q.x, -q.y, -q.z}; }
 
 // What the rows need of the bodies' frames and velocities, which geoms and the rows are going to overwrite.
 FN void place_attachments(World& w, const Parameters& P, int lane) {

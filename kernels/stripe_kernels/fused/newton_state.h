@@ -15,7 +15,6 @@ FN Vec load_newton(const float* p) { return Vec{p[0], p[1], p[2]}; }
 FN Quat load_newton_quat(const float* p) { return Quat{p[3], p[0], p[1], p[2]}; }
 FN void store_newton(float* p, Vec v) { p[0] = v.x, p[1] = v.y, p[2] = v.z; }
 FN void store_newton_quat(float* p, Quat q) { p[0] = q.x, p[1] = q.y, p[2] = q.z, p[3] = q.w; }
-FN Quat inverse(Quat q) { return Quat{q.w, -q.x, -q.y, -q.z}; }
 
 struct Pose {
     Vec p;
@@ -23,7 +22,7 @@ struct Pose {
 };
 FN Pose load_pose(const float* p) { return Pose{load_newton(p), load_newton_quat(p + 3)}; }
 FN Pose operator*(Pose a, Pose b) { return Pose{a.p + rotate(a.q, b.p), a.q * b.q}; }
-FN Pose inverse(Pose a) { return Pose{-1 * rotate(inverse(a.q), a.p), inverse(a.q)}; }
+FN Pose inverse(Pose a) { return Pose{-1 * rotate(conjugate(a.q), a.p), conjugate(a.q)}; }
 
 #if HAS_NEWTON
 // Rows of Newton's arrays of joints and bodies.
@@ -59,11 +58,11 @@ FN void read_newton_joints(World& w, const Parameters& P, const float* all_q, co
             Vec velocity = rotate(in_parent.q, load_newton(v)), turning = rotate(in_parent.q, load_newton(v + 3));
             store(own_q, pose.p), store_quat(own_q + 3, pose.q);
             store(own_v, velocity - cross(turning, rotate(pose.q, newton_com(P, j))));
-            store(own_v + 3, rotate(inverse(pose.q), turning));
+            store(own_v + 3, rotate(conjugate(pose.q), turning));
         } else if (joint_type[j] == BALL) {
             Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = load_newton_quat(q);
-            store_quat(own_q, rest * moved * inverse(rest));
-            store(own_v, rotate(rest * inverse(moved), load_newton(v)));
+            store_quat(own_q, rest * moved * conjugate(rest));
+            store(own_v, rotate(rest * conjugate(moved), load_newton(v)));
         } else
             own_q[0] = q[0] + reference(P, newton_v[j]), own_v[0] = v[0];
     }
@@ -90,10 +89,10 @@ FN void write_newton_joints(const World& w, const Parameters& P, float* all_q, f
             Vec turning = rotate(pose.q, load(own_v + 3));
             Vec velocity = load(own_v) + cross(turning, rotate(pose.q, newton_com(P, j)));
             store_newton(q, moved.p), store_newton_quat(q + 3, moved.q);
-            store_newton(v, rotate(inverse(in_parent.q), velocity));
-            store_newton(v + 3, rotate(inverse(in_parent.q), turning));
+            store_newton(v, rotate(conjugate(in_parent.q), velocity));
+            store_newton(v + 3, rotate(conjugate(in_parent.q), turning));
         } else if (joint_type[j] == BALL) {
-            Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = inverse(rest) * load_quat(own_q);
+            Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = conjugate(rest) * load_quat(own_q);
             store_newton_quat(q, moved * rest), store_newton(v, rotate(moved, load(own_v)));
         } else
             q[0] = own_q[0] - reference(P, newton_v[j]), v[0] = own_v[0];
@@ -125,7 +124,7 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
             if (joint_type[j] == FREE) store(f + 3, Vec{0, 0, 0});
             if (joint_type[j] == BALL && acts) {
                 Quat rest = anchor_in_child(P, newton_joint[j]).q;
-                store(f, rotate(inverse(load_quat(w.q + joint_q[j])) * rest, load_newton(given)));
+                store(f, rotate(conjugate(load_quat(w.q + joint_q[j])) * rest, load_newton(given)));
             }
         }
     }
