@@ -34,6 +34,7 @@ from .mjcf import complete_mjcf, count_actuators
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
+from .urdf import check_root
 
 __all__ = ["SceneBuilder"]
 
@@ -228,6 +229,8 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
     _replace_pgs(builder)
     shapes, default_friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
     try:
+        if kind == "urdf":
+            check_root(path, options["floating"])
         # MuJoCo's default friction is 1; Newton's importer would take that of the builder where a file gives none.
         shapes.mu = 1.0 if kind == "mjcf" else default_friction
         add(path, xform=xform, **options)

@@ -169,7 +169,8 @@ class _ImporterCfg(SpawnerCfg):
     asset_path: str = MISSING
     """The file."""
     fix_base: bool | None = None
-    """Fix the root body to the world; ``None``: as the file says."""
+    """Fix the root body to the world; ``None``: as the file says. A URDF file says so by a link ``world`` that holds
+    it; for one without such a link this must be set."""
     scale: float = 1.0
     """Scale of the asset."""
     self_collision: bool = True
