@@ -25,6 +25,12 @@ _MUJOCO_JOINTS = {
 }
 # Attributes of these names enter the simulation; a NaN in any other, such as a texture coordinate, is harmless.
 _PHYSICS_PREFIXES = ("physics:", "drive:", "limit:", "state:", "newton:", "physxJoint:", "physxLimit:", "xformOp:")
+# Of those, the ones that must have an end, by the last part of their name: not limits, efforts and break forces.
+_FINITE = {
+    "stiffness", "damping", "targetPosition", "targetVelocity", "velocity", "angularVelocity", "gravityDirection",
+    "centerOfMass", "staticFriction", "dynamicFriction", "restitution", "localPos0", "localPos1", "armature",
+    "friction",
+}  # fmt: skip
 
 
 class BuilderStart:
@@ -72,7 +78,7 @@ def _physics_reasons(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[
     joint, mass = prim.IsA(UsdPhysics.Joint), prim.HasAPI(UsdPhysics.MassAPI)
     if not (body or collider or joint or mass or prim.IsA(UsdPhysics.Scene)):
         return
-    yield from _not_a_number(prim)
+    yield from _not_finite(prim)
     if body or collider:
         yield from _transform(prim, body)
     if mass:
@@ -95,14 +101,21 @@ def _deformable(prim: Usd.Prim) -> Iterator[str]:
         )
 
 
-def _not_a_number(prim: Usd.Prim) -> Iterator[str]:
+def _not_finite(prim: Usd.Prim) -> Iterator[str]:
     for attribute in prim.GetAuthoredAttributes():
         name = attribute.GetName()
         if not name.startswith(_PHYSICS_PREFIXES):
             continue
         numbers = _numbers(attribute.Get())
-        if numbers is not None and np.isnan(numbers).any():
+        if numbers is None:
+            continue
+        if np.isnan(numbers).any():
             yield f"{name} is not a number ({attribute.Get()}); author a finite value or remove it"
+        # A gravity of -inf is that of the Earth, by the schema.
+        elif (name.endswith(":gravityMagnitude") and np.isposinf(numbers).any()) or (
+            name.rpartition(":")[2] in _FINITE and np.isinf(numbers).any()
+        ):
+            yield f"{name} is infinite ({attribute.Get()}); author a finite value or remove it"
 
 
 def _numbers(value: object) -> np.ndarray | None:

@@ -151,6 +151,34 @@ def test_values_that_cannot_be(attribute, value, words):
     refuse(stage, "/World/a", words)
 
 
+@pytest.mark.parametrize("name", ["Stiffness", "Damping", "TargetPosition", "TargetVelocity"])
+def test_drives_that_cannot_be(name):
+    """Infinite gains and targets: the first step would leave no finite state. An infinite limit or effort is none."""
+    stage = new_stage()
+    for body in ("/World/a", "/World/b"):
+        add_body(stage, body)
+    joint = add_joint(stage, "/World/j", "/World/a", "/World/b")
+    joint.CreateUpperLimitAttr(math.inf)
+    drive = UsdPhysics.DriveAPI.Apply(joint.GetPrim(), "angular")
+    drive.CreateMaxForceAttr(math.inf)
+    load(stage)
+    getattr(drive, f"Create{name}Attr")(math.inf)
+    refuse(stage, "/World/j", f"drive:angular:physics:{name[0].lower()}{name[1:]} is infinite")
+
+
+def test_velocities_and_gravities_that_cannot_be():
+    stage = new_stage()
+    body = UsdPhysics.RigidBodyAPI(add_body(stage, "/World/a"))
+    scene = UsdPhysics.Scene.Define(stage, "/World/physics")
+    scene.CreateGravityMagnitudeAttr(-math.inf)  # the Earth's, by the schema
+    load(stage)
+    scene.GetGravityMagnitudeAttr().Set(math.inf)
+    refuse(stage, "/World/physics", "physics:gravityMagnitude is infinite")
+    scene.GetGravityMagnitudeAttr().Set(9.81)
+    body.CreateVelocityAttr(Gf.Vec3f(math.inf, 0, 0))
+    refuse(stage, "/World/a", "physics:velocity is infinite")
+
+
 def test_joints_that_join_nothing():
     stage = new_stage()
     add_body(stage, "/World/a")
