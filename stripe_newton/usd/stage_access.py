@@ -9,6 +9,8 @@ from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdPhysics
 
+from .git_lfs import POINTER_REASON, is_pointer
+
 __all__ = ["StageError", "api_schemas", "asset_prim", "open_stage", "stage_name", "walk"]
 
 
@@ -40,6 +42,8 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "there is no such file"
             raise StageError(str(path), "", f"{what}; give a .usd, .usda, .usdc or .usdz file")
+        if is_pointer(path):
+            raise StageError(str(path), "", POINTER_REASON)
         try:
             stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
         except Tf.ErrorException as error:  # its last line says most, those above are USD's own call stack

@@ -74,6 +74,8 @@ def test_a_missing_file_a_folder_and_a_file_that_is_not_usd(tmp_path):
     broken = tmp_path / "broken.usda"
     broken.write_text("hello")
     refuse(broken, "", "is not a USD file")
+    broken.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
+    refuse(broken, "", "is a pointer of git LFS, not the file itself; fetch that with 'git lfs pull'")
 
 
 def test_references_that_do_not_resolve_are_all_named(tmp_path):

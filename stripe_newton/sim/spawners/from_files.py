@@ -13,6 +13,7 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.sim.scene_context import authored_path, current_stage
 from stripe_newton.usd import asset_prim, si_stage
+from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 from . import schemas
 from .materials import PreviewSurfaceCfg, RigidBodyMaterialCfg, bind_material
@@ -43,6 +44,8 @@ def _existing(path: str, field: str) -> Path:
     file = Path(path).expanduser()
     if not file.is_file():
         raise FileNotFoundError(f"{field} '{path}': no such file; give the path of an existing file")
+    if is_pointer(file):
+        raise ValueError(f"{field} '{path}' {POINTER_REASON}")
     return file.resolve()
 
 

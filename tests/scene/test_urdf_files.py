@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the robot of a URDF file floats is said by the file or the config, never guessed."""
+"""URDF files: whether a robot floats is said, not guessed; what is not the file itself is named."""
 
 from __future__ import annotations
 
@@ -49,3 +49,11 @@ def test_the_base_is_as_the_config_or_the_file_says(tmp_path, links, fix_base, f
 def test_what_does_not_say_it_is_refused(tmp_path, links, fix_base, message):
     with pytest.raises(ValueError, match=rf"robot\.urdf.*{message}"):
         robot(tmp_path, links, fix_base)
+
+
+def test_a_pointer_of_git_lfs_is_named(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
+    spawn = UrdfFileCfg(asset_path=str(path), fix_base=True)
+    with pytest.raises(ValueError, match=r"robot\.urdf' is a pointer of git LFS.*'git lfs pull'"):
+        make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
