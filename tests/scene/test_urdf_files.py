@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import newton.examples
 import pytest
 
 from stripe_newton.assets import ArticulationCfg
@@ -49,6 +50,13 @@ def test_the_base_is_as_the_config_or_the_file_says(tmp_path, links, fix_base, f
 def test_what_does_not_say_it_is_refused(tmp_path, links, fix_base, message):
     with pytest.raises(ValueError, match=rf"robot\.urdf.*{message}"):
         robot(tmp_path, links, fix_base)
+
+
+@pytest.mark.parametrize(("name", "root"), [("quadruped", "base"), ("cartpole", "slider")])
+def test_files_of_newton_do_not_say_it(name, root):
+    spawn = UrdfFileCfg(asset_path=str(newton.examples.get_asset(f"{name}.urdf")))
+    with pytest.raises(ValueError, match=f"whether its root link '{root}' floats"):
+        make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
 
 
 def test_a_pointer_of_git_lfs_is_named(tmp_path):

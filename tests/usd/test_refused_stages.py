@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Refused stages: each reason names the prim, and what would be right."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pxr import Gf, Sdf, UsdGeom, UsdPhysics
+
+from stripe_newton.usd import (
+    StageError,
+)
+from tests.helpers.usd_stages import add_body, add_joint, load, new_stage, refuse
+
+
+def test_a_missing_file_a_folder_and_a_file_that_is_not_usd(tmp_path):
+    refuse(tmp_path / "nowhere.usda", "", "there is no such file")
+    refuse(tmp_path, "", "is a folder")
+    broken = tmp_path / "broken.usda"
+    broken.write_text("hello")
+    refuse(broken, "", "is not a USD file")
+    broken.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
+    refuse(broken, "", "is a pointer of git LFS, not the file itself; fetch that with 'git lfs pull'")
+
+
+def test_references_that_do_not_resolve_are_all_named(tmp_path):
+    file = tmp_path / "scene.usda"
+    file.write_text(
+        '#usda 1.0\ndef Xform "A" (references = @gone.usda@) {}\ndef Xform "B" (payload = @lost.usda@) {}\n'
+    )
+    with pytest.raises(StageError, match=r"gone\.usda") as caught:
+        load(file)
+    assert "lost.usda" in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_a_reference_to_a_stage_whose_default_prim_is_missing(tmp_path):
+    (tmp_path / "robot.usda").write_text('#usda 1.0\n(defaultPrim = "cartPole")\ndef Xform "cartpole" {}\n')
+    file = tmp_path / "scene.usda"
+    file.write_text('#usda 1.0\ndef Xform "A" (references = @robot.usda@) {}\n')
+    refuse(file, "/A", "do not resolve")
+
+
+def test_nothing_to_simulate():
+    refuse(new_stage(), "", "no rigid body and no collider", allow_static=False)
+    stage = new_stage()
+    UsdPhysics.CollisionAPI.Apply(UsdGeom.Cube.Define(stage, "/World/floor").GetPrim())
+    refuse(stage, "", "only 1 static collider", allow_static=False)
+    _, report = load(stage)
+    assert [(s.type, s.body, s.collides) for s in report.shapes] == [("box", "", True)]
+
+
+def test_root_path_that_does_not_exist():
+    refuse(new_stage(), "/Robot", "no such prim", root_path="/Robot")
+
+
+def test_deformables_are_refused_unless_ignored():
+    stage = new_stage()
+    add_body(stage, "/World/a")
+    cloth = UsdGeom.Mesh.Define(stage, "/World/cloth").GetPrim()
+    cloth.SetMetadata("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["PhysicsDeformableBodyAPI"]))
+    refuse(stage, "/World/cloth", "rigid bodies")
+    assert len(load(stage, ignore_paths=["/World/cloth"])[1].bodies) == 1
+
+
+def test_distance_joint_is_refused_for_mujoco():
+    stage = new_stage()
+    add_body(stage, "/World/a")
+    add_body(stage, "/World/b", (1, 0, 0))
+    add_joint(stage, "/World/d", "/World/a", "/World/b", UsdPhysics.DistanceJoint)
+    refuse(stage, "/World/d", "distance joint")
+
+
+def test_body_without_mass_and_without_collider():
+    stage = new_stage()
+    add_body(stage, "/World/a", mass=None, collider=False)
+    refuse(stage, "/World/a", "has no mass")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "words"),
+    [
+        ("physics:mass", -1.0, "physics:mass is -1"),
+        ("physics:mass", math.inf, "physics:mass is inf"),
+        ("physics:mass", math.nan, "physics:mass is not a number"),
+        ("physics:density", -5.0, "physics:density is -5"),
+        ("physics:diagonalInertia", Gf.Vec3f(1, -1, 1), "diagonalInertia"),
+        ("xformOp:translate", Gf.Vec3d(math.nan, 0, 0), "xformOp:translate is not a number"),
+        ("xformOp:translate", Gf.Vec3d(math.inf, 0, 0), "transform is not finite"),
+    ],
+)
+def test_values_that_cannot_be(attribute, value, words):
+    stage = new_stage()
+    body = add_body(stage, "/World/a")
+    UsdPhysics.MassAPI(body).CreateDensityAttr()
+    UsdPhysics.MassAPI(body).CreateDiagonalInertiaAttr()
+    body.GetAttribute(attribute).Set(value)
+    refuse(stage, "/World/a", words)
+
+
+@pytest.mark.parametrize("name", ["Stiffness", "Damping", "TargetPosition", "TargetVelocity"])
+def test_drives_that_cannot_be(name):
+    """Infinite gains and targets: the first step would leave no finite state. An infinite limit or effort is none."""
+    stage = new_stage()
+    for body in ("/World/a", "/World/b"):
+        add_body(stage, body)
+    joint = add_joint(stage, "/World/j", "/World/a", "/World/b")
+    joint.CreateUpperLimitAttr(math.inf)
+    drive = UsdPhysics.DriveAPI.Apply(joint.GetPrim(), "angular")
+    drive.CreateMaxForceAttr(math.inf)
+    load(stage)
+    getattr(drive, f"Create{name}Attr")(math.inf)
+    refuse(stage, "/World/j", f"drive:angular:physics:{name[0].lower()}{name[1:]} is infinite")
+
+
+def test_velocities_and_gravities_that_cannot_be():
+    stage = new_stage()
+    body = UsdPhysics.RigidBodyAPI(add_body(stage, "/World/a"))
+    scene = UsdPhysics.Scene.Define(stage, "/World/physics")
+    scene.CreateGravityMagnitudeAttr(-math.inf)  # the Earth's, by the schema
+    load(stage)
+    scene.GetGravityMagnitudeAttr().Set(math.inf)
+    refuse(stage, "/World/physics", "physics:gravityMagnitude is infinite")
+    scene.GetGravityMagnitudeAttr().Set(9.81)
+    body.CreateVelocityAttr(Gf.Vec3f(math.inf, 0, 0))
+    refuse(stage, "/World/a", "physics:velocity is infinite")
+
+
+def test_joints_that_join_nothing():
+    stage = new_stage()
+    add_body(stage, "/World/a")
+    joint = add_joint(stage, "/World/j", "/World/a", "/World/gone")
+    refuse(stage, "/World/j", "names /World/gone, which does not exist")
+    joint.GetBody1Rel().SetTargets(["/World/a/box"])
+    refuse(stage, "/World/j", "to itself")
+    joint.GetBody0Rel().SetTargets([])
+    joint.GetBody1Rel().SetTargets([])
+    refuse(stage, "/World/j", "joins no rigid body")
+    joint.CreateJointEnabledAttr(False)
+    _, report = load(stage)
+    assert ("/World/j", "joint", "jointEnabled is false") in report.ignored
+
+
+def test_scales_that_cannot_be():
+    stage = new_stage()
+    body = add_body(stage, "/World/a")
+    UsdGeom.XformCommonAPI(body).SetScale(Gf.Vec3f(1, 1, -1))
+    refuse(stage, "/World/a", "mirroring scale")
+    UsdGeom.XformCommonAPI(body).SetScale(Gf.Vec3f(1, 1, 0))
+    refuse(stage, "/World/a", "scale is zero")
+
+
+def test_mesh_collider_without_points():
+    stage = new_stage()
+    add_body(stage, "/World/a")
+    UsdPhysics.CollisionAPI.Apply(UsdGeom.Mesh.Define(stage, "/World/a/mesh").GetPrim())
+    refuse(stage, "/World/a/mesh", "without points")
+
+
+def test_plane_on_a_body():
+    stage = new_stage()
+    add_body(stage, "/World/a")
+    UsdPhysics.CollisionAPI.Apply(UsdGeom.Plane.Define(stage, "/World/a/plane").GetPrim())
+    refuse(stage, "/World/a/plane", "plane on a rigid body")
+
+
+def test_joints_against_the_tree_are_refused():
+    stage = new_stage()
+    for name, x in (("a", 0), ("b", 1), ("c", 2)):
+        add_body(stage, f"/World/{name}", (x, 0, 0))
+    add_joint(stage, "/World/ac", "/World/a", "/World/c")
+    add_joint(stage, "/World/bc", "/World/b", "/World/c")
+    refuse(stage, "/World/bc", "swap physics:body0 and physics:body1")
