@@ -258,7 +258,7 @@ class Simulation:
     def describe_solver(self) -> str:
         """Describe in a line what computes the physics, and why."""
         if isinstance(self.solver, SolverFused):
-            return self.solver.describe()
+            return self.solver.describe(self._come_between)
         return "MuJoCo Warp" if self.cfg.solver.uses_mujoco_warp else f"Newton's {self.cfg.solver.solver_class}"
 
     # -- stepping
@@ -319,14 +319,17 @@ class Simulation:
     @property
     def steps_together(self) -> bool:
         """Whether the physics steps of a call need nothing between them, and the solver takes them in one go."""
-        return (
-            isinstance(self.solver, SolverFused)
-            and self.solver.converts
-            and self.external_wrench is None
-            and not self._limits_velocity
-            and self.actuation.is_constant
-            and not any(hook.follows_each_step for hook in self._hooks)
-        )
+        return isinstance(self.solver, SolverFused) and self.solver.converts and not self._come_between
+
+    @property
+    def _come_between(self) -> list[str]:
+        """Names of what has to run between physics steps."""
+        names = {
+            "explicit actuators": not self.actuation.is_constant,
+            "external wrenches": self.external_wrench is not None,
+            "velocity limits": self._limits_velocity,
+        } | {type(hook).__name__: True for hook in self._hooks if hook.follows_each_step}
+        return [name for name, is_there in names.items() if is_there]
 
     def _launch_together(self, substeps: int) -> None:
         solver, state = self.solver, self._state

@@ -298,6 +298,7 @@ class ModelTables:
 _ATTACHMENT_SIZE = 24
 """Numbers of an attachment, as in world.h."""
 _LONG = ("CAPSULE_BOX", "BOX_BOX")
+"""Routines that take long where two geoms are near."""
 
 
 def _is_field(pair: ContactPair) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 __all__ = ["NewtonLayout"]
 
 _SOURCES = ("FROM_NOTHING", "FROM_POSITIONS", "FROM_VELOCITIES", "FROM_CONTROLS")
-"""What the control of an actuator is: targets of positions or velocities, or controls given directly."""
+"""Sources of an actuator's control: targets of positions or velocities, or controls given directly."""
 
 
 @dataclass(frozen=True)

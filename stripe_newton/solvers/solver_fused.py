@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -44,7 +46,7 @@ _OF_BODIES = ("body_qdd", "body_parent_f")
 
 @dataclass
 class _Call:
-    """What a call of ``step`` reads and writes."""
+    """Arguments of a call of ``step``: the state and controls that it reads, and where it writes."""
 
     state_in: newton.State
     state_out: newton.State
@@ -98,7 +100,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fills_contacts = False
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
-        self._layout: NewtonLayout | None = None
         self._pairs: list[ContactPair] | None = None
         self._accelerations: dict[str, wp.array] = {}
         self._kept_bodies: wp.array | None = None
@@ -117,7 +118,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     @property
     def converts(self) -> bool:
         """Whether the kernel reads and writes Newton's state itself, rather than kernels of Newton around it."""
-        return not self.unsupported and self.fused is not None and self._layout is not None
+        return not self.unsupported and self._layout is not None
 
     @property
     def fused(self) -> StepKernel:
@@ -126,15 +127,20 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._fused = self._make()
         return self._fused
 
-    def describe(self) -> str:
-        """Describe in a line what computes a step, and why."""
+    def describe(self, between: Sequence[str] = ()) -> str:
+        """Describe in a line what computes a step, and why.
+
+        Args:
+            between: Names of what the caller has to run between physics steps.
+        """
         if self.unsupported:
             return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
-        if self.one_launch:
-            return "the fused step, " + (
-                "all physics steps of a step in one launch" if self.converts else "each a launch"
-            )
-        return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
+        if not self.one_launch:
+            return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
+        between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
+        if between:
+            return "the fused step, a launch for each physics step because of " + ", ".join(between)
+        return "the fused step, all physics steps of a step in one launch"
 
     @property
     def supported_observables(self) -> frozenset[str]:
@@ -341,7 +347,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             given_contacts=bool(self._others),
             accelerations=self._kept_bodies is not None,
         )
-        self._layout = NewtonLayout.of(self) if self._has_all_bodies() else None
         kernel = step_kernel(tables, options, self._layout)
         if not first:  # recorded graphs have the addresses of these arrays
             return kernel
@@ -352,6 +357,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
+
+    @cached_property
+    def _layout(self) -> NewtonLayout | None:
+        return NewtonLayout.of(self) if self._has_all_bodies() else None
 
     def _has_all_bodies(self) -> bool:
         bodies = self.mjc_body_to_newton.numpy()

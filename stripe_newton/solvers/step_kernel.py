@@ -79,7 +79,7 @@ _OF_WARP, _OF_CUDA = 4 * _BLOCK_WORLDS * _WARP, 1024
 """Shared memory of a block beyond that of its worlds: what Warp has for its tiles, and what CUDA takes [bytes]."""
 _SM_REGISTERS = 65536
 _TYPICAL_ROWS, _TYPICAL_CONTACTS = 32, 8
-"""What a world mostly needs at most: a robot on four feet."""
+"""Constraint rows and contacts of a world that lie in its state at least: those of a robot on four feet."""
 
 
 @dataclass(frozen=True)

@@ -256,6 +256,15 @@ def test_an_external_force_is_felt_after_the_graph_was_recorded():
     np.testing.assert_allclose(gained, [[3.0 * 12 * DT, 0.0, 0.0]] * 2, atol=1e-5)
 
 
+def test_the_solver_says_how_many_launches_a_step_takes():
+    sim = make_scene({"ball": ball()}, sim=sim_cfg(solver=MuJoCoSolverCfg())).sim
+    assert sim.describe_solver() == "the fused step, all physics steps of a step in one launch"
+    sim.enable_external_wrench()
+    sim.limit_velocities()
+    because = "external wrenches, velocity limits"
+    assert sim.describe_solver() == f"the fused step, a launch for each physics step because of {because}"
+
+
 def test_mass_of_the_sliders_is_what_the_tests_assume(tmp_path):
     from tests.helpers.small_scenes import sliders
 

@@ -97,7 +97,7 @@ class Process:
 
 
 def key(entry: Entry) -> tuple[str, str, int]:
-    """What tells a case from others."""
+    """Key of a case among all."""
     return entry["part"], entry["solver"], entry["size"]
 
 

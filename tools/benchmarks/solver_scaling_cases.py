@@ -52,7 +52,7 @@ WARMUP, WARMUP_SECONDS = 128, 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """What is measured: a solver on a model of some size."""
+    """Case of the measurement: a solver on a model of some size."""
 
     part: str
     """``"worlds"``, ``"dofs"`` or ``"rows"``."""
@@ -278,7 +278,7 @@ def counted(solver: newton.solvers.SolverMuJoCo) -> tuple[float, float]:
 
 
 def describe(solver: newton.solvers.SolverMuJoCo) -> str:
-    """What computes the physics, in a line."""
+    """Description of what computes the physics, in a line."""
     return solver.describe() if isinstance(solver, SolverFused) else "MuJoCo Warp"
 
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     import torch
     from compare_mjlab_measure import Side
 
-    from stripe_newton.sim import Simulation
 
 TOOLS = Path(__file__).parent
 Json = dict[str, Any]
@@ -144,14 +143,8 @@ def make_side(request: Json) -> Side:
         max_episode_length=env.max_episode_length,
         make_runner=lambda folder: OnPolicyRunner(RslRlVecEnvWrapper(env, agent.clip_actions), agent, folder),
         velocity_error=velocity_error,
-        physics_by=describe_physics(sim),
+        physics_by=sim.describe_solver(),
     )
-
-
-def describe_physics(sim: Simulation) -> str:
-    """What computes our physics, and whether the physics steps of a step are one launch."""
-    launches = "together" if sim.steps_together else "one by one"
-    return f"{sim.describe_solver()}; physics steps {launches}"
 
 
 # -- both sides

@@ -59,15 +59,9 @@ class Row:
 
 
 def physics_of(sim: Simulation) -> str:
-    """What computes the physics of a simulation, and in how many launches."""
-    solver = sim.solver
-    if not isinstance(solver, SolverFused):
-        return sim.describe_solver()
-    if solver.unsupported:
-        return f"MuJoCo Warp: {solver.unsupported}"
-    if not solver.one_launch:
-        return solver.describe().removeprefix("the fused step, with ")
-    return "one launch" if sim.steps_together else "a launch for each physics step"
+    """Physics of a simulation in a few words: what computes it, and in how many launches."""
+    text = sim.describe_solver().removeprefix("the fused step, ").removeprefix("with ")
+    return text.replace("all physics steps of a step in one launch", "one launch")
 
 
 def row(name: str, make: Callable[[], Simulation], compiled: bool = False) -> Row:
@@ -130,7 +124,7 @@ def robot_of_file(path: Path) -> ArticulationCfg:
     """The robot of a file, with its servos, or with springs in its joints if it has none."""
     return ArticulationCfg(
         prim_path="",
-        spawn=file_spawner(path),
+        spawn=file_spawner(path, **({"fix_base": False} if path.suffix == ".urdf" else {})),
         init_state=ArticulationCfg.InitialStateCfg(pos=None, joint_pos=None),
         actuators={"joints": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=None, damping=None)},
     )

@@ -36,8 +36,8 @@ FN void keep_bodies(const World& w, const Parameters& P, int lane) {
 }
 
 // Wrench of a contact at a point, about the origin of the tree, from the forces of its rows: normal, two tangents, and
-// torques about the same axes. In a pyramid the
-// rows are pairs of edges, each the normal and plus or minus a friction coefficient times another axis.
+// torques about the same axes. In a pyramid the rows are pairs of edges, each the normal and plus or minus a friction
+// coefficient times another axis.
 FN Spatial contact_wrench(const World& w, const real* C, Vec at) {
     int dim = (int)C[C_DIM], r = (int)C[C_ROW];
     Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT), force{0, 0, 0}, torque{0, 0, 0};
