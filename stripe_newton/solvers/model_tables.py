@@ -6,9 +6,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
+
+from .constant_tables import ConstantTables
 
 __all__ = ["PARAMETERS", "ContactPair", "ModelTables", "contact_pairs", "listed_pairs"]
 
@@ -237,12 +240,12 @@ class ModelTables:
     @property
     def row_size(self) -> int:
         """Numbers of a constraint row, as in constraints.h."""
-        return (self.model.nv + 7) | 1
+        return 4 * (-(-(self.model.nv + 7) // 4) | 1)
 
     @property
     def contact_size(self) -> int:
         """Numbers of a contact, as in constraints.h."""
-        return (27 + 2 * self.model.nv if self.elliptic else 25) | 1
+        return 28 + 8 * -(-self.model.nv // 4) if self.elliptic else 25
 
     def source(self, rows: int, contacts: int) -> str:
         """The constants as C++ source.
@@ -257,30 +260,30 @@ class ModelTables:
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
             "MAX_HITS": 8 if any(p.kind == "BOX_BOX" for p in pairs) else 4,
         }  # fmt: skip
-        integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
         lines = [
             f"#define {name} {value}" for name, value in (_sizes(model, pairs) | _options(model, pairs) | room).items()
         ]
-        lines.append("namespace fused {")
-        # An array of C++ has one element at least.
-        lines += [f"TABLE int {name}[] = {{{_numbers(values) or 0}}};" for name, values in integers.items()]
-        for name, values in _coefficients(model).items():
-            lines.append(f"TABLE real {name}[] = {{{', '.join(map(repr, values)) or 0.0}}};")
-        moving = [sum(1 << i for i in _dofs(model, b)) for b in range(model.nbody)]
-        lines.append(f"TABLE unsigned long long body_dofs[] = {{{', '.join(f'{m}ull' for m in moving)}}};")
-        lines.append("}")
+        lines += ["namespace fused {", self.constants.source(), "}"]
         return "\n".join(lines) + "\n"
+
+    @cached_property
+    def constants(self) -> ConstantTables:
+        """The tables of the topology."""
+        model, pairs = self.model, self.pairs
+        integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
+        moving = {"body_dofs": [sum(1 << i for i in _dofs(model, b)) for b in range(model.nbody)]}
+        return ConstantTables(integers | moving, _coefficients(model))
 
     def world_size(self, rows: int, contacts: int, in_registers: bool) -> int:
         """Numbers of four bytes in ``World`` of dynamics.h, of which the source asserts that they are no fewer."""
         model = self.model
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
-        matrices = (nv + 2 if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
+        matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + matrices + nu
         kept += _ATTACHMENT_SIZE * len(_attachments(model))
         found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_fields else 0)
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
-        return kept + shared + contacts * self.contact_size + 11  # with the pointer, and alignments
+        return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
 
     def row_of_matrix(self, in_registers: bool) -> int:
         """Numbers from one row of a matrix to the next.
@@ -408,7 +411,11 @@ def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[st
         "field_cols": model.hfield_ncol,
         "used_geom": used,
         "contact_geoms": [used.index(g) for p in pairs for g in (p.geom1, p.geom2)],
-        "contact_pair": [v for p in pairs for v in (p.geom1, p.geom2, p.dim, RULES.index(p.rule), p.explicit)],
+        "contact_geom1": [p.geom1 for p in pairs],
+        "contact_geom2": [p.geom2 for p in pairs],
+        "contact_dim": [p.dim for p in pairs],
+        "contact_rule": [RULES.index(p.rule) for p in pairs],
+        "contact_explicit": [p.explicit for p in pairs],
         "contact_kind": [_ROUTINES.index(p.kind) for p in pairs],
     }
 
@@ -528,7 +535,3 @@ def _moment(model: mujoco.MjModel, actuator: int) -> Iterable[tuple[int, float]]
     first = int(model.tendon_adr[target])
     for wrap in range(first, first + int(model.tendon_num[target])):
         yield int(model.jnt_dofadr[model.wrap_objid[wrap]]), float(model.wrap_prm[wrap])
-
-
-def _numbers(values: Iterable[int]) -> str:
-    return ", ".join(str(int(v)) for v in values)

@@ -37,7 +37,8 @@ from .support import why_unsupported
 
 __all__ = ["SolverFused"]
 
-_WARP = 32
+_LANES = 8, 32
+"""Threads of a GPU that share a world: of a model that has no more bodies and degrees of freedom, and of others."""
 _NOT_HERE = {"use_mujoco_cpu": True, "use_mujoco_contacts": False, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
@@ -340,7 +341,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         cpu = self._limited_model()
         tables = ModelTables.of(cpu, int(data.njmax), contacts, self._pairs)
         options = KernelOptions(
-            lanes=_WARP if device.is_cuda else 1,
+            lanes=self._lanes if device.is_cuda else 1,
             tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,
@@ -357,6 +358,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
+
+    @property
+    def _lanes(self) -> int:
+        few, many = _LANES
+        return few if max(self.mj_model.nbody, self.mj_model.nv) <= few else many
 
     @cached_property
     def _layout(self) -> NewtonLayout | None:

@@ -70,15 +70,20 @@ _ADDRESSES = (
     "field_heights",
     "workspace",
 )
-_SM_BYTES, _SM_WORLDS = 228 * 1024, 32
-"""Shared memory of a multiprocessor of an H100, and the worlds that it should have room for: 4096 are 31 for each."""
-_BLOCK_BYTES = 48 * 1024
-"""Shared memory that a block may have without a driver call, on every GPU [bytes]."""
-_BLOCK_WORLDS = 4
-_OF_WARP, _OF_CUDA = 4 * _BLOCK_WORLDS * _WARP, 1024
-"""Shared memory of a block beyond that of its worlds: what Warp has for its tiles, and what CUDA takes [bytes]."""
+_SM_BYTES = 228 * 1024
+"""Shared memory of a multiprocessor of an H100 [bytes]."""
+_ROOMS = (2, 16), (1, 16), (1, 8), (1, 4)
+"""Blocks that a multiprocessor should have room for, and worlds of a block, the best first.
+
+Worlds of a block go through the code together, so that few large blocks wait less for instructions than many small
+ones. With two, one computes while the other waits for its slowest world. 4096 worlds are 31 for each multiprocessor.
+"""
+_BLOCK_BYTES = 227 * 1024
+"""Shared memory that a block may have [bytes]."""
+_OF_CUDA = 1024
+"""Shared memory of a block that CUDA takes [bytes]."""
 _SM_REGISTERS = 65536
-_TYPICAL_ROWS, _TYPICAL_CONTACTS = 32, 8
+_TYPICAL_ROWS, _TYPICAL_CONTACTS = 28, 8
 """Constraint rows and contacts of a world that lie in its state at least: those of a robot on four feet."""
 
 
@@ -87,7 +92,7 @@ class KernelOptions:
     """Options of a step kernel, which are constants in it."""
 
     lanes: int = 1
-    """Threads that share a world: 1, or the 32 of a warp."""
+    """Threads that share a world: 1, or 8, 16 or 32 of a warp."""
     double: bool = False
     """Double precision, to test the source against MuJoCo's C."""
     tolerance: float = 1e-6
@@ -99,8 +104,8 @@ class KernelOptions:
     """Accelerations of bodies and wrenches of their joints can be asked for; their code takes registers of a GPU."""
 
     def in_registers(self, tables: ModelTables) -> bool:
-        """Whether matrices are factored in the registers of a warp, a row for each lane."""
-        return self.lanes == _WARP and tables.model.nv <= _WARP and not self.double
+        """Whether matrices are factored in registers, a row in each lane."""
+        return self.lanes > 1 and tables.model.nv <= self.lanes and not self.double
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,8 @@ class Layout:
     spill_size: int
     """Numbers of the spill memory of a world."""
     worlds_per_block: int
+    tables_size: int
+    """Shared memory of a block for the tables of the topology [bytes]."""
     in_shared: bool
     """Whether the state is in shared memory; otherwise it is in the workspace."""
 
@@ -124,25 +131,35 @@ class Layout:
         size = self.spill_size + (0 if self.in_shared else self.world_size)
         return -(-size // 4) * 4
 
+    def block_size(self, lanes: int) -> int:
+        """Shared memory that a block takes [bytes]."""
+        worlds = 4 * self.worlds_per_block * self.world_size
+        return worlds + self.tables_size + _of_warp(self.worlds_per_block, lanes) + _OF_CUDA
+
     @classmethod
     def of(cls, tables: ModelTables, options: KernelOptions) -> Layout:
         """The most worlds in a multiprocessor that leave room for the rows and contacts that a robot mostly has."""
         most = tables.max_rows, tables.max_contacts
         if options.lanes == 1:
-            return cls(*most, tables.world_size(*most, False), 0, 1, False)
-        registers = options.in_registers(tables)
+            return cls(*most, tables.world_size(*most, False), 0, 1, 0, False)
+        registers, constants = options.in_registers(tables), tables.constants.shared_size
         contacts = min(_TYPICAL_CONTACTS, tables.max_contacts)
-        for blocks in range(_SM_WORLDS // _BLOCK_WORLDS, 0, -1):
-            budget = (min(_BLOCK_BYTES, _SM_BYTES // blocks - _OF_CUDA) - _OF_WARP) // _BLOCK_WORLDS // 4
-            rows = min(tables.max_rows, _TYPICAL_ROWS)
+        for blocks, worlds in _ROOMS:
+            free = min(_BLOCK_BYTES, _SM_BYTES // blocks - _OF_CUDA) - _of_warp(worlds, options.lanes) - constants
+            budget, rows = free // worlds // 4, min(tables.max_rows, _TYPICAL_ROWS)
             if tables.world_size(rows, contacts, registers) > budget:
                 continue
             while rows < tables.max_rows and tables.world_size(rows + 1, contacts, registers) <= budget:
                 rows += 1
             size = tables.world_size(rows, contacts, registers)
-            return cls(rows, contacts, size, tables.spill_size(rows, contacts), _BLOCK_WORLDS, True)
+            return cls(rows, contacts, size, tables.spill_size(rows, contacts), worlds, constants, True)
         size = tables.world_size(*most, registers)
-        return cls(*most, size, 0, 1, False)
+        return cls(*most, size, 0, 1, 0, False)
+
+
+def _of_warp(worlds: int, lanes: int) -> int:
+    """Shared memory that Warp has for the tiles of a block [bytes]."""
+    return 4 * worlds * lanes
 
 
 @dataclass(frozen=True)
@@ -187,6 +204,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
+        f"#define IN_SHARED {int(layout.in_shared)}",
+        f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LD {tables.row_of_matrix(options.in_registers(tables))}",
         f"#define SEARCHES {min(tables.searches, options.lanes)}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
@@ -201,6 +220,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
     parts = ["\n".join(head) + "\n", sources["algebra.h"], constants, _parameters_source()]
     parts += [sources[n] for n in _SOURCES[1:]]
     parts.append(f'static_assert(sizeof(fused::World) <= sizeof(real) * {layout.world_size}, "size of World");\n')
+    if layout.in_shared:
+        parts.append(f'static_assert(sizeof(fused::Tables) <= {layout.tables_size}, "size of Tables");\n')
     return "".join(parts)
 
 
@@ -216,7 +237,7 @@ def _parameters_source() -> str:
         f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"
         for n, kind in kinds.items()
     ]
-    body = [f"    const {_STRUCT}& m;", "    const int id;", *methods]
+    body = [f"    const {_STRUCT}& m;", "    const int id, num_worlds;", *methods]
     return "\n".join(["namespace fused {", "struct Parameters {", *body, "};", "}", ""])
 
 
@@ -228,7 +249,7 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     bounds = ""
     if layout.in_shared:  # as many registers as leave room for all blocks whose worlds fit into the shared memory
         threads = layout.worlds_per_block * options.lanes
-        blocks = _SM_BYTES // (4 * layout.worlds_per_block * layout.world_size + _OF_WARP + _OF_CUDA)
+        blocks = _SM_BYTES // layout.block_size(options.lanes)
         bounds = f", launch_bounds=({threads}, {max(1, min(blocks, _SM_REGISTERS // (64 * threads)))})"
     return "\n".join(
         [
@@ -247,26 +268,31 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
 
 def _kernel(name: str, work: list[str], options: KernelOptions, layout: Layout, bounds: str) -> list[str]:
     body = "\n".join(["", *_world(options, layout), *work, ""])
+    memory = []
+    if layout.in_shared:  # a tile, as it makes Warp ask for so much; it is the only one and thus at the start
+        size = layout.worlds_per_block * layout.world_size + layout.tables_size // 4
+        memory = [f"    memory = wp.tile_empty(shape=({size},), dtype=float, storage='shared')"]
     return [
         f"@wp.func_native({body!r})",
         f"def {name}_world(tid: int, m: Arguments, num_worlds: int, steps: int): ...",
         f"@wp.kernel(enable_backward=False{bounds})",
         f"def {name}_worlds(m: Arguments, num_worlds: int, steps: int):",
         "    library()",
+        *memory,
         f"    {name}_world(wp.tid(), m, num_worlds, steps)",
     ]
 
 
 def _world(options: KernelOptions, layout: Layout) -> list[str]:
     """Source that finds the world of a thread, and the memory of its state."""
-    lanes, per_block = options.lanes, layout.worlds_per_block
-    lines = [f"const int lane = tid % {lanes}, id = tid / {lanes};", "if (id >= num_worlds) return;"]
+    lanes = options.lanes
+    lines = ["fused::share_tables();"] if layout.in_shared else []
+    lines += [f"const int lane = tid % {lanes}, id = tid / {lanes};", "if (id >= num_worlds) return;"]
     memory = f"((real*)m.workspace + (long long)id * {layout.workspace_size})"
     if layout.in_shared:
         lines += [
             "#ifdef __CUDA_ARCH__",
-            f"__shared__ fused::World worlds[{per_block}];",
-            f"fused::World& w = worlds[(threadIdx.x / {lanes}) % {per_block}];",
+            "fused::World& w = fused::in_place();",
             "#else",
             "fused::World w;",
             "#endif",
@@ -276,25 +302,16 @@ def _world(options: KernelOptions, layout: Layout) -> list[str]:
         lines.append(f"fused::World& w = *(fused::World*){memory};")
     else:
         lines.append("fused::World w;")
-    return [*lines, "const fused::Parameters P{m, id};", "fused::begin_steps(w, P, lane);"]
+    return [*lines, "const fused::Parameters P{m, id, num_worlds};", "fused::begin_steps(w, P, lane);"]
 
 
 _PLACING = ["fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
-
-
-def _together(options: KernelOptions, layout: Layout) -> list[str]:
-    """Source that lets the worlds of a block begin a step together: they then share the fetched instructions."""
-    if options.lanes == 1:
-        return []
-    full = f"(blockIdx.x + 1) * {layout.worlds_per_block} <= num_worlds"
-    return ["#ifdef __CUDA_ARCH__", f"    if ({full}) __syncthreads();", "#endif"]
 
 
 def _steps(options: KernelOptions, layout: Layout) -> list[str]:
     contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
     return [
         "for (int s = 0; s < steps; s++) {",
-        *_together(options, layout),
         f"    fused::step(w, P, {contacts}, {count}, s == steps - 1, lane);",
         "}",
         "fused::end_steps(w, fused::fresh(P), lane);",

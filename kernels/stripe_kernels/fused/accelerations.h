@@ -71,7 +71,7 @@ FN Spatial constraint_wrench(const World& w, int b, int contacts) {
 #if NATTACHMENTS
     for (int i = 0; i < NATTACHMENTS; i++)
         for (int k = 0; k < 2; k++)
-            if (attached_body[2 * i + k] == b) sum = sum + attachment_wrench(w, i, k);
+            if (attached_body(2 * i + k) == b) sum = sum + attachment_wrench(w, i, k);
 #endif
     return sum;
 }
@@ -84,7 +84,7 @@ FN void write_accelerations(const World& w, const Parameters& P, int contacts, i
         real* o = bodies + BODY_SIZE * b;
         Spatial a = load_spatial(o + B_A), v = load_spatial(o + B_V);
         for (int i = 0; i < NV; i++)
-            if ((body_dofs[b] >> i) & 1) a = a + w.a[i] * load_spatial(w.S + 6 * i);
+            if ((body_dofs(b) >> i) & 1) a = a + w.a[i] * load_spatial(w.S + 6 * i);
         Spatial needed = operator_inertia(o + B_X, a) + cross_force(v, operator_inertia(o + B_X, v));
         Spatial outside = load_spatial(o + B_F);
         if (body_parent_f) outside = outside + constraint_wrench(w, b, contacts);
@@ -92,11 +92,11 @@ FN void write_accelerations(const World& w, const Parameters& P, int contacts, i
     }
     SYNC();
     for (int level = NLEVELS - 1; level > 1; level--) {  // a joint carries all of its subtree
-        int first = level_parent_start[level];
-        EACH(i, 6 * (level_parent_start[level + 1] - first)) {
+        int first = level_parent_start(level);
+        EACH(i, 6 * (level_parent_start(level + 1) - first)) {
             int parent = first + i / 6, k = B_F + i % 6;
-            for (int c = child_start[parent]; c < child_start[parent + 1]; c++)
-                bodies[BODY_SIZE * level_parent[parent] + k] += bodies[BODY_SIZE * child[c] + k];
+            for (int c = child_start(parent); c < child_start(parent + 1); c++)
+                bodies[BODY_SIZE * level_parent(parent) + k] += bodies[BODY_SIZE * child(c) + k];
         }
         SYNC();
     }

@@ -28,33 +28,46 @@ typedef float real;
 #define FN_METHOD __device__
 #define COLD static __device__ __noinline__  // seldom run: out of the way of what is
 #define ONE_COPY COLD                        // used in several places: instructions must be fetched, too
+// A loop that stays one: a world goes through the code once in a step, so that fetching instructions takes longer than what
+// is saved by copies of them.
+#define ROLLED _Pragma("unroll 1")
 #define TABLE static __device__ const  // lanes read different elements, which constant memory would serve one by one
 #else
 #define FN static inline
 #define FN_METHOD
 #define COLD static
 #define ONE_COPY FN
+#define ROLLED
 #define TABLE static const
 #endif
 
-// A world is computed by LANES lanes of a warp, or by one thread. EACH spreads a loop over the lanes; after it, SYNC makes
-// what they wrote visible to each other. SUM adds over the lanes and gives all of them the result, in a fixed order.
-#define EACH(i, n) for (int i = lane; i < (n); i += LANES)
+// A world is computed by LANES lanes of a warp, which other worlds may share, or by one thread. EACH spreads a loop over the
+// lanes; after it, SYNC makes what they wrote visible to each other. SUM adds over the lanes and gives all of them the result,
+// in a fixed order.
+#define EACH(i, n) ROLLED for (int i = lane; i < (n); i += LANES)
 #if LANES > 1
-#define SYNC() __syncwarp()
+#ifdef __CUDA_ARCH__
+// The lanes of this world, of those of the warp.
+FN unsigned own_lanes() { return LANES == 32 ? 0xffffffffu : ((1u << LANES % 32) - 1) << (threadIdx.x % 32 / LANES * LANES); }
+#else
+FN unsigned own_lanes() { return 0; }
+#endif
+#define SYNC() __syncwarp(own_lanes())
+// What another lane has, by its number in the world.
+FN real from_lane(real x, int lane) { return __shfl_sync(own_lanes(), x, lane, LANES); }
 // Sum of `mine` over the lanes before this one, and over all lanes.
-#define BEFORE(mine, before, all)                                    \
-    {                                                                \
-        int sum_ = mine;                                             \
-        for (int o = 1; o < LANES; o <<= 1) {                        \
-            int other_ = __shfl_up_sync(0xffffffffu, sum_, o);       \
-            if (lane >= o) sum_ += other_;                           \
-        }                                                            \
-        before = sum_ - mine;                                        \
-        all = __shfl_sync(0xffffffffu, sum_, LANES - 1);             \
+#define BEFORE(mine, before, all)                                         \
+    {                                                                     \
+        int sum_ = mine;                                                  \
+        for (int o = 1; o < LANES; o <<= 1) {                             \
+            int other_ = __shfl_up_sync(own_lanes(), sum_, o, LANES);     \
+            if (lane >= o) sum_ += other_;                                \
+        }                                                                 \
+        before = sum_ - mine;                                             \
+        all = __shfl_sync(own_lanes(), sum_, LANES - 1, LANES);           \
     }
 FN real SUM(real x) {
-    for (int o = LANES / 2; o; o >>= 1) x += __shfl_xor_sync(0xffffffffu, x, o);
+    for (int o = LANES / 2; o; o >>= 1) x += __shfl_xor_sync(own_lanes(), x, o, LANES);
     return x;
 }
 #else

@@ -21,14 +21,14 @@ FN Vec turned_part(Quat h, Vec y) { return h.w * y + cross(y, Vec{h.x, h.y, h.z}
 // What the rows need of the bodies' frames and velocities, which geoms and the rows are going to overwrite.
 FN void place_attachments(World& w, const Parameters& P, int lane) {
     EACH(i, NATTACHMENTS) {
-        const int e = attached_equality[i], *bodies = attached_body + 2 * i;
-        const bool is_weld = equality_size[e] == 6;
+        const int e = attached_equality(i), bodies[] = {attached_body(2 * i), attached_body(2 * i + 1)};
+        const bool is_weld = equality_size(e) == 6;
         const real* data = P.equality() + EQUALITY_DATA * e;
         real *o = w.attachments + ATTACHMENT_SIZE * i, weight[2] = {0, 0};
         Vec at[2], bias[2], spin[2], turning[2];
         Quat q[2];
         for (int k = 0; k < 2; k++) {
-            const int b = bodies[k], site = attached_site[2 * i + k];
+            const int b = bodies[k], site = attached_site(2 * i + k);
             // A connection has the point of each body, a weld that of the second body first.
             Vec own = load(site >= 0 ? P.site_pos() + 3 * site : data + 3 * (is_weld ? 1 - k : k));
             q[k] = load_quat(w.quat + 4 * b);
@@ -62,7 +62,7 @@ FN void place_attachments(World& w, const Parameters& P, int lane) {
 // Rows of all attachments, of which A_ROW says where they begin.
 FN void attachment_rows(World& w, int lane) {
     EACH(t, NATTACHMENTS * NV) {
-        const int i = t / NV, k = t % NV, *bodies = attached_body + 2 * i, size = equality_size[attached_equality[i]];
+        const int i = t / NV, k = t % NV, bodies[] = {attached_body(2 * i), attached_body(2 * i + 1)}, size = equality_size(attached_equality(i));
         const real* o = w.attachments + ATTACHMENT_SIZE * i;
         const int first = (int)o[A_ROW];
         if (first < 0) continue;
@@ -83,7 +83,7 @@ FN void attachment_rows(World& w, int lane) {
 // Wrench of an attachment on its first body (k = 0) or its second one, about the origin of the body's tree.
 FN Spatial attachment_wrench(const World& w, int i, int k) {
     const real* o = w.attachments + ATTACHMENT_SIZE * i;
-    const int first = (int)o[A_ROW], size = equality_size[attached_equality[i]];
+    const int first = (int)o[A_ROW], size = equality_size(attached_equality(i));
     real f[6] = {0, 0, 0, 0, 0, 0}, sign = k ? -1 : 1;
     if (first >= 0)
         for (int n = 0; n < size && first + n < MAX_ROWS; n++) f[n] = row_of<false>(w, first + n)[R_F];

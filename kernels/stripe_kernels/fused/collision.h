@@ -5,7 +5,7 @@ namespace fused {
 
 // Place of a geom relative to the origin of its tree. One of the world is where MuJoCo's data has it: it may have been moved.
 FN Geom geom_of(const World& w, const Parameters& P, int g) {
-    int b = geom_body[g];
+    int b = geom_body(g);
     if (b == 0) return Geom{load(P.geom_xpos() + 3 * g), load_matrix(P.geom_xmat() + 9 * g), load(P.geom_size() + 3 * g)};
     Quat turn_b = load_quat(w.quat + 4 * b);
     return Geom{load(w.pos + 3 * b) + rotate(turn_b, load(P.geom_pos() + 3 * g)),
@@ -14,7 +14,7 @@ FN Geom geom_of(const World& w, const Parameters& P, int g) {
 
 FN void place_geoms(World& w, const Parameters& P, int lane) {
     EACH(i, NGEOMS) {
-        Geom o = geom_of(w, P, used_geom[i]);
+        Geom o = geom_of(w, P, used_geom(i));
         store(w.geoms + 12 * i, o.pos), store_matrix(w.geoms + 12 * i + 3, o.axes);
     }
     SYNC();
@@ -22,24 +22,24 @@ FN void place_geoms(World& w, const Parameters& P, int lane) {
 
 #if HAS_FIELDS
 FN Field field_of(const Parameters& P, int g) {
-    int f = geom_field[g];
+    int f = geom_field(g);
     const real* size = (const real*)P.m.field_size + 4 * f;
-    return Field{(const float*)P.m.field_heights + field_start[f], field_rows[f], field_cols[f], size[0], size[1], size[2]};
+    return Field{(const float*)P.m.field_heights + field_start(f), field_rows(f), field_cols(f), size[0], size[1], size[2]};
 }
 #endif
 
 // A geom of a pair, relative to `origin`.
 FN Geom geom_at(const World& w, const Parameters& P, int index, Vec origin) {
-    int g = used_geom[index];
+    int g = used_geom(index);
     const real* o = w.geoms + 12 * index;
     Geom at = GEOMS_PLACED ? Geom{load(o), load_matrix(o + 3), load(P.geom_size() + 3 * g)} : geom_of(w, P, g);
-    at.pos = at.pos + (origin_of(w, geom_body[g]) - origin);
+    at.pos = at.pos + (origin_of(w, geom_body(g)) - origin);
     return at;
 }
 
 // Margin of a pair. `pair` has two geoms, the dimension of contacts, the rule of their parameters, and the pair of the model.
-FN real margin_of(const Parameters& P, const int* pair) {
-    return pair[3] == OF_PAIR ? P.pair_margin()[pair[4]] : P.geom_margin()[pair[0]] + P.geom_margin()[pair[1]];
+FN real margin_of(const Parameters& P, int pair) {
+    return contact_rule(pair) == OF_PAIR ? P.pair_margin()[contact_explicit(pair)] : P.geom_margin()[contact_geom1(pair)] + P.geom_margin()[contact_geom2(pair)];
 }
 
 struct Material {
@@ -48,13 +48,13 @@ struct Material {
 
 // Solver parameters and friction of a contact: those of the pair, of the geom of higher priority, or of both geoms mixed.
 // Source: MuJoCo's documentation, chapter "Computation", section "Contact", as mj_contactParam has it.
-FN void mix(Material& m, real* friction, const Parameters& P, const int* pair) {
-    int g1 = pair[0], g2 = pair[1], rule = pair[3];
+FN void mix(Material& m, real* friction, const Parameters& P, int pair) {
+    int g1 = contact_geom1(pair), g2 = contact_geom2(pair), rule = contact_rule(pair);
     if (rule == OF_PAIR) {
-        for (int i = 0; i < 2; i++) m.solref[i] = P.pair_solref()[2 * pair[4] + i];
-        for (int i = 0; i < 2; i++) m.solreffriction[i] = P.pair_solreffriction()[2 * pair[4] + i];
-        for (int i = 0; i < 5; i++) m.solimp[i] = P.pair_solimp()[5 * pair[4] + i];
-        for (int i = 0; i < 5; i++) friction[i] = larger(P.pair_friction()[5 * pair[4] + i], (real)1e-5);
+        for (int i = 0; i < 2; i++) m.solref[i] = P.pair_solref()[2 * contact_explicit(pair) + i];
+        for (int i = 0; i < 2; i++) m.solreffriction[i] = P.pair_solreffriction()[2 * contact_explicit(pair) + i];
+        for (int i = 0; i < 5; i++) m.solimp[i] = P.pair_solimp()[5 * contact_explicit(pair) + i];
+        for (int i = 0; i < 5; i++) friction[i] = larger(P.pair_friction()[5 * contact_explicit(pair) + i], (real)1e-5);
         return;
     }
     real a = P.geom_solmix()[g1], b = P.geom_solmix()[g2], share = (real)0.5;  // of the first geom
@@ -86,7 +86,7 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
         real pos;
         if (C[C_PAIR] < 0) {
             const real* G = given + GIVEN_SIZE * (-1 - (int)C[C_PAIR]);
-            int b1 = geom_body[(int)G[G_GEOM]], b2 = geom_body[(int)G[G_GEOM + 1]];
+            int b1 = geom_body((int)G[G_GEOM]), b2 = geom_body((int)G[G_GEOM + 1]);
             store(C + C_POS, load(G + G_POS) - origin_of(w, b1, b2));
             store(C + C_NORMAL, load(G + G_FRAME)), store(C + C_TANGENT, load(G + G_FRAME + 3));
             for (int i = 0; i < 2; i++)
@@ -95,13 +95,13 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
             C[C_DIST] = G[G_DIST], C[C_DIM] = G[G_DIM], C[C_BODY] = b1, C[C_BODY + 1] = b2;
             pos = G[G_DIST] - G[G_MARGIN];
         } else {
-            const int* pair = contact_pair + 5 * (int)C[C_PAIR];
+            const int pair = (int)C[C_PAIR];
             Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
             if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
             t = t - dot(n, t) * n;
             store(C + C_TANGENT, (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t);
             mix(m, friction, P, pair);
-            C[C_DIM] = pair[2], C[C_BODY] = geom_body[pair[0]], C[C_BODY + 1] = geom_body[pair[1]];
+            C[C_DIM] = contact_dim(pair), C[C_BODY] = geom_body(contact_geom1(pair)), C[C_BODY + 1] = geom_body(contact_geom2(pair));
             pos = C[C_DIST] - margin_of(P, pair);
         }
         Impedance z = impedance(P, m.solref, m.solimp, pos);
@@ -133,9 +133,8 @@ struct PairGeoms {
     Geom a, b;  // relative to the point that their contacts are relative to
 };
 FN PairGeoms geoms_of(const World& w, const Parameters& P, int p) {
-    const int* pair = contact_pair + 5 * p;
-    Vec origin = origin_of(w, geom_body[pair[0]], geom_body[pair[1]]);
-    return PairGeoms{geom_at(w, P, contact_geoms[2 * p], origin), geom_at(w, P, contact_geoms[2 * p + 1], origin)};
+    Vec origin = origin_of(w, geom_body(contact_geom1(p)), geom_body(contact_geom2(p)));
+    return PairGeoms{geom_at(w, P, contact_geoms(2 * p), origin), geom_at(w, P, contact_geoms(2 * p + 1), origin)};
 }
 
 // Contacts of primitives, in the order of the pairs. Returns their number.
@@ -148,8 +147,8 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
         if (p < FIRST_FIELD_PAIR) {
             PairGeoms g = geoms_of(w, P, p);
             const Geom &a = g.a, &b = g.b;
-            real margin = margin_of(P, contact_pair + 5 * p);
-            switch (contact_kind[p]) {
+            real margin = margin_of(P, p);
+            switch (contact_kind(p)) {
                 CASE(PLANE_SPHERE) plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
                 CASE(PLANE_CAPSULE) plane_capsule(hits, margin, a, b); break;
                 CASE(PLANE_BOX) plane_box(hits, margin, a, b); break;
@@ -164,7 +163,7 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
         }
         int before = 0, all = hits.count;
         BEFORE(hits.count, before, all);
-        for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
+        ROLLED for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
         count += all;
     }
     return count;
@@ -177,11 +176,11 @@ FN int collide_fields(World& w, const Parameters& P, int count, int lane) {
         int p = first + lane, near = 0, before = 0, all;
         Part part;
         if (p < NCONTACT_PAIRS) {
-            const int *pair = contact_pair + 5 * p, kind = contact_kind[p];
+            const int kind = contact_kind(p);
             PairGeoms g = geoms_of(w, P, p);
             PartKind is = kind == FIELD_AXIS ? AXIS_PART : kind == FIELD_BOX ? BOX_PART : BALL_PART;
             int end = kind == FIELD_HIGH_END ? 1 : kind == FIELD_LOW_END ? -1 : 0;
-            near = prepare(part, is, end, margin_of(P, pair), field_of(P, pair[0]), g.a, g.b);
+            near = prepare(part, is, end, margin_of(P, p), field_of(P, contact_geom1(p)), g.a, g.b);
         }
         all = near;
         BEFORE(near, before, all);
@@ -197,7 +196,7 @@ FN int collide_fields(World& w, const Parameters& P, int count, int lane) {
             if (lane < size) hits = w.search[lane].count;
             found = hits;
             BEFORE(hits, place, found);
-            for (int i = 0; i < hits; i++) {
+            ROLLED for (int i = 0; i < hits; i++) {
                 const Search& s = w.search[lane];
                 PairGeoms g = geoms_of(w, P, s.pair);
                 place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b));

@@ -50,9 +50,7 @@ template <bool FITS>
 FN void complete_rows(World& w, int rows, int lane) {
     EACH(r, rows) {
         real* o = row_of<FITS>(w, r);
-        real speed = 0, x = 0;
-        for (int k = 0; k < NV; k++) speed += o[k] * w.v[k], x += o[k] * w.a[k];
-        o[R_E] += x + o[R_JS] * speed;
+        o[R_E] += product(o, w.a) + o[R_JS] * product(o, w.v);
     }
     SYNC();
 }
@@ -67,15 +65,15 @@ FN real* joint_row(World& w, int r, int dof, real sign) {
 
 // Row of an equality of joints: q1 - q1_0 = c_0 + c_1 (q2 - q2_0) + ... + c_4 (q2 - q2_0)^4.
 FN void joint_equality_row(World& w, const Parameters& P, int e, int r) {
-    int j1 = equality_joint[2 * e], j2 = equality_joint[2 * e + 1];
+    int j1 = equality_joint(2 * e), j2 = equality_joint(2 * e + 1);
     const real* c = P.equality() + EQUALITY_DATA * e;
-    real pos = w.q[joint_q[j1]] - P.qpos0()[joint_q[j1]] - c[0], weight = P.dof_weight()[joint_v[j1]];
-    real* o = joint_row(w, r, joint_v[j1], 1);
+    real pos = w.q[joint_q(j1)] - P.qpos0()[joint_q(j1)] - c[0], weight = P.dof_weight()[joint_v(j1)];
+    real* o = joint_row(w, r, joint_v(j1), 1);
     if (j2 >= 0) {
-        real x = w.q[joint_q[j2]] - P.qpos0()[joint_q[j2]];
+        real x = w.q[joint_q(j2)] - P.qpos0()[joint_q(j2)];
         pos -= x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])));
-        o[joint_v[j2]] = -(c[1] + x * (2 * c[2] + x * (3 * c[3] + x * 4 * c[4])));
-        weight += P.dof_weight()[joint_v[j2]];
+        o[joint_v(j2)] = -(c[1] + x * (2 * c[2] + x * (3 * c[3] + x * 4 * c[4])));
+        weight += P.dof_weight()[joint_v(j2)];
     }
     Impedance z = impedance(P, P.solref_equality() + 2 * e, P.solimp_equality() + 5 * e, pos);
     set_row(o, EQUALITY, 1 / regularization(z.imp, weight), z.b, z.k * z.imp * pos, 0);
@@ -90,14 +88,14 @@ FN int equality_rows(World& w, const Parameters& P, int lane) {
     int rows = 0;
     for (int first = 0; first < NEQ; first += LANES) {
         int e = first + lane, mine = 0, before = 0, all;
-        if (e < NEQ && ((const unsigned char*)P.m.eq_active)[(long long)P.id * NEQ + e]) mine = equality_size[e];
+        if (e < NEQ && ((const unsigned char*)P.m.eq_active)[(long long)P.id * NEQ + e]) mine = equality_size(e);
         all = mine;
         BEFORE(mine, before, all);
         int r = rows + before;
 #if NATTACHMENTS
-        if (e < NEQ && equality_attachment[e] >= 0)
-            w.attachments[ATTACHMENT_SIZE * equality_attachment[e] + A_ROW] = mine ? r : -1;
-        if (e < NEQ && equality_attachment[e] >= 0) mine = 0;
+        if (e < NEQ && equality_attachment(e) >= 0)
+            w.attachments[ATTACHMENT_SIZE * equality_attachment(e) + A_ROW] = mine ? r : -1;
+        if (e < NEQ && equality_attachment(e) >= 0) mine = 0;
 #endif
         if (mine && r < MAX_ROWS) joint_equality_row(w, P, e, r);
         rows += all;
@@ -128,10 +126,10 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
         int j = first + lane, mine = 0, before = 0, all, size = 0;
         real margin = 0, pos[2] = {0, 0}, sign[2] = {1, -1};
         Vec axis{1, 0, 0};
-        if (j < NJ && joint_limited[j]) {
-            const real *range = P.range() + 2 * j, *q = w.q + joint_q[j];
+        if (j < NJ && joint_limited(j)) {
+            const real *range = P.range() + 2 * j, *q = w.q + joint_q(j);
             margin = P.limit_margin()[j];
-            if (joint_type[j] == BALL) {  // the angle of its rotation must not exceed the larger end of the range
+            if (joint_type(j) == BALL) {  // the angle of its rotation must not exceed the larger end of the range
                 Quat r = normalized(load_quat(q));
                 if (r.w < 0) r = Quat{-r.w, -r.x, -r.y, -r.z};
                 Vec v{r.x, r.y, r.z};
@@ -145,12 +143,12 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
         all = mine;
         BEFORE(mine, before, all);
         int r = rows + before;
-        for (int side = 0; side < size; side++) {
+        ROLLED for (int side = 0; side < size; side++) {
             if (!(pos[side] < margin)) continue;
             if (r < MAX_ROWS) {
-                int d = joint_v[j];
+                int d = joint_v(j);
                 real* o = joint_row(w, r, d, sign[side]);
-                if (joint_type[j] == BALL) store(o + d, -1 * axis);
+                if (joint_type(j) == BALL) store(o + d, -1 * axis);
                 Impedance z = impedance(P, P.solref_limit() + 2 * j, P.solimp_limit() + 5 * j, pos[side] - margin);
                 real D = 1 / regularization(z.imp, P.dof_weight()[d]);
                 set_row(o, INEQUALITY, D, z.b, z.k * z.imp * (pos[side] - margin), 0);
@@ -166,7 +164,7 @@ FN int joint_rows(World& w, const Parameters& P, int rows, int lane) {
 // Velocity of a contact point of a body for a unit speed of a degree of freedom, and its angular velocity. The point is
 // relative to `origin`.
 FN Spatial point_motion(const World& w, int body, int dof, Vec at, Vec origin) {
-    if (!((body_dofs[body] >> dof) & 1)) return Spatial{{0, 0, 0}, {0, 0, 0}};
+    if (!((body_dofs(body) >> dof) & 1)) return Spatial{{0, 0, 0}, {0, 0, 0}};
     Spatial s = load_spatial(w.S + 6 * dof);
     return Spatial{s.a, s.l + cross(s.a, at + (origin - origin_of(w, body)))};
 }
@@ -225,11 +223,11 @@ FN void contact_rows(World& w, int count, int lane) {
         real R = C[C_R], mu = C[C_MU];
         if (dim == 1) set_row(row_of<FITS>(w, r), INEQUALITY, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
         else if (!ELLIPTIC_CONES)
-            for (int i = 0; i < size; i++)
+            ROLLED for (int i = 0; i < size; i++)
                 set_row(row_of<FITS>(w, r + i), INEQUALITY, 1 / (2 * mu * mu * R), C[C_DAMPING], C[C_STIFFNESS], 0);
         else {
             set_row(row_of<FITS>(w, r), ELLIPTIC, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
-            for (int i = 1; i < dim; i++) {
+            ROLLED for (int i = 1; i < dim; i++) {
                 real f = friction[i - 1];
                 real own = R / larger((real)1e-15, IMPRATIO) * friction[0] * friction[0] / (f * f);
                 set_row(row_of<FITS>(w, r + i), ELLIPTIC, 1 / own, C[C_DAMPING + 1], 0, 0);

@@ -21,7 +21,7 @@ FN Cone cone_at(const World& w, const real* C, real step) {
     const real* first = row_of<FITS>(w, (int)C[C_ROW]);
     Cone o;
     real tt = 0;
-    for (int i = 1; i < (int)C[C_DIM]; i++) {
+    ROLLED for (int i = 1; i < (int)C[C_DIM]; i++) {
         const real* o = row_of<FITS>(w, (int)C[C_ROW] + i);
         real u = friction_of(C, i) * (o[R_E] + step * o[R_JS]);
         tt += u * u;
@@ -52,7 +52,7 @@ FN void update_rows(World& w, int rows, int contacts, int lane) {
         if (!is_cone(C)) continue;
         Cone cone = cone_at<FITS>(w, C, 0);
         C[C_CONE] = C[C_CONE + 1] = 0;
-        for (int i = 0; i < (int)C[C_DIM]; i++) {
+        ROLLED for (int i = 0; i < (int)C[C_DIM]; i++) {
             real *o = row_of<FITS>(w, (int)C[C_ROW] + i), s = friction_of(C, i);
             if (cone.zone == 0) o[R_F] = 0, o[R_WEIGHT] = 0;
             else if (cone.zone == 1) o[R_F] = -o[R_D] * o[R_E], o[R_WEIGHT] = o[R_D];
@@ -71,78 +71,84 @@ FN void update_rows(World& w, int rows, int contacts, int lane) {
         Cone cone = cone_at<FITS>(w, C, 0);
         EACH(k, NV) {
             real q = 0;
-            for (int i = 1; i < (int)C[C_DIM]; i++) {
+            ROLLED for (int i = 1; i < (int)C[C_DIM]; i++) {
                 const real *o = row_of<FITS>(w, (int)C[C_ROW] + i), s = friction_of(C, i);
                 q += s * s * o[R_E] / cone.T * o[k];
             }
-            C[C_CONE + 2 + k] = cone.mu * row_of<FITS>(w, (int)C[C_ROW])[k] - cone.mu * q;
-            C[C_CONE + 2 + NV + k] = q;
+            C[cone_row(0) + k] = cone.mu * row_of<FITS>(w, (int)C[C_ROW])[k] - cone.mu * q;
+            C[cone_row(1) + k] = q;
         }
     }
     SYNC();
 }
 
-// Solve A x = sign b, with A = M + the sum of weight J' J of the rows.
+// Solve A w.s = sign b, with b the field `right` and A = M + the sum of weight J' J of the rows.
 #if IN_REGISTERS
-struct alignas(16) Four {
-    real x[4];
-};
+// A += weight J' J in the row of A that a lane has.
+FN void add_product(real* r, const real* J, int own, real weight) {
+    const Four* fours = (const Four*)J;
+    real D = weight * J[own];
+#pragma unroll
+    for (int g = 0; g < NFOURS; g++) {
+        Four four = fours[g];
+#pragma unroll
+        for (int k = 0; k < 4; k++)
+            if (4 * g + k < NV) r[4 * g + k] += D * four.x[k];
+    }
+}
 
 // A = L D L'. Lane i has row i of A in registers, of which what is left of the diagonal counts. Columns of L D are kept above
-// the diagonal of M, and the lanes read the last one as fours.
+// the diagonal of M, and the lanes read them as fours.
 template <bool FITS>
-ONE_COPY void solve(World& w, int rows, int contacts, const real* b, real sign, real* x, int lane) {
-    const unsigned all = 0xffffffffu;
+ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
+    World& w = in_place(of);
     const int own = lane < NV ? lane : 0;
     const Four* fours = (const Four*)(w.M + own * LD);
-    real r[LD], y = sign * b[own], inverse = 0;
+    real r[4 * NFOURS], y = sign * (w.*right)[own], inverse = 0;
 #pragma unroll
-    for (int g = 0; g < LD / 4; g++) {
+    for (int g = 0; g < NFOURS; g++) {
         Four four = fours[g];
 #pragma unroll
         for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
     }
 #pragma unroll 1
     for (int k = 0; k < rows; k++) {
-        const real* o = row_of<FITS>(w, k);
-        real D = o[R_WEIGHT];
-        if (D == 0) continue;
-        D *= o[own];
-#pragma unroll
-        for (int c = 0; c < NV; c++) r[c] += D * o[c];
+        const real* J = row_of<FITS>(w, k);
+        real weight = J[R_WEIGHT];
+        if (weight != 0) add_product(r, J, own, weight);
     }
     if (ELLIPTIC_CONES)
         for (int k = 0; k < 2 * contacts; k++) {
             const real* C = contact_of<FITS>(w, k / 2);
-            if (!is_cone(C) || C[C_CONE + k % 2] == 0) continue;
-            const real* o = C + C_CONE + 2 + NV * (k % 2);
-            real D = C[C_CONE + k % 2] * o[own];
-#pragma unroll
-            for (int c = 0; c < NV; c++) r[c] += D * o[c];
+            if (is_cone(C) && C[C_CONE + k % 2] != 0) add_product(r, C + cone_row(k % 2), own, C[C_CONE + k % 2]);
         }
-    // Rolled, as straight code of this size would wait for its instructions: what is left of a row moves on by a place.
-#pragma unroll 1
+#pragma unroll
     for (int j = 0; j < NV; j++) {
         bool below = lane > j && lane < NV;
-        real* column = w.column[j & 1];  // while a lane still reads the last one
-        if (below) w.M[j * LD + lane] = column[lane - j - 1] = r[0];
-        real scale = __fdividef(1, larger(__shfl_sync(all, r[0], j), (real)1e-30)), l = below ? r[0] * scale : 0;
+        if (below) w.M[j * LD + lane] = r[j];
+        real scale = __fdividef(1, larger(from_lane(r[j], j), (real)1e-30)), l = below ? r[j] * scale : 0;
         if (lane == j) inverse = scale;
-        y -= l * __shfl_sync(all, y, j);
+        y -= l * from_lane(y, j);
         SYNC();
 #pragma unroll
-        for (int g = 0; g < LD / 4; g++) {
-            Four four = ((const Four*)column)[g];
+        for (int g = (j + 1) / 4; g < NFOURS; g++) {
+            Four four = ((const Four*)(w.M + j * LD))[g];
 #pragma unroll
             for (int k = 0; k < 4; k++)
-                if (4 * g + k + 1 < NV) r[4 * g + k] = r[4 * g + k + 1] - l * four.x[k];
+                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= l * four.x[k];
         }
     }
     // x = D^-1 y - L' x, with a row of L' in a lane.
     y *= inverse;
-#pragma unroll 4
-    for (int j = NV - 1; j > 0; j--) y -= (lane < j ? w.M[own * LD + j] * inverse : 0) * __shfl_sync(all, y, j);
-    if (lane < NV) x[lane] = y;
+#pragma unroll
+    for (int g = 0; g < NFOURS; g++) {
+        Four four = fours[g];
+#pragma unroll
+        for (int k = 0; k < 4; k++) r[4 * g + k] = lane < 4 * g + k ? four.x[k] * inverse : 0;
+    }
+#pragma unroll
+    for (int j = NV - 1; j > 0; j--) y -= r[j] * from_lane(y, j);
+    if (lane < NV) w.s[lane] = y;
     SYNC();
 }
 #else
@@ -156,7 +162,9 @@ FN void add_weighted(World& w, const real* J, real D, int lane) {
 
 // By Cholesky's factorisation.
 template <bool FITS>
-FN void solve(World& w, int rows, int contacts, const real* b, real sign, real* x, int lane) {
+FN void solve(World& w, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
+    const real* b = w.*right;
+    real* x = w.s;
     for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
     SYNC();
     for (int k = 0; k < rows; k++) add_weighted(w, row_of<FITS>(w, k), row_of<FITS>(w, k)[R_WEIGHT], lane);
@@ -164,7 +172,7 @@ FN void solve(World& w, int rows, int contacts, const real* b, real sign, real* 
         for (int c = 0; c < contacts; c++) {
             const real* C = contact_of<FITS>(w, c);
             if (!is_cone(C)) continue;
-            for (int k = 0; k < 2; k++) add_weighted(w, C + C_CONE + 2 + NV * k, C[C_CONE + k], lane);
+            for (int k = 0; k < 2; k++) add_weighted(w, C + cone_row(k), C[C_CONE + k], lane);
         }
     SYNC();
     // Column by column: each lane computes its rows of the column from the columns before.
@@ -228,7 +236,7 @@ FN Line line_at(const World& w, int rows, int contacts, real step, real q1, real
                 Cone cone = cone_at<FITS>(w, C, at_start ? 0 : step);
                 real sign = at_start ? -1 : 1, push = cone.N - cone.mu * cone.T;
                 if (cone.zone == 1)
-                    for (int i = 0; i < dim; i++) {
+                    ROLLED for (int i = 0; i < dim; i++) {
                         const real* o = row_of<FITS>(w, r + i);
                         real j = o[R_JS], x = o[R_E] + (at_start ? 0 : step) * j, D = o[R_D];
                         c0 += sign * (real)0.5 * D * x * x;
@@ -238,7 +246,7 @@ FN Line line_at(const World& w, int rows, int contacts, real step, real q1, real
                     c0 += sign * (real)0.5 * cone.scale * push * push;
                     if (at_start) continue;
                     real uv = 0, vv = 0;
-                    for (int i = 1; i < dim; i++) {
+                    ROLLED for (int i = 1; i < dim; i++) {
                         const real* o = row_of<FITS>(w, r + i);
                         real s = friction_of(C, i), v = s * o[R_JS];
                         uv += s * (o[R_E] + step * o[R_JS]) * v, vv += v * v;
@@ -306,16 +314,15 @@ FN int constrained_acceleration(World& w, int rows, int contacts, int lane) {
         norm = SUM(norm);
         SYNC();
         if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(norm) < TOLERANCE)) break;
-        solve<FITS>(w, rows, contacts, w.g, -1, w.s, lane);
+        solve<FITS>(w, rows, contacts, &World::g, -1, lane);
         real q1 = 0, q2 = 0, fall = 0;
         EACH(i, NV) q1 += w.s[i] * (w.Ma[i] - w.smooth[i]), fall -= w.s[i] * w.g[i];
         multiply(w, w.s, w.Ms, lane);  // each lane where it has just read the gradient
         EACH(i, NV) q2 += w.s[i] * w.Ms[i];
         q1 = SUM(q1), q2 = SUM(q2), fall = SUM(fall);
         EACH(r, rows) {
-            real *o = row_of<FITS>(w, r), x = 0;
-            for (int k = 0; k < NV; k++) x += o[k] * w.s[k];
-            o[R_JS] = x;
+            real* o = row_of<FITS>(w, r);
+            o[R_JS] = product(o, w.s);
         }
         SYNC();
         real gain, step = 1;

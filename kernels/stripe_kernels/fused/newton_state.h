@@ -34,7 +34,7 @@ FN Pose anchor_in_child(const Parameters& P, int n) {
     return load_pose((const float*)P.m.joint_X_c + 7 * ((long long)P.id * NEWTON_JOINTS + n));
 }
 FN Vec newton_com(const Parameters& P, int j) {
-    return load_newton((const float*)P.m.body_com + 3LL * newton_body_of(P, dof_body[joint_v[j]]));
+    return load_newton((const float*)P.m.body_com + 3LL * newton_body_of(P, dof_body(joint_v(j))));
 }
 FN real reference(const Parameters& P, int newton_dof) {
     return P.m.dof_ref ? ((const float*)P.m.dof_ref)[(long long)P.id * NEWTON_DOFS + newton_dof] : 0;
@@ -43,7 +43,7 @@ FN real reference(const Parameters& P, int newton_dof) {
 FN bool is_kinematic(const Parameters& P, int newton_body) {
     return ((const int*)P.m.body_flags)[newton_body] & KINEMATIC;
 }
-FN bool moves_kinematic(const Parameters& P, int j) { return is_kinematic(P, newton_body_of(P, dof_body[joint_v[j]])); }
+FN bool moves_kinematic(const Parameters& P, int j) { return is_kinematic(P, newton_body_of(P, dof_body(joint_v(j)))); }
 
 // All joints, or those of kinematic bodies alone.
 FN void read_newton_joints(World& w, const Parameters& P, const float* all_q, const float* all_v, bool all, int lane) {
@@ -51,15 +51,15 @@ FN void read_newton_joints(World& w, const Parameters& P, const float* all_q, co
     EACH(j, NJ) {
         if (!all && !moves_kinematic(P, j)) continue;
         const float *q = all_q + newton_q[j], *v = all_v + newton_v[j];
-        real *own_q = w.q + joint_q[j], *own_v = w.v + joint_v[j];
-        if (joint_type[j] == FREE) {
+        real *own_q = w.q + joint_q(j), *own_v = w.v + joint_v(j);
+        if (joint_type(j) == FREE) {
             Pose in_parent = anchor_in_parent(P, newton_joint[j]);
             Pose pose = in_parent * load_pose(q) * inverse(anchor_in_child(P, newton_joint[j]));
             Vec velocity = rotate(in_parent.q, load_newton(v)), turning = rotate(in_parent.q, load_newton(v + 3));
             store(own_q, pose.p), store_quat(own_q + 3, pose.q);
             store(own_v, velocity - cross(turning, rotate(pose.q, newton_com(P, j))));
             store(own_v + 3, rotate(conjugate(pose.q), turning));
-        } else if (joint_type[j] == BALL) {
+        } else if (joint_type(j) == BALL) {
             Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = load_newton_quat(q);
             store_quat(own_q, rest * moved * conjugate(rest));
             store(own_v, rotate(rest * conjugate(moved), load_newton(v)));
@@ -82,8 +82,8 @@ FN void write_newton_joints(const World& w, const Parameters& P, float* all_q, f
     EACH(j, NJ) {
         if (moves_kinematic(P, j)) continue;
         float *q = all_q + newton_q[j], *v = all_v + newton_v[j];
-        const real *own_q = w.q + joint_q[j], *own_v = w.v + joint_v[j];
-        if (joint_type[j] == FREE) {
+        const real *own_q = w.q + joint_q(j), *own_v = w.v + joint_v(j);
+        if (joint_type(j) == FREE) {
             Pose in_parent = anchor_in_parent(P, newton_joint[j]), pose{load(own_q), load_quat(own_q + 3)};
             Pose moved = inverse(in_parent) * pose * anchor_in_child(P, newton_joint[j]);
             Vec turning = rotate(pose.q, load(own_v + 3));
@@ -91,7 +91,7 @@ FN void write_newton_joints(const World& w, const Parameters& P, float* all_q, f
             store_newton(q, moved.p), store_newton_quat(q + 3, moved.q);
             store_newton(v, rotate(conjugate(in_parent.q), velocity));
             store_newton(v + 3, rotate(conjugate(in_parent.q), turning));
-        } else if (joint_type[j] == BALL) {
+        } else if (joint_type(j) == BALL) {
             Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = conjugate(rest) * load_quat(own_q);
             store_newton_quat(q, moved * rest), store_newton(v, rotate(moved, load(own_v)));
         } else
@@ -116,25 +116,25 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
                 P.ctrl()[u] = ((const float*)P.m.controls)[(long long)P.id * NEWTON_CONTROLS + i];
         }
         EACH(j, NJ) {
-            real* f = P.qfrc_applied() + joint_v[j];
+            real* f = P.qfrc_applied() + joint_v(j);
             const float* given = force + newton_v[j];
             bool acts = !moves_kinematic(P, j);
-            if (joint_type[j] == HINGE || joint_type[j] == SLIDE) f[0] = acts ? given[0] : 0;
+            if (joint_type(j) == HINGE || joint_type(j) == SLIDE) f[0] = acts ? given[0] : 0;
             else store(f, Vec{0, 0, 0});
-            if (joint_type[j] == FREE) store(f + 3, Vec{0, 0, 0});
-            if (joint_type[j] == BALL && acts) {
+            if (joint_type(j) == FREE) store(f + 3, Vec{0, 0, 0});
+            if (joint_type(j) == BALL && acts) {
                 Quat rest = anchor_in_child(P, newton_joint[j]).q;
-                store(f, rotate(conjugate(load_quat(w.q + joint_q[j])) * rest, load_newton(given)));
+                store(f, rotate(conjugate(load_quat(w.q + joint_q(j))) * rest, load_newton(given)));
             }
         }
     }
     if (P.m.body_f) EACH(b, NB) {
-        int n = newton_body_of(P, b), j = body_joint[b];
+        int n = newton_body_of(P, b), j = body_joint(b);
         Vec f{0, 0, 0}, torque{0, 0, 0};
         if (n >= 0 && !is_kinematic(P, n)) {
             const float* given = (const float*)P.m.body_f + 6LL * n;
             f = load_newton(given), torque = load_newton(given + 3);
-            if (force && body_joints[b] && joint_type[j] == FREE)
+            if (force && body_joints(b) && joint_type(j) == FREE)
                 f = f + load_newton(force + newton_v[j]), torque = torque + load_newton(force + newton_v[j] + 3);
         }
         store(P.xfrc_applied() + 6 * b, f), store(P.xfrc_applied() + 6 * b + 3, torque);
@@ -145,8 +145,8 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
 FN void write_newton_efforts(const Parameters& P, int lane) {
     float* all = (float*)P.m.efforts + (long long)P.id * NEWTON_DOFS;
     EACH(j, NJ) {
-        int size = joint_type[j] == FREE ? 6 : joint_type[j] == BALL ? 3 : 1;
-        for (int k = 0; k < size; k++) all[newton_v[j] + k] = P.qfrc_actuator()[joint_v[j] + k];
+        int size = joint_type(j) == FREE ? 6 : joint_type(j) == BALL ? 3 : 1;
+        ROLLED for (int k = 0; k < size; k++) all[newton_v[j] + k] = P.qfrc_actuator()[joint_v(j) + k];
     }
 }
 #endif

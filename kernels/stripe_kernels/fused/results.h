@@ -30,9 +30,9 @@ FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
 // Of geoms that move; those of the world are where they are.
 FN void write_geom_poses(const World& w, const Parameters& P, int lane) {
     EACH(g, NALLGEOMS) {
-        if (geom_body[g] == 0) continue;
+        if (geom_body(g) == 0) continue;
         Geom o = geom_of(w, P, g);
-        store((real*)P.geom_xpos() + 3 * g, o.pos + origin_of(w, geom_body[g]));
+        store((real*)P.geom_xpos() + 3 * g, o.pos + origin_of(w, geom_body(g)));
         store_matrix((real*)P.geom_xmat() + 9 * g, o.axes);
     }
 }
@@ -55,7 +55,7 @@ FN void write_contacts(const World& w, const Parameters& P, const real* given, i
         const real* C = contact_of<false>(w, c);
         int pair = (int)C[C_PAIR], size = rows_of(C);
         for (int k = 0; k < 2; k++)
-            geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : contact_pair[5 * pair + k];
+            geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : k ? contact_geom2(pair) : contact_geom1(pair);
         for (int i = 0; i < size; i++) address[i] = (int)C[C_ROW] + i;
         Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
         store((real*)P.m.contact_pos + 3 * (first + c), load(C + C_POS) + origin_of(w, (int)C[C_BODY], (int)C[C_BODY + 1]));

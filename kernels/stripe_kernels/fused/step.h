@@ -7,10 +7,10 @@ namespace fused {
 FN real coupled(const World& w, const Parameters& P, int i, int j) {
     real sum = i == j ? P.timestep()[0] * P.damping()[i] : 0;
     if (IMPLICIT)
-        for (int t = coupling_start[i]; t < coupling_start[i + 1]; t++) {
-            int u = coupling_actuator[t];
+        ROLLED for (int t = coupling_start(i); t < coupling_start(i + 1); t++) {
+            int u = coupling_actuator(t);
             real gear = P.gear()[6 * u];
-            if (coupling_dof[t] == j) sum -= P.timestep()[0] * coupling_factor[t] * gear * gear * w.slope[u];
+            if (coupling_dof(t) == j) sum -= P.timestep()[0] * coupling_factor(t) * gear * gear * w.slope[u];
         }
     return sum;
 }
@@ -22,9 +22,9 @@ FN real coupled(const World& w, const Parameters& P, int i, int j) {
 FN void step_free_bodies(World& w, const Parameters& P, int lane) {
     const real h = P.timestep()[0];
     EACH(f, NFREE) {
-        int b = free_body[f], d = joint_v[body_joint[b]];
+        int b = free_body(f), d = joint_v(body_joint(b));
         real X[10];  // the body's is the tree's
-        Quat turn_b = normalized(load_quat(w.q + joint_q[body_joint[b]] + 3));
+        Quat turn_b = normalized(load_quat(w.q + joint_q(body_joint(b)) + 3));
         Mat R = matrix(turn_b);
         spatial_inertia(X, P.mass()[b], load(P.inertia() + 3 * b),
                         matrix(turn_b * load_quat(P.inertia_quat() + 4 * b)), R * load(P.com() + 3 * b));
@@ -63,20 +63,20 @@ FN void integrate(World& w, const Parameters& P, int lane) {
     const real h = P.timestep()[0];
     // (M - h dF/dv) a' = M a: the forces that a needs, but for their change with the velocity. M is not needed any more.
     EACH(t, NPAIRS) {
-        int i = pair_dof[t], j = pair_ancestor[t];
+        int i = pair_dof(t), j = pair_ancestor(t);
         if (i == j || COUPLED) w.M[i * LD + j] += coupled(w, P, i, j);
     }
     SYNC();
-    solve<true>(w, 0, 0, w.Ma, 1, w.s, lane);
+    solve<true>(w, 0, 0, &World::Ma, 1, lane);
     if (IMPLICIT && NFREE) step_free_bodies(w, P, lane);
     EACH(i, NV) w.v[i] += h * w.s[i];
     SYNC();
     EACH(j, NJ) {
-        real *q = w.q + joint_q[j], *v = w.v + joint_v[j];
-        if (joint_type[j] == FREE) {
+        real *q = w.q + joint_q(j), *v = w.v + joint_v(j);
+        if (joint_type(j) == FREE) {
             store(q, load(q) + h * load(v));
             store_quat(q + 3, normalized(load_quat(q + 3) * turn_by(h * load(v + 3))));
-        } else if (joint_type[j] == BALL)
+        } else if (joint_type(j) == BALL)
             store_quat(q, normalized(load_quat(q) * turn_by(h * load(v))));
         else
             q[0] += h * v[0];
@@ -103,7 +103,15 @@ FN int fresh(int x) {
 #endif
     return x;
 }
-FN Parameters fresh(const Parameters& P) { return Parameters{P.m, fresh(P.id)}; }
+FN Parameters fresh(const Parameters& P) { return Parameters{P.m, fresh(P.id), P.num_worlds}; }
+
+// Let the worlds of a block go on together: they then share the fetched instructions. Not in the last block, where a world
+// may be missing.
+FN void together(const Parameters& P) {
+#ifdef __CUDA_ARCH__
+    if ((blockIdx.x + 1) * WORLDS_PER_BLOCK <= P.num_worlds) __syncthreads();
+#endif
+}
 
 FN void begin_steps(World& w, const Parameters& P, int lane) {
     if (!P.m.joint_q_in) {
@@ -141,13 +149,15 @@ FN void end_steps(World& w, const Parameters& P, int lane) {
 // One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch
 // results are written where somebody reads them.
 FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
-    lane = fresh(lane);
+    together(P);
+    lane = fresh(lane) % LANES;
 #if HAS_NEWTON
     if (last && P.m.joint_q_before)
         write_newton_joints(w, fresh(P), (float*)P.m.joint_q_before, (float*)P.m.joint_qd_before, lane);
 #endif
     kinematics(w, fresh(P), lane);
     forces(w, fresh(P), lane);
+    together(P);
     const bool is_read = last && P.m.contact_geom;
     if (is_read) write_body_poses(w, fresh(P), lane);
 #if ACCELERATIONS
@@ -166,12 +176,14 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     rows = place_rows(w, contacts, dropped ? MAX_ROWS : rows, dropped, lane);
     if (dropped) overflow |= OVERFLOW_ROWS;
     bool fits = SPILL == 0 || (rows <= SHARED_ROWS && contacts <= SHARED_CONTACTS);
+    together(P);
     int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
     if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflow;
     if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
 #if ACCELERATIONS
     if (last && (P.m.body_qdd || P.m.body_parent_f)) write_accelerations(w, fresh(P), contacts, lane);
 #endif
+    together(P);
     integrate(w, fresh(P), lane);
 }
 

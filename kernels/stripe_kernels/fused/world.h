@@ -7,6 +7,8 @@ namespace fused {
 // Of an elliptic contact's rows the first is its normal.
 enum RowKind { EQUALITY, FRICTION_LOSS, INEQUALITY, ELLIPTIC };
 
+enum { NFOURS = (NV + 3) / 4 };  // that hold a number for each degree of freedom
+
 // A row of the constraints: its Jacobian, and ROW_SIZE - NV numbers.
 enum RowField {
     R_D = NV,       // 1/R
@@ -16,7 +18,9 @@ enum RowField {
     R_LOSS,         // friction loss
     R_WEIGHT,       // in the Hessian
     R_KIND,
-    ROW_SIZE = (R_KIND + 1) | 1,  // odd, so that lanes that read a field do not share a bank of the shared memory
+    // Lanes read Jacobians as fours. An odd number of them, so that few lanes that read a field share a bank of the shared
+    // memory.
+    ROW_SIZE = 4 * ((R_KIND + 4) / 4 | 1),
 };
 
 // A contact. Collision detection sets the first fields and the pair, or the number of a given contact, `complete_contacts`
@@ -36,8 +40,9 @@ enum ContactField {
     C_R = 23,         // R of the normal row
     C_MU = 24,        // friction of the regularised cone
     C_CONE = 25,      // two weights, then two rows: see `update_rows`
-    CONTACT_SIZE = (ELLIPTIC_CONES ? C_CONE + 2 + 2 * NV : C_CONE) | 1,
+    CONTACT_SIZE = ELLIPTIC_CONES ? C_CONE + 3 + 2 * NFOURS * 4 : C_CONE,
 };
+FN int cone_row(int k) { return C_CONE + 3 + k * 4 * NFOURS; }
 
 // A contact that the caller found: GIVEN_SIZE numbers.
 enum GivenField {
@@ -69,18 +74,20 @@ enum AttachmentField {
 // State of a world. Arrays that are not needed at the same time share their place, so that many worlds fit into the shared
 // memory of a multiprocessor.
 struct World {
-    real q[NQ], v[NV], a[NV];            // positions, velocities, accelerations (at first the warm start)
+    real q[NQ];                          // positions
+    alignas(16) real v[NV];              // velocities
+    alignas(16) real a[NV];              // accelerations (at first the warm start)
     real origin[NTREES * 3];             // of each tree: where its root body is, in the world [m]; tree 0 is the world
     real S[NV * 6];                      // motion of each degree of freedom
 #if IN_REGISTERS
     alignas(16) real M[NV * LD];         // mass matrix in the lower triangle; above the diagonal the factor in use
-    alignas(16) real column[2][LD];      // of the factor
 #else
     real M[NV * LD], H[NV * LD];         // mass matrix; the factor in use
 #endif
     real smooth[NV];                     // forces but for those of constraints
     real slope[NU];                      // derivatives of the actuators' forces by the actuators' velocities
-    real Ma[NV], s[NV];                  // M a; search direction
+    alignas(16) real s[NV];              // search direction
+    real Ma[NV];                         // M a
     union {
         real g[NV];                      // gradient, until the search direction is known
         real Ms[NV];                     // M s
@@ -103,21 +110,53 @@ struct World {
                 };
             };
         };
-        real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
+        alignas(16) real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
     };
-    real contacts[SHARED_CONTACTS * CONTACT_SIZE];  // see ContactField
+    alignas(16) real contacts[SHARED_CONTACTS * CONTACT_SIZE];  // see ContactField
 #if NATTACHMENTS
     real attachments[NATTACHMENTS * ATTACHMENT_SIZE];  // see AttachmentField
 #endif
     real* spill;                         // memory of the device for the rows and contacts beyond these
 };
 
+#if IN_SHARED && defined(__CUDA_ARCH__)
+// The world of this thread. Functions that are not inlined ask again: how an address in shared memory came about tells the
+// compiler that it is one.
+FN World& in_place() {
+    extern __shared__ char dynamic_smem_base[];
+    return ((World*)(dynamic_smem_base + sizeof(Tables)))[threadIdx.x / LANES];
+}
+FN World& in_place(World&) { return in_place(); }
+#else
+FN World& in_place(World& w) { return w; }
+#endif
+
+struct alignas(16) Four {
+    real x[4];
+};
+// J x, with both aligned for fours.
+FN real product(const real* J, const real* x) {
+    real sum = 0;
+#if IN_REGISTERS
+#pragma unroll
+    for (int g = 0; g < NFOURS; g++) {
+        Four a = ((const Four*)J)[g], b = ((const Four*)x)[g];
+#pragma unroll
+        for (int k = 0; k < 4; k++)
+            if (4 * g + k < NV) sum += a.x[k] * b.x[k];
+    }
+#else
+    for (int k = 0; k < NV; k++) sum += J[k] * x[k];
+#endif
+    return sum;
+}
+
 #if IN_REGISTERS
 FN real mass_matrix(const World& w, int i, int j) { return i > j ? w.M[i * LD + j] : w.M[j * LD + i]; }
 #else
 FN real mass_matrix(const World& w, int i, int j) { return w.M[i * LD + j]; }
 #endif
-FN Vec origin_of(const World& w, int body) { return load(w.origin + 3 * body_tree[body]); }
+FN Vec origin_of(const World& w, int body) { return load(w.origin + 3 * body_tree(body)); }
 // Point that a contact of two bodies is relative to: the origin of a tree that moves.
 FN Vec origin_of(const World& w, int body1, int body2) { return origin_of(w, body2 ? body2 : body1); }
 
