@@ -30,7 +30,7 @@ from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
-from .mjcf import complete_mjcf, count_actuators
+from .mjcf import MjcfStart, complete_mjcf
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
@@ -224,7 +224,7 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
     position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
     xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
     counts = builder.body_count, builder.joint_count, builder.shape_count, builder.articulation_count
-    keyframe, actuators = options.pop("keyframe", None), count_actuators(builder)
+    keyframe, start = options.pop("keyframe", None), MjcfStart(builder)
     add = builder.add_urdf if kind == "urdf" else builder.add_mjcf
     _replace_pgs(builder)
     shapes, default_friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
@@ -235,7 +235,7 @@ def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str
         shapes.mu = 1.0 if kind == "mjcf" else default_friction
         add(path, xform=xform, **options)
         if kind == "mjcf":
-            complete_mjcf(builder, path, counts[1], actuators, keyframe, xform, options["scale"])
+            complete_mjcf(builder, path, start, keyframe, xform, options["scale"])
     except Exception as error:
         raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}': {error}") from error
     finally:

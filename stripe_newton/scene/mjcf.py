@@ -12,19 +12,24 @@ import numpy as np
 import warp as wp
 from newton.solvers import SolverMuJoCo
 
-__all__ = ["complete_mjcf", "count_actuators"]
+from .mjcf_ref import count_as_the_file
+
+__all__ = ["MjcfStart", "complete_mjcf"]
 
 
-def count_actuators(builder: newton.ModelBuilder) -> int:
-    """Number of actuators of MJCF files in the builder."""
-    return len(_rows(builder, "ctrl_source"))
+class MjcfStart:
+    """Counts of a builder before an MJCF file is added: what comes after them is the file's."""
+
+    def __init__(self, builder: newton.ModelBuilder):
+        self.joint = builder.joint_count
+        self.actuator = len(_rows(builder, "ctrl_source"))
+        self.equality = len(_rows(builder, "equality_constraint_type"))
 
 
 def complete_mjcf(
     builder: newton.ModelBuilder,
     path: str,
-    first_joint: int,
-    first_actuator: int,
+    start: MjcfStart,
     keyframe: str | None = None,
     xform: wp.transform | None = None,
     scale: float = 1.0,
@@ -37,13 +42,13 @@ def complete_mjcf(
       written ``<general biastype="affine">`` as an actuator that pulls towards its own control, for ever zero.
     * The force range of a drive, and the control range of a ``<motor>`` times its gear, become the joint's effort
       limit, which an actuator config can then replace.
+    * Joint coordinates are those of the file, also with ``ref``: see :func:`count_as_the_file`.
     * The positions of ``keyframe`` become the initial ones.
 
     Args:
         builder: The builder that the file was added to.
         path: The file.
-        first_joint: Number of joints before the file was added.
-        first_actuator: :func:`count_actuators` before the file was added.
+        start: Counts before the file was added.
         keyframe: Name of a keyframe of the file.
         xform: Pose of the file's world frame.
         scale: Scale of lengths.
@@ -51,8 +56,9 @@ def complete_mjcf(
     Raises:
         ValueError: there is no such keyframe; the message lists what there is.
     """
-    _servos_to_drives(builder, first_actuator)
-    added = range(first_joint, builder.joint_count)
+    count_as_the_file(builder, start.joint, start.equality)
+    _servos_to_drives(builder, start.actuator)
+    added = range(start.joint, builder.joint_count)
     merged = [j for j in added if builder.joint_type[j] == newton.JointType.D6 and sum(builder.joint_dof_dim[j]) > 1]
     if not merged and keyframe is None:
         return
@@ -62,7 +68,7 @@ def complete_mjcf(
     for joint in merged:
         _restore_names(builder, joint, bodies.get(_body_name(builder, joint)))
     if keyframe is not None:
-        _set_keyframe(builder, spec, bodies, first_joint, keyframe, xform, scale)
+        _set_keyframe(builder, spec, bodies, start.joint, keyframe, xform, scale)
 
 
 def _restore_names(builder: newton.ModelBuilder, joint: int, body: mujoco.MjsBody | None) -> None:
@@ -100,9 +106,7 @@ def _set_keyframe(
             elif own.type == mujoco.mjtJoint.mjJNT_BALL:
                 values = [*qpos[at + 1 : at + 4], qpos[at]]
             else:
-                # MuJoCo counts from the joint's "ref", Newton from the pose in the file.
-                offset = qpos[at] - model.qpos0[at]
-                values = [offset * (scale if own.type == mujoco.mjtJoint.mjJNT_SLIDE else 1.0)]
+                values = [qpos[at] * (scale if own.type == mujoco.mjtJoint.mjJNT_SLIDE else 1.0)]
             builder.joint_q[start : start + len(values)] = [float(v) for v in values]
             start += len(values)
 

@@ -20,6 +20,7 @@ from stripe_newton.solvers import SolverFused
 from stripe_newton.usd import Light
 
 from .capture import capture_graph
+from .connect_anchors import ConnectAnchors
 from .device import resolve_device
 from .drive_limits import DriveLimits
 from .observables import wanted_observables
@@ -206,6 +207,10 @@ class Simulation:
             if self.cfg.solver.limits_drives:
                 self.drive_limits = DriveLimits(self.solver)
                 self.add_hook(self.drive_limits)
+            if isinstance(self.solver, newton.solvers.SolverMuJoCo):
+                connects = ConnectAnchors(self.solver)
+                if connects.corrected:
+                    self.add_hook(connects)
             self._allocate()
         self.forward()
         self.build_s = time.perf_counter() - start
