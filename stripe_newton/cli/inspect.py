@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton inspect``: shows what is in a USD stage or a task, as tables and a picture."""
+"""``stripe-newton inspect``: shows what is in a USD stage, a robot's file or a task, as tables and a picture."""
 
 from __future__ import annotations
 
 import json as json_module
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,11 +21,13 @@ from .tasks import find_task, load_cfg
 from .user_error import UserError
 
 if TYPE_CHECKING:
+    from stripe_newton.robot_files import ActuatorRow
     from stripe_newton.usd import StageReport
 
 __all__ = ["InspectArgs", "run"]
 
-_STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz", ".urdf", ".xml", ".mjcf", ".xacro", ".sdf", ".dae", ".stl", ".obj")
+"""Suffixes by which a name is that of a file, also where there is none."""
 
 
 @dataclass
@@ -36,14 +38,16 @@ class _Inspection:
     """Reports of the files: what was read, and what was not."""
     picture: np.ndarray
     """uint8 ``(height, width, 3)``."""
+    actuators: list[ActuatorRow] = field(default_factory=list)
+    """Actuators of an MJCF file."""
 
 
 @dataclass
 class InspectArgs:
-    """Show what is in a USD stage, or in one environment of a task: tables and a picture."""
+    """Show what is in a USD, URDF or MJCF file, or in one environment of a task: tables and a picture."""
 
     target: tyro.conf.Positional[str]
-    """A USD file, or a task of 'stripe-newton list'."""
+    """A USD, URDF or MJCF file, or a task of 'stripe-newton list'."""
     out: Path = Path(".")
     """Folder that the picture is written to."""
     json: bool = False
@@ -56,13 +60,14 @@ def run(argv: list[str]) -> int:
 
     args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
     wp.config.log_level = wp.LOG_WARNING
-    is_stage = Path(args.target).suffix.lower() in _STAGE_SUFFIXES or Path(args.target).is_file()
-    found = _inspect_stage(Path(args.target)) if is_stage else _inspect_task(args.target)
-    path = args.out / f"{Path(args.target).stem if is_stage else args.target}.png"
+    is_file = Path(args.target).suffix.lower() in _SUFFIXES or Path(args.target).is_file()
+    found = _inspect_file(Path(args.target)) if is_file else _inspect_task(args.target)
+    path = args.out / f"{Path(args.target).stem if is_file else args.target}.png"
     save_image(path, found.picture)
     if args.json:
         reports = [report.to_dict() for report in found.reports]
-        content = {"name": args.target, **found.facts, "picture": str(path), "reports": reports}
+        actuators = [asdict(row) for row in found.actuators]
+        content = {"name": args.target, **found.facts, "picture": str(path), "reports": reports, "actuators": actuators}
         print(json_module.dumps(content, indent=2))
         return 0
     width = max(map(len, found.facts), default=0) + 2
@@ -71,8 +76,63 @@ def run(argv: list[str]) -> int:
         print(f"{name:<{width}}" + f"\n{'':<{width}}".join(lines))
     for report in found.reports:
         print(("\n" if found.facts else "") + report.to_text())
+    if found.actuators:
+        from stripe_newton.robot_files import actuator_table
+
+        print(actuator_table(found.actuators) + "\n")
     print(f"picture: {path}")
     return 0
+
+
+def _inspect_file(path: Path) -> _Inspection:
+    """The report and a picture of a file, by what it is.
+
+    Raises:
+        UserError: there is no such file, or it is neither a stage nor a robot; the message says what it is.
+    """
+    from stripe_newton.robot_files import file_kind
+
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file")
+    kind = file_kind(path)
+    if kind.name in ("urdf", "mjcf"):
+        return _inspect_robot(path, kind.name)
+    if kind.name == "usd":
+        return _inspect_stage(path)
+    raise UserError(f"{path} {kind.description}")
+
+
+def _inspect_robot(path: Path, kind: str) -> _Inspection:
+    """The report and a picture of a URDF or MJCF file."""
+    from stripe_newton.assets import AssetBaseCfg
+    from stripe_newton.robot_files import RobotFileError, actuator_rows, compile_mjcf, inspect_robot_file
+    from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
+    from stripe_newton.sim import MjcfFileCfg, Simulation, SimulationCfg, UrdfFileCfg
+    from stripe_newton.viewers import SceneRenderer, ViewerCfg
+
+    try:
+        report = inspect_robot_file(path)
+    except RobotFileError as error:
+        raise UserError(str(error)) from None
+    held = any(row.base == "fixed" for row in report.articulations)
+    spawn = (
+        UrdfFileCfg(asset_path=str(path), fix_base=held)
+        if kind == "urdf"
+        else MjcfFileCfg(asset_path=str(path), ignore_names=[])
+    )
+    scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=0.0), Simulation(SimulationCfg(device="cpu")))
+    try:
+        scene.builder.build_objects({"robot": AssetBaseCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn)})
+        scene.build()
+        facts: dict[str, object] = {
+            "format": kind.upper(),
+            "base": ", ".join(dict.fromkeys(row.base for row in report.articulations)),
+            "mass": round(sum(row.mass for row in report.bodies), 6),
+        }
+        actuators = actuator_rows(compile_mjcf(path)) if kind == "mjcf" else []
+        return _Inspection(facts, [report], SceneRenderer(scene.sim, ViewerCfg()).render(), actuators)
+    finally:
+        scene.close()
 
 
 def _inspect_stage(path: Path) -> _Inspection:

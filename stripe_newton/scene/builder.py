@@ -24,17 +24,16 @@ from stripe_newton.assets import (
 )
 from stripe_newton.assets.terrain_base import GroundAsset
 from stripe_newton.configclass import ConfigError
+from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
-from .mjcf import MjcfStart, complete_mjcf
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
-from .urdf import check_root
 
 __all__ = ["SceneBuilder"]
 
@@ -185,7 +184,7 @@ class SceneBuilder:
         files = self._file_prims(stage, root, ignore)
         report = load_stage(builder, stage, root_path=root, ignore_paths=ignore, solver=self._scene.sim.cfg.solver.kind)
         for prim, options in files:
-            _import_file(builder, prim, dict(options))
+            extend_report(report, _import_file(builder, prim, options))
         self.reports.append(report)
 
     def _file_prims(
@@ -217,45 +216,17 @@ def _unique(name: str, taken: list[str]) -> str:
     return candidate
 
 
-def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> None:
+def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> StageReport:
     """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
-    kind, path = options.pop("format"), options.pop("path")
+    own = dict(options)
+    kind, path = own.pop("format"), own.pop("path")
     pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
     position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
     xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
-    counts = builder.body_count, builder.joint_count, builder.shape_count, builder.articulation_count
-    keyframe, start = options.pop("keyframe", None), MjcfStart(builder)
-    add = builder.add_urdf if kind == "urdf" else builder.add_mjcf
-    _replace_pgs(builder)
-    shapes, default_friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
     try:
-        if kind == "urdf":
-            check_root(path, options["floating"])
-        # MuJoCo's default friction is 1; Newton's importer would take that of the builder where a file gives none.
-        shapes.mu = 1.0 if kind == "mjcf" else default_friction
-        add(path, xform=xform, **options)
-        if kind == "mjcf":
-            complete_mjcf(builder, path, start, keyframe, xform, options["scale"])
-    except Exception as error:
-        raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}': {error}") from error
-    finally:
-        shapes.mu = default_friction
-    if builder.body_count == counts[0]:
-        raise ValueError(f"{kind.upper()} file '{path}' at '{prim.GetPath()}' has no bodies")
-    # Newton labels what a file brings by the file's names: below the prim they are paths like those of a USD asset.
-    labels = (builder.body_label, builder.joint_label, builder.shape_label, builder.articulation_label)
-    for label, start in zip(labels, counts, strict=True):
-        label[start:] = [f"{prim.GetPath()}/{name}" for name in label[start:]]
-    if builder.articulation_count == counts[3] + 1:
-        builder.articulation_label[-1] = str(prim.GetPath())
-
-
-def _replace_pgs(builder: newton.ModelBuilder) -> None:
-    """Replace the PGS solver of MJCF files by Newton's method, as MuJoCo Warp has no PGS."""
-    attribute = builder.custom_attributes.get("mujoco:solver")
-    if attribute is not None and attribute.mjcf_value_transformer is not None:
-        read = attribute.mjcf_value_transformer
-        attribute.mjcf_value_transformer = lambda value, context: read("newton" if value == "PGS" else value, context)
+        return import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
+    except RobotFileError as error:
+        raise ValueError(f"{kind.upper()} file at '{prim.GetPath()}': {error}") from error
 
 
 class _Found:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import newton
 import numpy as np
 from newton import GeoType, JointTargetMode, JointType, ShapeFlags
-from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from .checks import BuilderStart
 from .ignored_content import ignored_content
@@ -170,9 +170,11 @@ def _parent(builder: newton.ModelBuilder, joint: int) -> str:
 
 def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeRow:
     kind, body, flags = GeoType(builder.shape_type[shape]), builder.shape_body[shape], builder.shape_flags[shape]
+    label = builder.shape_label[shape]
+    prim = stage.GetPrimAtPath(label) if Sdf.Path.IsValidPathString(label) else None  # names of MJCF are no paths
     # Friction and restitution are those that Newton computes with, not those of a material in the stage.
     return ShapeRow(
-        path=builder.shape_label[shape],
+        path=label,
         type=kind.name.lower(),
         size=_vec3(builder.shape_scale[shape])[: _SIZES.get(kind, 3)],
         body=builder.body_label[body] if body >= 0 else "",
@@ -180,11 +182,11 @@ def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeR
         visible=bool(flags & ShapeFlags.VISIBLE),
         friction=float(builder.shape_material_mu[shape]),
         restitution=float(builder.shape_material_restitution[shape]),
-        density=_density(stage.GetPrimAtPath(builder.shape_label[shape])),
+        density=_density(prim),
     )
 
 
-def _density(prim: Usd.Prim) -> float | None:
+def _density(prim: Usd.Prim | None) -> float | None:
     """Density of the shape's own MassAPI, otherwise of the bound physics material."""
     if not prim:  # a shape whose label is no prim's path
         return None

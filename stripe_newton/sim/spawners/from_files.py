@@ -11,6 +11,7 @@ from typing import ClassVar
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.robot_files import file_kind
 from stripe_newton.sim.scene_context import authored_path, current_stage
 from stripe_newton.usd import asset_prim, si_stage
 from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
@@ -97,7 +98,10 @@ def _spawn_file(
 ) -> Usd.Prim:
 
     prim = UsdGeom.Xform.Define(current_stage(), authored_path(prim_path)).GetPrim()
-    options = {"format": kind, "path": str(_existing(cfg.asset_path, "asset_path")), **cfg.importer_options()}
+    file = _existing(cfg.asset_path, "asset_path")
+    if (found := file_kind(file)).name != kind:
+        raise ValueError(f"asset_path '{cfg.asset_path}' {found.description}")
+    options = {"format": kind, "path": str(file), **cfg.importer_options()}
     # Custom data, so that an exported stage refers to the file and a scene that opens it imports it again.
     prim.SetCustomDataByKey(FILE_KEY, json.dumps(options))
     place(prim, translation, orientation)
@@ -218,9 +222,19 @@ class UrdfFileCfg(_ImporterCfg):
     """Function that authors the prim."""
     parse_visuals_as_colliders: bool = False
     """Collide with the visual geometry."""
+    packages: dict[str, str] = {}
+    """Folder of a ROS package by its name, for ``package://``. Others are looked for in ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``, and above the file."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        for name, folder in self.packages.items():
+            if not Path(folder).expanduser().is_dir():
+                yield f"packages[{name!r}]", f"'{folder}' is no folder"
 
     def importer_options(self) -> dict[str, object]:
-        return {**super().importer_options(), "parse_visuals_as_colliders": self.parse_visuals_as_colliders}
+        own = {"parse_visuals_as_colliders": self.parse_visuals_as_colliders, "packages": self.packages}
+        return {**super().importer_options(), **own}
 
 
 @configclass

@@ -21,9 +21,22 @@ class MjcfStart:
     """Counts of a builder before an MJCF file is added: what comes after them is the file's."""
 
     def __init__(self, builder: newton.ModelBuilder):
-        self.joint = builder.joint_count
+        self.body, self.joint = builder.body_count, builder.joint_count
         self.actuator = len(_rows(builder, "ctrl_source"))
         self.equality = len(_rows(builder, "equality_constraint_type"))
+        self.tendon = len(_rows(builder, "tendon_type"))
+
+    def actuators_since(self, builder: newton.ModelBuilder) -> int:
+        """Number of actuators that were added."""
+        return len(_rows(builder, "ctrl_source")) - self.actuator
+
+    def equalities_since(self, builder: newton.ModelBuilder) -> int:
+        """Number of MuJoCo's equality constraints that were added."""
+        return len(_rows(builder, "equality_constraint_type")) - self.equality
+
+    def tendons_since(self, builder: newton.ModelBuilder) -> int:
+        """Number of tendons that were added."""
+        return len(_rows(builder, "tendon_type")) - self.tendon
 
 
 def complete_mjcf(
@@ -62,7 +75,7 @@ def complete_mjcf(
     merged = [j for j in added if builder.joint_type[j] == newton.JointType.D6 and sum(builder.joint_dof_dim[j]) > 1]
     if not merged and keyframe is None:
         return
-    # MuJoCo reads the file once more: Newton's importer keeps neither the names of merged joints nor keyframes.
+    # Newton's importer keeps neither the names of merged joints nor keyframes.
     spec = mujoco.MjSpec.from_file(path)
     bodies = {_sanitized(body.name): body for body in spec.bodies if body.name}
     for joint in merged:

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robot file import: a URDF or MJCF file read into a Newton ``ModelBuilder`` with a report, or refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import newton
+import numpy as np
+import warp as wp
+from newton import JointType
+from newton.solvers import SolverMuJoCo
+from pxr import Usd, UsdGeom
+
+from stripe_newton.usd import StageReport
+from stripe_newton.usd.checks import BuilderStart
+from stripe_newton.usd.report_rows import build_report
+
+from .error import RobotFileError
+from .file_kind import file_kind
+from .importer_warnings import warnings_as_rows
+from .mjcf import MjcfStart, complete_mjcf
+from .mjcf_checks import compile_mjcf
+from .mjcf_rows import mjcf_rows
+from .urdf import prepare_urdf
+from .urdf_checks import Row, undecided_root
+
+__all__ = ["extend_report", "import_robot_file", "inspect_robot_file"]
+
+
+def import_robot_file(
+    builder: newton.ModelBuilder,
+    kind: str,
+    path: str | Path,
+    options: dict[str, Any],
+    xform: wp.transform | None = None,
+    label: str = "",
+) -> StageReport:
+    """Read a robot's file into ``builder``.
+
+    Args:
+        builder: Builder to add to.
+        kind: ``"urdf"`` or ``"mjcf"``.
+        path: The file.
+        options: Options of Newton's importer; for URDF ``packages`` too, for MJCF ``keyframe``.
+        xform: Pose of the file's world frame.
+        label: Put before the labels of what the file brings, as a path; the articulation, if it is one, gets this one.
+
+    Returns:
+        What was read; its rows ``ignored`` say what was left out, read differently from what the file says, or changed.
+
+    Raises:
+        RobotFileError: everything that is wrong with the file, by the names of its elements.
+    """
+    path, rows, start = Path(path), list[Row](), BuilderStart(builder)
+    found = file_kind(path)
+    if found.name != kind:
+        raise RobotFileError(path, [found.description])
+    try:
+        with warnings_as_rows(rows):
+            rows += (_add_urdf if kind == "urdf" else _add_mjcf)(builder, path, options, xform)
+    except RobotFileError:
+        raise
+    except Exception as error:  # Newton's importers raise whatever their libraries do
+        raise RobotFileError(path, [str(error) or type(error).__name__]) from error
+    if builder.body_count == start.body:
+        raise RobotFileError(path, ["has no bodies"])
+    if problems := list(_massless(builder, start)):
+        raise RobotFileError(path, problems)
+    rows += _improper_inertias(builder, start)
+    _prefix_labels(builder, start, label)
+    rows = [(f"{label}/{where}" if label else where, what, why) for where, what, why in _grouped(rows)]
+    return _report(builder, start, path, label, rows)
+
+
+def inspect_robot_file(path: str | Path) -> StageReport:
+    """Report on a URDF or MJCF file, read with the importer's usual options.
+
+    The root of a URDF file that does not say whether it floats is held in the world, and a row says so.
+
+    Raises:
+        RobotFileError: the file cannot be simulated.
+    """
+    kind, builder = file_kind(path), newton.ModelBuilder()
+    if kind.name not in ("urdf", "mjcf"):
+        raise RobotFileError(path, [kind.description])
+    SolverMuJoCo.register_custom_attributes(builder)
+    root = undecided_root(ElementTree.parse(path).getroot()) if kind.name == "urdf" else ""
+    report = import_robot_file(builder, kind.name, path, {"floating": False if root else None})
+    if root:
+        why = "the file does not say whether it floats: here it is held; a scene wants fix_base=True or False"
+        report.ignored.insert(0, (root, "root link", why))
+    return report
+
+
+def extend_report(report: StageReport, other: StageReport) -> None:
+    """Add the rows of another report to those of a stage that has the file."""
+    for field in dataclasses.fields(StageReport):
+        value = getattr(report, field.name)
+        if isinstance(value, list):
+            value.extend(getattr(other, field.name))
+
+
+def _add_urdf(
+    builder: newton.ModelBuilder, path: Path, options: dict[str, Any], xform: wp.transform | None
+) -> list[Row]:
+    own = dict(options)
+    packages, visuals = own.pop("packages", None), own.get("parse_visuals_as_colliders", False)
+    text, rows = prepare_urdf(path, own.get("floating"), packages, visuals)
+    builder.add_urdf(text, xform=xform, **own)
+    return rows
+
+
+def _add_mjcf(
+    builder: newton.ModelBuilder, path: Path, options: dict[str, Any], xform: wp.transform | None
+) -> list[Row]:
+    own, start = dict(options), MjcfStart(builder)
+    keyframe, model = own.pop("keyframe", None), compile_mjcf(path)
+    shapes, friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
+    _replace_pgs(builder)
+    try:
+        # MuJoCo's default friction is 1; Newton's importer would take that of the builder where a file gives none.
+        shapes.mu = 1.0
+        builder.add_mjcf(str(path), xform=xform, verbose=True, **own)  # else it skips what it cannot find in silence
+    finally:
+        shapes.mu = friction
+    complete_mjcf(builder, str(path), start, keyframe, xform, own.get("scale", 1.0))
+    return mjcf_rows(builder, start, model, options)
+
+
+def _replace_pgs(builder: newton.ModelBuilder) -> None:
+    """Replace the PGS solver of MJCF files by Newton's method, as MuJoCo Warp has no PGS."""
+    attribute = builder.custom_attributes.get("mujoco:solver")
+    if attribute is not None and attribute.mjcf_value_transformer is not None:
+        read = attribute.mjcf_value_transformer
+        attribute.mjcf_value_transformer = lambda value, context: read("newton" if value == "PGS" else value, context)
+
+
+def _massless(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
+    """Bodies that can move and have no mass, together with all that is welded to them."""
+    group = list(range(builder.body_count))
+    joints = range(start.joint, builder.joint_count)
+    # Parents come before their children, so that the parent's group is known.
+    for joint in joints:
+        parent, child = builder.joint_parent[joint], builder.joint_child[joint]
+        if builder.joint_type[joint] == JointType.FIXED and builder.joint_articulation[joint] >= 0:
+            group[child] = group[parent] if parent >= 0 else -1
+    masses: dict[int, float] = {}
+    for body in range(start.body, builder.body_count):
+        masses[group[body]] = masses.get(group[body], 0.0) + builder.body_mass[body]
+    for body in range(start.body, builder.body_count):
+        if group[body] == body and not masses[body] > 0.0:
+            name = builder.body_label[body].rpartition("/")[2]
+            yield f"body '{name}': moves and has no mass; give it an inertial with mass and inertia, or fix its joint"
+
+
+def _improper_inertias(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[Row]:
+    """Rows of inertia tensors that are those of no body: Newton corrects them when it makes the model."""
+    for body in range(start.body, builder.body_count):
+        mass, name = builder.body_mass[body], builder.body_label[body].rpartition("/")[2]
+        if mass <= 0.0:
+            continue
+        tensor = np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
+        low, middle, high = np.linalg.eigvalsh(0.5 * (tensor + tensor.T))
+        moments = f"{low:.3g}, {middle:.3g}, {high:.3g} kg m^2"
+        if low <= 0.0:
+            yield name, "inertia", f"its moments {moments} are not positive: Newton raises them"
+        elif low + middle < high * (1.0 - 1e-4):
+            yield name, "inertia", f"no body has the moments {moments}, the largest above the sum of the others: raised"
+
+
+def _grouped(rows: list[Row]) -> Iterator[Row]:
+    """Rows that say the same of several elements as one with their number."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for where, what, why in rows:
+        places.setdefault((what, why), []).append(where)
+    for (what, why), found in places.items():
+        yield found[0] + (f" (+{len(found) - 1} more)" if len(found) > 1 else ""), what, why
+
+
+def _prefix_labels(builder: newton.ModelBuilder, start: BuilderStart, label: str) -> None:
+    """Put a path before labels: Newton takes the names of a file, and USD assets have paths."""
+    if not label:
+        return
+    for labels, first in (
+        (builder.body_label, start.body),
+        (builder.joint_label, start.joint),
+        (builder.shape_label, start.shape),
+        (builder.articulation_label, start.articulation),
+    ):
+        labels[first:] = [f"{label}/{name}" for name in labels[first:]]
+    if builder.articulation_count == start.articulation + 1:
+        builder.articulation_label[-1] = label
+
+
+def _report(builder: newton.ModelBuilder, start: BuilderStart, path: Path, label: str, rows: list[Row]) -> StageReport:
+    """The report of a stage, of a file that is none: in metres and kilograms, with Z up."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    return build_report(builder, start, stage, stage, "/", (), rows, str(path), None)

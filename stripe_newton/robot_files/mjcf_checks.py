@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJCF checks: what a file says that is wrong, as MuJoCo's compiler and a look at its numbers find it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+
+from .error import RobotFileError
+
+__all__ = ["compile_mjcf"]
+
+_TEXT = {
+    "name", "class", "childclass", "dclass", "mesh", "material", "texture", "file", "joint", "joint1", "joint2", "body",
+    "body1", "body2", "site", "site1", "site2", "target", "tendon", "geom", "geom1", "geom2", "hfield", "actuator",
+    "objname", "refname", "refsite", "data", "prefix", "model", "sidesite", "cranksite", "slidersite", "jointinparent",
+}  # fmt: skip
+"""Attributes that hold names, which may be called ``nan``."""
+_MAY_BE_INFINITE = {
+    "range", "ctrlrange", "forcerange", "actuatorfrcrange", "actrange", "lengthrange", "user", "inheritrange",
+}  # fmt: skip
+"""Attributes without an end: ranges. Stiffness, damping, velocities, gravity and all else must be finite."""
+_NOT_READ = {
+    "replicate": "copies of a body",
+    "attach": "parts of other models",
+    "composite": "composite bodies",
+    "flexcomp": "deformable bodies",
+    "flex": "deformable bodies",
+}
+"""Elements below ``<worldbody>`` and ``<deformable>`` that Newton's importer passes over."""
+
+
+def compile_mjcf(path: Path) -> mujoco.MjModel:
+    """The model that MuJoCo makes of a file, which Newton's is compared with.
+
+    Raises:
+        RobotFileError: MuJoCo refuses the file, its numbers are not finite, or it has bodies that Newton does not read.
+    """
+    problems: list[str] = []
+    roots = [root for _, root in _documents(path, problems)]
+    for root in roots:
+        problems += _number_problems(root)
+        problems += _unread_problems(root)
+    if problems:
+        raise RobotFileError(path, problems)
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        text = " ".join(str(error).replace("XML Error: ", "").replace("Error: ", "").split())
+        raise RobotFileError(path, [f"MuJoCo refuses it: {text}"]) from error
+
+
+def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]]:
+    """A file and all that it includes."""
+    waiting, seen = [path], set[Path]()
+    while waiting:
+        file = waiting.pop()
+        if file in seen:
+            continue
+        seen.add(file)
+        try:
+            root = ElementTree.parse(file).getroot()
+        except FileNotFoundError:
+            problems.append(f"<include>: '{file}' does not exist")
+            continue
+        except (ElementTree.ParseError, UnicodeDecodeError) as error:
+            problems.append(f"'{file}' is not well-formed XML: {error}")
+            continue
+        yield file, root
+        waiting += [path.parent / name for include in root.iter("include") if (name := include.get("file"))]
+
+
+def _number_problems(root: Element) -> Iterator[str]:
+    for parent, element in _with_parents(root):
+        for attribute, text in element.attrib.items():
+            if attribute in _TEXT:
+                continue
+            try:
+                values = [float(word) for word in text.split()]
+            except ValueError:
+                continue  # a word, or something that MuJoCo will refuse
+            if any(math.isnan(v) for v in values):
+                yield f"{_named(element, parent)}: {attribute} is not a number ({text}), must be finite"
+            elif attribute not in _MAY_BE_INFINITE and any(math.isinf(v) for v in values):
+                yield f"{_named(element, parent)}: {attribute} is infinite ({text}), must be finite"
+
+
+def _unread_problems(root: Element) -> Iterator[str]:
+    for parent, element in _with_parents(root):
+        if element.tag in _NOT_READ:
+            yield (
+                f"{_named(element, parent)}: Newton's importer does not read {_NOT_READ[element.tag]} (<{element.tag}>)"
+                + (
+                    "; write the file out with mujoco.MjSpec.from_file(path), compile() and to_xml()"
+                    if element.tag in ("replicate", "attach")
+                    else "; this package simulates rigid bodies, take it out"
+                )
+            )
+
+
+def _with_parents(root: Element) -> Iterator[tuple[Element, Element]]:
+    for parent in root.iter():
+        for child in parent:
+            yield parent, child
+
+
+def _named(element: Element, parent: Element) -> str:
+    """How messages call an element: by its name, or by what it belongs to."""
+    for attribute in ("name", "joint", "file"):
+        if name := element.get(attribute):
+            return f"<{element.tag}> '{name}'"
+    owner = parent.get("name") or parent.get("class")
+    return f"<{element.tag}>" + (f" of <{parent.tag}> '{owner}'" if owner else f" of <{parent.tag}>")

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJCF rows: what of MuJoCo's model of a file Newton's importer leaves out, or reads as something else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import mujoco
+import newton
+import numpy as np
+
+from .mjcf import MjcfStart
+from .urdf_checks import Row
+
+__all__ = ["mjcf_rows"]
+
+_RELATIVE = 1e-3
+"""Differences below this share are those of single precision."""
+_UNLIMITED = 1e9
+"""Newton writes 1e10 for a limit that is not there."""
+
+
+def mjcf_rows(
+    builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel, options: dict[str, Any]
+) -> list[Row]:
+    """Compare what was added to a builder with the model that MuJoCo makes of the same file.
+
+    Args:
+        builder: The builder, completed.
+        start: Counts before the file was added.
+        model: MuJoCo's model of the file.
+        options: Options of the importer; what they change on purpose is not compared.
+    """
+    rows = [*_unused(model, options), *_counts(builder, start, model)]
+    if options.get("scale", 1.0) == 1.0:
+        rows += _joint_differences(builder, start, model)
+        if not options.get("collapse_fixed_joints"):
+            rows += _body_differences(builder, start, model)
+    return rows
+
+
+def _unused(model: mujoco.MjModel, options: dict[str, Any]) -> Iterator[Row]:
+    for count, what, why in (
+        (model.nsensor, "sensors", "a scene's config adds sensors"),
+        (model.ncam, "cameras", "a scene's config adds cameras"),
+        (model.nlight, "lights", "a scene's config adds lights"),
+        (model.nskin, "skins", "only rigid geometry is drawn"),
+        (model.nplugin, "plugins", "plugins of MuJoCo are not loaded"),
+        (model.nmocap, "mocap bodies", "they are read as bodies that stand still"),
+    ):
+        if count:
+            yield f"{count} {what}", "not read", why
+    if model.nkey and options.get("keyframe") is None:
+        names = ", ".join(model.key(k).name or f"number {k}" for k in range(model.nkey))
+        yield (
+            "keyframes",
+            "not used",
+            f"the pose is the file's; MjcfFileCfg(keyframe=...) takes one of {names}",
+        )
+    yield "option", f"timestep {model.opt.timestep:g}", "the step is SimulationCfg.dt"
+    if not np.allclose(model.opt.gravity, (0.0, 0.0, -9.81), atol=1e-6):
+        yield "option", f"gravity {_vector(model.opt.gravity)}", "gravity is SimulationCfg.gravity"
+    for name in ("wind", "density", "viscosity"):
+        if np.any(getattr(model.opt, name)):
+            yield "option", name, "there is no fluid"
+    for name in options.get("ignore_names", ()):
+        for kind in (mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_BODY):
+            if mujoco.mj_name2id(model, kind, name) >= 0:
+                yield name, "left out", "it is in ignore_names: the scene has a ground of its own"
+
+
+def _counts(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:
+    for what, here, there in (
+        ("actuators", start.actuators_since(builder), model.nu),
+        ("equality constraints", start.equalities_since(builder), model.neq),
+        ("tendons", start.tendons_since(builder), model.ntendon),
+    ):
+        if here != there:
+            yield what, f"{here} of {there} read", "Newton's importer has no counterpart for the others"
+
+
+def _joint_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:
+    own = _dofs_by_name(builder, start)
+    for joint in range(model.njnt):
+        name = model.joint(joint).name
+        dof = own.get(name.replace("-", "_"))
+        if dof is None or model.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+            continue
+        at = model.jnt_dofadr[joint]
+        limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.inf, np.inf)
+        for what, here, there in (
+            ("damping", builder.joint_damping[dof], model.dof_damping[at]),
+            ("armature", builder.joint_armature[dof], model.dof_armature[at]),
+            ("frictionloss", builder.joint_friction[dof], model.dof_frictionloss[at]),
+            ("stiffness", builder.joint_stiffness[dof], model.jnt_stiffness[joint]),
+            ("lower limit", builder.joint_limit_lower[dof], limits[0]),
+            ("upper limit", builder.joint_limit_upper[dof], limits[1]),
+        ):
+            here = float(np.copysign(np.inf, here)) if abs(here) >= _UNLIMITED else float(here)
+            if not (here == there or np.isclose(here, there, rtol=_RELATIVE, atol=1e-6)):
+                yield name, what, f"MuJoCo reads {there:.4g}, Newton {here:.4g}"
+
+
+def _dofs_by_name(builder: newton.ModelBuilder, start: MjcfStart) -> dict[str, int]:
+    """Degree of freedom of each joint of the file by its name."""
+    found: dict[str, int] = {}
+    for joint in range(start.joint, builder.joint_count):
+        names = builder.joint_label[joint].rpartition("/")[2].split("+")
+        if len(names) == sum(builder.joint_dof_dim[joint]):
+            found.update((name, builder.joint_qd_start[joint] + k) for k, name in enumerate(names))
+    return found
+
+
+def _body_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:
+    own = {builder.body_label[b].rpartition("/")[2]: b for b in range(start.body, builder.body_count)}
+    for body in range(1, model.nbody):
+        name = model.body(body).name
+        here = own.get(name.replace("-", "_"))
+        if not name or here is None or model.body_mass[body] < 1e-9:  # without mass it has no centre of mass
+            continue
+        mass = float(builder.body_mass[here])
+        if not np.isclose(mass, model.body_mass[body], rtol=_RELATIVE, atol=1e-9):
+            yield name, "mass", f"MuJoCo reads {model.body_mass[body]:.4g} kg, Newton {mass:.4g}"
+            continue  # the inertia follows from it
+        if not np.allclose(builder.body_com[here], model.body_ipos[body], rtol=_RELATIVE, atol=1e-5):
+            yield (
+                name,
+                "centre of mass",
+                f"MuJoCo reads {_vector(model.body_ipos[body])} m, Newton {_vector(builder.body_com[here])}",
+            )
+        moments = np.sort(np.linalg.eigvalsh(np.array(builder.body_inertia[here], dtype=float).reshape(3, 3)))
+        expected = np.sort(model.body_inertia[body])
+        if not np.allclose(moments, expected, rtol=10.0 * _RELATIVE, atol=1e-2 * expected.max() + 1e-12):
+            yield (
+                name,
+                "inertia",
+                f"MuJoCo reads the moments {_vector(expected)} kg m^2, Newton {_vector(moments)}",
+            )
+
+
+def _vector(values: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{float(v):.3g}" for v in values) + ")"

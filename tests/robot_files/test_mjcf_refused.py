@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJCF files: refused by the names of their elements, or read with a row for what is not as the file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import newton
+import pytest
+
+from stripe_newton.assets import ArticulationCfg
+from stripe_newton.robot_files import RobotFileError, inspect_robot_file
+from stripe_newton.robot_files.importer_warnings import warnings_as_rows
+from stripe_newton.robot_files.mjcf import MjcfStart
+from stripe_newton.robot_files.mjcf_checks import compile_mjcf
+from stripe_newton.robot_files.mjcf_rows import mjcf_rows
+from stripe_newton.sim import MjcfFileCfg
+from tests.helpers.robot_files import ROBOTS, robot_file
+from tests.helpers.small_scenes import make_scene
+
+BODY = '<inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>'
+
+
+def mjcf(folder: Path, joint: str = "", rest: str = "", body: str = BODY) -> Path:
+    path = folder / "robot.xml"
+    path.write_text(
+        f'<mujoco>{rest}<worldbody><body name="b"><joint name="j" {joint}/>{body}</body></worldbody></mujoco>'
+    )
+    return path
+
+
+SERVO = "<actuator><position name='s' joint='j' kp='{}'/></actuator>"
+KEY = '<keyframe><key name="home" qpos="0" qvel="{}"/></keyframe>'
+REFUSED = {
+    "stiffness inf": ({"joint": 'stiffness="inf"'}, "<joint> 'j': stiffness is infinite (inf), must be finite"),
+    "stiffness nan": ({"joint": 'stiffness="nan"'}, "<joint> 'j': stiffness is not a number (nan), must be finite"),
+    "damping inf": ({"joint": 'damping="-inf"'}, "<joint> 'j': damping is infinite (-inf), must be finite"),
+    "damping nan": ({"joint": 'damping="NaN"'}, "<joint> 'j': damping is not a number (NaN), must be finite"),
+    "damping of a class": (
+        {"rest": '<default><default class="c"><joint damping="inf"/></default></default>'},
+        "<joint> of <default> 'c': damping is infinite",
+    ),
+    "velocity": ({"rest": KEY.format("inf")}, "<key> 'home': qvel is infinite (inf), must be finite"),
+    "velocity nan": ({"rest": KEY.format("nan")}, "<key> 'home': qvel is not a number (nan), must be finite"),
+    "gravity inf": ({"rest": '<option gravity="0 0 -inf"/>'}, "<option> of <mujoco>: gravity is infinite (0 0 -inf)"),
+    "gravity nan": ({"rest": '<option gravity="0 nan 0"/>'}, "<option> of <mujoco>: gravity is not a number (0 nan 0)"),
+    "gain inf": ({"rest": SERVO.format("inf")}, "<position> 's': kp is infinite (inf), must be finite"),
+    "range nan": ({"joint": 'range="nan 1"'}, "<joint> 'j': range is not a number (nan 1)"),
+    "negative mass": ({"body": BODY.replace('mass="1"', 'mass="-1"')}, "MuJoCo refuses it: mass and inertia"),
+    "missing mesh": (
+        {"rest": '<asset><mesh name="m" file="gone.stl"/></asset>', "body": BODY + '<geom type="mesh" mesh="m"/>'},
+        "gone.stl",
+    ),
+    "unknown element": ({"rest": "<robots/>"}, "MuJoCo refuses it: Schema violation: unrecognized element"),
+    "replicate": (
+        {"body": BODY + '<replicate count="2" offset="1 0 0"><geom size=".1"/></replicate>'},
+        "<replicate> of <body> 'b': Newton's importer does not read copies of a body",
+    ),
+    "include": ({"rest": '<include file="gone.xml"/>'}, "gone.xml' does not exist"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_file_is_refused_by_the_names_of_its_elements(tmp_path, case):
+    content, message = REFUSED[case]
+    with pytest.raises(RobotFileError) as error:
+        inspect_robot_file(mjcf(tmp_path, **content))
+    assert message in str(error.value)
+    assert "robot.xml" in str(error.value)
+
+
+def test_included_files_are_looked_at_too(tmp_path):
+    (tmp_path / "part.xml").write_text('<mujocoinclude><option gravity="0 0 inf"/></mujocoinclude>')
+    with pytest.raises(RobotFileError, match=r"<option> of <mujocoinclude>: gravity is infinite"):
+        inspect_robot_file(mjcf(tmp_path, rest='<include file="part.xml"/>'))
+
+
+def test_limits_without_end_and_names_of_any_kind_are_no_mistake(tmp_path):
+    path = mjcf(tmp_path, rest="<actuator><motor name='nan' joint='j' ctrlrange='-inf inf'/></actuator>")
+    assert len(inspect_robot_file(path).bodies) == 1
+
+
+def test_what_is_not_read_has_a_row(tmp_path):
+    rest = (
+        '<option timestep="0.004" gravity="0 0 -1.6" wind="1 0 0"/><sensor><jointpos joint="j"/></sensor>'
+        + KEY.format("0")
+    )
+    path = mjcf(tmp_path, rest=rest, body=BODY + '<camera name="c"/>')
+    found = {(where, what) for where, what, _ in inspect_robot_file(path).ignored}
+    assert found == {
+        ("1 sensors", "not read"), ("1 cameras", "not read"), ("keyframes", "not used"), ("option", "timestep 0.004"),
+        ("option", "gravity (0, 0, -1.6)"), ("option", "wind"),
+    }  # fmt: skip
+    spawn = MjcfFileCfg(asset_path=str(path), keyframe="home")
+    scene = make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
+    rows = scene.builder.reports[0].ignored
+    assert "/World/envs/env_0/Robot/1 sensors" in [row[0] for row in rows]
+    assert not [row for row in rows if "keyframes" in row[0]]  # it is used
+
+
+@pytest.mark.parametrize(
+    ("array", "what"),
+    [("joint_damping", "damping"), ("joint_armature", "armature"), ("joint_limit_upper", "upper limit")],
+)
+def test_a_joint_that_newton_reads_otherwise_than_mujoco_has_a_row(tmp_path, array, what):
+    path = mjcf(tmp_path, 'damping="2" armature="0.1" range="-1 1" limited="true"')
+    builder = newton.ModelBuilder()
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    start = MjcfStart(builder)
+    builder.add_mjcf(str(path))
+    model = compile_mjcf(path)
+    before = mjcf_rows(builder, start, model, {})
+    getattr(builder, array)[-1] *= 1.5
+    assert [row[:2] for row in mjcf_rows(builder, start, model, {}) if row not in before] == [("j", what)]
+    builder.body_mass[-1] = 7.0
+    assert ("b", "mass", "MuJoCo reads 1 kg, Newton 7") in mjcf_rows(builder, start, model, {})
+
+
+@pytest.mark.parametrize("name", [n for n in ROBOTS if n != "quadruped"])
+def test_robots_of_others_are_read_as_mujoco_reads_them(name):
+    whats = {what for _, what, _ in inspect_robot_file(robot_file(name)).ignored}
+    assert {what for what in whats if not what.startswith("timestep")} <= {"not read", "not used", "left out"}
+
+
+def test_equal_warnings_are_one_row_with_their_number():
+    import warnings
+
+    rows: list[tuple[str, str, str]] = []
+    with warnings_as_rows(rows):
+        for name in ("FR", "FL", "RR"):
+            warnings.warn(f"Geom '{name}': negative margin", newton.NewtonWarning, stacklevel=1)
+        warnings.warn("something else", newton.NewtonWarning, stacklevel=1)
+    assert rows == [
+        ("FR (+2 more)", "warning of Newton", "Geom 'FR': negative margin"),
+        ("", "warning of Newton", "something else"),
+    ]
