@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 
-__all__ = ["match_names", "match_values"]
+__all__ = ["match_names", "match_values", "near_matches"]
 
 
 def match_names(
@@ -35,9 +36,29 @@ def match_names(
             found.setdefault(i, order)  # of several expressions, the first counts
     if missing:
         wrong = ", ".join(f"'{key}'" for key in missing)
-        raise ValueError(f"{what} expression {wrong} matches nothing; there is: {', '.join(names) or 'nothing'}")
+        near = list(dict.fromkeys(name for key in missing for name in near_matches(key, names)))
+        hint = f"did you mean {', '.join(near)}? " if near else ""
+        raise ValueError(f"{what} expression {wrong} matches nothing; {hint}there is: {', '.join(names) or 'nothing'}")
     ids = sorted(found, key=lambda i: (found[i], i) if preserve_order else (i,))
     return ids, [names[i] for i in ids]
+
+
+def near_matches(expression: str, names: Sequence[str], most: int = 3) -> list[str]:
+    """Names that resemble an expression which matches none of them, the nearest first; at most ``most``."""
+    plain = re.sub(r"[^a-z0-9]+", "", expression.lower())
+    scores: dict[str, float] = {}
+    for name in names:
+        own = re.sub(r"[^a-z0-9]+", "", name.lower())
+        # An expression such as ".*_feet" is about the end of a name, and "left.*" about its beginning.
+        scores[name] = max(_likeness(plain, part) for part in (own, own[-len(plain) :], own[: len(plain)]))
+    good = [name for name in sorted(scores, key=lambda n: -scores[n]) if scores[name] > 0.0]
+    return good[:most]
+
+
+def _likeness(one: str, two: str) -> float:
+    """Share of letters that agree; 0 if too few do. Half are enough for words that begin and end alike: feet, foot."""
+    share = difflib.SequenceMatcher(None, one, two).ratio()
+    return share if share >= (0.5 if one and two and one[0] == two[0] and one[-1] == two[-1] else 0.6) else 0.0
 
 
 def match_values(values: float | Mapping[str, float], names: Sequence[str], what: str = "name") -> dict[int, float]:

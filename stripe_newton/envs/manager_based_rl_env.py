@@ -32,6 +32,7 @@ from stripe_newton.managers import (
 from stripe_newton.managers.manager_base import terms_of
 
 from .env_state import EnvState
+from .name_checks import name_problems
 from .rl_env import Extras, Observations, RLEnv
 from .rl_env_cfg import RLEnvCfg
 
@@ -156,6 +157,9 @@ class ManagerBasedRLEnv(RLEnv):
     def _prepare_simulation(self) -> None:
         wanted = [observable for field, observable in _OBSERVABLES.items() if self._reads(field)]
         self.sim.cfg.observables = tuple(dict.fromkeys([*self.sim.cfg.observables, *wanted]))
+
+    def _name_problems(self) -> Iterator[str]:
+        return name_problems({name: getattr(self.cfg, name) for name in _FIELDS}, self.scene)
 
     def _setup_scene(self) -> None:
         spawn_object_pools(self.cfg.objects, self.scene)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -89,8 +89,9 @@ class RLEnv(VectorEnv):
             raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
         if render_mode not in _RENDER_MODES:
             raise ValueError(f"render_mode '{render_mode}': must be None or 'rgb_array'")
-        cfg.validate()
         self.cfg = cfg.copy()
+        self.cfg.complete()
+        self.cfg.validate()
         self.render_mode = render_mode
         if self.cfg.seed is not None:
             self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
@@ -100,11 +101,16 @@ class RLEnv(VectorEnv):
         self.scene = InteractiveScene(self.cfg.scene, self.sim)
         with self.scene.construction():
             self._setup_scene()
+        self.scene.builder.checks.append(self._name_problems)
         self.scene.build()
         self._make_buffers()
 
     def _prepare_simulation(self) -> None:
         """Set options of the simulation that must be known before the model is built. The default sets none."""
+
+    def _name_problems(self) -> Iterable[str]:
+        """Names in the config that the scene does not have, asked before the model is made; here none."""
+        return ()
 
     def _setup_scene(self) -> None:
         """Create assets that the scene config does not name; called while the scene is under construction."""

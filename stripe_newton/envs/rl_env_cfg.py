@@ -44,6 +44,12 @@ class RLEnvCfg:
     """Ignored: ``render()`` always draws the current state."""
     IGNORED: ClassVar[dict[str, str]] = {"rerender_on_reset": "render() always draws the current state"}
 
+    def complete(self) -> None:
+        """Fill fields that follow from others.
+
+        An environment calls it on its copy of the config, before it checks the fields. The default does nothing.
+        """
+
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.decimation is not MISSING and (not isinstance(self.decimation, int) or self.decimation < 1):
             yield "decimation", f"is {self.decimation!r}, must be a whole number of physics steps, 1 or more"

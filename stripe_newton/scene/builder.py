@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import newton
@@ -45,6 +45,8 @@ class SceneBuilder:
         reports: What the importer read and ignored, of one environment and of what all share.
         template_root: Prim that is one environment; ``"/"`` for a stage without environments, which is one as a whole.
         adopt: Make assets of the articulations that the stage brings.
+        checks: Functions that give problems of the config, called when all names are known and before the model is
+            made, which takes longest.
     """
 
     def __init__(self, scene: SceneContents):
@@ -52,6 +54,7 @@ class SceneBuilder:
         self.reports: list[StageReport] = []
         self.template_root = ENV_0
         self.adopt = False
+        self.checks: list[Callable[[], Iterable[str]]] = []
 
     # -- adding
 
@@ -115,6 +118,8 @@ class SceneBuilder:
         # Sensors that add shapes come before those that count them; the order is otherwise that of the config.
         for sensor in sorted(scene.sensors.values(), key=lambda s: not s.adds_shapes):
             sensor.prepare(sim, template, static)
+        if problems := [problem for check in self.checks for problem in check()]:
+            raise ConfigError(problems)
         scene.built = True  # from here on nothing can be added: register() refuses it
         sim.lights = read_lights(scene.stage)
         # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.

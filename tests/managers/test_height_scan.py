@@ -220,7 +220,7 @@ def test_a_scan_does_not_depend_on_the_number_of_environments():
 @pytest.mark.parametrize(
     ("params", "message"),
     [
-        ({"sensor_cfg": SceneEntityCfg("scaner")}, "must name a RayCasterData: scanner"),
+        ({"sensor_cfg": SceneEntityCfg("scaner")}, "no asset or sensor 'scaner'; did you mean scanner"),
         ({**SENSOR, "ray_ids": [0, 187]}, "has 187, the sensor has rays 0 to 186"),
         ({**SENSOR, "ofset": 0.1}, "did you mean 'offset'"),
     ],

@@ -33,15 +33,15 @@ from stripe_tasks.robots import QUADRUPED_CFG
 from stripe_tasks.velocity.manager_based import (
     ActionsCfg,
     CommandsCfg,
+    RewardsCfg,
     RoughEventsCfg,
     RoughTerminationsCfg,
     ScanningCfg,
     VelocityRoughPPORunnerCfg,
-    end_on_contact,
+    bodies,
+    contacts,
     noise,
-    randomize,
 )
-from stripe_tasks.velocity.quadruped import QuadrupedRewardsCfg
 
 from .scenes import PLACES, ForestSpec
 
@@ -132,7 +132,9 @@ class ForestEventsCfg(RoughEventsCfg):
     )
 
     def __post_init__(self) -> None:
-        randomize(self, "base", ".*_foot")
+        for term, names in ((self.payload, "base"), (self.centre_of_mass, "base"), (self.soles, ".*_foot")):
+            if term is not None:
+                term.params["asset_cfg"] = bodies(names)
 
 
 @configclass
@@ -144,7 +146,8 @@ class ForestTerminationsCfg(RoughTerminationsCfg):
     on_belly: TerminationTermCfg | None = None
 
     def __post_init__(self) -> None:
-        end_on_contact(self, "base")
+        if self.base_contact is not None:
+            self.base_contact.params["sensor_cfg"] = contacts("base")
 
 
 FALLS = {
@@ -156,13 +159,19 @@ FALLS = {
 
 
 @configclass
-class ForestRewardsCfg(QuadrupedRewardsCfg):
+class ForestRewardsCfg(RewardsCfg):
     """Rewards as on rough ground, with a high cost of running into a tree or falling."""
 
     flat_orientation_l2: RewardTermCfg | None = None
     fallen: RewardTermCfg | None = RewardTermCfg(
         func=mdp.is_terminated_term, weight=-150.0, params={"term_keys": "base_contact"}
     )
+
+    def __post_init__(self) -> None:
+        if self.feet_air_time is not None:
+            self.feet_air_time.params["sensor_cfg"] = contacts(".*_foot")
+        if self.undesired_contacts is not None:
+            self.undesired_contacts.params["sensor_cfg"] = contacts(".*_thigh", ".*_calf")
 
 
 @configclass

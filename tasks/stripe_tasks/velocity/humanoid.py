@@ -6,37 +6,31 @@ Terms and weights of the rewards follow Isaac Lab's for bipeds.
 
 from __future__ import annotations
 
-from stripe_newton.configclass import configclass
+from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import RewardTermCfg
 from stripe_tasks.robots import HUMANOID_POSITION_CFG
 
 from .manager_based import (
+    ROBOT_PATH,
     TWIST,
     ActionsCfg,
+    BodyNames,
     CommandsCfg,
-    EventsCfg,
     RewardsCfg,
-    RoughEventsCfg,
     RoughSceneCfg,
-    RoughTerminationsCfg,
-    TerminationsCfg,
     VelocityEnvCfg,
     VelocityPPORunnerCfg,
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
-    bodies,
-    contacts,
-    end_on_contact,
     joints,
-    randomize,
 )
 
 __all__ = ["HumanoidFlatEnvCfg", "HumanoidFlatPPORunnerCfg", "HumanoidRoughEnvCfg", "HumanoidRoughPPORunnerCfg"]
 
-ROBOT_CFG = HUMANOID_POSITION_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
-FEET = {"sensor_cfg": contacts(".*_foot")}
+ROBOT_CFG = HUMANOID_POSITION_CFG.replace(prim_path=ROBOT_PATH)
+FALLS_ON = ["torso", "pelvis", "head", ".*_thigh", ".*_arm"]
 
 
 @configclass
@@ -55,10 +49,10 @@ class HumanoidRewardsCfg(RewardsCfg):
     action_rate_l2: RewardTermCfg = RewardTermCfg(func=mdp.action_rate_l2, weight=-0.005)
     flat_orientation_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.flat_orientation_l2, weight=-1.0)
     feet_air_time: RewardTermCfg = RewardTermCfg(
-        func=mdp.feet_air_time_positive_biped, weight=1.0, params={**TWIST, **FEET, "threshold": 0.5}
+        func=mdp.feet_air_time_positive_biped, weight=1.0, params={**TWIST, "sensor_cfg": MISSING, "threshold": 0.5}
     )
     feet_slide: RewardTermCfg = RewardTermCfg(
-        func=mdp.feet_slide, weight=-0.25, params={**FEET, "asset_cfg": bodies(".*_foot")}
+        func=mdp.feet_slide, weight=-0.25, params={"sensor_cfg": MISSING, "asset_cfg": MISSING}
     )
     undesired_contacts: RewardTermCfg | None = None  # such contacts end the episode
     is_terminated: RewardTermCfg = RewardTermCfg(func=mdp.is_terminated, weight=-200.0)
@@ -98,13 +92,13 @@ class HumanoidFlatEnvCfg(VelocityEnvCfg):
     actions: HumanoidActionsCfg = HumanoidActionsCfg()
     commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     rewards: HumanoidRewardsCfg = HumanoidRewardsCfg()
-    terminations: TerminationsCfg = TerminationsCfg()
-    events: EventsCfg = EventsCfg()
+    base: str = "torso"
+    feet: BodyNames = ".*_foot"
+    falls_on: BodyNames | None = FALLS_ON
 
     def __post_init__(self) -> None:
-        randomize(self.events, "torso", ".*_foot")
+        super().__post_init__()
         self.viewer.eye, self.viewer.lookat = (2.8, -3.2, 0.5), (0.0, 0.0, -0.35)
-        end_on_contact(self.terminations, "torso", "pelvis", "head", ".*_thigh", ".*_arm")
 
 
 @configclass
@@ -123,14 +117,13 @@ class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
     actions: HumanoidActionsCfg = HumanoidActionsCfg()
     commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     rewards: HumanoidRewardsCfg = HumanoidRewardsCfg()
-    terminations: RoughTerminationsCfg = RoughTerminationsCfg()
-    events: RoughEventsCfg = RoughEventsCfg()
+    base: str = "torso"
+    feet: BodyNames = ".*_foot"
+    falls_on: BodyNames | None = FALLS_ON
 
     def __post_init__(self) -> None:
-        randomize(self.events, "torso", ".*_foot")
+        super().__post_init__()
         self.viewer.eye, self.viewer.lookat = (2.8, -3.2, 0.5), (0.0, 0.0, -0.35)
-        end_on_contact(self.terminations, "torso", "pelvis", "head", ".*_thigh", ".*_arm")
-        self.scene.height_scanner.prim_path = "{ENV_REGEX_NS}/Robot/torso"
 
 
 @configclass

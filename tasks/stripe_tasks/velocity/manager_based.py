@@ -8,8 +8,10 @@ is rewarded for following them. Terms have the names that Isaac Lab and mjlab gi
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
-from stripe_newton.assets import AssetBaseCfg
+from stripe_newton.assets import ArticulationCfg, AssetBaseCfg
 from stripe_newton.assets.asset_base import AssetInitialStateCfg
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import ManagerBasedRLEnvCfg, mdp
@@ -22,6 +24,7 @@ from stripe_newton.managers import (
     SceneEntityCfg,
     TerminationTermCfg,
 )
+from stripe_newton.managers.manager_base import terms_of
 from stripe_newton.noise import UniformNoiseCfg
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.sensors import ContactSensorCfg, GridPatternCfg, RayCasterCfg
@@ -59,6 +62,15 @@ __all__ = [
 ]
 
 TWIST = {"command_name": "base_velocity"}
+ROBOT_PATH = "{ENV_REGEX_NS}/Robot"
+
+BodyNames = str | list[str]
+"""Bodies by one expression, or by several."""
+
+
+def names_of(names: BodyNames) -> list[str]:
+    """Several expressions, also of one."""
+    return [names] if isinstance(names, str) else list(names)
 
 
 def contacts(*bodies: str) -> SceneEntityCfg:
@@ -259,23 +271,24 @@ class EventsCfg:
     )
 
 
-def randomize(events: EventsCfg, trunk: str, feet: str) -> None:
-    """Set the bodies of the startup events: ``trunk`` carries the payload, ``feet`` touch the ground."""
-    for term, names in ((events.payload, trunk), (events.centre_of_mass, trunk), (events.soles, feet)):
-        if term is not None:
-            term.params["asset_cfg"] = bodies(names)
-
-
-def end_on_contact(terminations: TerminationsCfg, *names: str) -> None:
-    """Set the bodies whose contact ends an episode."""
-    if terminations.base_contact is not None:
-        terminations.base_contact.params["sensor_cfg"] = contacts(*names)
-
-
 @configclass
 class VelocityEnvCfg(ManagerBasedRLEnvCfg):
-    """Base of the flat velocity tasks: steps of 20 ms with four physics steps, episodes of 20 s."""
+    """Base of the flat velocity tasks: steps of 20 ms with four physics steps, episodes of 20 s.
 
+    The fields ``robot``, ``base``, ``feet``, ``thighs`` and ``falls_on`` make a task of another robot. They set the
+    bodies of all terms that do not name others.
+    """
+
+    robot: ArticulationCfg | None = None
+    """Robot that takes the place of the one in ``scene``, where it is then found; its ``prim_path`` may be missing."""
+    base: str = MISSING
+    """Body that carries the payload and the height scanner."""
+    feet: BodyNames = MISSING
+    """Bodies that touch the ground when the robot walks: their air time is rewarded, their friction differs."""
+    thighs: BodyNames = []
+    """Bodies whose contacts cost reward."""
+    falls_on: BodyNames | None = None
+    """Bodies whose contact ends an episode; None: the base."""
     decimation: int = 4
     episode_length_s: float = 20.0
     viewer: ViewerCfg = ViewerCfg(
@@ -298,6 +311,40 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
     rewards: RewardsCfg = RewardsCfg()
     terminations: TerminationsCfg = TerminationsCfg()
     events: EventsCfg = EventsCfg()
+
+    def __post_init__(self) -> None:
+        self.complete()
+
+    def complete(self) -> None:
+        """Set the robot of the scene, and the bodies of terms that have none or those of a former call."""
+        if self.robot is not None:
+            self.scene.robot, self.robot = self.robot.replace(prim_path=ROBOT_PATH), None
+        if MISSING in (self.base, self.feet):
+            return  # which validate() reports
+        before = getattr(self, "_completed", {})
+        self._completed: dict[str, SceneEntityCfg] = {}
+        for path, term, key, names in self._body_terms():
+            if term is None or term.params.get(key, MISSING) not in (MISSING, before.get(path, MISSING)):
+                continue
+            term.params[key] = (bodies if key == "asset_cfg" else contacts)(*names)
+            self._completed[path] = term.params[key].copy()
+        if not self.thighs and "undesired_contacts" in self._completed:
+            self.rewards.undesired_contacts = None  # no body is undesired
+
+    def _body_terms(self) -> Iterator[tuple[str, Any, str, list[str]]]:
+        """Parameters of terms that are bodies: a name for them, the term, the parameter and the expressions."""
+        feet, trunk = names_of(self.feet), [self.base]
+        falls = trunk if self.falls_on is None else names_of(self.falls_on)
+        # A caller may have replaced the configs of these managers by dicts, or by None.
+        events, rewards, ends = (terms_of(cfg) for cfg in (self.events, self.rewards, self.terminations))
+        yield "payload", events.get("payload"), "asset_cfg", trunk
+        yield "centre_of_mass", events.get("centre_of_mass"), "asset_cfg", trunk
+        yield "soles", events.get("soles"), "asset_cfg", feet
+        yield "feet_air_time", rewards.get("feet_air_time"), "sensor_cfg", feet
+        yield "feet_slide", rewards.get("feet_slide"), "sensor_cfg", feet  # of robots with two feet
+        yield "feet_slide.asset", rewards.get("feet_slide"), "asset_cfg", feet
+        yield "undesired_contacts", rewards.get("undesired_contacts"), "sensor_cfg", names_of(self.thighs)
+        yield "base_contact", ends.get("base_contact"), "sensor_cfg", falls
 
 
 @configclass
@@ -340,6 +387,10 @@ class VelocityRoughEnvCfg(VelocityEnvCfg):
     terminations: RoughTerminationsCfg = RoughTerminationsCfg()
     events: RoughEventsCfg = RoughEventsCfg()
     curriculum: CurriculumCfg = CurriculumCfg()
+
+    def complete(self) -> None:
+        super().complete()
+        self.scene.height_scanner.prim_path = f"{ROBOT_PATH}/{self.base}"
 
 
 @configclass

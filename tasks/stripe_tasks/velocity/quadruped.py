@@ -10,20 +10,14 @@ from stripe_newton.configclass import configclass
 from stripe_tasks.robots import QUADRUPED_CFG
 
 from .manager_based import (
-    EventsCfg,
-    RewardsCfg,
-    RoughEventsCfg,
+    ROBOT_PATH,
+    BodyNames,
     RoughSceneCfg,
-    RoughTerminationsCfg,
-    TerminationsCfg,
     VelocityEnvCfg,
     VelocityPPORunnerCfg,
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
-    contacts,
-    end_on_contact,
-    randomize,
 )
 
 __all__ = [
@@ -33,18 +27,7 @@ __all__ = [
     "QuadrupedRoughPPORunnerCfg",
 ]
 
-ROBOT_CFG = QUADRUPED_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
-
-
-@configclass
-class QuadrupedRewardsCfg(RewardsCfg):
-    """Rewards of the quadruped: only its feet may touch the ground."""
-
-    def __post_init__(self) -> None:
-        if self.feet_air_time is not None:
-            self.feet_air_time.params["sensor_cfg"] = contacts(".*_foot")
-        if self.undesired_contacts is not None:
-            self.undesired_contacts.params["sensor_cfg"] = contacts(".*_thigh", ".*_calf")
+ROBOT_CFG = QUADRUPED_CFG.replace(prim_path=ROBOT_PATH)
 
 
 @configclass
@@ -52,13 +35,9 @@ class QuadrupedFlatEnvCfg(VelocityEnvCfg):
     """Quadruped on a plane: 48 observations, 12 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
-    rewards: QuadrupedRewardsCfg = QuadrupedRewardsCfg()
-    terminations: TerminationsCfg = TerminationsCfg()
-    events: EventsCfg = EventsCfg()
-
-    def __post_init__(self) -> None:
-        randomize(self.events, "base", ".*_foot")
-        end_on_contact(self.terminations, "base")
+    base: str = "base"
+    feet: BodyNames = ".*_foot"
+    thighs: BodyNames = [".*_thigh", ".*_calf"]
 
 
 @configclass
@@ -73,14 +52,12 @@ class QuadrupedRoughEnvCfg(VelocityRoughEnvCfg):
     """Quadruped on rough ground: 235 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
-    rewards: QuadrupedRewardsCfg = QuadrupedRewardsCfg()
-    terminations: RoughTerminationsCfg = RoughTerminationsCfg()
-    events: RoughEventsCfg = RoughEventsCfg()
+    base: str = "base"
+    feet: BodyNames = ".*_foot"
+    thighs: BodyNames = [".*_thigh", ".*_calf"]
 
     def __post_init__(self) -> None:
-        randomize(self.events, "base", ".*_foot")
-        end_on_contact(self.terminations, "base")
-        self.scene.height_scanner.prim_path = "{ENV_REGEX_NS}/Robot/base"
+        super().__post_init__()
         if self.scene.terrain.terrain_generator is not None:
             # steps and bumps that a robot with legs of 0.4 m can climb
             tiles = self.scene.terrain.terrain_generator.sub_terrains
