@@ -6,11 +6,12 @@ from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg, BoundAsset
 from .layout import Layout, articulation_layouts
 from .rigid_object import RigidObject, RigidObjectCfg
-from .robot_library import ROBOT_SOURCES, file_spawner, find_robot
+from .robot_library import ROBOT_SOURCES, ROBOTS, file_spawner, find_robot, robot_cfg
 from .root_data import RootData
 from .terrain_base import TerrainBase, TerrainBaseCfg
 
 __all__ = [
+    "ROBOTS",
     "ROBOT_SOURCES",
     "Articulation",
     "ArticulationCfg",
@@ -27,4 +28,5 @@ __all__ = [
     "articulation_layouts",
     "file_spawner",
     "find_robot",
+    "robot_cfg",
 ]

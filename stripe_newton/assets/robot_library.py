@@ -1,23 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robot library: files of robots that MuJoCo Menagerie, Newton or ``robot_descriptions`` publish, by name."""
+"""Robot library: files and configs of robots that MuJoCo Menagerie, mjlab and others publish, by name."""
 
 from __future__ import annotations
 
 import difflib
 import importlib
 import importlib.util
+import os
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import newton
 
-from stripe_newton.sim import MjcfFileCfg, UrdfFileCfg, UsdFileCfg
+from stripe_newton.actuators import ActuatorCfg, ImplicitActuatorCfg
+from stripe_newton.sim import ArticulationRootPropertiesCfg, MjcfFileCfg, UrdfFileCfg, UsdFileCfg
 
-__all__ = ["ROBOT_SOURCES", "file_spawner", "find_robot"]
+from .articulation import ArticulationCfg
+from .robot_table import ROBOTS, RobotEntry
 
-ROBOT_SOURCES = ("menagerie", "newton", "descriptions")
+__all__ = ["ROBOTS", "ROBOT_SOURCES", "file_spawner", "find_robot", "robot_cfg"]
+
+ROBOT_SOURCES = ("mjlab", "menagerie", "newton", "descriptions")
 """Sources that :func:`find_robot` knows."""
+
+_MENAGERIE_URL = "https://github.com/google-deepmind/mujoco_menagerie"
 
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz", ".urdf", ".xml")
 """Suffixes of robot files."""
@@ -39,8 +48,9 @@ def find_robot(name: str, source: str | None = None, file: str | None = None) ->
     """The file of a robot, downloaded on first use and kept.
 
     Args:
-        name: As the source calls it: ``"unitree_go1"`` in Menagerie, ``"unitree_g1"`` there and at Newton's,
-            ``"go2_mj_description"`` in ``robot_descriptions``.
+        name: One of :data:`ROBOTS`, whose sources are tried one after the other; or as a source calls it:
+            ``"unitree_go1"`` in Menagerie, ``"unitree_g1"`` there and at Newton's, ``"go2_mj_description"`` in
+            ``robot_descriptions``.
         source: One of :data:`ROBOT_SOURCES`. Default: Menagerie if the name is known there and ``mujoco-menagerie``
             is installed, else Newton; for names that end in ``_description``, ``robot_descriptions``.
         file: Another file of the same robot: the entry point of Menagerie (``"scene"``), or a path below Newton's
@@ -56,12 +66,83 @@ def find_robot(name: str, source: str | None = None, file: str | None = None) ->
     """
     if source is not None and source not in ROBOT_SOURCES:
         raise ValueError(f"source: got '{source}', expected one of {', '.join(ROBOT_SOURCES)}, or None")
+    if name in ROBOTS and source is None and file is None:
+        return _find_listed(name)
     chosen = source or _choose(name)
-    finders = {"menagerie": _menagerie, "newton": _newton, "descriptions": _descriptions}
-    path = Path(finders[chosen](name, file))
+    path = Path(_finder(chosen)(name, file))
     if not path.is_file():
         raise FileNotFoundError(f"robot '{name}' of {chosen}: no file '{path}'; {_beside(path)}")
     return path
+
+
+def robot_cfg(name: str, path: str | Path | None = None) -> ArticulationCfg:
+    """Config of a robot of :data:`ROBOTS`: its file, a pose that it can stand in or hold, and drives that do.
+
+    Robots with legs or wings float, arms and hands are held in the world. Change it by ``replace``.
+
+    Args:
+        name: Short name, ``"go2"``.
+        path: Its file; by default :func:`find_robot` looks for one. The names of joints must be those of the file that
+            it would find.
+
+    Raises:
+        LookupError: there is no such robot, or its file is not to be had; the message says how to get it.
+    """
+    entry = _entry(name)
+    file = Path(path) if path is not None else find_robot(name)
+    suffix, options = file.suffix.lower(), dict[str, Any]()
+    if suffix == ".urdf":
+        options["fix_base"] = entry.fixed_base
+    elif suffix in (".xml", ".mjcf"):
+        options |= {"fix_base": entry.fixed_base or None, "keyframe": entry.keyframe}
+    else:
+        options["articulation_props"] = ArticulationRootPropertiesCfg(fix_root_link=entry.fixed_base)
+    pos = None if entry.keyframe else entry.pos
+    groups: dict[str, ActuatorCfg] = {
+        group: ImplicitActuatorCfg(
+            joint_names_expr=[drive.joints],
+            stiffness=drive.stiffness,
+            damping=drive.damping,
+            effort_limit=drive.effort,
+            velocity_limit=drive.speed,
+        )
+        for group, drive in entry.drives.items()
+    }
+    return ArticulationCfg(
+        spawn=file_spawner(file, **options),
+        init_state=ArticulationCfg.InitialStateCfg(pos=pos, rot=None, joint_pos=dict(entry.joint_pos) or None),
+        actuators=groups,
+    )
+
+
+def _entry(name: str) -> RobotEntry:
+    if name not in ROBOTS:
+        near = difflib.get_close_matches(name, ROBOTS, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        raise LookupError(f"robot '{name}' is not in the table; {hint}it has {', '.join(ROBOTS)}")
+    return ROBOTS[name]
+
+
+def _find_listed(name: str) -> Path:
+    """The file of a robot of the table, from the first of its sources that has it."""
+    entry, reasons = ROBOTS[name], list[str]()
+    for source, there, file in entry.sources:
+        try:
+            path = Path(_finder(source)(there, file))
+        except (ImportError, LookupError, ConnectionError, ValueError) as error:
+            reasons.append(f"{source}: {error}")
+            continue
+        if path.is_file():
+            return path
+        reasons.append(f"{source}: no file '{path}'")
+    raise LookupError(
+        "".join([f"robot '{name}' ({entry.title}): no file found", *(f"\n  {r}" for r in reasons)])
+        + (f"; {entry.get}" if entry.get else "")
+    )
+
+
+def _finder(source: str) -> Callable[[str, str | None], Path]:
+    return {"mjlab": _mjlab, "menagerie": _menagerie, "newton": _newton, "descriptions": _descriptions}[source]
 
 
 def file_spawner(path: str | Path, **options: Any) -> UsdFileCfg | UrdfFileCfg | MjcfFileCfg:
@@ -89,25 +170,78 @@ def _choose(name: str) -> str:
         return "menagerie"
     if name in _NEWTON:
         return "newton"
-    close = difflib.get_close_matches(name, list(dict.fromkeys([*known, *_NEWTON])), n=3, cutoff=0.5)
+    every = list(dict.fromkeys([*ROBOTS, *known, *_NEWTON]))
+    close = difflib.get_close_matches(name, every, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"Newton has {', '.join(_NEWTON)}"
     more = "" if known else "; 'pip install mujoco-menagerie' for the robots of MuJoCo Menagerie"
     raise LookupError(f"robot '{name}' is not known; {hint}{more}")
 
 
+def _mjlab(name: str, file: str | None) -> Path:
+    """A file of mjlab's wheel, which is not imported."""
+    spec = importlib.util.find_spec("mjlab")
+    if spec is None or spec.origin is None:
+        raise ImportError(f"robot '{name}': 'mjlab' is not installed; run 'pip install mjlab --no-deps'")
+    return Path(spec.origin).parent / (file or f"asset_zoo/robots/{name}/xmls/{name.rpartition('_')[2]}.xml")
+
+
 def _menagerie(name: str, file: str | None) -> Path:
-    menagerie = _package("mujoco_menagerie", "mujoco-menagerie", name)
+    """A file of Menagerie: of a checkout, of what its package downloads, or of a sparse checkout of its repository."""
+    root = os.environ.get("MENAGERIE_ROOT")
+    if root is not None and file is not None and (path := Path(root) / name / _with_suffix(file)).is_file():
+        return path
+    if not _installed("mujoco_menagerie"):
+        return _cloned(name, _with_suffix(file or f"{name.split('_', 1)[-1]}.xml"))
+    menagerie = importlib.import_module("mujoco_menagerie")
     try:
         robot = menagerie.get(name)
     except LookupError as error:
         raise LookupError(f"robot '{name}' of menagerie: {error}") from error
     try:
-        return robot.xml(file or robot.default_model)
+        return robot.xml((file or robot.default_model).removesuffix(".xml"))
     except LookupError:
         raise
     except Exception as error:  # the package raises its own errors for a network that is not there, and urllib's
-        advice = "or set MENAGERIE_ROOT to a checkout of github.com/google-deepmind/mujoco_menagerie"
+        raise _unreachable(name, "MuJoCo Menagerie", error, _CHECKOUT) from error
+
+
+_CHECKOUT = f"or set MENAGERIE_ROOT to a checkout of {_MENAGERIE_URL.removeprefix('https://')}"
+
+
+def _with_suffix(file: str) -> str:
+    return file if file.endswith(".xml") else f"{file}.xml"
+
+
+def _cloned(name: str, file: str) -> Path:
+    """A file of Menagerie's repository, of which the folders that were asked for are fetched and kept."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stripe-newton/mujoco_menagerie"
+    path = cache / name / file
+    if path.is_file():
+        return path
+    try:
+        if not (cache / ".git").is_dir():
+            cache.parent.mkdir(parents=True, exist_ok=True)
+            _git("clone", "--quiet", "--depth", "1", "--filter=blob:none", "--sparse", _MENAGERIE_URL, str(cache))
+        _git("-C", str(cache), "sparse-checkout", "add", name)
+    except (OSError, subprocess.SubprocessError) as error:
+        advice = f"or run 'pip install mujoco-menagerie', {_CHECKOUT}"
         raise _unreachable(name, "MuJoCo Menagerie", error, advice) from error
+    if not (cache / name).is_dir():
+        raise LookupError(f"robot '{name}' of menagerie: its repository has no such folder")
+    return path
+
+
+def _git(*arguments: str) -> None:
+    """Run git, without asking for passwords.
+
+    Raises:
+        OSError: git is not there.
+        subprocess.SubprocessError: it failed.
+    """
+    environment = os.environ | {"GIT_TERMINAL_PROMPT": "0"}
+    done = subprocess.run(["git", *arguments], capture_output=True, text=True, env=environment, timeout=600.0)
+    if done.returncode:
+        raise subprocess.SubprocessError((done.stderr.strip().splitlines() or ["git failed"])[-1])
 
 
 def _newton(name: str, file: str | None) -> Path:

@@ -45,7 +45,7 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     roots = [root for _, root in _documents(path, problems)]
     for root in roots:
         problems += _number_problems(root)
-        problems += _unread_problems(root)
+        problems += [*_unread_problems(root), *_ball_problems(root)]
     if problems:
         raise RobotFileError(path, problems)
     try:
@@ -100,6 +100,17 @@ def _unread_problems(root: Element) -> Iterator[str]:
                     if element.tag in ("replicate", "attach")
                     else "; this package simulates rigid bodies, take it out"
                 )
+            )
+
+
+def _ball_problems(root: Element) -> Iterator[str]:
+    """Bodies with a ball joint and others: Newton merges the joints of a body into one, which cannot have both."""
+    for body in root.iter("body"):
+        joints = body.findall("joint")
+        if len(joints) > 1 and any(joint.get("type") == "ball" for joint in joints):
+            yield (
+                f"<body> '{body.get('name', '')}': has a ball joint and {len(joints) - 1} more, which Newton's "
+                "importer cannot merge; use a freejoint, or give each joint a body of its own"
             )
 
 

@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from stripe_newton.actuators import ImplicitActuatorCfg
-from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, file_spawner, find_robot
+from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, file_spawner, find_robot, robot_library
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import GroundPlaneCfg, MjcfFileCfg, MuJoCoSolverCfg, UrdfFileCfg, UsdFileCfg
 from tests.helpers.robot_files import ROBOTS, plain_model, robot_file
@@ -280,14 +280,20 @@ def test_without_a_network_the_error_says_what_to_do(menagerie, monkeypatch):
 
 
 def test_without_the_package_the_error_says_what_to_install(monkeypatch):
+    def no_network(*arguments: str) -> None:
+        raise OSError("could not resolve host")
+
+    monkeypatch.setattr(robot_library, "_git", no_network)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(LookupError, match=r"unitree_go1.*did you mean unitree_g.*pip install mujoco-menagerie"):
-        find_robot("unitree_go1")
-    with pytest.raises(ImportError, match="pip install mujoco-menagerie"):
-        find_robot("unitree_go1", source="menagerie")
+    with pytest.raises(LookupError, match=r"unitree_goo1.*did you mean unitree_g.*pip install mujoco-menagerie"):
+        find_robot("unitree_goo1")
+    with pytest.raises(ConnectionError, match=r"resolve host.*pip install mujoco-menagerie.*set MENAGERIE_ROOT"):
+        find_robot("unitree_r1", source="menagerie")
+    with pytest.raises(ImportError, match="pip install mjlab --no-deps"):
+        find_robot("unitree_go1", source="mjlab")
     with pytest.raises(ImportError, match="pip install robot_descriptions"):
         find_robot("go2_mj_description")
     with pytest.raises(ImportError, match="pip install GitPython"):
         find_robot("unitree_g1")
-    with pytest.raises(ValueError, match="expected one of menagerie, newton, descriptions"):
+    with pytest.raises(ValueError, match="expected one of mjlab, menagerie, newton, descriptions"):
         find_robot("unitree_go1", source="web")

@@ -56,6 +56,10 @@ REFUSED = {
         {"body": BODY + '<replicate count="2" offset="1 0 0"><geom size=".1"/></replicate>'},
         "<replicate> of <body> 'b': Newton's importer does not read copies of a body",
     ),
+    "ball and slide": (
+        {"joint": 'type="ball"', "body": BODY + '<joint type="slide"/>'},
+        "<body> 'b': has a ball joint and 1 more, which Newton's importer cannot merge; use a freejoint",
+    ),
     "include": ({"rest": '<include file="gone.xml"/>'}, "gone.xml' does not exist"),
 }
 
