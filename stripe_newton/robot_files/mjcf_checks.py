@@ -11,6 +11,8 @@ from xml.etree.ElementTree import Element
 
 import mujoco
 
+from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
+
 from .error import RobotFileError
 
 __all__ = ["compile_mjcf"]
@@ -43,6 +45,7 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     """
     problems: list[str] = []
     roots = [root for _, root in _documents(path, problems)]
+    problems += _pointer_problems(path, roots)
     for root in roots:
         problems += _number_problems(root)
         problems += [*_unread_problems(root), *_ball_problems(root)]
@@ -73,6 +76,19 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
             continue
         yield file, root
         waiting += [path.parent / name for include in root.iter("include") if (name := include.get("file"))]
+
+
+def _pointer_problems(path: Path, roots: list[Element]) -> Iterator[str]:
+    """Assets that are pointers of git LFS, of which MuJoCo would say that they are no meshes."""
+    compilers = [compiler for root in roots for compiler in root.iter("compiler")]
+    for kind, own in (("mesh", "meshdir"), ("hfield", "meshdir"), ("texture", "texturedir")):
+        folders = [c.get(name, "") for c in compilers for name in (own, "assetdir")]
+        for element in (e for root in roots for e in root.iter(kind) if e.get("file")):
+            for folder in dict.fromkeys(["", *folders]):
+                file = path.parent / folder / element.get("file", "")
+                if file.is_file() and is_pointer(file):
+                    yield f"<{kind}> '{element.get('name') or file.stem}': '{file}' {POINTER_REASON}"
+                    break
 
 
 def _number_problems(root: Element) -> Iterator[str]:

@@ -79,6 +79,14 @@ def test_included_files_are_looked_at_too(tmp_path):
         inspect_robot_file(mjcf(tmp_path, rest='<include file="part.xml"/>'))
 
 
+def test_a_mesh_that_is_a_pointer_of_git_lfs_is_named(tmp_path):
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets/far.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
+    rest = '<compiler meshdir="assets"/><asset><mesh file="far.stl"/></asset>'
+    with pytest.raises(RobotFileError, match=r"<mesh> 'far': '.*far\.stl' is a pointer of git LFS.*'git lfs pull'"):
+        inspect_robot_file(mjcf(tmp_path, rest=rest, body=BODY + '<geom type="mesh" mesh="far"/>'))
+
+
 def test_limits_without_end_and_names_of_any_kind_are_no_mistake(tmp_path):
     path = mjcf(tmp_path, rest="<actuator><motor name='nan' joint='j' ctrlrange='-inf inf'/></actuator>")
     assert len(inspect_robot_file(path).bodies) == 1
