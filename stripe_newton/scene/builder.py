@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import newton
@@ -31,6 +31,7 @@ from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
 
+from .export_joints import AuthoredJoints
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
@@ -47,6 +48,7 @@ class SceneBuilder:
         adopt: Make assets of the articulations that the stage brings.
         checks: Functions that give problems of the config, called when all names are known and before the model is
             made, which takes longest.
+        authored_joints: Joints of one environment as the stage gives them, before configs; None before the build.
     """
 
     def __init__(self, scene: SceneContents):
@@ -55,6 +57,7 @@ class SceneBuilder:
         self.template_root = ENV_0
         self.adopt = False
         self.checks: list[Callable[[], Iterable[str]]] = []
+        self.authored_joints: AuthoredJoints | None = None
 
     # -- adding
 
@@ -108,10 +111,13 @@ class SceneBuilder:
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
+        self.authored_joints = AuthoredJoints(template)
         self._prepare_assets(template)
         self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
         static = self._shared(scenery, terrain_paths)
-        if self.template_root != "/" and self.reports[0].units["scene"] is None:
+        if self.template_root == "/":
+            static.gravity = template.gravity
+        elif self.reports[0].units["scene"] is None:
             template.gravity = static.gravity  # the physics scene stands outside the environments
         for obstacles in self.obstacle_sensors:
             obstacles.use_scenery(scenery)
@@ -246,7 +252,11 @@ class _Found:
 
 
 class _FoundArticulation(_Found, Articulation):
-    pass
+    def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
+        targets = list(builder.joint_target_q), list(builder.joint_target_qd)
+        super().prepare(layouts, builder)
+        # A drive of the stage pulls where the stage says: no config moved the joints.
+        builder.joint_target_q[:], builder.joint_target_qd[:] = targets
 
 
 class _FoundBody(_Found, RigidObject):

@@ -3,125 +3,90 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import newton
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .export_actuators import actuator_dofs, author_actuator
+from stripe_newton.sim import RigidBodyMaterialCfg
+from stripe_newton.usd import StageReport, to_si
+
+from .export_joints import AuthoredJoints, export_joints
 from .scene_contents import SceneContents
 
 __all__ = ["export_stage"]
 
-_NO_LIMIT = 1.0e9
-"""Efforts and speeds above this are unlimited; Newton writes 1e10 where a file gives none."""
 
+def export_stage(
+    scene: SceneContents, path: Path, authored: AuthoredJoints | None, reports: Sequence[StageReport]
+) -> None:
+    """Write ``scene`` to ``path``; see :meth:`InteractiveScene.export`.
 
-def export_stage(scene: SceneContents, path: Path) -> None:
-    """Write ``scene`` to ``path``; see :meth:`InteractiveScene.export`."""
+    Args:
+        scene: The scene.
+        path: File to write.
+        authored: Joints of one environment as the stage gave them; None before the scene is built.
+        reports: What the importer read of the stage.
+
+    Raises:
+        RuntimeError: the scene is not built.
+        ValueError: an explicit actuator that USD has no way to express.
+    """
     sim = scene.sim
-    if not scene.built:
+    if not scene.built or authored is None:
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
-    # Flattened for a file that refers to no other. Flattening keeps instances as references to prototypes, whose prims
-    # cannot be edited, and drives and materials are authored on the prims themselves: so without instances, once more.
-    stage = Usd.Stage.Open(scene.stage.Flatten())
-    for prim in [p for p in stage.Traverse() if p.IsInstance()]:
-        prim.SetInstanceable(False)
-    stage = Usd.Stage.Open(stage.Flatten())
-    # The builder of one environment holds what configs made of the stage: drives, limits, initial state.
-    builder = sim.template
-    starts = zip(builder.joint_label, builder.joint_type, builder.joint_q_start, builder.joint_qd_start, strict=True)
-    explicit = actuator_dofs(builder)
+    stage = _editable_copy(scene.stage)
     if sim.actuation.draws_delays:
         warnings.warn("USD cannot say that a delay is drawn for each episode; the largest is written", stacklevel=3)
-    for (label, kind, coord, dof), dims in zip(starts, builder.joint_dof_dim, strict=True):
-        prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
-        if prim and kind in (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC, newton.JointType.D6):
-            _author_joint(prim, builder, coord, dof, dims)
-            for i in range(dof, dof + sum(dims)):
-                if i in explicit:
-                    author_actuator(prim, sum(dims) == 1, explicit[i], folder=path.parent)
-    _author_free_roots(stage, builder)
+    # The builder of one environment holds what configs made of the stage: drives, limits, initial state.
+    export_joints(stage, sim.template, authored, folder=path.parent)
+    _author_free_roots(stage, sim.template, authored)
     if scene.terrain is not None:
         scene.terrain.author(stage)
     _author_default_material(stage, scene)
-    _author_physics_scene(stage, scene)
+    _author_gravity(stage, scene, reports)
     path.parent.mkdir(parents=True, exist_ok=True)
     stage.GetRootLayer().Export(str(path))
 
 
-def _author_joint(
-    prim: Usd.Prim,
-    builder: newton.ModelBuilder,
-    coord: int,
-    dof: int,
-    dims: tuple[int, int],
-) -> None:
-    """Author drive, state and passive properties of a joint; UsdPhysics has angles in degrees."""
-    linear, angular = dims
-    single = linear + angular == 1
-    for k in range(linear + angular):
-        i, q = dof + k, coord + k
-        degrees = 180.0 / math.pi if k >= linear else 1.0
-        # The drive of a joint with one axis is named by the kind of joint, of one with several by the axis.
-        axis = ("angular" if k >= linear else "linear") if single else _axis_token(builder.joint_axis[i], k >= linear)
-        if builder.joint_target_mode[i] != newton.JointTargetMode.NONE:
-            drive = UsdPhysics.DriveAPI.Apply(prim, axis)
-            drive.CreateTypeAttr("force")
-            drive.CreateStiffnessAttr(builder.joint_target_ke[i] / degrees)
-            drive.CreateDampingAttr(builder.joint_target_kd[i] / degrees)
-            drive.CreateTargetPositionAttr(builder.joint_target_q[q] * degrees)
-            drive.CreateTargetVelocityAttr(builder.joint_target_qd[i] * degrees)
-            if builder.joint_effort_limit[i] < _NO_LIMIT:
-                drive.CreateMaxForceAttr(builder.joint_effort_limit[i])
-        prim.CreateAttribute(f"state:{axis}:physics:position", Sdf.ValueTypeNames.Float).Set(
-            builder.joint_q[q] * degrees
-        )
-        prim.CreateAttribute(f"state:{axis}:physics:velocity", Sdf.ValueTypeNames.Float).Set(
-            builder.joint_qd[i] * degrees
-        )
-    # Newton's own schema has these for the joint as a whole.
-    degrees = 180.0 / math.pi if angular else 1.0
-    prim.AddAppliedSchema("NewtonJointAPI")
-    for name, values, factor in (
-        ("armature", builder.joint_armature, 1.0),
-        ("friction", builder.joint_friction, 1.0),
-        ("damping", builder.joint_damping, 1.0 / degrees),
-        ("velocityLimit", builder.joint_velocity_limit, degrees),
-    ):
-        own = set(values[dof : dof + linear + angular])
-        if len(own) > 1:
-            warnings.warn(
-                f"'{prim.GetPath()}': {name} differs between its axes, which USD cannot say; the first is written",
-                stacklevel=4,
-            )
-        value = values[dof]
-        if value < _NO_LIMIT:
-            prim.CreateAttribute(f"newton:{name}", Sdf.ValueTypeNames.Float).Set(value * factor)
+def _editable_copy(stage: Usd.Stage) -> Usd.Stage:
+    """A copy of a stage in one layer, in metres and kilograms, without instances.
+
+    What is authored on it comes from the builder, in SI units: so the whole of it must be. The up axis stays.
+    """
+    copy = Usd.Stage.Open(to_si(stage).Flatten())
+    # Flattening keeps instances as references to prototypes, whose prims cannot be edited, and drives and materials are
+    # authored on the prims themselves. Instances inside of instances show once the outer ones are none.
+    while instances := [p for p in copy.Traverse() if p.IsInstance()]:
+        for prim in instances:
+            prim.SetInstanceable(False)
+    copy = Usd.Stage.Open(copy.Flatten())
+    # Flattening writes there which file of this machine it was made from.
+    copy.GetRootLayer().documentation = stage.GetRootLayer().documentation
+    return copy
 
 
-def _axis_token(axis: Sequence[float], angular: bool) -> str:
-    """``rotX`` and so on, for an axis of a joint with several degrees of freedom."""
-    largest = max(range(3), key=lambda k: abs(axis[k]))
-    return ("rot" if angular else "trans") + "XYZ"[largest]
+def _to_stage(stage: Usd.Stage) -> Gf.Matrix4d:
+    """The rotation from the simulation's frame, with Z up, to that of the stage; USD's matrices act on rows."""
+    if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.y:
+        return Gf.Matrix4d(1.0)
+    return Gf.Matrix4d(1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
 
 
-def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder) -> None:
+def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder, authored: AuthoredJoints) -> None:
     """Put the root bodies of floating articulations, and all bodies below them, where the configs say."""
     for joint, kind in enumerate(builder.joint_type):
         label = builder.body_label[builder.joint_child[joint]]
         prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
-        if kind != newton.JointType.FREE or builder.joint_parent[joint] != -1 or not prim:
-            continue
         start = builder.joint_q_start[joint]
-        x, y, z, qx, qy, qz, qw = builder.joint_q[start : start + 7]
-        new = Gf.Matrix4d().SetTransform(Gf.Rotation(Gf.Quatd(qw, qx, qy, qz)), Gf.Vec3d(x, y, z))
-        old = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
-        if Gf.IsClose(new, old, 1.0e-6):
+        free = kind == newton.JointType.FREE and builder.joint_parent[joint] == -1
+        if not prim or not free or not authored.moved(builder, start):
             continue
+        x, y, z, qx, qy, qz, qw = builder.joint_q[start : start + 7]
+        new = Gf.Matrix4d().SetTransform(Gf.Rotation(Gf.Quatd(qw, qx, qy, qz)), Gf.Vec3d(x, y, z)) * _to_stage(stage)
+        old = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
         # USD's matrices act on rows: first back from the old pose, then on to the new one.
         moved = old.GetInverse() * new
         # Bodies lie side by side below the articulation or below each other: each is moved by itself, in the world.
@@ -149,34 +114,52 @@ def _author_default_material(stage: Usd.Stage, scene: SceneContents) -> None:
     mass gets UsdPhysics' own default density.
     """
     cfg = scene.sim.cfg.physics_material
-    materials = {}
-    for name, density in (("defaultPhysicsMaterial", None), ("defaultDensityMaterial", cfg.density)):
-        if name == "defaultDensityMaterial" and density is None:
-            continue
-        materials[density is not None] = material = UsdShade.Material.Define(stage, f"/World/{name}")
-        api = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
-        api.CreateStaticFrictionAttr(cfg.static_friction)
-        api.CreateDynamicFrictionAttr(cfg.dynamic_friction)
-        api.CreateRestitutionAttr(cfg.restitution)
-        if density is not None:
-            api.CreateDensityAttr(density)
+    materials: dict[bool, UsdShade.Material] = {}
     # The default material is a setting of the simulation and no prim: colliders would get that of whoever imports them.
-    for prim in stage.Traverse():
+    for prim in list(stage.Traverse()):
         bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]
-        if prim.HasAPI(UsdPhysics.CollisionAPI) and not bound:
-            body = prim
-            while body and not body.HasAPI(UsdPhysics.RigidBodyAPI):
-                body = body.GetParent()
-            dense = True in materials and bool(body) and not body.HasAPI(UsdPhysics.MassAPI)
-            UsdShade.MaterialBindingAPI.Apply(prim)
-            UsdShade.MaterialBindingAPI(prim).Bind(materials[dense], UsdShade.Tokens.weakerThanDescendants, "physics")
+        # A material for rendering may be bound to all purposes: it says nothing about the physics.
+        if not prim.HasAPI(UsdPhysics.CollisionAPI) or (bound and bound.GetPrim().HasAPI(UsdPhysics.MaterialAPI)):
+            continue
+        body = prim
+        while body and not body.HasAPI(UsdPhysics.RigidBodyAPI):
+            body = body.GetParent()
+        dense = cfg.density is not None and bool(body) and not body.HasAPI(UsdPhysics.MassAPI)
+        if dense not in materials:
+            materials[dense] = _default_material(stage, cfg, dense)
+        UsdShade.MaterialBindingAPI.Apply(prim)
+        UsdShade.MaterialBindingAPI(prim).Bind(materials[dense], UsdShade.Tokens.weakerThanDescendants, "physics")
 
 
-def _author_physics_scene(stage: Usd.Stage, scene: SceneContents) -> None:
-    gravity = scene.sim.model.gravity.numpy()[0]
-    magnitude = math.sqrt(float((gravity**2).sum()))
-    found = next((p for p in stage.Traverse() if p.IsA(UsdPhysics.Scene)), None)
-    physics = UsdPhysics.Scene(found) if found else UsdPhysics.Scene.Define(stage, "/World/physicsScene")
-    down = [float(g) / magnitude for g in gravity] if magnitude else (0.0, 0.0, -1.0)
-    physics.CreateGravityDirectionAttr(Gf.Vec3f(*down))
-    physics.CreateGravityMagnitudeAttr(magnitude)
+def _default_material(stage: Usd.Stage, cfg: RigidBodyMaterialCfg, dense: bool) -> UsdShade.Material:
+    """Author the simulation's default material, with its density if ``dense``."""
+    base = f"/World/{'defaultDensityMaterial' if dense else 'defaultPhysicsMaterial'}"
+    path, number = base, 2
+    while stage.GetPrimAtPath(path):  # of an earlier export, whose colliders keep it
+        path, number = f"{base}_{number}", number + 1
+    material = UsdShade.Material.Define(stage, path)
+    api = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
+    api.CreateStaticFrictionAttr(cfg.static_friction)
+    api.CreateDynamicFrictionAttr(cfg.dynamic_friction)
+    api.CreateRestitutionAttr(cfg.restitution)
+    if dense:
+        api.CreateDensityAttr(cfg.density)
+    return material
+
+
+def _author_gravity(stage: Usd.Stage, scene: SceneContents, reports: Sequence[StageReport]) -> None:
+    gravity = Gf.Vec3d(*map(float, scene.sim.model.gravity.numpy()[0]))
+    # Of several physics scenes Newton reads one.
+    read = next((report.units for report in reports if report.units["scene"] is not None), None)
+    # Without a scene it is that of the Earth.
+    if Gf.Vec3f(gravity) == Gf.Vec3f(*(read["gravity"] if read is not None else (0.0, 0.0, -9.81))):
+        return
+    path = "/World/physicsScene" if read is None else read["scene"]
+    physics = UsdPhysics.Scene.Define(stage, path)
+    if gravity:
+        down = _to_stage(stage).TransformDir(gravity.GetNormalized())
+        physics.CreateGravityDirectionAttr(Gf.Vec3f(down))
+        for name in ("newton:gravityEnabled", "mjc:flag:gravity"):
+            if switch := physics.GetPrim().GetAttribute(name):
+                switch.Set(True)
+    physics.CreateGravityMagnitudeAttr(gravity.GetLength())

@@ -13,7 +13,7 @@ import newton
 from newton import actuators
 from pxr import Sdf, Usd
 
-__all__ = ["BuilderActuator", "actuator_dofs", "author_actuator"]
+__all__ = ["Actuator", "actuators_by_dof", "author_actuator", "remove_actuators"]
 
 _SCHEMAS = {
     actuators.DrivePD: "NewtonPDControlAPI",
@@ -28,22 +28,36 @@ _SCHEMAS = {
 
 
 @dataclass(frozen=True)
-class BuilderActuator:
-    """An explicit actuator in a builder, which keeps actuators of one kind in one entry."""
+class Actuator:
+    """An explicit actuator of one degree of freedom, as the builder holds it."""
 
-    entry: newton.ModelBuilder.ActuatorEntry
-    """Entry of the builder that holds the actuator."""
-    index: int
-    """Its place in the entry."""
-
-
-def actuator_dofs(builder: newton.ModelBuilder) -> dict[int, BuilderActuator]:
-    """Explicit actuators by degree of freedom."""
-    entries = builder.actuator_entries.values()
-    return {dof: BuilderActuator(entry, k) for entry in entries for k, dof in enumerate(entry.indices)}
+    parts: list[tuple[type, dict[str, Any]]]
+    """Classes of the drive and its clampings, with their arguments."""
+    delay_steps: int | None
+    """Delay in physics steps; None without one."""
 
 
-def author_actuator(joint: Usd.Prim, single: bool, actuator: BuilderActuator, folder: Path) -> None:
+def actuators_by_dof(builder: newton.ModelBuilder) -> dict[int, Actuator]:
+    """Explicit actuators by degree of freedom. A builder keeps actuators of one kind in one entry."""
+    found = {}
+    for entry in builder.actuator_entries.values():
+        for k, dof in enumerate(entry.indices):
+            parts = [(entry.drive_class, {**entry.drive_shared_kwargs, **entry.drive_args[k]})]
+            clampings = zip(entry.clamping_classes, entry.clamping_shared_kwargs, entry.clamping_args[k], strict=True)
+            parts += [(kind, {**shared, **own}) for kind, shared, own in clampings]
+            found[dof] = Actuator(parts, int(entry.delay_args[k]["delay_steps"]) if entry.delay_args else None)
+    return found
+
+
+def remove_actuators(joint: Usd.Prim) -> None:
+    """Deactivate the actuators of a joint that the stage authors, as others take their place."""
+    for prim in list(joint.GetStage().Traverse()):
+        targets = prim.GetRelationship("newton:targets")
+        if prim.GetTypeName() == "NewtonActuator" and targets and joint.GetPath() in targets.GetTargets():
+            prim.SetActive(False)
+
+
+def author_actuator(joint: Usd.Prim, single: bool, actuator: Actuator, folder: Path) -> None:
     """Author an actuator below its joint.
 
     Args:
@@ -57,24 +71,21 @@ def author_actuator(joint: Usd.Prim, single: bool, actuator: BuilderActuator, fo
     """
     if not single:
         raise ValueError(f"'{joint.GetPath()}' has an explicit actuator and several axes, which USD cannot say")
-    entry, index = actuator.entry, actuator.index
-    prim = joint.GetStage().DefinePrim(joint.GetPath().AppendChild("actuator"), "NewtonActuator")
+    # A name of its own where an actuator of the stage, now inactive, has it.
+    stage, path, number = joint.GetStage(), joint.GetPath().AppendChild("actuator"), 2
+    while stage.GetPrimAtPath(path):
+        path, number = joint.GetPath().AppendChild(f"actuator_{number}"), number + 1
+    prim = stage.DefinePrim(path, "NewtonActuator")
     prim.CreateRelationship("newton:targets").SetTargets([joint.GetPath()])
-    parts = [(entry.drive_class, {**entry.drive_shared_kwargs, **entry.drive_args[index]})]
-    for kind, shared, own in zip(
-        entry.clamping_classes, entry.clamping_shared_kwargs, entry.clamping_args[index], strict=True
-    ):
-        parts.append((kind, {**shared, **own}))
-    for kind, arguments in parts:
+    for kind, arguments in actuator.parts:
         if kind not in _SCHEMAS:
             raise ValueError(f"'{joint.GetPath()}' has a {kind.__name__}, which USD has no schema for")
         prim.AddAppliedSchema(_SCHEMAS[kind])
         for name, value in arguments.items():
             _author(prim, name, value, folder)
-    if entry.delay_args:
+    if actuator.delay_steps is not None:
         prim.AddAppliedSchema("NewtonActuatorDelayAPI")
-        steps = int(entry.delay_args[index]["delay_steps"])
-        prim.CreateAttribute("newton:delaySteps", Sdf.ValueTypeNames.Int).Set(steps)
+        prim.CreateAttribute("newton:delaySteps", Sdf.ValueTypeNames.Int).Set(actuator.delay_steps)
 
 
 def _author(prim: Usd.Prim, name: str, value: Any, folder: Path) -> None:

@@ -253,12 +253,14 @@ class InteractiveScene(SceneContents):
     def export(self, path: str | Path) -> None:
         """Write the scene as one self-contained USD file, the drives of its actuators included.
 
-        :meth:`from_usd` opens it again with the same model. A URDF or MJCF asset stays a reference to its file.
+        :meth:`from_usd` opens it again with the same model. It is in metres and kilograms, with the up axis of the
+        scene's stage. A URDF or MJCF asset stays a reference to its file.
 
         Raises:
             RuntimeError: if the scene is not built.
+            ValueError: an explicit actuator that USD has no way to express.
         """
-        export_stage(self, Path(path))
+        export_stage(self, Path(path), self.builder.authored_joints, self.builder.reports)
 
     def close(self) -> None:
         """Release the simulation."""

@@ -8,7 +8,7 @@ from .stage_access import StageError, asset_prim, open_stage
 from .stage_lights import Light, read_lights
 from .stage_report import StageReport
 from .stage_trial import StageTrial, try_stage
-from .units import si_stage
+from .units import si_stage, to_si
 
 __all__ = [
     "Light",
@@ -23,5 +23,6 @@ __all__ = [
     "read_lights",
     "read_semantics",
     "si_stage",
+    "to_si",
     "try_stage",
 ]

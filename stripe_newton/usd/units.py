@@ -42,7 +42,7 @@ _BY_NAME: list[tuple[re.Pattern[str], tuple[int, int]]] = [
         (r"drive:(linear|trans[XYZ]):physics:maxForce", _FORCE),
         (r"drive:(angular|rot[XYZ]):physics:(stiffness|damping)", _ANGULAR_GAIN),
         (r"drive:(angular|rot[XYZ]):physics:maxForce", _TORQUE),
-        (r"state:linear:physics:(position|velocity)", _LENGTH),
+        (r"state:(linear|trans[XYZ]):physics:(position|velocity)", _LENGTH),
         (r"physxLimit:(linear|trans[XYZ]):(stiffness|damping)", _LINEAR_GAIN),
         (r"physxLimit:(angular|rot[XYZ]):(stiffness|damping)", _ANGULAR_GAIN),
         (r"physxCollision:(contactOffset|restOffset)", _LENGTH),
