@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json as json_module
+import warnings
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -143,7 +144,9 @@ def _inspect_stage(path: Path) -> _Inspection:
     from stripe_newton.viewers import SceneRenderer, ViewerCfg
 
     report = inspect_stage(path)
-    scene = InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the report has the rows that it would show
+        scene = InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
     try:
         return _Inspection({}, [report], SceneRenderer(scene.sim, ViewerCfg()).render())
     finally:

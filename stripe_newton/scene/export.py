@@ -11,7 +11,7 @@ import newton
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from stripe_newton.sim import RigidBodyMaterialCfg
-from stripe_newton.usd import StageReport, to_si
+from stripe_newton.usd import StageReport, schema_typed, to_si
 
 from .export_joints import AuthoredJoints, export_joints
 from .scene_contents import SceneContents
@@ -56,7 +56,7 @@ def _editable_copy(stage: Usd.Stage) -> Usd.Stage:
 
     What is authored on it comes from the builder, in SI units: so the whole of it must be. The up axis stays.
     """
-    copy = Usd.Stage.Open(to_si(stage).Flatten())
+    copy = Usd.Stage.Open(to_si(schema_typed(stage)).Flatten())
     # Flattening keeps instances as references to prototypes, whose prims cannot be edited, and drives and materials are
     # authored on the prims themselves. Instances inside of instances show once the outer ones are none.
     while instances := [p for p in copy.Traverse() if p.IsInstance()]:

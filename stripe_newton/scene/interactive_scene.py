@@ -16,7 +16,7 @@ from stripe_newton.configclass import MISSING
 from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_newton.sim.scene_context import ENV_0, authored_path
-from stripe_newton.usd import open_stage
+from stripe_newton.usd import ignored_text, open_stage
 
 from .builder import SceneBuilder
 from .controller import SceneController
@@ -89,7 +89,7 @@ class InteractiveScene(SceneContents):
         """Import a stage as it is, build it, and find its articulations and rigid bodies.
 
         A stage that :meth:`export` wrote keeps its environments; any other stage is one environment as a whole.
-        ``scene.builder.reports`` lists what was read and what was ignored.
+        ``scene.builder.reports`` lists what was read and what was ignored. A warning shows the latter.
 
         Args:
             stage_or_path: File or open stage.
@@ -108,6 +108,9 @@ class InteractiveScene(SceneContents):
         if not stage.GetPrimAtPath(ENV_0).IsValid():
             scene.builder.template_root = "/"
         scene.build()
+        rows = [row for report in scene.builder.reports for row in report.ignored]
+        if rows:
+            warnings.warn(ignored_text(scene.builder.reports[0].file, rows), stacklevel=2)
         return scene
 
     # -- construction

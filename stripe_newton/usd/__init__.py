@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """USD stages from any source: loaded into a model builder with a report, or refused with a reason."""
 
+from .ignored_rows import ignored_text
 from .loading import inspect_stage, load_stage
+from .prepare import schema_typed
 from .report_rows import joint_rows
 from .semantic_labels import read_semantics
 from .stage_access import StageError, asset_prim, open_stage
@@ -16,12 +18,14 @@ __all__ = [
     "StageReport",
     "StageTrial",
     "asset_prim",
+    "ignored_text",
     "inspect_stage",
     "joint_rows",
     "load_stage",
     "open_stage",
     "read_lights",
     "read_semantics",
+    "schema_typed",
     "si_stage",
     "to_si",
     "try_stage",

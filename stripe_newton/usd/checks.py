@@ -1,45 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a stage: reasons to refuse it, before and after Newton has read it."""
+"""Stage checks: reasons to refuse a stage that it shows itself, before Newton reads it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
 
-import newton
 import numpy as np
-from newton import GeoType, JointType
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics
 
-from .stage_access import StageError, api_schemas, stage_name, walk
+from .attribute_checks import attribute_reasons
+from .mesh_checks import mesh_reason
+from .schema_names import misspelt_names
+from .stage_access import StageError, api_schemas, last_line, stage_name, walk
+from .units import stage_units
 
-__all__ = ["BuilderStart", "check_builder", "check_stage"]
-
-_MUJOCO_JOINTS = {
-    JointType.FREE,
-    JointType.FIXED,
-    JointType.REVOLUTE,
-    JointType.PRISMATIC,
-    JointType.BALL,
-    JointType.D6,
-}
-# Attributes of these names enter the simulation; a NaN in any other, such as a texture coordinate, is harmless.
-_PHYSICS_PREFIXES = ("physics:", "drive:", "limit:", "state:", "newton:", "physxJoint:", "physxLimit:", "xformOp:")
-# Of those, the ones that must have an end, by the last part of their name: not limits, efforts and break forces.
-_FINITE = {
-    "stiffness", "damping", "targetPosition", "targetVelocity", "velocity", "angularVelocity", "gravityDirection",
-    "centerOfMass", "staticFriction", "dynamicFriction", "restitution", "localPos0", "localPos1", "armature",
-    "friction",
-}  # fmt: skip
-
-
-class BuilderStart:
-    """Counts of a builder before a stage is read into it: what comes after them belongs to the stage."""
-
-    def __init__(self, builder: newton.ModelBuilder):
-        self.body, self.joint, self.shape = builder.body_count, builder.joint_count, builder.shape_count
-        self.dof, self.coord = builder.joint_dof_count, builder.joint_coord_count
-        self.articulation = builder.articulation_count
+__all__ = ["check_stage", "outer_prims"]
 
 
 def check_stage(
@@ -53,6 +29,7 @@ def check_stage(
     name = name or stage_name(stage)
     if not stage.GetPrimAtPath(root_path):
         raise StageError(name, root_path, "there is no such prim to load from")
+    _check_units(stage, name)
     prims = list(walk(stage, root_path, ignore))
     for path, reason in _reasons(stage, prims, solver):
         raise StageError(name, path, reason)
@@ -65,27 +42,45 @@ def check_stage(
         raise StageError(name, "" if root_path == "/" else root_path, reason)
 
 
+def _check_units(stage: Usd.Stage, name: str) -> None:
+    """Refuse units and up axes that mean nothing."""
+    for what, value in zip(("metersPerUnit", "kilogramsPerUnit"), stage_units(stage), strict=True):
+        if not 0.0 < value < math.inf:
+            raise StageError(name, "", f"{what} is {value:g}; it must be positive and finite, such as 1 or 0.01")
+    up = UsdGeom.GetStageUpAxis(stage)
+    if up not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
+        raise StageError(name, "", f"upAxis is {up or 'empty'}; it must be Y or Z")
+
+
 def _reasons(stage: Usd.Stage, prims: list[Usd.Prim], solver: str) -> Iterator[tuple[str, str]]:
     """``(path, reason)`` for everything that keeps the prims from being simulated."""
     for prim in prims:  # first, as the other checks would speak of such a prim's attributes
         yield from ((str(prim.GetPath()), reason) for reason in _deformable(prim))
     for prim in prims:
-        yield from ((str(prim.GetPath()), reason) for reason in _physics_reasons(stage, prim, solver))
+        yield from ((str(prim.GetPath()), reason) for reason in _prim_reasons(stage, prim, solver))
+    for prim in outer_prims(stage, prims):
+        yield from ((str(prim.GetPath()), reason) for reason in attribute_reasons(prim))
 
 
-def _physics_reasons(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
+def outer_prims(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[Usd.Prim]:
+    """Physics scenes and materials besides ``prims``, which Newton reads wherever they are."""
+    inner = {prim.GetPath() for prim in prims}
+    read = [p for p in stage.Traverse() if p.IsA(UsdPhysics.Scene) or p.HasAPI(UsdPhysics.MaterialAPI)]
+    return [p for p in read if p.GetPath() not in inner]
+
+
+def _prim_reasons(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
     body, collider = prim.HasAPI(UsdPhysics.RigidBodyAPI), prim.HasAPI(UsdPhysics.CollisionAPI)
-    joint, mass = prim.IsA(UsdPhysics.Joint), prim.HasAPI(UsdPhysics.MassAPI)
-    if not (body or collider or joint or mass or prim.IsA(UsdPhysics.Scene)):
-        return
-    yield from _not_finite(prim)
-    if body or collider:
-        yield from _transform(prim, body)
-    if mass:
-        yield from _mass(prim)
-    if collider and prim.IsA(UsdGeom.Mesh):
-        yield from _mesh(prim)
+    joint, light = prim.IsA(UsdPhysics.Joint), prim.HasAPI(UsdLux.LightAPI)
+    yield from misspelt_names(prim)
+    if not prim.IsA(UsdGeom.Camera) and not light:  # which have a place in pictures alone
+        yield from attribute_reasons(prim)
+    if prim.IsA(UsdGeom.Xformable) and not light:
+        yield from _transform(prim, body, body or collider)
+    if collider and prim.IsA(UsdGeom.Mesh) and (reason := mesh_reason(prim)):
+        yield f"is a mesh collider {reason}; mend the mesh, or remove PhysicsCollisionAPI"
     if joint and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False:
+        yield from _limits(prim)
         yield from _joint(stage, prim, solver)
 
 
@@ -101,66 +96,34 @@ def _deformable(prim: Usd.Prim) -> Iterator[str]:
         )
 
 
-def _not_finite(prim: Usd.Prim) -> Iterator[str]:
-    for attribute in prim.GetAuthoredAttributes():
-        name = attribute.GetName()
-        if not name.startswith(_PHYSICS_PREFIXES):
-            continue
-        numbers = _numbers(attribute.Get())
-        if numbers is None:
-            continue
-        if np.isnan(numbers).any():
-            yield f"{name} is not a number ({attribute.Get()}); author a finite value or remove it"
-        # A gravity of -inf is that of the Earth, by the schema.
-        elif (name.endswith(":gravityMagnitude") and np.isposinf(numbers).any()) or (
-            name.rpartition(":")[2] in _FINITE and np.isinf(numbers).any()
-        ):
-            yield f"{name} is infinite ({attribute.Get()}); author a finite value or remove it"
-
-
-def _numbers(value: object) -> np.ndarray | None:
-    """A value of an attribute as an array; None if it is no number."""
-    if isinstance(value, (bool, str)) or value is None:
-        return None
-    if isinstance(value, (Gf.Quatf, Gf.Quatd, Gf.Quath)):
-        value = (value.GetReal(), *value.GetImaginary())  # NumPy cannot convert Gf's quaternions
+def _transform(prim: Usd.Prim, body: bool, solid: bool) -> Iterator[str]:
     try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return None
-
-
-def _transform(prim: Usd.Prim, body: bool) -> Iterator[str]:
-    matrix = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()))
+        matrix = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()))
+    except Tf.ErrorException as error:
+        yield f"its xformOps cannot be computed ({last_line(error)}); author valid ones"
+        return
     if not np.isfinite(matrix).all():
         yield "its world transform is not finite; author finite xformOps"
         return
     scale = np.linalg.norm(matrix[:3, :3], axis=1)  # of the rows, as USD multiplies rows of coordinates
+    if not solid:
+        return
     if scale.min() < 1e-9:
         yield f"its world scale is zero ({', '.join(f'{s:g}' for s in scale)}); author a scale other than 0"
     elif body and np.linalg.det(matrix[:3, :3]) < 0.0:
         yield "is a rigid body under a mirroring scale; bake the mirror into the meshes and scale the body by 1"
 
 
-def _mass(prim: Usd.Prim) -> Iterator[str]:
-    api = UsdPhysics.MassAPI(prim)
-    for name, value in (("mass", api.GetMassAttr().Get()), ("density", api.GetDensityAttr().Get())):
-        if value is not None and (value < 0.0 or math.isinf(value)):
-            yield f"physics:{name} is {value:g}; it must be positive and finite, or 0 to have it computed"
-    inertia = api.GetDiagonalInertiaAttr().Get()
-    if inertia is not None and not all(0.0 <= v < math.inf for v in inertia):
-        yield f"physics:diagonalInertia is {tuple(inertia)}; it must be positive and finite, or 0 to have it computed"
-
-
-def _mesh(prim: Usd.Prim) -> Iterator[str]:
-    points = UsdGeom.Mesh(prim).GetPointsAttr().Get()
-    indices = UsdGeom.Mesh(prim).GetFaceVertexIndicesAttr().Get()
-    if not points or not indices:
-        yield "is a mesh collider without points or faces; author both, or remove PhysicsCollisionAPI"
-    elif not np.isfinite(np.asarray(points)).all():
-        yield "is a mesh collider with points that are not finite"
-    elif max(indices) >= len(points) or min(indices) < 0:
-        yield f"is a mesh collider whose faces name point {max(indices)} of {len(points)}"
+def _limits(prim: Usd.Prim) -> Iterator[str]:
+    """A joint of one axis has no range between limits that are the wrong way round."""
+    if not prim.IsA(UsdPhysics.RevoluteJoint) and not prim.IsA(UsdPhysics.PrismaticJoint):
+        return
+    lower, upper = (prim.GetAttribute(f"physics:{end}Limit") for end in ("lower", "upper"))
+    if lower.Get() > upper.Get():
+        yield (
+            f"physics:lowerLimit {lower.Get():g} is above physics:upperLimit {upper.Get():g}; swap them, "
+            "or use a PhysicsFixedJoint for a joint that does not move"
+        )
 
 
 def _joint(stage: Usd.Stage, prim: Usd.Prim, solver: str) -> Iterator[str]:
@@ -189,75 +152,3 @@ def _body_above(stage: Usd.Stage, targets: list[Sdf.Path]) -> str:
             return str(prim.GetPath())
         prim = prim.GetParent()
     return ""
-
-
-def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str, name: str) -> None:
-    """Refuse problems that show only after Newton has read the stage.
-
-    Raises:
-        StageError: a body without mass, a body without a joint, a joint that the solver does not support, a value that
-            is not finite, a plane on a moving body.
-    """
-    _check_bodies(builder, start, name)
-    _check_joints(builder, start, solver, name)
-    for shape in range(start.shape, builder.shape_count):
-        if builder.shape_type[shape] == GeoType.PLANE and builder.shape_body[shape] >= 0 and solver == "mujoco":
-            reason = "is a plane on a rigid body, which MuJoCo does not take; use a box, or take it off the body"
-            raise StageError(name, builder.shape_label[shape], reason)
-
-
-def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) -> None:
-    articulated = {
-        builder.joint_child[j] for j in range(start.joint, builder.joint_count) if builder.joint_articulation[j] >= 0
-    }
-    group_mass = _group_masses(builder, start)
-    for body in range(start.body, builder.body_count):
-        label = builder.body_label[body]
-        mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body]).reshape(3, 3)
-        if mass < 0.0 or not math.isfinite(mass):
-            raise StageError(name, label, f"has mass {mass:g}; it must be positive and finite")
-        # A body without mass is fine if it is welded to one that has some, as a sensor's frame is.
-        if not group_mass[body] > 0.0:
-            raise StageError(name, label, "has no mass: author physics:mass, or give it a collider with a density")
-        if mass and (not np.isfinite(inertia).all() or np.linalg.eigvalsh((inertia + inertia.T) / 2).min() <= 0.0):
-            raise StageError(name, label, f"its inertia is not positive: {np.diag(inertia)}; author diagonalInertia")
-        if body not in articulated:
-            reason = "hangs on a joint outside every articulation; apply PhysicsArticulationRootAPI above both"
-            raise StageError(name, label, reason)
-        if not np.isfinite(np.array(builder.body_q[body])).all():
-            raise StageError(name, label, "its pose is not finite")
-
-
-def _check_joints(builder: newton.ModelBuilder, start: BuilderStart, solver: str, name: str) -> None:
-    for joint in range(start.joint, builder.joint_count):
-        kind = JointType(builder.joint_type[joint])
-        if solver == "mujoco" and kind not in _MUJOCO_JOINTS:
-            reason = (
-                f"is a {kind.name} joint, which the MuJoCo solver does not take; use another joint, or another solver"
-            )
-            raise StageError(name, builder.joint_label[joint], reason)
-        frames = [*builder.joint_X_p[joint], *builder.joint_X_c[joint]]
-        if not np.isfinite(np.array(frames, dtype=float)).all():
-            raise StageError(name, builder.joint_label[joint], "its local frames are not finite")
-    if not np.isfinite(np.array(builder.joint_q[start.coord :], dtype=float)).all():
-        raise StageError(name, "", "an initial joint position is not finite")
-
-
-def _group_masses(builder: newton.ModelBuilder, start: BuilderStart) -> dict[int, float]:
-    """Mass of each body with everything that is welded to it; infinite where that is the world."""
-    # Union-find over the fixed joints; -1 is the world.
-    group = {body: body for body in range(-1, builder.body_count)}
-
-    def top(body: int) -> int:
-        while group[body] != body:
-            body = group[body]
-        return body
-
-    for joint in range(start.joint, builder.joint_count):
-        if builder.joint_type[joint] == JointType.FIXED and builder.joint_articulation[joint] >= 0:
-            group[top(builder.joint_child[joint])] = top(builder.joint_parent[joint])
-    masses = dict.fromkeys(group, 0.0)
-    masses[top(-1)] = math.inf
-    for body in range(start.body, builder.body_count):
-        masses[top(body)] += builder.body_mass[body]
-    return {body: masses[top(body)] for body in group}

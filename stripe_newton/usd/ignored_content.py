@@ -9,10 +9,12 @@ from collections.abc import Iterator
 from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
 from pxr import Usd, UsdGeom, UsdPhysics
 
+from .schema_names import unknown_types
 from .stage_access import api_schemas
 
 __all__ = ["ignored_content"]
 
+_PHYSICS_PREFIXES = ("physics:", "drive:", "limit:")
 _VENDOR_PREFIXES = ("physx", "omniphysics")
 
 
@@ -22,7 +24,13 @@ def ignored_content(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
     for prim in prims:
         path = str(prim.GetPath())
         rows.extend((path, what, why) for what, why in _prim_ignored(prim))
-    return [*rows, *_vendor_attributes(prims)]
+    return [*rows, *_second_scenes(prims), *unknown_types(prims), *_unapplied(prims), *_vendor_attributes(prims)]
+
+
+def _second_scenes(prims: list[Usd.Prim]) -> Iterator[tuple[str, str, str]]:
+    scenes = [str(prim.GetPath()) for prim in prims if prim.IsA(UsdPhysics.Scene)]
+    for path in scenes[1:]:
+        yield path, "PhysicsScene", f"a stage has one; {scenes[0]} is used"
 
 
 def _prim_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
@@ -39,6 +47,11 @@ def _prim_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
             yield "staticFriction", f"Newton has one coefficient: dynamicFriction {dynamic:g} is used, not {static:g}"
     if prim.IsA(UsdPhysics.Joint):
         yield from _joint_ignored(prim)
+    if prim.IsA(UsdGeom.Xformable):
+        order = UsdGeom.Xformable(prim).GetXformOpOrderAttr().Get() or ()
+        names = dict.fromkeys(name.removeprefix("!invert!") for name in order if name != "!resetXformStack!")
+        if missing := [name for name in names if not prim.GetAttribute(name)]:
+            yield "xformOpOrder", f"{' '.join(missing)} is not authored: left out"
     if any(a.GetNumTimeSamples() for a in prim.GetAuthoredAttributes() if a.GetName().startswith("xformOp:")):
         yield "animation", "only the default time is read, not time samples"
 
@@ -93,6 +106,27 @@ def _understood() -> set[str]:
     return names - {"physxRigidBody:linearDamping", "physxRigidBody:angularDamping"}
 
 
+def _unapplied(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
+    """Attributes of UsdPhysics on prims that do not apply their schema, which nobody reads: a row for each name."""
+    found: dict[str, list[str]] = {}
+    for prim in prims:
+        names = [a.GetName() for a in prim.GetAuthoredAttributes() if a.GetName().startswith(_PHYSICS_PREFIXES)]
+        if names:
+            known = set(prim.GetPrimDefinition().GetPropertyNames())
+            for name in names:
+                if name not in known:
+                    found.setdefault(name, []).append(str(prim.GetPath()))
+    return _by_name(found, "not read: no schema of the prim has it")
+
+
+def _by_name(found: dict[str, list[str]], why: str) -> list[tuple[str, str, str]]:
+    """A row for each name with the number of prims: a row for each of a robot's links would hide all others."""
+    return [
+        (paths[0] + (f" (+{len(paths) - 1} more)" if len(paths) > 1 else ""), name, why)
+        for name, paths in sorted(found.items())
+    ]
+
+
 def _vendor_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
     """Authored PhysX attributes without a counterpart in Newton: a row for each name, with the number of prims."""
     understood = _understood()
@@ -102,8 +136,4 @@ def _vendor_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
             name = attribute.GetName()
             if name.startswith(_VENDOR_PREFIXES) and name not in understood:
                 found.setdefault(name, []).append(str(prim.GetPath()))
-    # A robot has the same attribute on dozens of links: a row for each would hide everything else.
-    return [
-        (paths[0] + (f" (+{len(paths) - 1} more)" if len(paths) > 1 else ""), name, "Newton has no counterpart")
-        for name, paths in sorted(found.items())
-    ]
+    return _by_name(found, "Newton has no counterpart")

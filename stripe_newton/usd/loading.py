@@ -9,18 +9,22 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import newton
 import numpy as np
-from newton import GeoType
 from newton.solvers import SolverMuJoCo
 from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
-from pxr import Usd, UsdGeom, UsdPhysics
+from pxr import Tf, Usd, UsdGeom, UsdPhysics
 
-from .checks import BuilderStart, check_builder, check_stage
-from .prepare import Ignored, prepare
+from .builder_checks import BuilderStart, check_builder
+from .builder_repairs import articulate_single_joints, unmirror_meshes
+from .checks import check_stage
+from .ignored_rows import Ignored
+from .inertia_balance import balance_inertias
+from .prepare import prepare
 from .report_rows import build_report
-from .stage_access import StageError, open_stage, stage_name, walk
+from .stage_access import StageError, first_path, last_line, open_stage, stage_name, walk
 from .stage_report import StageReport
 
 __all__ = ["inspect_stage", "load_stage"]
@@ -54,16 +58,39 @@ def load_stage(
     """
     opened = open_stage(stage)
     name, ignore = stage_name(opened), tuple(ignore_paths)
-    check_stage(opened, root_path, ignore, solver, allow_static, name)
-    prepared, rows = prepare(opened, root_path, ignore)
+    try:
+        check_stage(opened, root_path, ignore, solver, allow_static, name)
+        prepared, rows = prepare(opened, root_path, ignore)
+    except Tf.ErrorException as error:  # of what no check foresaw
+        raise StageError(name, first_path(str(error), opened), f"USD does not read it: {last_line(error)}") from error
     start = BuilderStart(builder)
     # Whatever the solver: attributes of MuJoCo's schemas are read into these.
     if solver == "mujoco" or not any(a.namespace == "mujoco" for a in builder.custom_attributes.values()):
         SolverMuJoCo.register_custom_attributes(builder)
+    result = _add_usd(builder, prepared, root_path, ignore, name, rows)
+    unmirror_meshes(builder, start.shape)
+    articulate_single_joints(builder, start.joint, rows)
+    # After the repairs: what they mend is no reason to refuse.
+    check_builder(builder, start, solver, name)
+    rows.extend(balance_inertias(builder, start.body))
+    if not _can_approximate():
+        rows.extend(_unapproximated(prepared, root_path, ignore))
+    scene = result["physics_scene_path"]
+    return build_report(builder, start, opened, prepared, root_path, ignore, rows, name, scene)
+
+
+def _add_usd(
+    builder: newton.ModelBuilder, stage: Usd.Stage, root_path: str, ignore: tuple[str, ...], name: str, rows: Ignored
+) -> dict[str, Any]:
+    """Let Newton's importer read a stage that was prepared for it.
+
+    Raises:
+        StageError: it does not support the stage.
+    """
     with _warnings_as_rows(rows):
         try:
-            result = builder.add_usd(
-                prepared,
+            return builder.add_usd(
+                stage,
                 root_path=root_path,
                 ignore_paths=list(ignore),
                 # The first that has an attribute decides: Newton's own schemas, then MuJoCo's, then PhysX's.
@@ -72,18 +99,11 @@ def load_stage(
                 load_visual_shapes=True,
                 skip_mesh_approximation=not _can_approximate(),
             )
-        except (ValueError, RuntimeError, NotImplementedError, KeyError, ImportError) as error:
-            # What Newton's importer raises for stages that it does not support.
-            reason = f"Newton does not read it: {str(error) or type(error).__name__}"
-            raise StageError(name, _first_path(str(error), prepared), reason) from error
-    _unmirror_meshes(builder, start.shape)
-    _articulate_single_joints(builder, start.joint, rows)
-    # After the repairs: what they mend is no reason to refuse.
-    check_builder(builder, start, solver, name)
-    if not _can_approximate():
-        rows.extend(_unapproximated(prepared, root_path, ignore))
-    scene = result["physics_scene_path"]
-    return build_report(builder, start, opened, prepared, root_path, ignore, rows, name, scene)
+        except Exception as error:  # whatever a stage brings that the importer does not expect
+            text = last_line(error) if isinstance(error, Tf.ErrorException) else str(error)
+            kind = "" if isinstance(error, (ValueError, RuntimeError)) else f"{type(error).__name__}: "
+            reason = f"Newton does not read it: {kind}{text or type(error).__name__}"
+            raise StageError(name, first_path(str(error), stage), reason) from error
 
 
 def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> StageReport:
@@ -151,74 +171,3 @@ class _ListHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self.texts.append(record.getMessage())
-
-
-def _first_path(text: str, stage: Usd.Stage) -> str:
-    """The first prim path that an error text names."""
-    for word in text.replace("'", " ").replace('"', " ").replace(",", " ").split():
-        word = word.rstrip(".:;")
-        if word.startswith("/") and len(word) > 1 and stage.GetPrimAtPath(word):
-            return word
-    return ""
-
-
-def _unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
-    """Bake negative scales of meshes into their vertices, as the MuJoCo solver refuses them."""
-    for shape in range(first, builder.shape_count):
-        scale = np.array(builder.shape_scale[shape], dtype=np.float32)
-        mesh = builder.shape_source[shape]
-        if builder.shape_type[shape] not in (GeoType.MESH, GeoType.CONVEX_MESH) or (scale >= 0.0).all():
-            continue
-        faces = np.array(mesh.indices, dtype=np.int32).reshape(-1, 3)
-        if np.prod(np.sign(scale)) < 0.0:  # a mirror turns faces inside out, two mirrors are a rotation
-            faces = faces[:, ::-1]
-        # A new mesh: the old one may be shared with shapes that are not mirrored.
-        mirrored = newton.Mesh(
-            np.array(mesh.vertices) * np.sign(scale),
-            faces.reshape(-1).copy(),
-            normals=None if mesh.normals is None else np.array(mesh.normals) * np.sign(scale),
-            uvs=mesh.uvs,
-            compute_inertia=False,
-            is_solid=mesh.is_solid,
-            maxhullvert=mesh.maxhullvert,
-            color=mesh.color,
-            opacity=mesh.opacity,
-            texture=mesh.texture,
-            roughness=mesh.roughness,
-            metallic=mesh.metallic,
-        )
-        builder.shape_source[shape] = mirrored
-        builder.shape_scale[shape] = tuple(float(s) for s in np.abs(scale))
-
-
-def _articulate_single_joints(builder: newton.ModelBuilder, first: int, rows: Ignored) -> None:
-    """Make an articulation of each body that one joint connects to the world.
-
-    OpenUSD's parser reports such an articulation without its body. Newton then leaves the joint out of every
-    articulation, and its forward kinematics would skip it.
-    """
-    children = {builder.joint_child[j] for j in range(first, builder.joint_count) if builder.joint_articulation[j] >= 0}
-    for joint in range(first, builder.joint_count):
-        child = builder.joint_child[joint]
-        if builder.joint_articulation[joint] < 0 and builder.joint_parent[joint] == -1 and child not in children:
-            children.add(child)
-            builder.add_articulation([joint], label=builder.joint_label[joint])
-            rows.append((builder.joint_label[joint], "joint without articulation", "made an articulation of one body"))
-    _sort_articulations(builder)
-
-
-def _sort_articulations(builder: newton.ModelBuilder) -> None:
-    """Sort articulations by their joints, as ``finalize`` demands."""
-    order = sorted(range(builder.articulation_count), key=lambda a: builder.articulation_start[a])
-    if order == list(range(len(order))):
-        return
-    for name in ("articulation_start", "articulation_end", "articulation_label", "articulation_world"):
-        values = getattr(builder, name)
-        values[:] = [values[a] for a in order]
-    # What refers to articulations by index: joints, and custom attributes of articulations.
-    new = {old: index for index, old in enumerate(order)}
-    for joint, articulation in enumerate(list(builder.joint_articulation)):
-        builder.joint_articulation[joint] = new.get(articulation, articulation)
-    for attribute in builder.custom_attributes.values():
-        if attribute.frequency == newton.Model.AttributeFrequency.ARTICULATION and isinstance(attribute.values, dict):
-            attribute.values = {new[a]: value for a, value in attribute.values.items()}

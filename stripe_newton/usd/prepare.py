@@ -7,27 +7,30 @@ The given stage is never changed: the edits are made in the session layer of a s
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
-from pxr import Sdf, Usd, UsdPhysics
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .stage_access import StageError, api_schemas, stage_name, walk
+from .attribute_checks import mistyped_values
+from .checks import outer_prims
+from .ignored_rows import Ignored
+from .loose_joints import articulate_loose_joints
+from .material_bindings import lost_materials, unapplied_bindings
+from .mesh_checks import mesh_reason
+from .stage_access import stage_name, walk
+from .stage_overlay import StageOverlay
 from .units import mixed_units, stage_units, to_si
 
-__all__ = ["Ignored", "prepare"]
-
-Ignored = list[tuple[str, str, str]]
-"""Rows ``(prim path, what, why)``."""
-
-_JOINT_TYPES = ("FixedJoint", "RevoluteJoint", "PrismaticJoint", "SphericalJoint", "D6Joint", "DistanceJoint")
-_EQUALITIES = {"MjcEqualityConnectAPI", "MjcEqualityWeldAPI"}
+__all__ = ["prepare", "schema_typed"]
 
 
 def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> tuple[Usd.Stage, Ignored]:
     """Edit a stage so that Newton reads it as UsdPhysics defines it.
 
+    * Numbers of another type than their schema has, such as a double for a float, are converted: UsdPhysics would take
+      its default.
     * Units other than metres and kilograms are converted (:func:`to_si`).
     * A rigid body that is not enabled becomes static geometry (Newton would let it fall).
+    * Visible meshes without a shape are left out, and bindings to materials that do not resolve.
     * Targets of ``physics:filteredGroups`` that do not exist are dropped (OpenUSD takes them for the group itself, and
       its members would pass through each other).
     * Joints outside every articulation get one. Its root is at the joint to the world, otherwise at the first body
@@ -39,180 +42,102 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     name, ignore = stage_name(stage), tuple(ignore)
     metres, kilograms = stage_units(stage)
     rows: Ignored = mixed_units(stage)
-    converted = to_si(stage)
-    if converted is not stage:
+    typed = _Edit(stage, root_path, ignore, rows)
+    typed.convert_types()
+    converted = to_si(typed.overlay.stage)
+    if converted is not typed.overlay.stage:
         rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))
-        stage = converted
-    edit = _Overlay(stage)
-    _make_disabled_bodies_static(edit, root_path, ignore, rows)
-    _drop_dangling_groups(edit, rows)
-    _articulate_loose_joints(edit, root_path, ignore, rows, name)
-    return edit.stage, rows
+        edit = _Edit(converted, root_path, ignore, rows)
+    else:
+        edit = typed
+    edit.drop_damaged_meshes()
+    edit.apply_binding_schema()
+    edit.clear_lost_materials()
+    edit.make_disabled_bodies_static()
+    edit.drop_dangling_groups()
+    articulate_loose_joints(edit.overlay, root_path, ignore, rows, name)
+    return edit.overlay.stage, rows
 
 
-class _Overlay:
-    """A stage that is opened a second time, with a session layer of its own, at the first edit.
-
-    Most stages need no edit, and opening a large one again takes as long as the first time.
-    """
-
-    def __init__(self, stage: Usd.Stage):
-        self.stage = stage
-        self._own = False
-
-    def prim(self, path: Sdf.Path | str) -> Usd.Prim:
-        """The prim to edit. An instance that it is part of is made editable."""
-        if not self._own:
-            self._open()
-        prim = self.stage.GetPrimAtPath(path)
-        # Instances may be nested: making the outermost one editable may leave the prim in an inner one.
-        while prim.IsInstanceProxy():
-            instance = prim
-            while not instance.IsInstance():
-                instance = instance.GetParent()
-            instance.SetInstanceable(False)
-            prim = self.stage.GetPrimAtPath(path)
-        return prim
-
-    def _open(self) -> None:
-        base, session = self.stage, Sdf.Layer.CreateAnonymous("stripe-newton.usda")
-        if base.GetSessionLayer() is not None:
-            session.subLayerPaths.append(base.GetSessionLayer().identifier)
-        arguments = (base.GetRootLayer(), session, base.GetPathResolverContext())
-        # The same mask, load rules and muted layers, or the second stage would hold other prims than the first.
-        self.stage = Usd.Stage.OpenMasked(*arguments, base.GetPopulationMask(), Usd.Stage.LoadAll)
-        self.stage.SetLoadRules(base.GetLoadRules())
-        self.stage.MuteAndUnmuteLayers(base.GetMutedLayers(), [])
-        self.stage.SetEditTarget(session)
-        self._base, self._own = base, True  # the reference keeps the base's session layer alive
+def schema_typed(stage: Usd.Stage) -> Usd.Stage:
+    """The stage with each number in the type of its schema: itself, or a second one on the same layers."""
+    edit = _Edit(stage, "/", (), [])
+    edit.convert_types()
+    return edit.overlay.stage
 
 
-def _make_disabled_bodies_static(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored) -> None:
-    # Paths, not prims: the first edit opens another stage.
-    bodies = [p.GetPath() for p in walk(edit.stage, root_path, ignore) if p.HasAPI(UsdPhysics.RigidBodyAPI)]
-    for path in bodies:
-        if UsdPhysics.RigidBodyAPI(edit.stage.GetPrimAtPath(path)).GetRigidBodyEnabledAttr().Get() is False:
-            edit.prim(path).RemoveAPI(UsdPhysics.RigidBodyAPI)
-            rows.append((str(path), "rigid body", "rigidBodyEnabled is false: its shapes are static geometry"))
+class _Edit:
+    """Edits of a stage, each with a row of the report."""
 
+    def __init__(self, stage: Usd.Stage, root_path: str, ignore: tuple[str, ...], rows: Ignored):
+        self.overlay = StageOverlay(stage)
+        self._root, self._ignore, self._rows = root_path, ignore, rows
 
-def _drop_dangling_groups(edit: _Overlay, rows: Ignored) -> None:
-    for path in [p.GetPath() for p in edit.stage.Traverse() if p.IsA(UsdPhysics.CollisionGroup)]:
-        targets = UsdPhysics.CollisionGroup(edit.stage.GetPrimAtPath(path)).GetFilteredGroupsRel().GetTargets()
-        if path in targets:
-            rows.append((str(path), "collision group", "filters itself: its members pass through each other"))
-        missing = [t for t in targets if not UsdPhysics.CollisionGroup(edit.stage.GetPrimAtPath(t))]
-        if missing:
-            relation = UsdPhysics.CollisionGroup(edit.prim(path)).GetFilteredGroupsRel()
-            relation.SetTargets([t for t in targets if t not in missing])
-            rows.append((str(path), "filteredGroups", f"no such collision group: {', '.join(map(str, missing))}"))
+    def _prims(self) -> list[Usd.Prim]:
+        return list(walk(self.overlay.stage, self._root, self._ignore))
 
+    def convert_types(self) -> None:
+        """Convert numbers to the types of their schemas."""
+        prims = self._prims()
+        # Values first: the first edit opens another stage.
+        found = [
+            (p.GetPath(), *row) for p in [*prims, *outer_prims(self.overlay.stage, prims)] for row in mistyped_values(p)
+        ]
+        for path, name, value, why in found:
+            self.overlay.prim(path).GetAttribute(name).Set(value)
+            self._rows.append((str(path), name, why))
 
-class _Joint(NamedTuple):
-    """A joint and its bodies by path; ``""`` is the world."""
+    def drop_damaged_meshes(self) -> None:
+        """Leave out visible meshes that have no shape; the renderer would read beyond their arrays."""
+        found = [(p.GetPath(), reason) for p in self._prims() if p.IsA(UsdGeom.Mesh) and (reason := mesh_reason(p))]
+        for path, reason in found:
+            self.overlay.prim(path).SetTypeName("Xform")  # what stands below it stays
+            self._rows.append((str(path), "visible mesh", f"is left out: it is a mesh {reason}"))
 
-    path: str
-    body0: str
-    body1: str
+    def apply_binding_schema(self) -> None:
+        """Apply MaterialBindingAPI where a material is bound without it; UsdPhysics would not read the binding."""
+        paths = unapplied_bindings(self._prims())
+        for path in paths:
+            UsdShade.MaterialBindingAPI.Apply(self.overlay.prim(path))
+        if paths:
+            more = f" (+{len(paths) - 1} more)" if len(paths) > 1 else ""
+            self._rows.append(
+                (paths[0] + more, "material binding", "MaterialBindingAPI is not applied: taken as if it were")
+            )
 
+    def clear_lost_materials(self) -> None:
+        """Clear bindings to materials that Newton could not read, which would refuse the whole stage."""
+        for lost in lost_materials(self._prims()):
+            for owner, relationship in dict.fromkeys(lost.bindings):
+                self.overlay.prim(owner).GetRelationship(relationship).SetTargets([])
+            more = f" (+{len(lost.colliders) - 1} more)" if len(lost.colliders) > 1 else ""
+            why = f"{lost.path} {lost.why}: default friction and restitution are used"
+            self._rows.append((lost.colliders[0] + more, "physics material", why))
 
-def _articulate_loose_joints(edit: _Overlay, root_path: str, ignore: tuple[str, ...], rows: Ignored, name: str) -> None:
-    """Make articulations of the mechanisms whose joints belong to none."""
-    # OpenUSD 26.8 renamed the parser.
-    parse = getattr(UsdPhysics, "UsdPhysicsLoadStageFromPrimRange", None) or UsdPhysics.LoadUsdPhysicsFromRange
-    parsed = parse(edit.stage, [root_path])
-    articulations = parsed.get(UsdPhysics.ObjectType.Articulation, ((), ()))[1]
-    owned_bodies = {str(p) for a in articulations for p in a.articulatedBodies if str(p)}
-    owned_joints = {str(p) for a in articulations for p in a.articulatedJoints}
-    kept = {str(p.GetPath()) for p in walk(edit.stage, root_path, ignore)}
-    loose = kept - owned_joints
-    joints = [
-        _Joint(str(path), _body(joint.body0, kept), _body(joint.body1, kept))
-        for kind in _JOINT_TYPES
-        for path, joint in zip(*parsed.get(getattr(UsdPhysics.ObjectType, kind), ((), ())), strict=True)
-        if str(path) in loose and _belongs_in_a_tree(edit.stage.GetPrimAtPath(path), joint)
-    ]
-    for mechanism in _mechanisms(joints):
-        # One that hangs on an articulation is left as it is: check_builder() asks for a root above both.
-        if not owned_bodies.intersection(body for joint in mechanism for body in joint[1:]):
-            _articulate(edit, mechanism, rows, name)
+    def make_disabled_bodies_static(self) -> None:
+        """Take the rigid body from prims whose body is not enabled."""
+        bodies = [p.GetPath() for p in self._prims() if p.HasAPI(UsdPhysics.RigidBodyAPI)]
+        for path in bodies:
+            body = UsdPhysics.RigidBodyAPI(self.overlay.stage.GetPrimAtPath(path))
+            if body.GetRigidBodyEnabledAttr().Get() is False:
+                self.overlay.prim(path).RemoveAPI(UsdPhysics.RigidBodyAPI)
+                self._rows.append(
+                    (str(path), "rigid body", "rigidBodyEnabled is false: its shapes are static geometry")
+                )
 
+    def drop_dangling_groups(self) -> None:
+        """Drop targets of collision groups that do not exist."""
+        stage = self.overlay.stage
+        for path in [p.GetPath() for p in stage.Traverse() if p.IsA(UsdPhysics.CollisionGroup)]:
+            targets = self._group(path).GetFilteredGroupsRel().GetTargets()
+            if path in targets:
+                self._rows.append((str(path), "collision group", "filters itself: its members pass through each other"))
+            missing = [t for t in targets if not self._group(t)]
+            if missing:
+                relation = UsdPhysics.CollisionGroup(self.overlay.prim(path)).GetFilteredGroupsRel()
+                relation.SetTargets([t for t in targets if t not in missing])
+                why = f"no such collision group: {', '.join(map(str, missing))}"
+                self._rows.append((str(path), "filteredGroups", why))
 
-def _belongs_in_a_tree(prim: Usd.Prim, joint: UsdPhysics.JointDesc) -> bool:
-    """Whether a joint is enabled, not excluded from articulations and no equality constraint of MuJoCo."""
-    excluded = not joint.jointEnabled or joint.excludeFromArticulation
-    return not excluded and not _EQUALITIES.intersection(api_schemas(prim))
-
-
-def _body(path: Sdf.Path, kept: set[str]) -> str:
-    """Path of a joint's body, ``""`` for the world."""
-    return str(path) if str(path) in kept and str(path) != "/" else ""
-
-
-def _mechanisms(joints: list[_Joint]) -> list[list[_Joint]]:
-    """Joints grouped into connected mechanisms. The world connects nothing."""
-    groups: list[tuple[set[str], list[_Joint]]] = []
-    for joint in joints:
-        bodies = {body for body in joint[1:] if body}
-        members = [joint]
-        rest = []
-        for other, owned in groups:
-            if other & bodies:
-                bodies |= other
-                members = owned + members
-            else:
-                rest.append((other, owned))
-        groups = [*rest, (bodies, members)]
-    return [members for _, members in groups]
-
-
-def _articulate(edit: _Overlay, joints: list[_Joint], rows: Ignored, name: str) -> None:
-    """Give one mechanism an articulation root, and exclude the joints that close loops from its tree."""
-    bodies = list(dict.fromkeys(body for joint in joints for body in joint[1:] if body))
-    if len(bodies) == 1:
-        return  # one body on joints to the world: done on the builder, OpenUSD would lose the body
-    grounded = [joint for joint in joints if not joint.body0 or not joint.body1]
-    between = [joint for joint in joints if joint.body0 and joint.body1]
-    root_body = _root_body(bodies, grounded, between)
-    tree = _tree_from(root_body, between, name)
-    root = edit.prim(grounded[0].path if grounded else root_body)
-    UsdPhysics.ArticulationRootAPI.Apply(root)
-    rows.append((str(root.GetPath()), "joints without articulation", f"made one articulation of {len(bodies)} bodies"))
-    # A second joint between the same two bodies closes no loop: Newton merges the two into one D6 joint.
-    in_tree = {joint[1:] for joint in [*tree, *grounded[:1]]}
-    for joint in joints:
-        if joint[1:] not in in_tree:
-            UsdPhysics.Joint(edit.prim(joint.path)).CreateExcludeFromArticulationAttr(True)
-            why = "kept as a constraint, not a coordinate: no drive and no limit"
-            rows.append((joint.path, "joint closes a loop", why))
-
-
-def _root_body(bodies: list[str], grounded: list[_Joint], between: list[_Joint]) -> str:
-    """The body on the first joint to the world, otherwise the first body that is no joint's child."""
-    if grounded:
-        return grounded[0].body1 or grounded[0].body0
-    children = {joint.body1 for joint in between}
-    return next((body for body in bodies if body not in children), bodies[0])
-
-
-def _tree_from(root_body: str, joints: list[_Joint], name: str) -> list[_Joint]:
-    """Joints of a spanning tree that starts at ``root_body`` and leads from ``body0`` to ``body1``.
-
-    Raises:
-        StageError: a joint points the other way, from child to parent.
-    """
-    reached, tree, growing = {root_body}, list[_Joint](), True
-    while growing:
-        growing = False
-        for joint in joints:
-            if joint.body0 in reached and joint.body1 not in reached:
-                reached.add(joint.body1)
-                tree.append(joint)
-                growing = True
-    lost = [joint for joint in joints if joint.body0 not in reached]
-    if lost:
-        reason = (
-            f"points from child to parent in the tree that starts at {root_body}; swap physics:body0 and physics:body1"
-        )
-        raise StageError(name, lost[0].path, reason)
-    return tree
+    def _group(self, path: Sdf.Path) -> UsdPhysics.CollisionGroup:
+        return UsdPhysics.CollisionGroup(self.overlay.stage.GetPrimAtPath(path))

@@ -11,8 +11,9 @@ import numpy as np
 from newton import GeoType, JointTargetMode, JointType, ShapeFlags
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .checks import BuilderStart
+from .builder_checks import BuilderStart
 from .ignored_content import ignored_content
+from .ignored_rows import Ignored
 from .semantic_labels import read_semantics
 from .stage_access import walk
 from .stage_lights import ignored_lights, read_lights
@@ -38,7 +39,7 @@ def build_report(
     prepared: Usd.Stage,
     root_path: str,
     ignore: Iterable[str],
-    rows: list[tuple[str, str, str]],
+    rows: Ignored,
     name: str,
     scene_path: str | None,
 ) -> StageReport:

@@ -11,7 +11,7 @@ from pxr import Sdf, Tf, Usd, UsdPhysics
 
 from .git_lfs import POINTER_REASON, is_pointer
 
-__all__ = ["StageError", "api_schemas", "asset_prim", "open_stage", "stage_name", "walk"]
+__all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "last_line", "open_stage", "stage_name", "walk"]
 
 
 class StageError(ValueError):
@@ -46,10 +46,8 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
             raise StageError(str(path), "", POINTER_REASON)
         try:
             stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
-        except Tf.ErrorException as error:  # its last line says most, those above are USD's own call stack
-            lines = str(error).strip().splitlines()
-            detail = lines[-1].strip() if lines else ""
-            raise StageError(str(path), "", f"is not a USD file that can be read ({detail})") from error
+        except Tf.ErrorException as error:
+            raise StageError(str(path), "", f"is not a USD file that can be read ({last_line(error)})") from error
     # USD opens a stage whose references do not resolve, and only prints a warning.
     errors = stage.GetCompositionErrors()
     if errors:
@@ -58,6 +56,23 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
         prim = str(getattr(errors[0], "rootSite", Sdf.Path()) or "")
         raise StageError(stage_name(stage), _site_path(prim), reason)
     return stage
+
+
+def last_line(error: Exception) -> str:
+    """The message in the last line of an error of USD; the rest is its own call stack."""
+    lines = str(error).strip().splitlines()
+    last = lines[-1].strip() if lines else ""
+    message = re.fullmatch(r"Error in '.*' at line \d+ in file .* : '(.*)'", last)
+    return message.group(1) if message else last
+
+
+def first_path(text: str, stage: Usd.Stage) -> str:
+    """The first prim path that an error text names."""
+    for word in text.replace("'", " ").replace('"', " ").replace(",", " ").split():
+        word = word.rstrip(".:;")
+        if word.startswith("/") and len(word) > 1 and stage.GetPrimAtPath(word):
+            return word
+    return ""
 
 
 def _composition_text(error: object) -> str:

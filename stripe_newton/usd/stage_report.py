@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
+from .ignored_rows import Ignored
 from .stage_lights import Light
 from .text_table import WIDTH, count, number, shorten, table, vector
 
@@ -158,7 +159,7 @@ class StageReport:
     materials: list[MaterialRow] = field(default_factory=list)
     sites: list[SiteRow] = field(default_factory=list)
     semantics: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    ignored: list[tuple[str, str, str]] = field(default_factory=list)
+    ignored: Ignored = field(default_factory=list)
     """Rows ``(path, what, why)``: what was left out, read differently from what is authored, or changed."""
 
     @property

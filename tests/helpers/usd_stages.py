@@ -7,12 +7,9 @@ from pathlib import Path
 
 import newton
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
-from stripe_newton.usd import (
-    StageError,
-    load_stage,
-)
+from stripe_newton.usd import StageError, load_stage
 
 
 def new_stage(metres: float = 1.0, kilograms: float | None = None, up: str = "Z") -> Usd.Stage:
@@ -57,3 +54,36 @@ def refuse(stage: Usd.Stage | str | Path, prim: str, words: str, **kwargs):
         load(stage, **kwargs)
     assert caught.value.prim == prim
     assert words in str(caught.value)
+
+
+def usda(text: str, head: str = "") -> Usd.Stage:
+    """A stage in memory from the text of its prims, in metres and with Z up unless ``head`` says otherwise."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.ImportFromString("#usda 1.0\n(\n" + (head or 'upAxis = "Z"') + "\n)\n" + text)
+    return Usd.Stage.Open(layer)
+
+
+def body_text(attributes: str = "", shape: str = "", kind: str = "Cube", name: str = "A", schemas: str = "") -> str:
+    """Text of a rigid body with one collider, with more attributes and schemas."""
+    return f"""
+def Xform "{name}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"{schemas}])
+{{
+    {attributes}
+    def {kind} "shape" (prepend apiSchemas = ["PhysicsCollisionAPI", "MaterialBindingAPI"])
+    {{
+        {shape}
+    }}
+}}
+"""
+
+
+def joint_text(attributes: str = "", kind: str = "PhysicsRevoluteJoint") -> str:
+    """Text of two bodies ``/A`` and ``/B``, and the joint ``/j`` between them with a drive."""
+    return f"""{body_text()}{body_text(name="B")}
+def {kind} "j" (prepend apiSchemas = ["PhysicsDriveAPI:angular"])
+{{
+    rel physics:body0 = </A>
+    rel physics:body1 = </B>
+    {attributes}
+}}
+"""

@@ -18,6 +18,8 @@ from tests.helpers.small_scenes import different_arrays, make_scene, model_array
 from tests.helpers.usd_worlds import UNITS, instances, robots
 
 PACKAGE = Path(newton.__file__).parent
+# What the stages of Newton leave out is no matter here.
+pytestmark = pytest.mark.filterwarnings("ignore:.*left out, converted or replaced")
 WORLDS = {"robots": robots, "instances": instances}
 
 

@@ -8,9 +8,7 @@ import math
 import pytest
 from pxr import Gf, Sdf, UsdGeom, UsdPhysics
 
-from stripe_newton.usd import (
-    StageError,
-)
+from stripe_newton.usd import StageError
 from tests.helpers.usd_stages import add_body, add_joint, load, new_stage, refuse
 
 
@@ -82,12 +80,12 @@ def test_body_without_mass_and_without_collider():
     ("attribute", "value", "words"),
     [
         ("physics:mass", -1.0, "physics:mass is -1"),
-        ("physics:mass", math.inf, "physics:mass is inf"),
+        ("physics:mass", math.inf, "physics:mass is infinite"),
         ("physics:mass", math.nan, "physics:mass is not a number"),
         ("physics:density", -5.0, "physics:density is -5"),
         ("physics:diagonalInertia", Gf.Vec3f(1, -1, 1), "diagonalInertia"),
         ("xformOp:translate", Gf.Vec3d(math.nan, 0, 0), "xformOp:translate is not a number"),
-        ("xformOp:translate", Gf.Vec3d(math.inf, 0, 0), "transform is not finite"),
+        ("xformOp:translate", Gf.Vec3d(math.inf, 0, 0), "xformOp:translate is infinite"),
     ],
 )
 def test_values_that_cannot_be(attribute, value, words):

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Builder repairs: what Newton has read is completed where ``finalize`` or the MuJoCo solver would refuse it."""
+
+from __future__ import annotations
+
+import newton
+import numpy as np
+from newton import GeoType
+
+from .ignored_rows import Ignored
+
+__all__ = ["articulate_single_joints", "unmirror_meshes"]
+
+
+def unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
+    """Bake negative scales of meshes into their vertices, as the MuJoCo solver refuses them."""
+    for shape in range(first, builder.shape_count):
+        scale = np.array(builder.shape_scale[shape], dtype=np.float32)
+        mesh = builder.shape_source[shape]
+        if builder.shape_type[shape] not in (GeoType.MESH, GeoType.CONVEX_MESH) or (scale >= 0.0).all():
+            continue
+        faces = np.array(mesh.indices, dtype=np.int32).reshape(-1, 3)
+        if np.prod(np.sign(scale)) < 0.0:  # a mirror turns faces inside out, two mirrors are a rotation
+            faces = faces[:, ::-1]
+        # A new mesh: the old one may be shared with shapes that are not mirrored.
+        mirrored = newton.Mesh(
+            np.array(mesh.vertices) * np.sign(scale),
+            faces.reshape(-1).copy(),
+            normals=None if mesh.normals is None else np.array(mesh.normals) * np.sign(scale),
+            uvs=mesh.uvs,
+            compute_inertia=False,
+            is_solid=mesh.is_solid,
+            maxhullvert=mesh.maxhullvert,
+            color=mesh.color,
+            opacity=mesh.opacity,
+            texture=mesh.texture,
+            roughness=mesh.roughness,
+            metallic=mesh.metallic,
+        )
+        builder.shape_source[shape] = mirrored
+        builder.shape_scale[shape] = tuple(float(s) for s in np.abs(scale))
+
+
+def articulate_single_joints(builder: newton.ModelBuilder, first: int, rows: Ignored) -> None:
+    """Make an articulation of each body that one joint connects to the world.
+
+    OpenUSD's parser reports such an articulation without its body. Newton then leaves the joint out of every
+    articulation, and its forward kinematics would skip it.
+    """
+    children = {builder.joint_child[j] for j in range(first, builder.joint_count) if builder.joint_articulation[j] >= 0}
+    for joint in range(first, builder.joint_count):
+        child = builder.joint_child[joint]
+        if builder.joint_articulation[joint] < 0 and builder.joint_parent[joint] == -1 and child not in children:
+            children.add(child)
+            builder.add_articulation([joint], label=builder.joint_label[joint])
+            rows.append((builder.joint_label[joint], "joint without articulation", "made an articulation of one body"))
+    _sort_articulations(builder)
+
+
+def _sort_articulations(builder: newton.ModelBuilder) -> None:
+    """Sort articulations by their joints, as ``finalize`` demands."""
+    order = sorted(range(builder.articulation_count), key=lambda a: builder.articulation_start[a])
+    if order == list(range(len(order))):
+        return
+    for name in ("articulation_start", "articulation_end", "articulation_label", "articulation_world"):
+        values = getattr(builder, name)
+        values[:] = [values[a] for a in order]
+    # What refers to articulations by index: joints, and custom attributes of articulations.
+    new = {old: index for index, old in enumerate(order)}
+    for joint, articulation in enumerate(list(builder.joint_articulation)):
+        builder.joint_articulation[joint] = new.get(articulation, articulation)
+    for attribute in builder.custom_attributes.values():
+        if attribute.frequency == newton.Model.AttributeFrequency.ARTICULATION and isinstance(attribute.values, dict):
+            attribute.values = {new[a]: value for a, value in attribute.values.items()}

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mesh checks: points, counts and indices of a mesh that fit together."""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from .attribute_table import MAX_COORDINATE
+
+__all__ = ["mesh_reason"]
+
+
+def mesh_reason(prim: Usd.Prim) -> str:
+    """Why a mesh has no shape, such as ``"without points or faces"``; empty if it has one.
+
+    Newton and the renderer index points without a check: a wrong index or count is a crash, or another shape.
+    """
+    mesh = UsdGeom.Mesh(prim)
+    attributes = mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr()
+    values = [attribute.Get() for attribute in attributes]
+    if not all(values):
+        return "without points or faces"
+    try:
+        points, indices, counts = (np.asarray(value, dtype=float) for value in values)
+    except (TypeError, ValueError):
+        return "whose points or faces are not numbers"
+    if points.ndim != 2 or points.shape[1] != 3 or indices.ndim != 1 or counts.ndim != 1:
+        return "whose points or faces have the wrong type"
+    if not np.isfinite(points).all():
+        return "with points that are not finite"
+    if np.abs(points).max() > MAX_COORDINATE:
+        far = int(np.abs(points).max(axis=1).argmax())
+        return f"whose point {far} is at {tuple(points[far])}, beyond {MAX_COORDINATE:g} from its origin"
+    if counts.min() < 3:
+        return f"with a face of {counts.min():g} points"
+    if counts.sum() != len(indices):
+        return f"whose faceVertexCounts add up to {counts.sum():g}, but it has {len(indices)} faceVertexIndices"
+    if indices.max() >= len(points) or indices.min() < 0:
+        wrong = indices.max() if indices.min() >= 0 else indices.min()
+        return f"whose faces name point {wrong:g} of {len(points)}"
+    return ""
