@@ -29,7 +29,7 @@ from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.terrains.terrain_importer import found_terrain
-from stripe_newton.usd import StageReport, joint_rows, load_stage, read_lights
+from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
 
 from .export_joints import AuthoredJoints
 from .obstacles import Obstacles
@@ -111,6 +111,8 @@ class SceneBuilder:
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
+        if self.template_root == "/":  # somebody else's stage, of which nothing may move
+            check_content(template, self.reports[0])
         self.authored_joints = AuthoredJoints(template)
         self._prepare_assets(template)
         self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
@@ -130,7 +132,7 @@ class SceneBuilder:
         sim.lights = read_lights(scene.stage)
         # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
-        sim.build(template, static, scene.env_origins.cpu().numpy().copy())
+        sim.build(template, static, scene.env_origins.cpu().numpy().copy(), allow_static=self.adopt)
         # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.
         for asset in scene.assets:
             asset.initialize(sim)
@@ -247,6 +249,11 @@ class _Found:
         state = ArticulationCfg.InitialStateCfg(pos=None, rot=None, joint_pos=None, joint_vel={})
         self.cfg: Any = ArticulationCfg(prim_path=layout.path, articulation_root_prim_path="", init_state=state)
         self.path = layout.path
+        self._found = layout
+
+    def _find_layout(self, layouts: Sequence[Layout], root_path: str | None = None) -> Layout:
+        """The articulation itself: a body may stand below another body's prim."""
+        return self._found
 
     in_every_env = True  # also where the whole of a stage is one environment, and no path says so
 

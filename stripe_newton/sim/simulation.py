@@ -29,6 +29,7 @@ from .physics_hook import PhysicsHook
 from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
 from .spawners.materials import RigidBodyMaterialCfg
+from .static_solver import SolverStatic, complete_state
 
 __all__ = ["Simulation", "SimulationCfg"]
 
@@ -156,6 +157,11 @@ class Simulation:
         """Time step of the physics [s]."""
         return float(self.cfg.dt)
 
+    @property
+    def is_static(self) -> bool:
+        """Whether nothing in the environments can move."""
+        return not self.template.joint_count
+
     # -- building
 
     def new_builder(self) -> newton.ModelBuilder:
@@ -171,16 +177,23 @@ class Simulation:
             builder.gravity = wp.vec3(*self.cfg.gravity)
         return builder
 
-    def build(self, template: newton.ModelBuilder, static: newton.ModelBuilder, env_origins: np.ndarray) -> None:
+    def build(
+        self,
+        template: newton.ModelBuilder,
+        static: newton.ModelBuilder,
+        env_origins: np.ndarray,
+        allow_static: bool = False,
+    ) -> None:
         """Replicate ``template`` at ``env_origins`` beside ``static`` and make the solver.
 
         Args:
             template: One environment at the origin.
             static: What all environments share; it may hold no bodies.
             env_origins: Origins in the world frame [m], shape ``(num_envs, 3)``.
+            allow_static: Accept a template in which nothing moves; steps then do nothing.
 
         Raises:
-            ValueError: if nothing can move, or what is shared could.
+            ValueError: if nothing can move and that is not allowed, or what is shared could.
         """
         start = time.perf_counter()
         if static.body_count:
@@ -188,7 +201,7 @@ class Simulation:
                 f"rigid body '{static.body_label[0]}' stands outside the environments: "
                 "only static colliders may be shared, put it below '/World/envs/env_.*'"
             )
-        if not template.joint_count:
+        if not template.joint_count and not allow_static:
             raise ValueError("the environments hold no rigid body and no articulation: there is nothing to simulate")
         self.template, self.static, self.env_origins = template, static, np.asarray(env_origins, dtype=np.float32)
         self.num_envs, self.shared_shape_count = len(env_origins), static.shape_count
@@ -203,8 +216,9 @@ class Simulation:
                 self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
             )
             with self.actuation.solver_gains():
-                self.solver = self.cfg.solver.create(self.model, self.cfg.observables)
-            if self.cfg.solver.limits_drives:
+                make = SolverStatic if self.is_static else self.cfg.solver.create
+                self.solver = make(self.model, self.cfg.observables)
+            if self.cfg.solver.limits_drives and not self.is_static:
                 self.drive_limits = DriveLimits(self.solver)
                 self.add_hook(self.drive_limits)
             if isinstance(self.solver, newton.solvers.SolverMuJoCo):
@@ -230,6 +244,8 @@ class Simulation:
     def _allocate(self) -> None:
         model = self.model
         self._state = model.state()
+        if self.is_static:
+            complete_state(self._state)
         self._next = None if self.cfg.solver.in_place else model.state()
         self.control = model.control()
         self.actuation.bind(self._state, self.control)
@@ -245,6 +261,9 @@ class Simulation:
 
     def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""
+        if self.is_static:
+            self.observables = None
+            return
         wanted = wanted_observables(self.solver, self.cfg.observables, self.cfg.contact_forces)
         if self.cfg.contact_forces and self.contacts is None:
             # The solver writes its own contacts there, for the forces to refer to.
@@ -262,6 +281,8 @@ class Simulation:
 
     def describe_solver(self) -> str:
         """Describe in a line what computes the physics, and why."""
+        if self.is_static:
+            return "nothing moves"
         if isinstance(self.solver, SolverFused):
             return self.solver.describe(self._come_between)
         return "MuJoCo Warp" if self.cfg.solver.uses_mujoco_warp else f"Newton's {self.cfg.solver.solver_class}"
@@ -305,6 +326,8 @@ class Simulation:
             substeps: Number of time steps.
             before_each: Launches what is to run before each of them.
         """
+        if self.is_static:
+            return
         for hook in self._hooks:
             hook.launch_before_steps()
         if before_each is None and self.steps_together:

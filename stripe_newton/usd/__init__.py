@@ -2,7 +2,7 @@
 """USD stages from any source: loaded into a model builder with a report, or refused with a reason."""
 
 from .ignored_rows import ignored_text
-from .loading import inspect_stage, load_stage
+from .loading import check_content, inspect_stage, load_stage
 from .prepare import schema_typed
 from .report_rows import joint_rows
 from .semantic_labels import read_semantics
@@ -18,6 +18,7 @@ __all__ = [
     "StageReport",
     "StageTrial",
     "asset_prim",
+    "check_content",
     "ignored_text",
     "inspect_stage",
     "joint_rows",

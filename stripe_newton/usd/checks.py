@@ -10,9 +10,10 @@ import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics
 
 from .attribute_checks import attribute_reasons
+from .file_errors import last_line
 from .mesh_checks import mesh_reason
 from .schema_names import misspelt_names
-from .stage_access import StageError, api_schemas, last_line, stage_name, walk
+from .stage_access import StageError, api_schemas, stage_name, walk
 from .units import stage_units
 
 __all__ = ["check_stage", "outer_prims"]

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from .schema_names import unknown_types
 from .stage_access import api_schemas
 
-__all__ = ["ignored_content"]
+__all__ = ["ignored_content", "unapplied_attributes"]
 
 _PHYSICS_PREFIXES = ("physics:", "drive:", "limit:")
 _VENDOR_PREFIXES = ("physx", "omniphysics")
@@ -24,7 +24,7 @@ def ignored_content(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
     for prim in prims:
         path = str(prim.GetPath())
         rows.extend((path, what, why) for what, why in _prim_ignored(prim))
-    return [*rows, *_second_scenes(prims), *unknown_types(prims), *_unapplied(prims), *_vendor_attributes(prims)]
+    return [*rows, *_second_scenes(prims), *unknown_types(prims), *_vendor_attributes(prims)]
 
 
 def _second_scenes(prims: list[Usd.Prim]) -> Iterator[tuple[str, str, str]]:
@@ -106,7 +106,7 @@ def _understood() -> set[str]:
     return names - {"physxRigidBody:linearDamping", "physxRigidBody:angularDamping"}
 
 
-def _unapplied(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
+def unapplied_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
     """Attributes of UsdPhysics on prims that do not apply their schema, which nobody reads: a row for each name."""
     found: dict[str, list[str]] = {}
     for prim in prims:

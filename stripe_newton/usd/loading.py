@@ -20,14 +20,16 @@ from pxr import Tf, Usd, UsdGeom, UsdPhysics
 from .builder_checks import BuilderStart, check_builder
 from .builder_repairs import articulate_single_joints, unmirror_meshes
 from .checks import check_stage
+from .file_errors import last_line
+from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
 from .prepare import prepare
 from .report_rows import build_report
-from .stage_access import StageError, first_path, last_line, open_stage, stage_name, walk
+from .stage_access import StageError, first_path, open_stage, stage_name, walk
 from .stage_report import StageReport
 
-__all__ = ["inspect_stage", "load_stage"]
+__all__ = ["check_content", "inspect_stage", "load_stage"]
 
 
 def load_stage(
@@ -62,7 +64,9 @@ def load_stage(
         check_stage(opened, root_path, ignore, solver, allow_static, name)
         prepared, rows = prepare(opened, root_path, ignore)
     except Tf.ErrorException as error:  # of what no check foresaw
-        raise StageError(name, first_path(str(error), opened), f"USD does not read it: {last_line(error)}") from error
+        raise StageError(
+            name, first_path(last_line(error), opened), f"USD does not read it: {last_line(error)}"
+        ) from error
     start = BuilderStart(builder)
     # Whatever the solver: attributes of MuJoCo's schemas are read into these.
     if solver == "mujoco" or not any(a.namespace == "mujoco" for a in builder.custom_attributes.values()):
@@ -70,6 +74,8 @@ def load_stage(
     result = _add_usd(builder, prepared, root_path, ignore, name, rows)
     unmirror_meshes(builder, start.shape)
     articulate_single_joints(builder, start.joint, rows)
+    if solver == "mujoco":
+        rows.extend(thicken_flat_meshes(builder, start.shape, name))
     # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     rows.extend(balance_inertias(builder, start.body))
@@ -100,22 +106,37 @@ def _add_usd(
                 skip_mesh_approximation=not _can_approximate(),
             )
         except Exception as error:  # whatever a stage brings that the importer does not expect
-            text = last_line(error) if isinstance(error, Tf.ErrorException) else str(error)
-            kind = "" if isinstance(error, (ValueError, RuntimeError)) else f"{type(error).__name__}: "
+            text = last_line(error) if isinstance(error, Tf.ErrorException) else " ".join(str(error).split())
+            kind = "" if type(error) in (ValueError, RuntimeError) else f"{type(error).__name__}: "
             reason = f"Newton does not read it: {kind}{text or type(error).__name__}"
-            raise StageError(name, first_path(str(error), stage), reason) from error
+            raise StageError(name, first_path(text, stage), reason) from error
 
 
 def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> StageReport:
     """Report on a stage, read as :func:`load_stage` reads it.
 
     Raises:
-        StageError: the stage cannot be simulated.
+        StageError: the stage cannot be simulated, or there is nothing in it.
     """
     builder = newton.ModelBuilder()
-    report = load_stage(builder, path, solver=solver, allow_static=False)
-    report.ignored.extend(_moved_bodies(builder))
+    report = load_stage(builder, path, solver=solver)
+    check_content(builder, report)
+    if builder.body_count:
+        report.ignored.extend(_moved_bodies(builder))
     return report
+
+
+def check_content(builder: newton.ModelBuilder, report: StageReport) -> None:
+    """Add a row to the report of a whole stage in which nothing moves.
+
+    Raises:
+        StageError: there is nothing in it at all.
+    """
+    if not builder.body_count and not builder.shape_count:
+        reason = "nothing in it has a shape: neither a rigid body, nor a collider, nor anything to see"
+        raise StageError(report.file, "", reason)
+    if not builder.joint_count:
+        report.ignored.append(("/", "static stage", "nothing moves: no prim has an enabled PhysicsRigidBodyAPI"))
 
 
 def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]]:

@@ -80,6 +80,9 @@ def _mechanisms(joints: list[_Joint]) -> list[list[_Joint]]:
 def _articulate(edit: StageOverlay, joints: list[_Joint], rows: Ignored, name: str) -> None:
     """Give one mechanism an articulation root, and exclude the joints that close loops from its tree."""
     bodies = list(dict.fromkeys(body for joint in joints for body in joint[1:] if body))
+    if not bodies:  # disabled ones, which are static geometry
+        rows.extend((joint.path, "joint", "left out: it joins static geometry alone") for joint in joints)
+        return
     if len(bodies) == 1:
         return  # one body on joints to the world: done on the builder, OpenUSD would lose the body
     grounded = [joint for joint in joints if not joint.body0 or not joint.body1]

@@ -39,7 +39,7 @@ def lost_materials(prims: list[Usd.Prim]) -> list[LostMaterial]:
 
 def unapplied_bindings(prims: list[Usd.Prim]) -> list[str]:
     """Paths of the prims that bind a material without MaterialBindingAPI, as older files do."""
-    bound = (p for p in prims if any(p.GetRelationship(name) for name in _NAMES))
+    bound = (p for p in prims if not p.IsPseudoRoot() and any(p.GetRelationship(name) for name in _NAMES))
     return [str(p.GetPath()) for p in bound if not p.HasAPI(UsdShade.MaterialBindingAPI)]
 
 

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 
 from .attribute_table import MAX_COORDINATE
 
-__all__ = ["mesh_reason"]
+__all__ = ["mesh_reason", "normals_reason"]
 
 
 def mesh_reason(prim: Usd.Prim) -> str:
@@ -31,7 +31,7 @@ def mesh_reason(prim: Usd.Prim) -> str:
         return "with points that are not finite"
     if np.abs(points).max() > MAX_COORDINATE:
         far = int(np.abs(points).max(axis=1).argmax())
-        return f"whose point {far} is at {tuple(points[far])}, beyond {MAX_COORDINATE:g} from its origin"
+        return f"whose point {far} is at {tuple(points[far].tolist())}, beyond {MAX_COORDINATE:g} from its origin"
     if counts.min() < 3:
         return f"with a face of {counts.min():g} points"
     if counts.sum() != len(indices):
@@ -40,3 +40,19 @@ def mesh_reason(prim: Usd.Prim) -> str:
         wrong = indices.max() if indices.min() >= 0 else indices.min()
         return f"whose faces name point {wrong:g} of {len(points)}"
     return ""
+
+
+def normals_reason(prim: Usd.Prim) -> str:
+    """Why the number of a mesh's normals fits neither its points nor its faces; empty if it does, or without any."""
+    mesh = UsdGeom.Mesh(prim)
+    normals = mesh.GetNormalsAttr().Get()
+    if normals is None or len(normals) == 0:
+        return ""
+    counts = {
+        UsdGeom.Tokens.constant: 1,
+        UsdGeom.Tokens.uniform: len(mesh.GetFaceVertexCountsAttr().Get()),
+        UsdGeom.Tokens.faceVarying: len(mesh.GetFaceVertexIndicesAttr().Get()),
+    }
+    interpolation = mesh.GetNormalsInterpolation()
+    wanted = counts.get(interpolation, len(mesh.GetPointsAttr().Get()))
+    return "" if len(normals) == wanted else f"{len(normals)} normals for {wanted} ({interpolation})"

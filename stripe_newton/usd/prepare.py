@@ -15,7 +15,7 @@ from .checks import outer_prims
 from .ignored_rows import Ignored
 from .loose_joints import articulate_loose_joints
 from .material_bindings import lost_materials, unapplied_bindings
-from .mesh_checks import mesh_reason
+from .mesh_checks import mesh_reason, normals_reason
 from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
 from .units import mixed_units, stage_units, to_si
@@ -51,6 +51,7 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     else:
         edit = typed
     edit.drop_damaged_meshes()
+    edit.drop_wrong_normals()
     edit.apply_binding_schema()
     edit.clear_lost_materials()
     edit.make_disabled_bodies_static()
@@ -93,6 +94,13 @@ class _Edit:
         for path, reason in found:
             self.overlay.prim(path).SetTypeName("Xform")  # what stands below it stays
             self._rows.append((str(path), "visible mesh", f"is left out: it is a mesh {reason}"))
+
+    def drop_wrong_normals(self) -> None:
+        """Block normals whose number fits nothing, for which Newton would refuse the mesh."""
+        meshes = [p for p in self._prims() if p.IsA(UsdGeom.Mesh)]
+        for path, reason in [(p.GetPath(), reason) for p in meshes if (reason := normals_reason(p))]:
+            self.overlay.prim(path).GetAttribute("normals").Block()
+            self._rows.append((str(path), "normals", f"left out: {reason}"))
 
     def apply_binding_schema(self) -> None:
         """Apply MaterialBindingAPI where a material is bound without it; UsdPhysics would not read the binding."""

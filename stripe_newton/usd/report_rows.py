@@ -12,7 +12,7 @@ from newton import GeoType, JointTargetMode, JointType, ShapeFlags
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from .builder_checks import BuilderStart
-from .ignored_content import ignored_content
+from .ignored_content import ignored_content, unapplied_attributes
 from .ignored_rows import Ignored
 from .semantic_labels import read_semantics
 from .stage_access import walk
@@ -79,7 +79,12 @@ def build_report(
         materials=[_material(p) for p in prims if p.HasAPI(UsdPhysics.MaterialAPI)],
         sites=[_site(builder, s) for s in sites],
         semantics=read_semantics(prepared, root_path),
-        ignored=[*rows, *ignored_content(prims), *ignored_lights(prepared, root_path)],
+        ignored=[
+            *rows,
+            *ignored_content(prims),
+            *unapplied_attributes(list(walk(authored, root_path, ignore))),
+            *ignored_lights(prepared, root_path),
+        ],
     )
 
 

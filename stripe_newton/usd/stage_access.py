@@ -9,9 +9,9 @@ from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdPhysics
 
-from .git_lfs import POINTER_REASON, is_pointer
+from .file_errors import irregular_file, open_error, path_reason
 
-__all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "last_line", "open_stage", "stage_name", "walk"]
+__all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "open_stage", "stage_name", "walk"]
 
 
 class StageError(ValueError):
@@ -39,15 +39,14 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
         stage = source
     else:
         path = Path(source)
-        if not path.is_file():
-            what = "is a folder" if path.is_dir() else "there is no such file"
-            raise StageError(str(path), "", f"{what}; give a .usd, .usda, .usdc or .usdz file")
-        if is_pointer(path):
-            raise StageError(str(path), "", POINTER_REASON)
+        if reason := path_reason(path):
+            raise StageError(str(path), "", reason)
+        if pipe := irregular_file(path):
+            raise StageError(str(path), "", f"refers to {pipe}, which is no regular file; name a USD file")
         try:
             stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
-        except Tf.ErrorException as error:
-            raise StageError(str(path), "", f"is not a USD file that can be read ({last_line(error)})") from error
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            raise StageError(str(path), "", f"is not a USD file that can be read: {open_error(path, error)}") from error
     # USD opens a stage whose references do not resolve, and only prints a warning.
     errors = stage.GetCompositionErrors()
     if errors:
@@ -56,14 +55,6 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
         prim = str(getattr(errors[0], "rootSite", Sdf.Path()) or "")
         raise StageError(stage_name(stage), _site_path(prim), reason)
     return stage
-
-
-def last_line(error: Exception) -> str:
-    """The message in the last line of an error of USD; the rest is its own call stack."""
-    lines = str(error).strip().splitlines()
-    last = lines[-1].strip() if lines else ""
-    message = re.fullmatch(r"Error in '.*' at line \d+ in file .* : '(.*)'", last)
-    return message.group(1) if message else last
 
 
 def first_path(text: str, stage: Usd.Stage) -> str:

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""File errors: why a file cannot be opened as USD, with line and column where it is text."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+
+from pxr import Sdf, Tf
+
+from .git_lfs import POINTER_REASON, is_pointer
+
+__all__ = ["irregular_file", "last_line", "open_error", "path_reason"]
+
+_SYNTAX = re.compile(r"'(?P<file>[^'\n]*?):(?P<line>\d+):(?P<column>\d+): (?P<text>.*)")
+
+
+def path_reason(path: Path) -> str:
+    """Why a path is no file that could be USD; empty if it may be."""
+    if not path.is_file():
+        what = (
+            "is a folder" if path.is_dir() else "there is no such file" if not path.exists() else "is no regular file"
+        )
+        return f"{what}; give a .usd, .usda, .usdc or .usdz file"
+    return POINTER_REASON if is_pointer(path) else ""
+
+
+def open_error(path: Path, error: Exception) -> str:
+    """What is wrong in a file that USD does not open: the first syntax error by line and column, or what USD says."""
+    try:
+        text = str(error)
+    except UnicodeDecodeError:  # the error quotes what is not UTF-8
+        return _undecodable(path)
+    found = _SYNTAX.search(text)
+    if found is not None:
+        where = f"line {found['line']}, column {found['column']}"
+        other = "" if Path(found["file"]).name == path.name else f" of {found['file']}"
+        return f"{where}{other}: {found['text'].rstrip().rstrip(chr(39))}"
+    return first_message(error)
+
+
+def first_message(error: Exception) -> str:
+    """The first message in an error of USD: those after it follow from it."""
+    found = re.search(r" in file \S+ : '(.*)'", str(error))
+    return found.group(1) if found else last_line(error)
+
+
+def last_line(error: Exception) -> str:
+    """The message in the last line of an error of USD; the rest is its own call stack."""
+    try:
+        lines = str(error).strip().splitlines()
+    except UnicodeDecodeError:
+        return "a text that is not UTF-8"
+    last = lines[-1].strip() if lines else ""
+    message = re.fullmatch(r"Error in '.*' at line \d+ in file .* : '(.*)'", last)
+    return message.group(1) if message else last
+
+
+def _undecodable(path: Path) -> str:
+    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        try:
+            line.decode()
+        except UnicodeDecodeError as error:
+            return f"line {number}, column {error.start + 1}: byte {line[error.start]:#04x} is not UTF-8"
+    return "a file that it refers to is not UTF-8"
+
+
+def irregular_file(path: Path) -> str:
+    """Path of a file that the stage refers to and that is neither a file nor a folder; empty without one.
+
+    USD would wait for ever for a pipe that nobody writes to.
+    """
+    seen, todo = set[str](), [str(path)]
+    while todo:
+        name = todo.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            layer = Sdf.Layer.FindOrOpen(name)
+        except Tf.ErrorException:  # which opening the stage will report
+            continue
+        for asset in layer.GetCompositionAssetDependencies() if layer else ():
+            if not asset or Sdf.Layer.IsAnonymousLayerIdentifier(asset) or "[" in asset:
+                continue
+            target = Sdf.ComputeAssetPathRelativeToLayer(layer, asset)
+            if os.path.exists(target) and not stat.S_ISREG(os.stat(target).st_mode) and not os.path.isdir(target):
+                return target
+            todo.append(target)
+    return ""
