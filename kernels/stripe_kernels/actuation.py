@@ -3,7 +3,7 @@
 
 import warp as wp
 
-__all__ = ["apply_external_wrench", "clamp_velocity", "note_overflow", "repeat_mask"]
+__all__ = ["apply_external_wrench", "clamp_velocity", "note_not_finite", "note_overflow", "repeat_mask"]
 
 
 @wp.kernel(enable_backward=False)
@@ -37,6 +37,19 @@ def clamp_velocity(limit: wp.array[float], joint_qd: wp.array[float]):
     # wp.clamp turns a NaN into a bound, which would hide a diverged world from the checks that look for it.
     if not wp.isnan(joint_qd[dof]):
         joint_qd[dof] = wp.clamp(joint_qd[dof], -limit[dof], limit[dof])
+
+
+@wp.kernel(enable_backward=False)
+def note_not_finite(values: wp.array[float], seen: wp.array[wp.int32], reported: wp.array[wp.int32]):
+    """Report to the host once that a value is not finite; one thread a value.
+
+    Args:
+        values: Positions or velocities of the joints.
+        seen: 1 once it was reported, shape ``(1,)``, in the device's memory.
+        reported: 1 for the host, shape ``(1,)``, in pinned memory of the host.
+    """
+    if not wp.isfinite(values[wp.tid()]) and wp.atomic_or(seen, 0, 1) == 0:
+        wp.atomic_or(reported, 0, 1)
 
 
 @wp.kernel(enable_backward=False)

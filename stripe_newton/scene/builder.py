@@ -49,6 +49,7 @@ class SceneBuilder:
         checks: Functions that give problems of the config, called when all names are known and before the model is
             made, which takes longest.
         authored_joints: Joints of one environment as the stage gives them, before configs; None before the build.
+        template_labels: Paths of its bodies, joints and shapes.
     """
 
     def __init__(self, scene: SceneContents):
@@ -58,6 +59,7 @@ class SceneBuilder:
         self.adopt = False
         self.checks: list[Callable[[], Iterable[str]]] = []
         self.authored_joints: AuthoredJoints | None = None
+        self.template_labels: list[str] = []
 
     # -- adding
 
@@ -114,6 +116,7 @@ class SceneBuilder:
         if self.template_root == "/":  # somebody else's stage, of which nothing may move
             check_content(template, self.reports[0])
         self.authored_joints = AuthoredJoints(template)
+        self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
         self._prepare_assets(template)
         self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
         static = self._shared(scenery, terrain_paths)

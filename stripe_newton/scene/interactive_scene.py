@@ -12,11 +12,11 @@ import torch
 from pxr import Sdf, Usd, UsdGeom
 
 from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, TerrainBaseCfg
-from stripe_newton.configclass import MISSING
+from stripe_newton.configclass import MISSING, ConfigError
 from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_newton.sim.scene_context import ENV_0, authored_path
-from stripe_newton.usd import ignored_text, open_stage
+from stripe_newton.usd import StageError, ignored_text, open_stage, solver_reason, stage_name
 
 from .builder import SceneBuilder
 from .controller import SceneController
@@ -99,6 +99,8 @@ class InteractiveScene(SceneContents):
 
         Raises:
             StageError: if the stage cannot be simulated, with the reason.
+
+        A step of the scene's simulation raises ``FloatingPointError`` once its state is not finite.
         """
         stage = open_stage(stage_or_path)
         # gravity=None in the settings takes that of the stage.
@@ -107,7 +109,14 @@ class InteractiveScene(SceneContents):
         scene.builder.adopt = True
         if not stage.GetPrimAtPath(ENV_0).IsValid():
             scene.builder.template_root = "/"
-        scene.build()
+        try:
+            scene.build()
+        except (ValueError, RuntimeError) as error:
+            if isinstance(error, (StageError, ConfigError)):
+                raise
+            # What the solver does not take: it says so by names that it makes of the paths.
+            raise StageError(stage_name(stage), *solver_reason(scene.builder.template_labels, error)) from error
+        scene.sim.watch_finite()
         rows = [row for report in scene.builder.reports for row in report.ignored]
         if rows:
             warnings.warn(ignored_text(scene.builder.reports[0].file, rows), stacklevel=2)

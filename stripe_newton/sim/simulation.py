@@ -23,6 +23,7 @@ from .capture import capture_graph
 from .connect_anchors import ConnectAnchors
 from .device import resolve_device
 from .drive_limits import DriveLimits
+from .finite_state import FiniteState
 from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
@@ -150,6 +151,7 @@ class Simulation:
         self._hooks: list[PhysicsHook] = []
         self._graphs: dict[int, wp.Graph] = {}
         self._limits_velocity = False
+        self._finite: FiniteState | None = None
         self._forward_is_due = False
 
     @property
@@ -304,12 +306,15 @@ class Simulation:
             self.launch(substeps)
             if self.device != "cpu" and self.cfg.use_cuda_graph:
                 self._graphs[substeps] = capture_graph(self.device, lambda: self.launch(substeps))
+        if self._finite is not None and self.device == "cpu":
+            self._finite.check()
 
     def begin_step(self) -> None:
         """Do the host's part of a step, before the physics: tell the solver of moved roots, report an overflow.
 
         Raises:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
+            FloatingPointError: if the state is not finite and :meth:`watch_finite` was called.
         """
         if self.external_wrench is not None:
             self.flush()  # wrenches in the frame of a body are turned by its pose before the solver has computed it
@@ -318,6 +323,17 @@ class Simulation:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
         self.check_overflow()
+        if self._finite is not None:
+            self._finite.check()
+
+    def watch_finite(self) -> None:
+        """Let a step raise ``FloatingPointError`` once the state is not finite, as of the last report from the device.
+
+        On the CPU it is the step that made it so.
+        """
+        if self._finite is None and not self.is_static:
+            self._finite = FiniteState(self)
+            self.add_hook(self._finite)
 
     def launch(self, substeps: int, before_each: Callable[[], None] | None = None) -> None:
         """Launch the kernels of some time steps, as :meth:`step` does but without a graph of its own.

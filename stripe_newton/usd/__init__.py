@@ -6,7 +6,8 @@ from .loading import check_content, inspect_stage, load_stage
 from .prepare import schema_typed
 from .report_rows import joint_rows
 from .semantic_labels import read_semantics
-from .stage_access import StageError, asset_prim, open_stage
+from .solver_errors import solver_reason
+from .stage_access import StageError, asset_prim, open_stage, stage_name
 from .stage_lights import Light, read_lights
 from .stage_report import StageReport
 from .stage_trial import StageTrial, try_stage
@@ -28,6 +29,8 @@ __all__ = [
     "read_semantics",
     "schema_typed",
     "si_stage",
+    "solver_reason",
+    "stage_name",
     "to_si",
     "try_stage",
 ]

@@ -23,6 +23,10 @@ _MUJOCO_JOINTS = {
 }
 
 
+_MUJOCO_MINIMUM = 1.0e-15
+"""Least mass and moment of inertia of a moving body in MuJoCo, ``mjMINVAL``."""
+
+
 class BuilderStart:
     """Counts of a builder before a stage is read into it: what comes after them belongs to the stage."""
 
@@ -40,6 +44,8 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
             is not finite, a plane on a moving body.
     """
     _check_bodies(builder, start, name)
+    if solver == "mujoco":
+        _check_small_bodies(builder, start, name)
     _check_joints(builder, start, solver, name)
     for shape in range(start.shape, builder.shape_count):
         if builder.shape_type[shape] == GeoType.PLANE and builder.shape_body[shape] >= 0 and solver == "mujoco":
@@ -67,6 +73,17 @@ def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) 
             raise StageError(name, label, reason)
         if not np.isfinite(np.array(builder.body_q[body])).all():
             raise StageError(name, label, "its pose is not finite")
+
+
+def _check_small_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) -> None:
+    for body in range(start.body, builder.body_count):
+        mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body]).reshape(3, 3)
+        least = min(mass, float(np.linalg.eigvalsh((inertia + inertia.T) / 2).min()))
+        if mass > 0.0 and least < _MUJOCO_MINIMUM:
+            reason = (
+                f"has mass {mass:g} kg and a moment of inertia of {least:g} kg m^2; MuJoCo takes {_MUJOCO_MINIMUM:g}"
+            )
+            raise StageError(name, builder.body_label[body], f"{reason} or more: are the units right?")
 
 
 def _check_joints(builder: newton.ModelBuilder, start: BuilderStart, solver: str, name: str) -> None:
