@@ -75,8 +75,9 @@ def _type_reason(attribute: Usd.Attribute, value: object, rule: Rule) -> str:
     authored = _authored_type(attribute)
     shown = f"is {_article(str(authored))} ({value!r})" if authored is not None else f"is {value!r}"
     if expected is None:
-        # Without a schema in this build of USD, such as those of PhysX: Newton takes what Python gives.
-        return "" if _has_kind(value, rule.kind) else shown
+        # Without a schema in this build of USD, such as those of PhysX: Newton takes what Python gives. UsdPhysics does
+        # not read attributes without their schema, which is a row.
+        return "" if attribute.GetName().startswith("physics:") else ("" if _has_kind(value, rule) else shown)
     if authored is None or authored.type == expected.type or _converted(value, expected) is not None:
         return ""
     return f"{shown}, its schema has {expected}"
@@ -86,12 +87,13 @@ def _article(noun: str) -> str:
     return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
 
 
-def _has_kind(value: object, kind: str) -> bool:
-    if kind == "token":
+def _has_kind(value: object, rule: Rule) -> bool:
+    if rule.kind == "token":
         return isinstance(value, str)
-    if kind == "bool":
+    if rule.kind == "bool":
         return isinstance(value, (bool, int))
-    return kind == "any" or numbers(value) is not None
+    found = numbers(value)
+    return rule.kind == "any" or (found is not None and (rule.vector or found.ndim == 0))
 
 
 def _range_reason(value: object, rule: Rule) -> str:

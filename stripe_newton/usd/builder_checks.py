@@ -9,6 +9,7 @@ import newton
 import numpy as np
 from newton import GeoType, JointType
 
+from .attribute_table import MAX_COORDINATE
 from .stage_access import StageError
 
 __all__ = ["BuilderStart", "check_builder"]
@@ -43,6 +44,10 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
         StageError: a body without mass, a body without a joint, a joint that the solver does not support, a value that
             is not finite, a plane on a moving body.
     """
+    for shape in range(start.shape, builder.shape_count):
+        if not _extent(builder, shape) <= MAX_COORDINATE:
+            reason = f"has a size of {_extent(builder, shape):g} m; it must be finite and at most {MAX_COORDINATE:g} m"
+            raise StageError(name, builder.shape_label[shape], f"{reason}: are size, scale and units right?")
     _check_bodies(builder, start, name)
     if solver == "mujoco":
         _check_small_bodies(builder, start, name)
@@ -53,6 +58,15 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
             raise StageError(name, builder.shape_label[shape], reason)
 
 
+def _extent(builder: newton.ModelBuilder, shape: int) -> float:
+    """Largest coordinate of a shape in its body's frame [m]; not-a-number or infinite for one beyond float32."""
+    scale = np.abs(np.array(builder.shape_scale[shape], dtype=float))
+    vertices = getattr(builder.shape_source[shape], "vertices", None)
+    if vertices is not None and len(vertices):
+        scale = scale * np.abs(np.asarray(vertices, dtype=float)).max(axis=0)
+    return float(np.max([*scale, *np.abs(np.array(builder.shape_transform[shape], dtype=float))[:3]]))
+
+
 def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) -> None:
     articulated = {
         builder.joint_child[j] for j in range(start.joint, builder.joint_count) if builder.joint_articulation[j] >= 0
@@ -60,7 +74,7 @@ def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) 
     group_mass = _group_masses(builder, start)
     for body in range(start.body, builder.body_count):
         label = builder.body_label[body]
-        mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body]).reshape(3, 3)
+        mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
         if mass < 0.0 or not math.isfinite(mass):
             raise StageError(name, label, f"has mass {mass:g}; it must be positive and finite")
         # A body without mass is fine if it is welded to one that has some, as a sensor's frame is.
@@ -77,7 +91,7 @@ def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) 
 
 def _check_small_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) -> None:
     for body in range(start.body, builder.body_count):
-        mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body]).reshape(3, 3)
+        mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
         least = min(mass, float(np.linalg.eigvalsh((inertia + inertia.T) / 2).min()))
         if mass > 0.0 and least < _MUJOCO_MINIMUM:
             reason = (

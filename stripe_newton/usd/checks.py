@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics
 
 from .attribute_checks import attribute_reasons
+from .attribute_table import MAX_COORDINATE
 from .file_errors import last_line
 from .mesh_checks import mesh_reason
 from .schema_names import misspelt_names
@@ -17,6 +17,9 @@ from .stage_access import StageError, api_schemas, stage_name, walk
 from .units import stage_units
 
 __all__ = ["check_stage", "outer_prims"]
+
+_MIN_UNIT = 1.0e-9
+"""Smallest unit of length and mass, and the inverse of the largest one [m, kg]."""
 
 
 def check_stage(
@@ -46,8 +49,9 @@ def check_stage(
 def _check_units(stage: Usd.Stage, name: str) -> None:
     """Refuse units and up axes that mean nothing."""
     for what, value in zip(("metersPerUnit", "kilogramsPerUnit"), stage_units(stage), strict=True):
-        if not 0.0 < value < math.inf:
-            raise StageError(name, "", f"{what} is {value:g}; it must be positive and finite, such as 1 or 0.01")
+        if not _MIN_UNIT <= value <= 1.0 / _MIN_UNIT:
+            right = f"it must be positive, from {_MIN_UNIT:g} to {1.0 / _MIN_UNIT:g}, such as 1 or 0.01"
+            raise StageError(name, "", f"{what} is {value:g}; {right}")
     up = UsdGeom.GetStageUpAxis(stage)
     if up not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
         raise StageError(name, "", f"upAxis is {up or 'empty'}; it must be Y or Z")
@@ -105,6 +109,9 @@ def _transform(prim: Usd.Prim, body: bool, solid: bool) -> Iterator[str]:
         return
     if not np.isfinite(matrix).all():
         yield "its world transform is not finite; author finite xformOps"
+        return
+    if np.abs(matrix).max() > MAX_COORDINATE:
+        yield f"its world transform has {np.abs(matrix).max():g}; scales and places must be at most {MAX_COORDINATE:g}"
         return
     scale = np.linalg.norm(matrix[:3, :3], axis=1)  # of the rows, as USD multiplies rows of coordinates
     if not solid:

@@ -26,6 +26,7 @@ from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
 from .prepare import prepare
 from .report_rows import build_report
+from .solver_errors import solver_reason
 from .stage_access import StageError, first_path, open_stage, stage_name, walk
 from .stage_report import StageReport
 
@@ -122,7 +123,11 @@ def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> St
     report = load_stage(builder, path, solver=solver)
     check_content(builder, report)
     if builder.body_count:
-        report.ignored.extend(_moved_bodies(builder))
+        try:
+            report.ignored.extend(_moved_bodies(builder))
+        except ValueError as error:  # of what no check foresaw
+            labels = [*builder.body_label, *builder.joint_label, *builder.shape_label]
+            raise StageError(report.file, *solver_reason(labels, error)) from error
     return report
 
 
