@@ -17,7 +17,7 @@ from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
 from stripe_newton.usd import StageReport
-from stripe_newton.usd.checks import BuilderStart
+from stripe_newton.usd.builder_checks import BuilderStart
 from stripe_newton.usd.report_rows import build_report
 
 from .error import RobotFileError
