@@ -18,6 +18,7 @@ from pxr import Usd, UsdGeom
 
 from stripe_newton.usd import StageReport
 from stripe_newton.usd.builder_checks import BuilderStart
+from stripe_newton.usd.concave_meshes import concave_mesh_rows
 from stripe_newton.usd.report_rows import build_report
 
 from .error import RobotFileError
@@ -72,6 +73,9 @@ def import_robot_file(
     if problems := list(_massless(builder, start)):
         raise RobotFileError(path, problems)
     rows += _improper_inertias(builder, start)
+    if kind == "urdf":  # MuJoCo's format means the hull
+        concave = concave_mesh_rows(builder, start.shape)
+        rows += [(where.rpartition("/")[2], what, "its convex hull collides") for where, what, _ in concave]
     _prefix_labels(builder, start, label)
     rows = [(f"{label}/{where}" if label else where, what, why) for where, what, why in _grouped(rows)]
     return _report(builder, start, path, label, rows)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import logging
 import warnings
@@ -20,6 +21,7 @@ from pxr import Tf, Usd, UsdGeom, UsdPhysics
 from .builder_checks import BuilderStart, check_builder
 from .builder_repairs import articulate_single_joints, unmirror_meshes
 from .checks import check_stage
+from .concave_meshes import concave_mesh_rows
 from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
@@ -77,6 +79,7 @@ def load_stage(
     articulate_single_joints(builder, start.joint, rows)
     if solver == "mujoco":
         rows.extend(thicken_flat_meshes(builder, start.shape, name))
+        rows.extend(concave_mesh_rows(builder, start.shape))
     # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     rows.extend(balance_inertias(builder, start.body))
@@ -94,6 +97,7 @@ def _add_usd(
     Raises:
         StageError: it does not support the stage.
     """
+    _quiet_decomposition()
     with _warnings_as_rows(rows):
         try:
             return builder.add_usd(
@@ -163,6 +167,12 @@ def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]
 def _can_approximate() -> bool:
     """Whether Newton can approximate meshes by hulls and boxes itself. If not, MuJoCo makes a hull of every mesh."""
     return importlib.util.find_spec("scipy") is not None
+
+
+def _quiet_decomposition() -> None:
+    """Let CoACD, which decomposes meshes if it is installed, print errors only."""
+    if importlib.util.find_spec("coacd") is not None:
+        importlib.import_module("coacd").set_log_level("error")
 
 
 def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Concave meshes: colliders whose convex hull is another shape, which MuJoCo's collision detection takes for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import newton
+import numpy as np
+from newton import GeoType, ShapeFlags
+
+__all__ = ["concave_mesh_rows", "hollow_depth"]
+
+_HOLLOW = 0.01
+"""Depth of a hollow below the hull that counts, in extents of the mesh: less is a bevel or a round hole."""
+_SAME = 1e-5
+"""Distance within which points are the same, in extents of the mesh."""
+_PRODUCTS = 4_000_000
+"""Distances of faces and points that are computed at once, for memory."""
+_ADVICE = (
+    "split it into convex parts, author physics:approximation = 'convexDecomposition' (pip install coacd), or let "
+    "Newton detect contacts: MuJoCoSolverCfg(use_mujoco_contacts=False)"
+)
+
+
+def concave_mesh_rows(builder: newton.ModelBuilder, first: int) -> Iterator[tuple[str, str, str]]:
+    """Rows ``(path, what, why)`` of the mesh colliders from shape ``first`` on that are not their convex hull.
+
+    A mesh that was approximated by a hull as its stage says is none of them.
+    """
+    depths: dict[int, float | None] = {}  # instances share a mesh
+    for shape in range(first, builder.shape_count):
+        mesh = builder.shape_source[shape]
+        if builder.shape_type[shape] != GeoType.MESH or not builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
+            continue
+        if id(mesh) not in depths:
+            depths[id(mesh)] = hollow_depth(np.array(mesh.vertices), np.array(mesh.indices).reshape(-1, 3))
+        depth = depths[id(mesh)]
+        if depth is None:
+            continue
+        how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size"
+        yield builder.shape_label[shape], "concave mesh collider", f"its convex hull collides, but it {how}; {_ADVICE}"
+
+
+def hollow_depth(points: np.ndarray, faces: np.ndarray) -> float | None:
+    """How deep the hollows of a mesh are, in extents of it; 0 for a convex shell with a hole, None for a convex mesh.
+
+    A mesh is convex if it is closed, and all its points are on one side of each of its faces. The depth is that of the
+    farthest point on the other side, which is not deeper below the hull than that.
+
+    Args:
+        points: Vertices, shape ``(points, 3)``.
+        faces: Triangles, indices of three points, shape ``(faces, 3)``.
+    """
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    faces = _welded(points, faces, _SAME * max(extent, 1e-30))
+    corners = points[faces].astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    proper = areas > 1e-9 * max(extent, 1e-30) ** 2  # the normal of a sliver is noise
+    normals, offsets = normals[proper] / areas[proper, None], corners[proper, 0]
+    used, deepest = points[np.unique(faces)].astype(float), 0.0
+    rows = max(1, _PRODUCTS // max(1, len(used)))
+    for start in range(0, len(normals), rows):
+        n, o = normals[start : start + rows], offsets[start : start + rows]
+        distance = n @ used.T - (n * o).sum(axis=1)[:, None]
+        deepest = max(deepest, float(np.minimum(distance.max(axis=1), -distance.min(axis=1)).max()))
+    if deepest > _HOLLOW * extent:
+        return deepest / extent
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, times = np.unique(edges, axis=0, return_counts=True)
+    return 0.0 if (times == 1).any() else None
+
+
+def _welded(points: np.ndarray, faces: np.ndarray, within: float) -> np.ndarray:
+    """Faces with one index for all points at a place: files repeat points for each normal or texture coordinate."""
+    places = np.round(points.astype(float) / within)
+    _, first, same = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    welded = first[same.reshape(-1)][faces]
+    a, b, c = welded.T
+    return welded[(a != b) & (b != c) & (c != a)]

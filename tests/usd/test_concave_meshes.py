@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Concave meshes: which meshes are not their convex hull, and what an import says of them."""
+
+import newton
+import numpy as np
+import pytest
+from newton.examples import get_asset
+from pxr import Gf, Usd, UsdGeom, UsdPhysics
+
+from stripe_newton.scene import InteractiveScene
+from stripe_newton.sim import SimulationCfg
+from stripe_newton.usd import load_stage
+from stripe_newton.usd.concave_meshes import hollow_depth
+from tests.helpers.usd_stages import new_stage
+
+BOX_FACES = np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5],
+                      [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]])  # fmt: skip
+BOX = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float)
+
+STEP = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], dtype=float)
+
+
+def prism(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A closed prism over an outline that can be seen whole from its first point."""
+    n = len(outline)
+    points = np.concatenate([np.c_[outline, np.zeros(n)], np.c_[outline, np.ones(n)]])
+    caps = [[0, i + 1, i] for i in range(1, n - 1)] + [[n, n + i, n + i + 1] for i in range(1, n - 1)]
+    sides = [f for i in range(n) for f in ([i, (i + 1) % n, n + i], [(i + 1) % n, n + (i + 1) % n, n + i])]
+    return points, np.array(caps + sides)
+
+
+def test_a_box_and_a_sphere_are_their_hulls():
+    sphere = newton.Mesh.create_sphere(0.5, num_latitudes=24, num_longitudes=24)
+    assert hollow_depth(BOX, BOX_FACES) is None
+    assert hollow_depth(np.array(sphere.vertices), np.array(sphere.indices).reshape(-1, 3)) is None
+
+
+def test_points_that_are_repeated_do_not_open_a_mesh():
+    faces = np.arange(36).reshape(12, 3)
+    assert hollow_depth(BOX[BOX_FACES.reshape(-1)], faces) is None
+
+
+def test_a_corner_is_as_deep_as_it_is():
+    # Of two arms of 2 and a thickness of 1 the corner is 1 from each outer face; the extent is 3.
+    points, faces = prism(STEP)
+    assert hollow_depth(points, faces) == pytest.approx(1.0 / 3.0)
+
+
+def test_a_bevel_is_no_hollow():
+    # 0.5 % of the extent
+    points, faces = prism(np.array([[0, 0], [2, 0], [2, 1], [1.0, 0.99], [0, 1]], dtype=float))
+    assert hollow_depth(points, faces) is None
+
+
+def test_a_box_without_a_lid_is_open():
+    assert hollow_depth(BOX, BOX_FACES[[0, 1, *range(4, 12)]]) == 0.0
+
+
+def add_step(stage: Usd.Stage, path: str, approximation: str | None) -> None:
+    """A step of two by two metres, one deep, its tread at a height of one; no collider if ``approximation`` is ''."""
+    points, faces = prism(STEP)
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreatePointsAttr([Gf.Vec3f(float(x), -float(z), float(y)) for x, y, z in points])
+    mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+    mesh.CreateFaceVertexIndicesAttr(faces.reshape(-1).tolist())
+    if approximation != "":
+        UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
+    if approximation:
+        UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(approximation)
+
+
+def test_a_decomposed_mesh_carries_a_ball_on_its_tread():
+    pytest.importorskip("coacd")
+    stage = new_stage()
+    add_step(stage, "/World/step", "convexDecomposition")
+    ball = UsdGeom.Sphere.Define(stage, "/World/ball")
+    ball.CreateRadiusAttr(0.2)
+    UsdGeom.XformCommonAPI(ball).SetTranslate(Gf.Vec3d(1.5, -0.5, 1.3))
+    UsdPhysics.RigidBodyAPI.Apply(ball.GetPrim())
+    UsdPhysics.CollisionAPI.Apply(ball.GetPrim())
+    scene = InteractiveScene.from_usd(stage, sim_cfg=SimulationCfg(dt=0.005, device="cpu"))
+    scene.sim.step(200)
+    assert scene.sim.state.body_q.numpy()[0, :3] == pytest.approx([1.5, -0.5, 1.2], abs=2e-3)
+    assert not [row for row in scene.builder.reports[0].ignored if row[1] == "concave mesh collider"]
+
+
+def test_the_rows_name_concave_colliders_and_no_others():
+    stage = new_stage()
+    for path, approximation in (("/World/stairs", None), ("/World/asked", "convexHull"), ("/World/seen", "")):
+        add_step(stage, path, approximation)
+    rows = [row for row in load_stage(newton.ModelBuilder(), stage).ignored if row[1] == "concave mesh collider"]
+    assert [row[0] for row in rows] == ["/World/stairs"]
+    assert "its convex hull collides, but it has hollows of 33 % of its size" in rows[0][2]
+    assert "convexDecomposition" in rows[0][2]
+
+
+def test_newton_s_bunny_is_concave():
+    stage = Usd.Stage.Open(get_asset("bunny.usd"))
+    bunny = newton.usd.get_mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    depth = hollow_depth(np.array(bunny.vertices), np.array(bunny.indices).reshape(-1, 3))
+    assert depth is not None
+    assert depth > 0.05
