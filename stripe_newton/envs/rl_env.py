@@ -328,10 +328,12 @@ class RLEnv(VectorEnv):
 
         Raises:
             ValueError: if actions were not finite and the config says to raise.
+            RuntimeError: on the CPU, if contacts or constraints were dropped in this step.
         """
         self.count_step()
         self._leave_bodies_for_later()
         self.raise_for_actions()
+        self.sim.end_step()
         # All results lie in one block of memory, so this is one copy.
         values = self.outputs.take()
         self.obs_buf = self._collect_observations(values)

@@ -306,8 +306,7 @@ class Simulation:
             self.launch(substeps)
             if self.device != "cpu" and self.cfg.use_cuda_graph:
                 self._graphs[substeps] = capture_graph(self.device, lambda: self.launch(substeps))
-        if self._finite is not None and self.device == "cpu":
-            self._finite.check()
+        self.end_step()
 
     def begin_step(self) -> None:
         """Do the host's part of a step, before the physics: tell the solver of moved roots, report an overflow.
@@ -325,6 +324,18 @@ class Simulation:
         self.check_overflow()
         if self._finite is not None:
             self._finite.check()
+
+    def end_step(self) -> None:
+        """Do the host's part of a step, after the physics: on the CPU, report what this step did.
+
+        Raises:
+            RuntimeError: as :meth:`begin_step`.
+            FloatingPointError: as :meth:`begin_step`.
+        """
+        if self.device == "cpu":
+            self.check_overflow()
+            if self._finite is not None:
+                self._finite.check()
 
     def watch_finite(self) -> None:
         """Let a step raise ``FloatingPointError`` once the state is not finite, as of the last report from the device.

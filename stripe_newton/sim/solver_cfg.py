@@ -16,6 +16,7 @@ import newton
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
 
+from .contact_room import contact_room
 from .ground_contacts import use_triangles
 
 __all__ = [
@@ -26,6 +27,9 @@ __all__ = [
     "SolverCfg",
     "XPBDSolverCfg",
 ]
+
+_LEAST_CONTACTS, _LEAST_ROWS = 48, 64
+"""Room of a world where little can touch: MuJoCo Warp's defaults."""
 
 
 @configclass
@@ -111,11 +115,11 @@ class MuJoCoSolverCfg(SolverCfg):
     separate_worlds: bool | None = None
     """Map each Newton world to a MuJoCo world. Default: yes."""
     njmax: int | None = None
-    """Constraints a world has room for. Default: estimated from the initial state."""
+    """Constraints a world has room for. Default: those of a world in which each body lies on others."""
     njmax_nnz: int | None = None
     """Non-zeros of the sparse constraint Jacobian a world has room for."""
     nconmax: int | None = None
-    """Contact points a world has room for. Default: estimated from the initial state."""
+    """Contact points a world has room for. Default: as for ``njmax``, up to eight for each body that can move."""
     iterations: int | None = None
     """Solver iterations. MuJoCo's default is 100."""
     ls_iterations: int | None = None
@@ -214,15 +218,26 @@ class MuJoCoSolverCfg(SolverCfg):
 
     def _create(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
         """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
+        arguments = {**self._room(model), **self.arguments()}
         if self.fused is False:
-            return newton.solvers.SolverMuJoCo(model, **self.arguments())
-        solver = SolverFused(model, fallback=self.fused is None, **self.arguments())
+            return newton.solvers.SolverMuJoCo(model, **arguments)
+        solver = SolverFused(model, fallback=self.fused is None, **arguments)
         missing = sorted(set(observables) - {str(getattr(o, "value", o)) for o in solver.supported_observables})
         if missing and self.fused:
             raise ConfigError([f"fused: is True, but the fused step does not report {', '.join(missing)}"])
         if missing and not solver.unsupported:
             solver.unsupported = f"it does not report {', '.join(missing)}"
         return solver
+
+    def _room(self, model: newton.Model) -> dict[str, int]:
+        """Sizes of the buffers by what can touch; a size that the config gives makes all of them the solver's."""
+        if not self.use_mujoco_contacts or self.separate_worlds is False or (self.njmax, self.nconmax) != (None, None):
+            return {}
+        fields = model.shape_count and (model.shape_type.numpy() == newton.GeoType.HFIELD).any()
+        if fields and not self.triangle_contacts:
+            return {}  # MuJoCo Warp finds many contacts with a field, and its own sizes are made for them
+        contacts, rows = contact_room(model)
+        return {"nconmax": max(_LEAST_CONTACTS, contacts), "njmax": max(_LEAST_ROWS, rows)}
 
     @property
     def finds_contacts(self) -> bool:
