@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Given contacts: those that MuJoCo Warp's collision detection found, by world and in an order that does not vary."""
+"""Given contacts: those that others' collision detection found, by world and in an order that does not vary."""
 
 import warp as wp
 from mujoco_warp._src.types import ContactType, vec5
@@ -48,13 +48,21 @@ def list_contacts(
 
 
 @wp.func
-def _comes_before(a: int, b: int, geom: wp.array[wp.vec2i], number: wp.array[int]) -> bool:
-    """Whether a contact comes before another: by its geoms, then by its number among those of the geoms."""
+def _comes_before(a: int, b: int, geom: wp.array[wp.vec2i], number: wp.array[int], pos: wp.array[wp.vec3]) -> bool:
+    """Whether a contact comes before another: by its geoms, then by its number among those of the geoms, then by place.
+
+    MuJoCo Warp's contacts of two geoms have different numbers, those of Newton's collision detection have none.
+    """
     if geom[a][0] != geom[b][0]:
         return geom[a][0] < geom[b][0]
     if geom[a][1] != geom[b][1]:
         return geom[a][1] < geom[b][1]
-    return number[a] < number[b]
+    if number[a] != number[b]:
+        return number[a] < number[b]
+    for i in range(3):
+        if pos[a][i] != pos[b][i]:
+            return pos[a][i] < pos[b][i]
+    return a < b
 
 
 @wp.kernel(enable_backward=False)
@@ -99,7 +107,7 @@ def sort_contacts(
     contact = found[world, place]
     rank = wp.int32(0)
     for other in range(total):
-        if _comes_before(found[world, other], contact, geom, geomcollisionid):
+        if _comes_before(found[world, other], contact, geom, geomcollisionid, pos):
             rank += 1
     given[world, rank, 0] = dist[contact]
     for i in range(3):

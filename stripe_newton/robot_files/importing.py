@@ -17,8 +17,8 @@ from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
 from stripe_newton.usd import StageReport
-from stripe_newton.usd.builder_checks import BuilderStart
-from stripe_newton.usd.concave_meshes import concave_mesh_rows
+from stripe_newton.usd.builder_checks import BuilderStart, group_masses
+from stripe_newton.usd.concave_meshes import concave_meshes
 from stripe_newton.usd.report_rows import build_report
 
 from .error import RobotFileError
@@ -74,8 +74,8 @@ def import_robot_file(
         raise RobotFileError(path, problems)
     rows += _improper_inertias(builder, start)
     if kind == "urdf":  # MuJoCo's format means the hull
-        concave = concave_mesh_rows(builder, start.shape)
-        rows += [(where.rpartition("/")[2], what, "its convex hull collides") for where, what, _ in concave]
+        names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
+        rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]
     _prefix_labels(builder, start, label)
     rows = [(f"{label}/{where}" if label else where, what, why) for where, what, why in _grouped(rows)]
     return _report(builder, start, path, label, rows)
@@ -146,20 +146,18 @@ def _replace_pgs(builder: newton.ModelBuilder) -> None:
 
 def _massless(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
     """Bodies that can move and have no mass, together with all that is welded to them."""
-    group = list(range(builder.body_count))
-    joints = range(start.joint, builder.joint_count)
-    # Parents come before their children, so that the parent's group is known.
-    for joint in joints:
-        parent, child = builder.joint_parent[joint], builder.joint_child[joint]
-        if builder.joint_type[joint] == JointType.FIXED and builder.joint_articulation[joint] >= 0:
-            group[child] = group[parent] if parent >= 0 else -1
-    masses: dict[int, float] = {}
+    welded = {
+        builder.joint_child[j] for j in range(start.joint, builder.joint_count) if _is_weld(builder, j)
+    }  # their parents speak for them
+    masses = group_masses(builder, start)
     for body in range(start.body, builder.body_count):
-        masses[group[body]] = masses.get(group[body], 0.0) + builder.body_mass[body]
-    for body in range(start.body, builder.body_count):
-        if group[body] == body and not masses[body] > 0.0:
+        if body not in welded and not masses[body] > 0.0:
             name = builder.body_label[body].rpartition("/")[2]
             yield f"body '{name}': moves and has no mass; give it an inertial with mass and inertia, or fix its joint"
+
+
+def _is_weld(builder: newton.ModelBuilder, joint: int) -> bool:
+    return builder.joint_type[joint] == JointType.FIXED and builder.joint_articulation[joint] >= 0
 
 
 def _improper_inertias(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[Row]:

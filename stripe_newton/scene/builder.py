@@ -110,6 +110,8 @@ class SceneBuilder:
 
     def _build(self, scenery: Scenery) -> None:
         scene, sim = self._scene, self._scene.sim
+        if self.obstacle_sensors and sim.cfg.solver.chooses_contacts:  # their slots are geoms of MuJoCo Warp
+            sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=True))
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
@@ -198,7 +200,15 @@ class SceneBuilder:
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
         stage = self._scene.stage
         files = self._file_prims(stage, root, ignore)
-        report = load_stage(builder, stage, root_path=root, ignore_paths=ignore, solver=self._scene.sim.cfg.solver.kind)
+        solver = self._scene.sim.cfg.solver
+        report = load_stage(
+            builder,
+            stage,
+            root_path=root,
+            ignore_paths=ignore,
+            solver=solver.kind,
+            hulls=solver.finds_contacts and not solver.chooses_contacts,
+        )
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         self.reports.append(report)

@@ -186,7 +186,7 @@ class Obstacles(SensorBase):
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = where = f"Obstacles '{self.cfg.prim_path}'"
         solver = sim.cfg.solver
-        if not isinstance(solver, MuJoCoSolverCfg) or solver.use_mujoco_cpu or not solver.use_mujoco_contacts:
+        if not isinstance(solver, MuJoCoSolverCfg) or solver.use_mujoco_cpu or not solver.finds_contacts:
             raise ConfigError(
                 [f"{where}: slots are geoms of MuJoCo Warp that differ from world to world, use MuJoCoSolverCfg() "
                  "with use_mujoco_contacts=True and use_mujoco_cpu=False"]

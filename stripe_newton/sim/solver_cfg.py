@@ -15,6 +15,7 @@ import newton
 
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
+from stripe_newton.usd.concave_meshes import concave_meshes
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -80,6 +81,15 @@ class SolverCfg:
     def finds_contacts(self) -> bool:
         """Whether the solver detects collisions itself; if not, Newton's collision pipeline does."""
         return False
+
+    @property
+    def chooses_contacts(self) -> bool:
+        """Whether :meth:`for_shapes` may choose Newton's collision pipeline."""
+        return False
+
+    def for_shapes(self, *builders: newton.ModelBuilder) -> SolverCfg:
+        """The config for a model with the shapes of some builders: this one, or one that decides what it left open."""
+        return self
 
     @property
     def uses_mujoco_warp(self) -> bool:
@@ -170,8 +180,9 @@ class MuJoCoSolverCfg(SolverCfg):
     """Compute no MuJoCo sensors."""
     save_to_mjcf: str | None = None
     """Write the MuJoCo model to this file."""
-    use_mujoco_contacts: bool = True
-    """MuJoCo's collision detection; otherwise Newton's pipeline."""
+    use_mujoco_contacts: bool | None = None
+    """MuJoCo's collision detection; otherwise Newton's pipeline. Default: MuJoCo's, unless static scenery has concave
+    meshes, of which it would take the hull: Newton's finds contacts with their triangles."""
     use_speculative_contacts: bool = False
     """Bound the closing speed of separated contacts (needs Newton's pipeline)."""
     include_sites: bool = True
@@ -209,7 +220,7 @@ class MuJoCoSolverCfg(SolverCfg):
                 "MuJoCo ran out of memory for the contacts at the start: bodies overlap there; "
                 "give each asset its own 'init_state.pos'"
             ) from error
-        if self.triangle_contacts and self.uses_mujoco_warp and self.use_mujoco_contacts:
+        if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts:
             if isinstance(solver, SolverFused) and not solver.unsupported:
                 solver.triangles = True
             else:
@@ -231,7 +242,7 @@ class MuJoCoSolverCfg(SolverCfg):
 
     def _room(self, model: newton.Model) -> dict[str, int]:
         """Sizes of the buffers by what can touch; a size that the config gives makes all of them the solver's."""
-        if not self.use_mujoco_contacts or self.separate_worlds is False or (self.njmax, self.nconmax) != (None, None):
+        if not self.finds_contacts or self.separate_worlds is False or (self.njmax, self.nconmax) != (None, None):
             return {}
         fields = model.shape_count and (model.shape_type.numpy() == newton.GeoType.HFIELD).any()
         if fields and not self.triangle_contacts:
@@ -241,7 +252,15 @@ class MuJoCoSolverCfg(SolverCfg):
 
     @property
     def finds_contacts(self) -> bool:
-        return self.use_mujoco_contacts
+        return self.use_mujoco_contacts is not False
+
+    @property
+    def chooses_contacts(self) -> bool:
+        return self.use_mujoco_contacts is None and not self.use_mujoco_cpu and not self.fused
+
+    def for_shapes(self, *builders: newton.ModelBuilder) -> SolverCfg:
+        static = (b.shape_body[shape] < 0 for b in builders for shape, _ in concave_meshes(b))
+        return self.replace(use_mujoco_contacts=False) if self.chooses_contacts and any(static) else self
 
     @property
     def uses_mujoco_warp(self) -> bool:

@@ -13,7 +13,7 @@ import mujoco_warp
 import newton
 import numpy as np
 import warp as wp
-from mujoco_warp._src.types import BroadphaseType
+from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
@@ -39,7 +39,7 @@ __all__ = ["SolverFused"]
 
 _LANES = 8, 32
 """Threads of a GPU that share a world: of a model that has no more bodies and degrees of freedom, and of others."""
-_NOT_HERE = {"use_mujoco_cpu": True, "use_mujoco_contacts": False, "use_speculative_contacts": True}
+_NOT_HERE = {"use_mujoco_cpu": True, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
@@ -64,7 +64,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     read in every step, so that changes take effect as there. Arguments are those of that class.
 
     The kernel finds the contacts of the pairs that it has a routine for, see ``docs/solvers.md``. If there are others,
-    MuJoCo Warp's collision detection finds theirs before each step; otherwise several steps are one launch.
+    MuJoCo Warp's collision detection finds theirs before each step; otherwise several steps are one launch. With
+    ``use_mujoco_contacts=False`` all are those that :meth:`step` is given.
 
     The state is that of MuJoCo Warp to rounding, and so are ``body_qdd`` and ``body_parent_f``. MuJoCo Warp's arrays of
     contacts and constraint forces are filled after :meth:`fill_contacts`, those of other results are not. What is
@@ -136,6 +137,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         """
         if self.unsupported:
             return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
+        if not self._use_mujoco_contacts:
+            return "the fused step, with Newton's collision detection for all contacts"
         if not self.one_launch:
             return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
@@ -170,6 +173,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         """
         if self.unsupported or self._fills_contacts:
             return
+        if not self._use_mujoco_contacts:  # Newton keeps what it knows of its contacts there, from step to step
+            self.unsupported = "contacts of Newton's collision detection are read"
+            return
         self._fills_contacts = True
         self._addresses.clear()
         self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
@@ -199,10 +205,13 @@ class SolverFused(newton.solvers.SolverMuJoCo):
                 and ``(joint_dof_count,)``.
 
         Raises:
-            RuntimeError: if MuJoCo Warp steps the model, or ``before`` is asked for but :attr:`converts` is False.
+            RuntimeError: if MuJoCo Warp steps the model, ``before`` is asked for but :attr:`converts` is False, or
+                contacts are Newton's, which are those of one step.
         """
         if self.unsupported:
             raise RuntimeError(f"several steps at once need the fused step: {self.unsupported}")
+        if steps > 1 and not self._use_mujoco_contacts:
+            raise RuntimeError("Newton's collision detection has to run before each step")
         if before is not None and not self.converts:
             raise RuntimeError("the joints before the last step need a kernel that converts Newton's state")
         self._steps, self._before = steps, before
@@ -306,14 +315,15 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             return
         for index in range(self._steps):
             arguments = self._arguments(first=index == 0, last=index == self._steps - 1)
-            kernel.launch(arguments, data.nworld, device, place=True)
-            self._collide()
+            if self._use_mujoco_contacts:
+                kernel.launch(arguments, data.nworld, device, place=True)
+                mujoco_warp.collision(self.mjw_model, data)
+            self._list_contacts()
             kernel.launch(arguments, data.nworld, device)
 
-    def _collide(self) -> None:
-        """Let MuJoCo Warp find the contacts that the kernel does not, and put them in order."""
+    def _list_contacts(self) -> None:
+        """Put in order the contacts that the kernel does not find itself."""
         data, contact = self.mjw_data, self.mjw_data.contact
-        mujoco_warp.collision(self.mjw_model, data)
         self._count.zero_()
         wp.launch(
             list_contacts,
@@ -382,6 +392,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         model = self.mjw_model
         self._others: list[str] = []
         if self.mj_model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+            return []
+        if not self._use_mujoco_contacts:
+            self._others = ["all pairs, through Newton's collision detection"]
+            self.mjw_data.contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
+            self.mjw_data.contact.geomcollisionid.zero_()
             return []
         if model.opt.broadphase != BroadphaseType.NXN:  # above some number of geoms there is no list to take pairs from
             self._others = ["all pairs of its many geoms"]

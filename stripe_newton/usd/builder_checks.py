@@ -12,7 +12,7 @@ from newton import GeoType, JointType
 from .attribute_table import MAX_COORDINATE
 from .stage_access import StageError
 
-__all__ = ["BuilderStart", "check_builder"]
+__all__ = ["BuilderStart", "check_builder", "group_masses"]
 
 _MUJOCO_JOINTS = {
     JointType.FREE,
@@ -71,7 +71,7 @@ def _check_bodies(builder: newton.ModelBuilder, start: BuilderStart, name: str) 
     articulated = {
         builder.joint_child[j] for j in range(start.joint, builder.joint_count) if builder.joint_articulation[j] >= 0
     }
-    group_mass = _group_masses(builder, start)
+    group_mass = group_masses(builder, start)
     for body in range(start.body, builder.body_count):
         label = builder.body_label[body]
         mass, inertia = builder.body_mass[body], np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
@@ -115,7 +115,7 @@ def _check_joints(builder: newton.ModelBuilder, start: BuilderStart, solver: str
         raise StageError(name, "", "an initial joint position is not finite")
 
 
-def _group_masses(builder: newton.ModelBuilder, start: BuilderStart) -> dict[int, float]:
+def group_masses(builder: newton.ModelBuilder, start: BuilderStart) -> dict[int, float]:
     """Mass of each body with everything that is welded to it; infinite where that is the world."""
     # Union-find over the fixed joints; -1 is the world.
     group = {body: body for body in range(-1, builder.body_count)}

@@ -9,7 +9,7 @@ import newton
 import numpy as np
 from newton import GeoType, ShapeFlags
 
-__all__ = ["concave_mesh_rows", "hollow_depth"]
+__all__ = ["concave_mesh_rows", "concave_meshes", "hollow_depth"]
 
 _HOLLOW = 0.01
 """Depth of a hollow below the hull that counts, in extents of the mesh: less is a bevel or a round hole."""
@@ -17,14 +17,13 @@ _SAME = 1e-5
 """Distance within which points are the same, in extents of the mesh."""
 _PRODUCTS = 4_000_000
 """Distances of faces and points that are computed at once, for memory."""
-_ADVICE = (
-    "split it into convex parts, author physics:approximation = 'convexDecomposition' (pip install coacd), or let "
-    "Newton detect contacts: MuJoCoSolverCfg(use_mujoco_contacts=False)"
-)
+_DIRECTIONS = 2000
+"""Points of a mesh that stand for all of them, the farthest in so many directions: within 0.1 % of the hull."""
+_SPLIT = "split it into convex parts, or author physics:approximation = 'convexDecomposition' (pip install coacd)"
 
 
-def concave_mesh_rows(builder: newton.ModelBuilder, first: int) -> Iterator[tuple[str, str, str]]:
-    """Rows ``(path, what, why)`` of the mesh colliders from shape ``first`` on that are not their convex hull.
+def concave_meshes(builder: newton.ModelBuilder, first: int = 0) -> Iterator[tuple[int, float]]:
+    """Mesh colliders from shape ``first`` on that are not their convex hull: the shape, and :func:`hollow_depth`.
 
     A mesh that was approximated by a hull as its stage says is none of them.
     """
@@ -36,17 +35,40 @@ def concave_mesh_rows(builder: newton.ModelBuilder, first: int) -> Iterator[tupl
         if id(mesh) not in depths:
             depths[id(mesh)] = hollow_depth(np.array(mesh.vertices), np.array(mesh.indices).reshape(-1, 3))
         depth = depths[id(mesh)]
-        if depth is None:
-            continue
-        how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size"
-        yield builder.shape_label[shape], "concave mesh collider", f"its convex hull collides, but it {how}; {_ADVICE}"
+        if depth is not None:
+            yield shape, depth
+
+
+def concave_mesh_rows(
+    builder: newton.ModelBuilder, first: int, static_triangles: bool
+) -> Iterator[tuple[str, str, str]]:
+    """Rows ``(path, what, why)`` of the mesh colliders from shape ``first`` on that are not their convex hull.
+
+    Args:
+        builder: The builder.
+        first: First shape.
+        static_triangles: Newton's collision detection is used if a static one is among them, and so their triangles
+            collide; otherwise MuJoCo's takes the hulls.
+    """
+    found = list(concave_meshes(builder, first))
+    triangles = static_triangles and any(builder.shape_body[shape] < 0 for shape, _ in found)
+    for shape, depth in found:
+        how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size or more"
+        if triangles:
+            why = (
+                f"it {how}: its triangles collide, through Newton's collision detection, which takes longer than "
+                f"MuJoCo's of convex shapes; for that one {_SPLIT}"
+            )
+        else:
+            why = f"its convex hull collides, but it {how}; {_SPLIT}"
+        yield builder.shape_label[shape], "concave mesh collider", why
 
 
 def hollow_depth(points: np.ndarray, faces: np.ndarray) -> float | None:
     """How deep the hollows of a mesh are, in extents of it; 0 for a convex shell with a hole, None for a convex mesh.
 
-    A mesh is convex if it is closed, and all its points are on one side of each of its faces. The depth is that of the
-    farthest point on the other side, which is not deeper below the hull than that.
+    A mesh is convex if it is closed, and all its points are on one side of each of its faces. The depth is that of a
+    point on the other side: the search ends where it finds one that counts.
 
     Args:
         points: Vertices, shape ``(points, 3)``.
@@ -59,17 +81,34 @@ def hollow_depth(points: np.ndarray, faces: np.ndarray) -> float | None:
     areas = np.linalg.norm(normals, axis=1)
     proper = areas > 1e-9 * max(extent, 1e-30) ** 2  # the normal of a sliver is noise
     normals, offsets = normals[proper] / areas[proper, None], corners[proper, 0]
-    used, deepest = points[np.unique(faces)].astype(float), 0.0
-    rows = max(1, _PRODUCTS // max(1, len(used)))
+    outermost = _outermost(points[np.unique(faces)].astype(float))
+    rows = max(1, _PRODUCTS // max(1, len(outermost)))
     for start in range(0, len(normals), rows):
         n, o = normals[start : start + rows], offsets[start : start + rows]
-        distance = n @ used.T - (n * o).sum(axis=1)[:, None]
-        deepest = max(deepest, float(np.minimum(distance.max(axis=1), -distance.min(axis=1)).max()))
-    if deepest > _HOLLOW * extent:
-        return deepest / extent
+        distance = n @ outermost.T - (n * o).sum(axis=1)[:, None]
+        depth = float(np.minimum(distance.max(axis=1), -distance.min(axis=1)).max())
+        if depth > _HOLLOW * extent:
+            return depth / extent
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, times = np.unique(edges, axis=0, return_counts=True)
     return 0.0 if (times == 1).any() else None
+
+
+def _outermost(points: np.ndarray) -> np.ndarray:
+    """The points; of many, the farthest in directions all around, as no other is the farthest from a face."""
+    if len(points) <= _DIRECTIONS:
+        return points
+    i = np.arange(_DIRECTIONS)
+    height, turn = 1.0 - (2.0 * i + 1.0) / _DIRECTIONS, i * np.pi * (3.0 - np.sqrt(5.0))
+    radius = np.sqrt(1.0 - height**2)
+    directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
+    best, which = np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS, dtype=int)
+    for start in range(0, len(points), _PRODUCTS // _DIRECTIONS):
+        along = directions @ points[start : start + _PRODUCTS // _DIRECTIONS].T
+        index = along.argmax(axis=1)
+        value = along[i, index]
+        which, best = np.where(value > best, index + start, which), np.maximum(value, best)
+    return points[np.unique(which)]
 
 
 def _welded(points: np.ndarray, faces: np.ndarray, within: float) -> np.ndarray:

@@ -43,6 +43,7 @@ def load_stage(
     ignore_paths: Sequence[str] = (),
     solver: str = "mujoco",
     allow_static: bool = True,
+    hulls: bool = False,
 ) -> StageReport:
     """Read the rigid bodies, joints, shapes and sites of a stage into ``builder``, in SI units and Z up.
 
@@ -57,6 +58,7 @@ def load_stage(
         ignore_paths: Regular expressions; prims whose path starts with a match, and those below them, are left out.
         solver: ``"mujoco"`` refuses joints that ``SolverMuJoCo`` does not support; any other name skips that check.
         allow_static: Accept a stage of static colliders, or of visible shapes only.
+        hulls: MuJoCo's collision detection is used whatever the shapes: for the rows of concave meshes.
 
     Raises:
         StageError: the stage cannot be simulated. The content of ``builder`` is then undefined.
@@ -79,7 +81,7 @@ def load_stage(
     articulate_single_joints(builder, start.joint, rows)
     if solver == "mujoco":
         rows.extend(thicken_flat_meshes(builder, start.shape, name))
-        rows.extend(concave_mesh_rows(builder, start.shape))
+        rows.extend(concave_mesh_rows(builder, start.shape, static_triangles=not hulls))
     # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     rows.extend(balance_inertias(builder, start.body))

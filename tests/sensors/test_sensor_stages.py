@@ -157,8 +157,9 @@ def test_managers_read_sensors_at_their_times():
 @pytest.mark.parametrize(
     ("cfg", "message"),
     [
+        (SceneEntityCfg("robot"), "must name a ProbeData: probe"),
         (SceneEntityCfg("probe", body_names="middle"), "middle"),
-        (SceneEntityCfg("nothing"), "must name a ProbeData: probe"),
+        (SceneEntityCfg("nothing"), "there is no asset or sensor 'nothing'; there is: robot, probe"),
     ],
 )
 def test_wrong_sensors_are_named(cfg, message):

@@ -193,8 +193,8 @@ def test_what_does_not_fit_is_reported_and_the_rest_stays_finite(room, bit):
 
 def test_what_the_step_does_not_compute_is_refused():
     model = chain(1)
-    with pytest.raises(ValueError, match="does not support use_mujoco_contacts=False; use SolverMuJoCo"):
-        SolverFused(model, use_mujoco_contacts=False)
+    with pytest.raises(ValueError, match="does not support use_mujoco_cpu=True; use SolverMuJoCo"):
+        SolverFused(model, use_mujoco_cpu=True)
     solver = SolverFused(model, **ROOM)
     with pytest.raises(ValueError, match="qfrc_bias"):
         solver.observables({solver.ObservableKind.QFRC_BIAS})

@@ -8,7 +8,7 @@ from newton.examples import get_asset
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import SimulationCfg
+from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_newton.usd import load_stage
 from stripe_newton.usd.concave_meshes import hollow_depth
 from tests.helpers.usd_stages import new_stage
@@ -69,19 +69,56 @@ def add_step(stage: Usd.Stage, path: str, approximation: str | None) -> None:
         UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(approximation)
 
 
-def test_a_decomposed_mesh_carries_a_ball_on_its_tread():
-    pytest.importorskip("coacd")
+def drop_a_ball(
+    approximation: str | None, solver: MuJoCoSolverCfg, steps: int = 200
+) -> tuple[InteractiveScene, np.ndarray]:
+    """The scene, and where a ball of 0.2 m is that falls onto the tread of the step."""
     stage = new_stage()
-    add_step(stage, "/World/step", "convexDecomposition")
+    add_step(stage, "/World/step", approximation)
     ball = UsdGeom.Sphere.Define(stage, "/World/ball")
     ball.CreateRadiusAttr(0.2)
     UsdGeom.XformCommonAPI(ball).SetTranslate(Gf.Vec3d(1.5, -0.5, 1.3))
     UsdPhysics.RigidBodyAPI.Apply(ball.GetPrim())
     UsdPhysics.CollisionAPI.Apply(ball.GetPrim())
-    scene = InteractiveScene.from_usd(stage, sim_cfg=SimulationCfg(dt=0.005, device="cpu"))
-    scene.sim.step(200)
-    assert scene.sim.state.body_q.numpy()[0, :3] == pytest.approx([1.5, -0.5, 1.2], abs=2e-3)
-    assert not [row for row in scene.builder.reports[0].ignored if row[1] == "concave mesh collider"]
+    scene = InteractiveScene.from_usd(stage, sim_cfg=SimulationCfg(dt=0.005, device="cpu", solver=solver))
+    scene.sim.step(steps)
+    return scene, scene.sim.state.body_q.numpy()[0, :3]
+
+
+@pytest.mark.parametrize("approximation", [None, "none", "sdf", "convexDecomposition"])
+def test_a_ball_rests_on_the_tread(approximation):
+    if approximation == "convexDecomposition":
+        pytest.importorskip("coacd")
+    scene, place = drop_a_ball(approximation, MuJoCoSolverCfg())
+    assert place == pytest.approx([1.5, -0.5, 1.2], abs=1e-3)
+    rows = [row for row in scene.builder.reports[0].ignored if row[1] == "concave mesh collider"]
+    assert [row[2].partition(";")[0][:60] for row in rows] == (
+        [] if approximation == "convexDecomposition"
+        else ["it has hollows of 33 % of its size or more: its triangles col"[:60]]
+    )  # fmt: skip
+
+
+def test_the_fused_step_takes_newton_s_contacts_as_mujoco_warp_does():
+    places = []
+    for fused in (None, False):
+        scene, _ = drop_a_ball(None, MuJoCoSolverCfg(fused=fused), steps=60)  # it has touched after 28
+        places.append(scene.sim.state.body_q.numpy()[0])
+        if fused is None:
+            assert scene.sim.describe_solver() == "the fused step, with Newton's collision detection for all contacts"
+    np.testing.assert_allclose(*places, atol=2e-5)
+
+
+def test_a_config_may_ask_for_the_hull():
+    scene, place = drop_a_ball(None, MuJoCoSolverCfg(use_mujoco_contacts=True))
+    assert place[0] > 1.7  # off the slope of the hull
+    assert "its convex hull collides, but" in next(r for r in scene.builder.reports[0].ignored if "concave" in r[1])[2]
+
+
+def test_a_config_is_not_changed_by_what_a_scene_decides():
+    solver = MuJoCoSolverCfg()
+    scene, _ = drop_a_ball(None, solver)
+    assert scene.sim.cfg.solver.use_mujoco_contacts is False
+    assert solver.use_mujoco_contacts is None
 
 
 def test_the_rows_name_concave_colliders_and_no_others():
@@ -90,7 +127,7 @@ def test_the_rows_name_concave_colliders_and_no_others():
         add_step(stage, path, approximation)
     rows = [row for row in load_stage(newton.ModelBuilder(), stage).ignored if row[1] == "concave mesh collider"]
     assert [row[0] for row in rows] == ["/World/stairs"]
-    assert "its convex hull collides, but it has hollows of 33 % of its size" in rows[0][2]
+    assert "it has hollows of 33 % of its size or more: its triangles collide" in rows[0][2]
     assert "convexDecomposition" in rows[0][2]
 
 
