@@ -38,7 +38,7 @@ class DisplayModel:
     Args:
         sim: The simulation.
         env_ids: Which environments to copy.
-        floor: Add a floor below everything if the static scene is empty.
+        floor: Add a floor below everything if nothing static is there and nothing falls.
         recolor: Replace colours that the stage did not author.
         natural: Leave static meshes to :class:`SceneryTracer`. None: if there are 64 of them or more.
 
@@ -68,7 +68,7 @@ class DisplayModel:
             origin = wp.vec3(*(float(x) for x in sim.env_origins[i]))
             builder.add_builder(template, xform=wp.transform(origin, wp.quat_identity()))
         self._index_bodies(builder, env_ids)
-        if floor and not _has_ground(static, template):
+        if floor and _may_have_floor(static, template):
             # Under the lowest point of the current poses, and a little lower so that no surface flickers.
             heights = self._corners(self._pose(sim))[..., 2]
             builder.add_ground_plane(height=float(heights.min(initial=0.0, where=np.isfinite(heights))) - 1e-3)
@@ -187,8 +187,12 @@ def _scenery(builder: newton.ModelBuilder, count: int, natural: bool | None) -> 
     return np.array(found if (meshes >= _NATURAL_MESHES if natural is None else natural) else [], dtype=int)
 
 
-def _has_ground(static: newton.ModelBuilder, template: newton.ModelBuilder) -> bool:
-    return static.shape_count > 0 or any(int(t) in _GROUND_TYPES for t in template.shape_type)
+def _may_have_floor(static: newton.ModelBuilder, template: newton.ModelBuilder) -> bool:
+    """Whether a floor below everything misleads nobody: nothing static is there to stand on, and nothing falls."""
+    if static.shape_count or any(int(t) in _GROUND_TYPES for t in template.shape_type):
+        return False
+    stands = any(b < 0 and f & _COLLIDE for b, f in zip(template.shape_body, template.shape_flags, strict=True))
+    return not stands and int(newton.JointType.FREE) not in map(int, template.joint_type)
 
 
 def _separate_surfaces(builder: newton.ModelBuilder, first_shape: int, first_body: int, bodies: int) -> None:

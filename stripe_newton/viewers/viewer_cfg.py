@@ -84,7 +84,7 @@ class ViewerCfg:
     """Outdoors: factor on the exposure, which adapts to the picture."""
 
     floor: bool = True
-    """Draw a floor under a scene without ground."""
+    """Draw a floor under a scene without anything static, if all that moves in it is held."""
 
     recolor: bool = True
     """Give shapes without a colour in the stage one of a small palette, by body."""

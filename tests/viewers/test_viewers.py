@@ -233,14 +233,35 @@ def test_anti_aliasing_brings_colours_between_box_and_background():
     assert len(np.unique(smooth.reshape(-1, 3), axis=0)) > len(np.unique(hard.reshape(-1, 3), axis=0))
 
 
-def test_a_scene_without_ground_gets_a_floor_and_authored_colours_stay():
-    sim = sim_of(box((0.1, 0.2, 0.9)), ground=False)
-    with_floor, without = (
-        SceneRenderer(sim, ViewerCfg(resolution=SMALL, floor=on, recolor=True)).render() for on in (True, False)
-    )
-    assert np.abs(with_floor.astype(int) - without)[-8:].mean() > 15
-    blue = without[..., 2].astype(int) - without[..., 0]
-    assert blue.max() > 100
+def held_box(color):
+    template = newton.ModelBuilder()
+    body = template.add_link(xform=wp.transform(wp.vec3(0.0, 0.0, 0.5), wp.quat_identity()), label="/World/Crate/base")
+    template.add_shape_box(body, hx=0.15, hy=0.15, hz=0.15, color=color)
+    template.add_articulation([template.add_joint_fixed(-1, body, parent_xform=template.body_q[body])])
+    return template
+
+
+def floor_brightness(template):
+    """How much the lowest rows of a picture differ with a floor and without."""
+    sim = sim_of(template, ground=False)
+    pictures = [
+        SceneRenderer(sim, ViewerCfg(resolution=SMALL, floor=on, recolor=True)).render().astype(int)
+        for on in (True, False)
+    ]
+    return np.abs(pictures[0] - pictures[1])[-8:].mean(), pictures[1]
+
+
+def test_what_is_held_above_nothing_gets_a_floor_and_keeps_its_colour():
+    difference, without = floor_brightness(held_box((0.1, 0.2, 0.9)))
+    assert difference > 15
+    assert (without[..., 2] - without[..., 0]).max() > 100
+
+
+def test_no_floor_is_drawn_where_things_would_fall_through_it():
+    standing = held_box((0.1, 0.2, 0.9))
+    standing.add_shape_box(-1, hx=1.0, hy=1.0, hz=0.1)
+    for template in (box(), standing):
+        assert floor_brightness(template)[0] == 0.0
 
 
 def test_textures_show():
