@@ -259,8 +259,10 @@ class MuJoCoSolverCfg(SolverCfg):
         return self.use_mujoco_contacts is None and not self.use_mujoco_cpu and not self.fused
 
     def for_shapes(self, *builders: newton.ModelBuilder) -> SolverCfg:
-        static = (b.shape_body[shape] < 0 for b in builders for shape, _ in concave_meshes(b))
-        return self.replace(use_mujoco_contacts=False) if self.chooses_contacts and any(static) else self
+        found = (shape for b in builders for shape, _ in concave_meshes(b, static=True))
+        if not self.chooses_contacts or next(found, None) is None:
+            return self
+        return self.replace(use_mujoco_contacts=False)
 
     @property
     def uses_mujoco_warp(self) -> bool:

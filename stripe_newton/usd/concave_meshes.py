@@ -22,15 +22,22 @@ _DIRECTIONS = 2000
 _SPLIT = "split it into convex parts, or author physics:approximation = 'convexDecomposition' (pip install coacd)"
 
 
-def concave_meshes(builder: newton.ModelBuilder, first: int = 0) -> Iterator[tuple[int, float]]:
+def concave_meshes(builder: newton.ModelBuilder, first: int = 0, static: bool = False) -> Iterator[tuple[int, float]]:
     """Mesh colliders from shape ``first`` on that are not their convex hull: the shape, and :func:`hollow_depth`.
 
     A mesh that was approximated by a hull as its stage says is none of them.
+
+    Args:
+        builder: The builder.
+        first: First shape.
+        static: Of static shapes alone.
     """
     depths: dict[int, float | None] = {}  # instances share a mesh
     for shape in range(first, builder.shape_count):
         mesh = builder.shape_source[shape]
         if builder.shape_type[shape] != GeoType.MESH or not builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
+            continue
+        if static and builder.shape_body[shape] >= 0:
             continue
         if id(mesh) not in depths:
             depths[id(mesh)] = hollow_depth(np.array(mesh.vertices), np.array(mesh.indices).reshape(-1, 3))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -21,12 +22,17 @@ LEGS = ["go1", "go2", "a1", "b2", "spot", "anymal_b", "anymal_c", "anymal_d", "g
 
 @pytest.fixture(autouse=True)
 def no_download(monkeypatch):
-    """Nothing is cloned: a file is on this machine, or the test is skipped."""
+    """Nothing is cloned, which takes seconds to fail without a network: a file is on this machine, or a test skips."""
 
     def git(*arguments: str) -> None:
         raise OSError("git is switched off in this test")
 
+    def newton_asset(name: str, file: str | None) -> str:
+        raise ConnectionError("Newton's asset repository is switched off in this test")
+
     monkeypatch.setattr(robot_library, "_git", git)
+    if "NEWTON_CACHE_PATH" not in os.environ:
+        monkeypatch.setattr(robot_library, "_newton", newton_asset)
 
 
 def scene_of(name: str) -> tuple[InteractiveScene, Path]:
@@ -130,7 +136,13 @@ def test_a_folder_of_menagerie_is_cloned_once_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(robot_library, "_installed", lambda module: False)
     monkeypatch.delenv("MENAGERIE_ROOT", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def newton_asset(name: str, file: str | None) -> str:
+        raise ConnectionError("Newton's asset repository is switched off in this test")
+
     monkeypatch.setattr(robot_library, "_git", git)
+    if "NEWTON_CACHE_PATH" not in os.environ:
+        monkeypatch.setattr(robot_library, "_newton", newton_asset)
     first = find_robot("robot_one", source="menagerie", file="one.xml")
     assert first == tmp_path / "cache/stripe-newton/mujoco_menagerie/robot_one/one.xml"
     assert not (first.parents[1] / "robot_two").exists()  # only what was asked for
