@@ -30,6 +30,7 @@ from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
+from stripe_newton.usd.concave_meshes import concave_meshes
 
 from .export_joints import AuthoredJoints
 from .obstacles import Obstacles
@@ -111,7 +112,7 @@ class SceneBuilder:
     def _build(self, scenery: Scenery) -> None:
         scene, sim = self._scene, self._scene.sim
         if self.obstacle_sensors and sim.cfg.solver.chooses_contacts:  # their slots are geoms of MuJoCo Warp
-            sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=True))
+            self._use_mujoco_contacts(True)
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
@@ -209,9 +210,18 @@ class SceneBuilder:
             solver=solver.kind,
             hulls=solver.finds_contacts and not solver.chooses_contacts,
         )
+        # By the stage alone: in a robot's file a mesh means its hull.
+        undecided = solver.chooses_contacts and not self._scene.built
+        if undecided and next(concave_meshes(builder, static=True), None) is not None:
+            self._use_mujoco_contacts(False)
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         self.reports.append(report)
+
+    def _use_mujoco_contacts(self, value: bool) -> None:
+        """Decide what the config of the solver leaves open, in a copy of it."""
+        sim = self._scene.sim
+        sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=value))
 
     def _file_prims(
         self, stage: Usd.Stage, root: str, ignore: tuple[str, ...]

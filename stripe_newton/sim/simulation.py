@@ -205,8 +205,6 @@ class Simulation:
             )
         if not template.joint_count and not allow_static:
             raise ValueError("the environments hold no rigid body and no articulation: there is nothing to simulate")
-        if (solver := self.cfg.solver.for_shapes(template, static)) is not self.cfg.solver:
-            self.cfg = self.cfg.replace(solver=solver)
         self.template, self.static, self.env_origins = template, static, np.asarray(env_origins, dtype=np.float32)
         self.num_envs, self.shared_shape_count = len(env_origins), static.shape_count
         if self.env_origin is None:

@@ -15,7 +15,6 @@ import newton
 
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
-from stripe_newton.usd.concave_meshes import concave_meshes
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -84,12 +83,8 @@ class SolverCfg:
 
     @property
     def chooses_contacts(self) -> bool:
-        """Whether :meth:`for_shapes` may choose Newton's collision pipeline."""
+        """Whether the scene may choose Newton's collision pipeline, as MuJoCo takes hulls of its static meshes."""
         return False
-
-    def for_shapes(self, *builders: newton.ModelBuilder) -> SolverCfg:
-        """The config for a model with the shapes of some builders: this one, or one that decides what it left open."""
-        return self
 
     @property
     def uses_mujoco_warp(self) -> bool:
@@ -257,12 +252,6 @@ class MuJoCoSolverCfg(SolverCfg):
     @property
     def chooses_contacts(self) -> bool:
         return self.use_mujoco_contacts is None and not self.use_mujoco_cpu and not self.fused
-
-    def for_shapes(self, *builders: newton.ModelBuilder) -> SolverCfg:
-        found = (shape for b in builders for shape, _ in concave_meshes(b, static=True))
-        if not self.chooses_contacts or next(found, None) is None:
-            return self
-        return self.replace(use_mujoco_contacts=False)
 
     @property
     def uses_mujoco_warp(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from newton import GeoType
 
 from .ignored_rows import Ignored
+from .mesh_copies import with_geometry
 
 __all__ = ["articulate_single_joints", "unmirror_meshes"]
 
@@ -23,19 +24,12 @@ def unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
         if np.prod(np.sign(scale)) < 0.0:  # a mirror turns faces inside out, two mirrors are a rotation
             faces = faces[:, ::-1]
         # A new mesh: the old one may be shared with shapes that are not mirrored.
-        mirrored = newton.Mesh(
+        mirrored = with_geometry(
+            mesh,
             np.array(mesh.vertices) * np.sign(scale),
             faces.reshape(-1).copy(),
             normals=None if mesh.normals is None else np.array(mesh.normals) * np.sign(scale),
             uvs=mesh.uvs,
-            compute_inertia=False,
-            is_solid=mesh.is_solid,
-            maxhullvert=mesh.maxhullvert,
-            color=mesh.color,
-            opacity=mesh.opacity,
-            texture=mesh.texture,
-            roughness=mesh.roughness,
-            metallic=mesh.metallic,
         )
         builder.shape_source[shape] = mirrored
         builder.shape_scale[shape] = tuple(float(s) for s in np.abs(scale))

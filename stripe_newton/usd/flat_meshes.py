@@ -9,6 +9,7 @@ import newton
 import numpy as np
 from newton import GeoType, ShapeFlags
 
+from .mesh_copies import with_geometry
 from .stage_access import StageError
 
 __all__ = ["thicken_flat_meshes"]
@@ -72,16 +73,10 @@ def _thickened(mesh: newton.Mesh, points: np.ndarray, normal: np.ndarray) -> new
     rim = edges[where[times == 1]]
     a, b = rim[:, 0], rim[:, 1]
     walls = np.concatenate([np.stack([b, a, a + count], axis=1), np.stack([b, a + count, b + count], axis=1)])
-    return newton.Mesh(
+    return with_geometry(
+        mesh,
         np.concatenate([points, points + back * _THICKNESS]),
         np.concatenate([faces, faces[:, ::-1] + count, walls]).reshape(-1),
+        normals=None,
         uvs=None if mesh.uvs is None or len(mesh.uvs) != count else np.concatenate([mesh.uvs, mesh.uvs]),
-        compute_inertia=False,
-        is_solid=mesh.is_solid,
-        maxhullvert=mesh.maxhullvert,
-        color=mesh.color,
-        opacity=mesh.opacity,
-        texture=mesh.texture,
-        roughness=mesh.roughness,
-        metallic=mesh.metallic,
     )

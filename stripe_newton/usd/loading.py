@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import logging
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +24,7 @@ from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
+from .newton_warnings import collected_warnings
 from .prepare import prepare
 from .report_rows import build_report
 from .solver_errors import solver_reason
@@ -187,25 +186,8 @@ def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -
 
 @contextmanager
 def _warnings_as_rows(rows: Ignored) -> Iterator[None]:
-    """Collect Newton's warnings, from ``warnings`` and from its log, as rows of the report."""
-    handler = _ListHandler()
-    logger = logging.getLogger("newton")
-    logger.addHandler(handler)
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")  # Python shows a warning once; each stage's report needs it
-            yield
-    finally:
-        logger.removeHandler(handler)
+    """Collect Newton's warnings as rows of the report."""
+    with collected_warnings() as texts:
+        yield
     # The same text may come by both ways, and for many prims.
-    texts = [str(w.message) for w in caught if not issubclass(w.category, (ImportWarning, ResourceWarning))]
-    rows.extend(("", "warning of Newton", text) for text in dict.fromkeys([*texts, *handler.texts]))
-
-
-class _ListHandler(logging.Handler):
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.texts: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage())
+    rows.extend(("", "warning of Newton", text) for text in dict.fromkeys(texts))

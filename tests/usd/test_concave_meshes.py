@@ -7,10 +7,11 @@ import pytest
 from newton.examples import get_asset
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from stripe_newton.assets import ArticulationCfg
+from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
+from stripe_newton.sim import MjcfFileCfg, MuJoCoSolverCfg, Simulation, SimulationCfg
 from stripe_newton.usd import load_stage
-from stripe_newton.usd.concave_meshes import hollow_depth
+from stripe_newton.usd.concave_meshes import concave_meshes, hollow_depth
 from tests.helpers.usd_stages import new_stage
 
 BOX_FACES = np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5],
@@ -112,6 +113,23 @@ def test_a_config_may_ask_for_the_hull():
     scene, place = drop_a_ball(None, MuJoCoSolverCfg(use_mujoco_contacts=True))
     assert place[0] > 1.7  # off the slope of the hull
     assert "its convex hull collides, but" in next(r for r in scene.builder.reports[0].ignored if "concave" in r[1])[2]
+
+
+def test_a_mesh_of_a_robot_s_file_means_its_hull(tmp_path):
+    points, faces = prism(STEP)
+    lines = ["o step", *(f"v {x} {y} {z}" for x, y, z in points), *(f"f {a} {b} {c}" for a, b, c in faces + 1)]
+    (tmp_path / "step.obj").write_text("\n".join(lines))
+    file = tmp_path / "table.xml"
+    file.write_text(
+        "<mujoco><asset><mesh name='step' file='step.obj'/></asset><worldbody><geom type='mesh' mesh='step'/>"
+        "<body name='ball' pos='0 0 3'><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+    )
+    scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=4.0), Simulation(SimulationCfg(device="cpu")))
+    robot = ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=MjcfFileCfg(asset_path=str(file)), actuators={})
+    scene.builder.build_robot("robot", robot)
+    scene.build()
+    assert any(True for _ in concave_meshes(scene.sim.template, static=True))
+    assert scene.sim.pipeline is None
 
 
 def test_a_config_is_not_changed_by_what_a_scene_decides():
