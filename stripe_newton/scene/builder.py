@@ -28,6 +28,7 @@ from stripe_newton.robot_files import RobotFileError, extend_report, import_robo
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
+from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
 from stripe_newton.usd.concave_meshes import concave_meshes
@@ -200,7 +201,7 @@ class SceneBuilder:
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
         stage = self._scene.stage
-        files = self._file_prims(stage, root, ignore)
+        files, first = self._file_prims(stage, root, ignore), builder.shape_count
         solver = self._scene.sim.cfg.solver
         report = load_stage(
             builder,
@@ -211,9 +212,8 @@ class SceneBuilder:
             hulls=solver.finds_contacts and not solver.chooses_contacts,
         )
         # By the stage alone: in a robot's file a mesh means its hull.
-        undecided = solver.chooses_contacts and not self._scene.built
-        if undecided and next(concave_meshes(builder, static=True), None) is not None:
-            self._use_mujoco_contacts(False)
+        if solver.chooses_contacts and next(concave_meshes(builder, first, static=True), None) is not None:
+            mark_triangles(builder, first)
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         self.reports.append(report)

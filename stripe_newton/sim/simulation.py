@@ -220,6 +220,8 @@ class Simulation:
             with self.actuation.solver_gains():
                 make = SolverStatic if self.is_static else self.cfg.solver.create
                 self.solver = make(self.model, self.cfg.observables)
+                if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
+                    self.cfg = self.cfg.replace(solver=self.cfg.solver.replace(use_mujoco_contacts=False))
             if self.cfg.solver.limits_drives and not self.is_static:
                 self.drive_limits = DriveLimits(self.solver)
                 self.add_hook(self.drive_limits)

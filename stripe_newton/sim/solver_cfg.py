@@ -15,6 +15,7 @@ import newton
 
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers.static_meshes import add_triangles_attribute, has_triangles
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -83,7 +84,7 @@ class SolverCfg:
 
     @property
     def chooses_contacts(self) -> bool:
-        """Whether the scene may choose Newton's collision pipeline, as MuJoCo takes hulls of its static meshes."""
+        """Whether the triangles of concave static meshes collide, rather than the hulls that MuJoCo takes."""
         return False
 
     @property
@@ -176,8 +177,9 @@ class MuJoCoSolverCfg(SolverCfg):
     save_to_mjcf: str | None = None
     """Write the MuJoCo model to this file."""
     use_mujoco_contacts: bool | None = None
-    """MuJoCo's collision detection; otherwise Newton's pipeline. Default: MuJoCo's, unless static scenery has concave
-    meshes, of which it would take the hull: Newton's finds contacts with their triangles."""
+    """MuJoCo's collision detection, which takes the hull of each mesh; ``False``: Newton's pipeline. Default: MuJoCo's,
+    and for static scenery with concave meshes the triangles, by the fused step or, where that has no routine, by
+    Newton's pipeline."""
     use_speculative_contacts: bool = False
     """Bound the closing speed of separated contacts (needs Newton's pipeline)."""
     include_sites: bool = True
@@ -204,10 +206,11 @@ class MuJoCoSolverCfg(SolverCfg):
             # Newton's default gap makes contacts of shapes that do not touch yet, for its own pipeline to look ahead.
             # In MuJoCo each of them would take a place in the buffers and a row in the solver, for nothing.
             builder.rigid_gap = 0.0
+        add_triangles_attribute(builder)
 
     def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
         try:
-            solver = self._create(model, observables)
+            return self._create(model, observables)
         except Exception as error:
             if "stackAlloc" not in str(error):  # MuJoCo's own, when the contacts of the start do not fit its memory
                 raise
@@ -215,14 +218,24 @@ class MuJoCoSolverCfg(SolverCfg):
                 "MuJoCo ran out of memory for the contacts at the start: bodies overlap there; "
                 "give each asset its own 'init_state.pos'"
             ) from error
-        if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts:
-            if isinstance(solver, SolverFused) and not solver.unsupported:
-                solver.triangles = True
-            else:
-                use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
-        return solver
 
     def _create(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
+        """Make the solver, with Newton's collision detection if contacts with triangles of meshes need it."""
+        meshes = self.chooses_contacts and has_triangles(model)
+        solver = self._make(model, observables)
+        fused = isinstance(solver, SolverFused) and not solver.unsupported
+        if isinstance(solver, SolverFused) and not solver.unsupported:
+            solver.triangles, solver.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
+        if meshes and (not fused or solver.lacks()):
+            chosen = self.replace(use_mujoco_contacts=False)._make(model, observables)
+            if isinstance(chosen, SolverFused):
+                chosen.newton_contacts_for = tuple(solver.lacks()) if fused else ()
+            return chosen
+        if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts and not fused:
+            use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
+        return solver
+
+    def _make(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
         """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
         arguments = {**self._room(model), **self.arguments()}
         if self.fused is False:
@@ -251,7 +264,7 @@ class MuJoCoSolverCfg(SolverCfg):
 
     @property
     def chooses_contacts(self) -> bool:
-        return self.use_mujoco_contacts is None and not self.use_mujoco_cpu and not self.fused
+        return self.use_mujoco_contacts is None and not self.use_mujoco_cpu
 
     @property
     def uses_mujoco_warp(self) -> bool:

@@ -89,15 +89,19 @@ KINDS = {
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_BOX): "CAPSULE_BOX",
     (_G.mjGEOM_BOX, _G.mjGEOM_BOX): "BOX_BOX",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
-    (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_HIGH_END",
+    (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_CAPSULE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
 }
 """Pairs of geom types that the fused step finds contacts of; those with height fields by their triangles."""
 
-_OF_CAPSULE = "FIELD_HIGH_END", "FIELD_LOW_END", "FIELD_AXIS"
-"""Routines for a capsule and a height field, of which lanes run each: two ends and the axis between."""
+MESH_KINDS = {_G.mjGEOM_SPHERE: "MESH_SPHERE", _G.mjGEOM_CAPSULE: "MESH_CAPSULE", _G.mjGEOM_BOX: "MESH_BOX"}
+"""Pairs of static meshes with a geom of a type of which it finds contacts with their triangles."""
 
-_ROUTINES = [*KINDS.values(), *_OF_CAPSULE[1:]]
+_PARTS = {"SPHERE": ("SPHERE",), "CAPSULE": ("HIGH_END", "LOW_END", "AXIS"), "BOX": ("BOX",)}
+"""Routines of a geom on triangles, of which lanes run each: of a capsule two ends and the axis between."""
+_SEARCHES = [f"{ground}_{part}" for ground in ("FIELD", "MESH") for parts in _PARTS.values() for part in parts]
+"""The order that collision.h relies on."""
+_ROUTINES = [kind for kind in KINDS.values() if not kind.startswith("FIELD")] + _SEARCHES
 
 RULES = ("OF_BOTH", "OF_FIRST", "OF_SECOND", "OF_PAIR")
 """Source of the parameters of a contact: both geoms, the one of higher priority, or a pair that the model names."""
@@ -116,6 +120,8 @@ class ContactPair:
     """Source of the parameters of its contacts, one of :data:`RULES`."""
     explicit: int = -1
     """Pair of the model whose parameters they are; -1 for none."""
+    mesh: int = 0
+    """Number of the meshes of which ``geom1`` is one, of a pair with static meshes."""
 
 
 def listed_pairs(model: mujoco.MjModel, geoms: np.ndarray, explicit: np.ndarray) -> Iterable[ContactPair]:
@@ -202,9 +208,9 @@ class ModelTables:
             raise ValueError(f"njmax is {max_rows}, must be {least} or more: the equalities have as many rows")
         pairs = contact_pairs(model) if pairs is None else pairs
         parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in _parts(p.kind))
-        # Those with height fields come last: their contacts are searched for together. Before them come pairs that need
-        # long if they are near, so that lanes look at them together.
-        in_order = sorted(parts, key=lambda p: 2 if _is_field(p) else int(p.kind in _LONG))
+        # Those with height fields and meshes come last: their contacts are searched for together. Before them come
+        # pairs that need long if they are near, so that lanes look at them together.
+        in_order = sorted(parts, key=lambda p: 2 if _is_searched(p) else int(p.kind in _LONG))
         return cls(model, tuple(in_order), max_rows, max_contacts)
 
     @property
@@ -213,13 +219,13 @@ class ModelTables:
         return bool(self.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC)
 
     @property
-    def has_fields(self) -> bool:
-        """Whether the kernel finds contacts with height fields."""
-        return any(_is_field(p) for p in self.pairs)
+    def has_searches(self) -> bool:
+        """Whether the kernel finds contacts with height fields or meshes."""
+        return any(_is_searched(p) for p in self.pairs)
 
     @property
     def searches(self) -> int:
-        """Searches for contacts with height fields that there is room for where the forces were computed."""
+        """Searches for contacts with height fields and meshes that there is room for where the forces were computed."""
         return max(1, (self._forces_size - self._geoms_size) // self._search_size)
 
     @property
@@ -234,8 +240,13 @@ class ModelTables:
 
     @property
     def _search_size(self) -> int:
-        """Numbers of four bytes of a search, as in heightfield.h."""
-        return 72 if any(p.kind == "FIELD_BOX" for p in self.pairs) else 60
+        """Numbers of four bytes of a search, as in search.h."""
+        return 60 + 12 * any(p.kind.endswith("_BOX") for p in self.pairs if _is_searched(p)) + 12 * self.has_meshes
+
+    @property
+    def has_meshes(self) -> bool:
+        """Whether the kernel finds contacts with triangles of meshes."""
+        return any(p.kind.startswith("MESH") for p in self.pairs)
 
     @property
     def row_size(self) -> int:
@@ -245,7 +256,7 @@ class ModelTables:
     @property
     def contact_size(self) -> int:
         """Numbers of a contact, as in constraints.h."""
-        return 28 + 8 * -(-self.model.nv // 4) if self.elliptic else 25
+        return 25 + self.has_meshes + (3 + 8 * -(-self.model.nv // 4) if self.elliptic else 0)
 
     def source(self, rows: int, contacts: int) -> str:
         """The constants as C++ source.
@@ -281,7 +292,7 @@ class ModelTables:
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + matrices + nu
         kept += _ATTACHMENT_SIZE * len(_attachments(model))
-        found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_fields else 0)
+        found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_searches else 0)
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
 
@@ -304,13 +315,14 @@ _LONG = ("CAPSULE_BOX", "BOX_BOX")
 """Routines that take long where two geoms are near."""
 
 
-def _is_field(pair: ContactPair) -> bool:
-    return pair.kind.startswith("FIELD")
+def _is_searched(pair: ContactPair) -> bool:
+    return pair.kind.startswith(("FIELD", "MESH"))
 
 
 def _parts(kind: str) -> tuple[str, ...]:
     """Routines that find the contacts of a pair of a kind."""
-    return _OF_CAPSULE if kind == _OF_CAPSULE[0] else (kind,)
+    ground, _, geom = kind.partition("_")
+    return tuple(f"{ground}_{part}" for part in _PARTS[geom]) if ground in ("FIELD", "MESH") else (kind,)
 
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
@@ -321,7 +333,10 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "NATTACHMENTS": len(_attachments(model)), "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
         "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs), "NGEOMS": len(_used_geoms(pairs)),
         "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
-        "HAS_FIELDS": int(any(map(_is_field, pairs))), "FIRST_FIELD_PAIR": sum(not _is_field(p) for p in pairs),
+        "HAS_FIELDS": int(any(p.kind.startswith("FIELD") for p in pairs)),
+        "HAS_MESHES": int(any(p.kind.startswith("MESH") for p in pairs)),
+        "HAS_SEARCHES": int(any(map(_is_searched, pairs))),
+        "FIRST_SEARCHED_PAIR": sum(not _is_searched(p) for p in pairs),
         "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(_trees(model)),
     }  # fmt: skip
 
@@ -332,7 +347,7 @@ def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, o
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
         **{name: i for i, name in enumerate(_ROUTINES)},
         **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in _ROUTINES},
-        "SEARCHES_BOXES": int(any(p.kind == "FIELD_BOX" for p in pairs)),
+        "SEARCHES_BOXES": int(any(p.kind in ("FIELD_BOX", "MESH_BOX") for p in pairs)),
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
         "IMPLICIT": int(opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
         "REFSAFE": int(not opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE),
@@ -403,7 +418,8 @@ def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
 
 def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
     used = _used_geoms(pairs)
-    return {
+    meshes = {"contact_mesh": [p.mesh for p in pairs]} if any(p.kind.startswith("MESH") for p in pairs) else {}
+    return meshes | {
         "geom_body": model.geom_bodyid,
         "geom_field": model.geom_dataid,
         "field_start": model.hfield_adr,

@@ -17,9 +17,11 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
-from .model_tables import PARAMETERS, ContactPair, ModelTables, listed_pairs
+from .mesh_grid import MeshGrids
+from .model_tables import PARAMETERS, ContactPair, ModelTables, contact_pairs, listed_pairs
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
+from .static_meshes import group_static_meshes
 from .step_kernel import (
     BODY_SIZE,
     CONTACTS,
@@ -41,6 +43,8 @@ _LANES = 8, 32
 """Threads of a GPU that share a world: of a model that has no more bodies and degrees of freedom, and of others."""
 _NOT_HERE = {"use_mujoco_cpu": True, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
+_MOST_PAIRS = 4096
+"""Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
@@ -75,6 +79,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         unsupported: Reason why MuJoCo Warp steps the model instead; empty if the fused step does.
         triangles: Whether contacts of spheres, capsules and boxes with height fields are those with its triangles,
             which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
+        static_triangles: Whether static colliders that ``model.stripe.triangles`` marks touch spheres, capsules and
+            boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
+            step, and see :meth:`lacks`.
+        newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
     """
 
     def __init__(self, model: newton.Model, *, fallback: bool = False, **kwargs: Any):
@@ -97,8 +105,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.unsupported = reason or self._why_kinematic() or why_unsupported(self.mj_model)
         if self.unsupported and not fallback:
             raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
-        self.triangles = False
+        self.triangles = self.static_triangles = False
+        self.newton_contacts_for: tuple[str, ...] = ()
+        self._meshes: MeshGrids | None = None
         self._fused: StepKernel | None = None
+        self._workspace: wp.array | None = None
         self._fills_contacts = False
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
@@ -111,6 +122,12 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         return "a body is kinematic or may become it" if self._kinematic_weld_eq is not None else ""
 
     # -- what it does
+
+    def lacks(self) -> list[str]:
+        """Kinds of pairs of which contacts with triangles are not found: marked colliders with geoms of other types."""
+        if self._pairs is None:
+            self._pairs = self._divide_pairs()
+        return self._hulls
 
     @property
     def one_launch(self) -> bool:
@@ -138,7 +155,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported:
             return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
         if not self._use_mujoco_contacts:
-            return "the fused step, with Newton's collision detection for all contacts"
+            why = f", because of {', '.join(self.newton_contacts_for)}" if self.newton_contacts_for else ""
+            return f"the fused step, with Newton's collision detection for all contacts{why}"
         if not self.one_launch:
             return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
@@ -345,7 +363,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         data, device = self.mjw_data, self.model.device
         opt: mujoco.MjOption = self.mj_model.opt
         contacts = max(1, int(data.naconmax) // int(data.nworld))
-        first = self._pairs is None
         if self._pairs is None:
             self._pairs = self._divide_pairs()
         cpu = self._limited_model()
@@ -359,7 +376,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             accelerations=self._kept_bodies is not None,
         )
         kernel = step_kernel(tables, options, self._layout)
-        if not first:  # recorded graphs have the addresses of these arrays
+        if self._workspace is not None:  # recorded graphs have the addresses of these arrays
             return kernel
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
         self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
@@ -391,6 +408,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         """Pairs whose contacts the kernel finds; they are taken from MuJoCo Warp's list. `_others` names the rest."""
         model = self.mjw_model
         self._others: list[str] = []
+        self._hulls: list[str] = []
         if self.mj_model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
             return []
         if not self._use_mujoco_contacts:
@@ -398,19 +416,34 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self.mjw_data.contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
             self.mjw_data.contact.geomcollisionid.zero_()
             return []
-        if model.opt.broadphase != BroadphaseType.NXN:  # above some number of geoms there is no list to take pairs from
-            self._others = ["all pairs of its many geoms"]
-            return []
-        geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
-        listed = list(listed_pairs(self.mj_model, geoms, explicit))
-        own = np.array([self._finds(pair) for pair in listed], dtype=bool)
-        kinds = {self._types(pair) for pair, found in zip(listed, own, strict=True) if not found}
-        self._others = sorted(kinds)
+        if model.opt.broadphase == BroadphaseType.NXN:
+            geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
+            listed = list(listed_pairs(self.mj_model, geoms, explicit))
+        else:  # above some number of geoms there is no list to take pairs from
+            listed = list(contact_pairs(self.mj_model))
+        pairs = self._group_meshes(listed)
+        rest = [pair for pair in pairs if not self._finds(pair)]
+        self._others = sorted({self._types(pair) for pair in rest})
         if model.callback.contactfilter:
             self._others.append("what its contact filter adds")
-        if own.any():
-            remove_geom_pairs(model, own)
-        return [pair for pair, found in zip(listed, own, strict=True) if found]
+        if model.opt.broadphase != BroadphaseType.NXN and (self._others or len(pairs) > _MOST_PAIRS):
+            self._others = ["all pairs of its many geoms"]
+            return []
+        if model.opt.broadphase == BroadphaseType.NXN and len(rest) < len(listed):
+            left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
+            remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
+        return [pair for pair in pairs if self._finds(pair)]
+
+    def _group_meshes(self, pairs: list[ContactPair]) -> list[ContactPair]:
+        """The pairs, of which those of static meshes stand for groups of them."""
+        if not self.static_triangles:
+            return pairs
+        shapes = self.mjc_geom_to_newton_shape.numpy()[0]
+        grouped, meshes, lacking = group_static_meshes(self.mj_model, self.model, shapes, pairs)
+        self._hulls = sorted({self._types(pair) for pair in lacking})
+        if meshes:
+            self._meshes = MeshGrids(meshes, self.model.device)
+        return grouped
 
     def _finds(self, pair: ContactPair) -> bool:
         return bool(pair.kind) and (self.triangles or not pair.kind.startswith("FIELD"))
@@ -467,7 +500,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             place = {"": self.mjw_model, "opt": self.mjw_model.opt, "data": data}[owner]
             _refer(m, name, getattr(place, leaf))
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
-        m.workspace = self._workspace.ptr or 0
+        m.meshes = self._meshes.array.ptr if self._meshes is not None else 0
+        m.workspace = _address(self._workspace)
         references = getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}
         for name in NEWTON_MODEL:

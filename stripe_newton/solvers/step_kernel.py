@@ -25,8 +25,9 @@ __all__ = [
 ]  # fmt: skip
 
 _SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "heightfield.h", "world.h", "dynamics.h", "constraints.h",
-    "attachments.h", "collision.h", "newton.h", "newton_state.h", "results.h", "accelerations.h", "step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "touches.h", "world.h",
+    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "newton.h", "newton_state.h", "results.h",
+    "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
@@ -68,6 +69,7 @@ _ADDRESSES = (
     "eq_active",
     "field_size",
     "field_heights",
+    "meshes",
     "workspace",
 )
 _SM_BYTES = 228 * 1024

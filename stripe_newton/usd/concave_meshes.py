@@ -54,18 +54,14 @@ def concave_mesh_rows(
     Args:
         builder: The builder.
         first: First shape.
-        static_triangles: Newton's collision detection is used if a static one is among them, and so their triangles
-            collide; otherwise MuJoCo's takes the hulls.
+        static_triangles: The triangles of static ones collide; otherwise the hulls, as MuJoCo has it.
     """
     found = list(concave_meshes(builder, first))
-    triangles = static_triangles and any(builder.shape_body[shape] < 0 for shape, _ in found)
     for shape, depth in found:
+        triangles = static_triangles and builder.shape_body[shape] < 0
         how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size or more"
         if triangles:
-            why = (
-                f"it {how}: its triangles collide, through Newton's collision detection, which takes longer than "
-                f"MuJoCo's of convex shapes; for that one {_SPLIT}"
-            )
+            why = f"it {how}: its triangles collide, which takes longer than convex shapes; for those {_SPLIT}"
         else:
             why = f"its convex hull collides, but it {how}; {_SPLIT}"
         yield builder.shape_label[shape], "concave mesh collider", why

@@ -48,9 +48,11 @@ for (int i = 0; i < count; i++, out += {HIT}) {{
 def fused_kernel(double: bool) -> wp.Kernel:
     """Kernel of the C++ source, for geoms that need no model."""
     folder = Path(stripe_kernels.__file__).parent / "fused"
-    sources = "".join((folder / name).read_text() for name in ("algebra.h", "primitives.h", "heightfield.h"))
+    names = "algebra.h", "primitives.h", "search.h", "heightfield.h", "touches.h"
+    sources = "".join((folder / name).read_text() for name in names)
     head = (
-        f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n" + "#define FUSED_DOUBLE\n" * double
+        f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
+        "#define HAS_FIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
     )
     vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
 

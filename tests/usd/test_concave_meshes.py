@@ -71,13 +71,15 @@ def add_step(stage: Usd.Stage, path: str, approximation: str | None) -> None:
 
 
 def drop_a_ball(
-    approximation: str | None, solver: MuJoCoSolverCfg, steps: int = 200
+    approximation: str | None, solver: MuJoCoSolverCfg, steps: int = 200, shape: type = UsdGeom.Sphere
 ) -> tuple[InteractiveScene, np.ndarray]:
     """The scene, and where a ball of 0.2 m is that falls onto the tread of the step."""
     stage = new_stage()
     add_step(stage, "/World/step", approximation)
-    ball = UsdGeom.Sphere.Define(stage, "/World/ball")
+    ball = shape.Define(stage, "/World/ball")
     ball.CreateRadiusAttr(0.2)
+    if shape is UsdGeom.Cylinder:
+        ball.CreateHeightAttr(0.4)
     UsdGeom.XformCommonAPI(ball).SetTranslate(Gf.Vec3d(1.5, -0.5, 1.3))
     UsdPhysics.RigidBodyAPI.Apply(ball.GetPrim())
     UsdPhysics.CollisionAPI.Apply(ball.GetPrim())
@@ -102,7 +104,8 @@ def test_a_ball_rests_on_the_tread(approximation):
 def test_the_fused_step_takes_newton_s_contacts_as_mujoco_warp_does():
     places = []
     for fused in (None, False):
-        scene, _ = drop_a_ball(None, MuJoCoSolverCfg(fused=fused), steps=60)  # it has touched after 28
+        solver = MuJoCoSolverCfg(fused=fused, use_mujoco_contacts=False)
+        scene, _ = drop_a_ball(None, solver, steps=60)  # it has touched after 28
         places.append(scene.sim.state.body_q.numpy()[0])
         if fused is None:
             assert scene.sim.describe_solver() == "the fused step, with Newton's collision detection for all contacts"
@@ -132,11 +135,13 @@ def test_a_mesh_of_a_robot_s_file_means_its_hull(tmp_path):
     assert scene.sim.pipeline is None
 
 
-def test_a_config_is_not_changed_by_what_a_scene_decides():
+def test_newton_finds_the_contacts_that_the_kernel_has_no_routine_for():
     solver = MuJoCoSolverCfg()
-    scene, _ = drop_a_ball(None, solver)
+    scene, place = drop_a_ball(None, solver, shape=UsdGeom.Cylinder)
+    assert place == pytest.approx([1.5, -0.5, 1.2], abs=1e-3)
+    assert scene.sim.describe_solver().endswith("for all contacts, because of cylinder and mesh")
     assert scene.sim.cfg.solver.use_mujoco_contacts is False
-    assert solver.use_mujoco_contacts is None
+    assert solver.use_mujoco_contacts is None  # the config of the caller stays
 
 
 def test_the_rows_name_concave_colliders_and_no_others():

@@ -28,6 +28,14 @@ FN Field field_of(const Parameters& P, int g) {
 }
 #endif
 
+// First geom of a contact of a pair. Meshes that do not move are together in pairs of one of them.
+FN int first_geom(const real* C, int pair) {
+#if HAS_MESHES
+    if (C[C_GEOM] >= 0) return (int)C[C_GEOM];
+#endif
+    return contact_geom1(pair);
+}
+
 // A geom of a pair, relative to `origin`.
 FN Geom geom_at(const World& w, const Parameters& P, int index, Vec origin) {
     int g = used_geom(index);
@@ -48,8 +56,8 @@ struct Material {
 
 // Solver parameters and friction of a contact: those of the pair, of the geom of higher priority, or of both geoms mixed.
 // Source: MuJoCo's documentation, chapter "Computation", section "Contact", as mj_contactParam has it.
-FN void mix(Material& m, real* friction, const Parameters& P, int pair) {
-    int g1 = contact_geom1(pair), g2 = contact_geom2(pair), rule = contact_rule(pair);
+FN void mix(Material& m, real* friction, const Parameters& P, int pair, int g1) {
+    int g2 = contact_geom2(pair), rule = contact_rule(pair);
     if (rule == OF_PAIR) {
         for (int i = 0; i < 2; i++) m.solref[i] = P.pair_solref()[2 * contact_explicit(pair) + i];
         for (int i = 0; i < 2; i++) m.solreffriction[i] = P.pair_solreffriction()[2 * contact_explicit(pair) + i];
@@ -100,7 +108,7 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
             if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
             t = t - dot(n, t) * n;
             store(C + C_TANGENT, (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t);
-            mix(m, friction, P, pair);
+            mix(m, friction, P, pair, first_geom(C, pair));
             C[C_DIM] = contact_dim(pair), C[C_BODY] = geom_body(contact_geom1(pair)), C[C_BODY + 1] = geom_body(contact_geom2(pair));
             pos = C[C_DIST] - margin_of(P, pair);
         }
@@ -122,9 +130,12 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
         if (!HAS_##kind) break;
 
 // Write a contact of pair `p`, if there is room for it.
-FN void place_contact(World& w, int c, int p, const Hit& hit) {
+FN void place_contact(World& w, int c, int p, const Hit& hit, int geom = -1) {
     if (c >= MAX_CONTACTS) return;
     real* C = contact(w, c);
+#if HAS_MESHES
+    C[C_GEOM] = geom;
+#endif
     store(C + C_POS, hit.pos), store(C + C_NORMAL, hit.normal), store(C + C_TANGENT, hit.along);
     C[C_DIST] = hit.dist, C[C_PAIR] = p;
 }
@@ -140,11 +151,11 @@ FN PairGeoms geoms_of(const World& w, const Parameters& P, int p) {
 // Contacts of primitives, in the order of the pairs. Returns their number.
 FN int collide_primitives(World& w, const Parameters& P, int lane) {
     int count = 0;
-    for (int first = 0; first < FIRST_FIELD_PAIR; first += LANES) {
+    for (int first = 0; first < FIRST_SEARCHED_PAIR; first += LANES) {
         int p = first + lane;
         Hits hits;
         hits.count = 0;
-        if (p < FIRST_FIELD_PAIR) {
+        if (p < FIRST_SEARCHED_PAIR) {
             PairGeoms g = geoms_of(w, P, p);
             const Geom &a = g.a, &b = g.b;
             real margin = margin_of(P, p);
@@ -169,19 +180,31 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
     return count;
 }
 
+#if HAS_SEARCHES
+// Prepare the search for touches of the part of a pair.
+FN bool prepare(Part& part, const World& w, const Parameters& P, int p) {
+    enum { SPHERE, HIGH_END, LOW_END, AXIS, BOX };
+    const int kind = contact_kind(p), k = kind < MESH_SPHERE ? kind - FIELD_SPHERE : kind - MESH_SPHERE;
+    PairGeoms g = geoms_of(w, P, p);
+    PartKind is = k == AXIS ? AXIS_PART : k == BOX ? BOX_PART : BALL_PART;
+    int end = k == HIGH_END ? 1 : k == LOW_END ? -1 : 0;
+#if HAS_MESHES
+    if (kind >= MESH_SPHERE)
+        return prepare(part, is, end, margin_of(P, p), ((const Mesh*)P.m.meshes)[contact_mesh(p)], g.a, g.b);
+#endif
 #if HAS_FIELDS
-// Contacts with height fields behind the first `count` ones, in the order of the parts. Returns the number of all.
-FN int collide_fields(World& w, const Parameters& P, int count, int lane) {
-    for (int first = FIRST_FIELD_PAIR; first < NCONTACT_PAIRS; first += LANES) {
+    return prepare(part, is, end, margin_of(P, p), field_of(P, contact_geom1(p)), g.a, g.b);
+#else
+    return false;
+#endif
+}
+
+// Contacts with height fields and meshes behind the first `count` ones, in the order of the parts. Returns the number of all.
+FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
+    for (int first = FIRST_SEARCHED_PAIR; first < NCONTACT_PAIRS; first += LANES) {
         int p = first + lane, near = 0, before = 0, all;
         Part part;
-        if (p < NCONTACT_PAIRS) {
-            const int kind = contact_kind(p);
-            PairGeoms g = geoms_of(w, P, p);
-            PartKind is = kind == FIELD_AXIS ? AXIS_PART : kind == FIELD_BOX ? BOX_PART : BALL_PART;
-            int end = kind == FIELD_HIGH_END ? 1 : kind == FIELD_LOW_END ? -1 : 0;
-            near = prepare(part, is, end, margin_of(P, p), field_of(P, contact_geom1(p)), g.a, g.b);
-        }
+        if (p < NCONTACT_PAIRS) near = prepare(part, w, P, p);
         all = near;
         BEFORE(near, before, all);
         for (int done = 0; done < all; done += SEARCHES) {  // as many at once as there is room for
@@ -199,7 +222,12 @@ FN int collide_fields(World& w, const Parameters& P, int count, int lane) {
             ROLLED for (int i = 0; i < hits; i++) {
                 const Search& s = w.search[lane];
                 PairGeoms g = geoms_of(w, P, s.pair);
-                place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b));
+#if HAS_MESHES
+                const int geom = s.hit[i].geom;
+#else
+                const int geom = -1;
+#endif
+                place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b), geom);
             }
             count += found;
         }
@@ -212,8 +240,8 @@ FN int collide_fields(World& w, const Parameters& P, int count, int lane) {
 FN int collide(World& w, const Parameters& P, int lane) {
     if (GEOMS_PLACED) place_geoms(w, P, lane);
     int count = collide_primitives(w, P, lane);
-#if HAS_FIELDS
-    count = collide_fields(w, P, count, lane);
+#if HAS_SEARCHES
+    count = collide_by_search(w, P, count, lane);
 #endif
     SYNC();
     return count;

@@ -55,7 +55,7 @@ FN void write_contacts(const World& w, const Parameters& P, const real* given, i
         const real* C = contact_of<false>(w, c);
         int pair = (int)C[C_PAIR], size = rows_of(C);
         for (int k = 0; k < 2; k++)
-            geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : k ? contact_geom2(pair) : contact_geom1(pair);
+            geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : k ? contact_geom2(pair) : first_geom(C, pair);
         for (int i = 0; i < size; i++) address[i] = (int)C[C_ROW] + i;
         Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
         store((real*)P.m.contact_pos + 3 * (first + c), load(C + C_POS) + origin_of(w, (int)C[C_BODY], (int)C[C_BODY + 1]));

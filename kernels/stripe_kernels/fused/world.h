@@ -39,7 +39,8 @@ enum ContactField {
     C_STIFFNESS = 22, // stiffness' part of the normal row's reference acceleration
     C_R = 23,         // R of the normal row
     C_MU = 24,        // friction of the regularised cone
-    C_CONE = 25,      // two weights, then two rows: see `update_rows`
+    C_GEOM = 25,      // of the meshes of its pair, -1 for the pair's own
+    C_CONE = HAS_MESHES ? 26 : 25,  // two weights, then two rows: see `update_rows`
     CONTACT_SIZE = ELLIPTIC_CONES ? C_CONE + 3 + 2 * NFOURS * 4 : C_CONE,
 };
 FN int cone_row(int k) { return C_CONE + 3 + k * 4 * NFOURS; }
@@ -104,8 +105,8 @@ struct World {
                 };
                 struct {                        // from then on
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
-#if HAS_FIELDS
-                    Search search[SEARCHES];    // for contacts with height fields
+#if HAS_SEARCHES
+                    Search search[SEARCHES];    // for contacts with height fields and meshes
 #endif
                 };
             };

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+// Meshes: contacts of spheres, capsules and boxes with the triangles of meshes that do not move.
+//
+// A solid mesh is closed: a point whose nearest face is seen from behind is inside, and leaves through that face. An open one
+// has two outsides; a ball is on that of its centre, and all of a box on that of the box's centre.
+
+#if HAS_MESHES
+namespace fused {
+
+// As in mesh_grid.py. Corners are counterclockwise, seen from outside; `geom` is whose face it is.
+struct alignas(16) MeshFace {
+    float a[3], b[3], c[3];
+    int geom, is_solid, none;
+};
+// The edge a to b of a face whose third corner is `left`; `right` is that of the face on its other side, or `left` again at
+// a border.
+struct alignas(16) MeshEdge {
+    float a[3], b[3], left[3], right[3];
+    int geom, is_solid, none[2];
+};
+
+#define MESH_DEPTH ((real)0.05)  // of a centre or a corner in a solid mesh, beyond the radius, that is still found [m]
+
+FN Vec in_mesh(const float* p, Vec geom) { return Vec{(real)p[0], (real)p[1], (real)p[2]} - geom; }
+
+FN Cells cells_near(const Grid& g, Vec low, Vec high) {
+    real scale = g.cells_per_metre;
+    Vec from{scale * (low.x - g.low[0]), scale * (low.y - g.low[1]), scale * (low.z - g.low[2])};
+    Vec to{scale * (high.x - g.low[0]), scale * (high.y - g.low[1]), scale * (high.z - g.low[2])};
+    return Cells{first_cell(from.x, g.size[0]), last_cell(to.x, g.size[0]), first_cell(from.y, g.size[1]),
+                 last_cell(to.y, g.size[1]),    first_cell(from.z, g.size[2]), last_cell(to.z, g.size[2])};
+}
+
+// Items of cells: those of a row of cells lie one after another. One that reaches into several cells is there several times.
+FN const int* row_of_cells(const Grid& g, int layer, int row) { return g.cells + (layer * g.size[1] + row) * g.size[0]; }
+FN int count_items(const Grid& g, const Cells& c) {
+    int count = 0;
+    if (c.col > c.last_col) return 0;
+    for (int layer = c.layer; layer <= c.last_layer; layer++)
+#pragma unroll 4
+        for (int row = c.row; row <= c.last_row; row++) {
+            const int* cells = row_of_cells(g, layer, row);
+            count += cells[c.last_col + 1] - cells[c.col];
+        }
+    return count;
+}
+FN int item(const Grid& g, const Cells& c, int i) {
+    int layer = c.layer, row = c.row;
+    for (;;) {
+        const int* cells = row_of_cells(g, layer, row);
+        int first = cells[c.col], count = cells[c.last_col + 1] - first;
+        if (i < count) return g.items[first + i];
+        i -= count;
+        if (++row > c.last_row) row = c.row, layer++;
+    }
+}
+FN MeshFace face_of(const Mesh& m, const Cells& c, int i) { return ((const MeshFace*)m.faces.things)[item(m.faces, c, i)]; }
+
+// Touch of a point with a face within `reach`, or within `depth` where it is behind a face of a solid. Of faces with the same
+// nearest point the one whose plane is farthest from it tells its side, and comes first by `order`.
+FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, Touch& hit, real& order) {
+    Triangle t{in_mesh(f.a, geom), in_mesh(f.b, geom), in_mesh(f.c, geom)};
+    Vec n = normal_of(t);
+    real above = dot(p - t.a, n);
+    bool behind = f.is_solid && above < 0;
+    if (behind) reach = depth;
+    if (FABS(above) >= reach) return false;
+    Vec point = closest_on_triangle(p, t), offset = p - point;
+    real dist = SQRT(dot(offset, offset));
+    if (dist >= reach) return false;
+    hit.pos = point, hit.geom = f.geom, hit.dist = behind ? -dist : dist;
+    hit.normal = dist <= (real)1e-7 ? n : ((behind ? -1 : 1) / dist) * offset;
+    order = dist - (real)1e-3 * FABS(above);
+    return true;
+}
+
+// Candidates of a ball: faces. From outside of solids those that the centre is in front of; from inside there is one touch. The
+// first one, which tells where the centre is, may be farther away than what touches.
+FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
+    MeshFace f = face_of(*s.mesh, s.cells, i);
+    real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
+    if (s.count) depth = 0;
+    else if (f.is_solid) reach = larger(reach, depth);
+    if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
+    hit.dist -= s.radius;
+    return is_above_planes(s, hit.pos);
+}
+
+// Candidates of an axis, its ends left out: edges at which the surface bends down or ends.
+FN bool edge_touch(const Search& s, int i, Touch& hit, real& order) {
+    const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s.mesh->edges, s.cells, i)];
+    Triangle t{in_mesh(e.a, s.geom), in_mesh(e.b, s.geom), in_mesh(e.left, s.geom)};
+    hit.geom = e.geom;
+    return axis_touch(s, t, in_mesh(e.right, s.geom), hit, order);
+}
+
+#if SEARCHES_BOXES
+// Touch of a corner of a box. As with height fields it minds no other touches.
+FN bool corner_touch(const Search& s, Vec corner, real reach, Touch& best) {
+    const Grid& g = s.mesh->faces;
+    Vec more = larger(reach, MESH_DEPTH) * Vec{1, 1, 1};
+    Cells cells = cells_near(g, s.geom + corner - more, s.geom + corner + more);
+    real least = (real)1e6;
+#pragma unroll 1
+    for (int i = 0, count = count_items(g, cells); i < count; i++) {
+        Touch hit;
+        real order;
+        MeshFace f = face_of(*s.mesh, cells, i);
+        if (!point_touch(f, s.geom, corner, larger(reach, MESH_DEPTH), MESH_DEPTH, hit, order) || order >= least) continue;
+        if (!f.is_solid) {  // behind it, if it is between the corner and the box's centre
+            Vec a = in_mesh(f.a, s.geom), n = normal_of(Triangle{a, in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)});
+            real center = -dot(a, n), above = dot(corner - a, n);
+            bool behind = center * above < 0 && FABS(above) > (real)0.999 * hit.dist;
+            if (behind) hit.dist = -hit.dist, hit.normal = -1 * hit.normal;
+            else if (center * above < 0) continue;  // beside it
+        }
+        least = order, best = hit;
+    }
+    return least < (real)1e6 && best.dist < reach;
+}
+
+// The piece of an edge that is inside a box, as shares of its length from `from`. Returns whether there is one. Source: Ericson,
+// 5.3.3, with the planes of the box's sides.
+FN bool clip(const Search& s, Vec from, Vec along, real& first, real& last) {
+    first = 0, last = 1;
+    for (int k = 0; k < 3; k++) {
+        real x = dot(s.axis[k], from), d = dot(s.axis[k], along);
+        if (FABS(d) < (real)1e-9) {
+            if (FABS(x) > s.half[k]) return false;
+            continue;
+        }
+        real u = (-s.half[k] - x) / d, v = (s.half[k] - x) / d;
+        first = larger(first, smaller(u, v)), last = smaller(last, larger(u, v));
+    }
+    return first < last;
+}
+
+// Candidates of a box: its corners, then the two ends of what of each edge is inside the box.
+FN bool box_touch_of_mesh(const Search& s, int i, Touch& hit, real& order) {
+    if (i < 8) {
+        Vec corner = (i & 1 ? -s.half[0] : s.half[0]) * s.axis[0] + (i & 2 ? -s.half[1] : s.half[1]) * s.axis[1] +
+                     (i & 4 ? -s.half[2] : s.half[2]) * s.axis[2];
+        if (!corner_touch(s, corner, larger(s.reach, 0) + (real)1e-6, hit)) return false;
+    } else {
+        const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s.mesh->edges, s.cells, (i - 8) / 2)];
+        Vec a = in_mesh(e.a, s.geom), b = in_mesh(e.b, s.geom), left = in_mesh(e.left, s.geom), ends[2];
+        real first, last;
+        if (!clip(s, a, b - a, first, last)) return false;
+        ends[0] = a + first * (b - a), ends[1] = a + last * (b - a);
+        // The surface's normal at the edge. Of two outsides it is that of the box's centre, where a bend must be a ridge.
+        Vec n1 = normal_of(Triangle{a, b, left}), n2 = n1, right = in_mesh(e.right, s.geom), across = right - left;
+        bool is_border = dot(across, across) == 0;
+        if (!is_border) n2 = normal_of(Triangle{b, a, right});
+        Vec up = n1 + n2;
+        if (!e.is_solid) {
+            real side = dot(right - a, n1) < 0 ? 1 : -1;
+            if (is_border) side = dot(n1, a) < 0 ? 1 : -1;
+            else if (side * dot(n1, a) >= 0 && side * dot(n2, a) >= 0) return false;
+            up = side * up;
+        }
+        // The edge leaves the box through the nearest side. One that does not face the surface tells that the edge comes
+        // in end on, as that below a corner of a table: the others at its end touch there.
+        real least = (real)1e6;
+        for (int k = 0; k < 6; k++) {
+            Vec n = (k % 2 ? -1 : 1) * s.axis[k / 2];
+            real depth = s.half[k / 2] + larger(dot(n, ends[0]), dot(n, ends[1]));
+            if (depth < least) least = depth, hit.normal = n, hit.dist = -s.half[k / 2];
+        }
+        if (dot(hit.normal, up) <= (real)0.1 * SQRT(dot(up, up))) return false;
+        hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom;
+    }
+    // The deepest touch, then those that are far from the others: on a flat floor all are equally deep, and four hold the
+    // box if they are far apart.
+    real apart = s.count ? (real)1e12 : 0;
+    for (int k = 0; k < s.count; k++) apart = smaller(apart, dot(hit.pos - s.hit[k].pos, hit.pos - s.hit[k].pos));
+    order = hit.dist - (real)0.02 * SQRT(apart);
+    return hit.dist < s.reach && (s.count == 0 || apart >= (real)1e-6);
+}
+#endif
+
+// Prepare the search for touches of a part of a geom, see `place`. Returns whether faces or edges are near.
+FN bool prepare(Part& s, PartKind kind, int end, real margin, const Mesh& mesh, const Geom& ground, const Geom& geom) {
+    Mat axes = transposed(ground.axes);  // rows: the axes of the meshes
+    Bounds b = place(s, kind, end, margin, axes, geom);
+    s.mesh = &mesh, s.geom = axes * (geom.pos - ground.pos);
+    if (kind == AXIS_PART && !is_long(s)) return false;
+    Vec center = s.geom + b.center, more = b.half + (kind == AXIS_PART ? 0 : MESH_DEPTH) * Vec{1, 1, 1};
+    const Grid& grid = kind == AXIS_PART ? mesh.edges : mesh.faces;
+    s.cells = cells_near(grid, center - more, center + more);
+    s.size = count_items(grid, s.cells);
+    if (!s.size || kind != BOX_PART) return s.size > 0;
+    s.cells = cells_near(mesh.edges, center - b.half, center + b.half);
+    s.size = 8 + 2 * count_items(mesh.edges, s.cells);
+    return true;
+}
+
+}  // namespace fused
+#endif

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mesh grid: faces and edges of meshes that do not move, in grids that the fused step searches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+__all__ = ["MeshGrids", "TriangleMesh"]
+
+_SAME = 1e-6
+"""Distance within which vertices are the same, in extents of the mesh."""
+_LEVEL = 1e-5
+"""Height of the other face's third corner below which an edge is no bend [m]."""
+_CELL = 0.2
+"""Size of a cell at first: that of a robot's links [m]."""
+_LEAST_CELL = 0.05
+_MANY_ITEMS = 24
+"""Faces of a cell on average, of those that have some, from which on cells are made smaller."""
+_MOST_CELLS = 4_000_000
+_BLOCK = 2_000_000
+"""Cells that are looked at at once, for memory."""
+
+_GRID = np.dtype(
+    [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("count", "i4"),
+     ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("none", "u8")]
+)  # fmt: skip
+"""As struct Grid of search.h."""
+_FACE = np.dtype([("corners", "(3,3)f4"), ("geom", "i4"), ("is_solid", "i4"), ("none", "i4")])
+"""As struct MeshFace of meshes.h."""
+_EDGE = np.dtype([("corners", "(4,3)f4"), ("geom", "i4"), ("is_solid", "i4"), ("none", "2i4")])
+"""As struct MeshEdge of meshes.h: its ends, and the third corners of the faces on both sides."""
+
+
+@dataclass(frozen=True)
+class TriangleMesh:
+    """A mesh by its triangles."""
+
+    vertices: np.ndarray
+    """Shape ``(vertices, 3)`` [m], in a frame that the meshes of a grid share."""
+    faces: np.ndarray
+    """Indices of three vertices, counterclockwise seen from outside, shape ``(faces, 3)``."""
+    geom: int
+    """Geom of MuJoCo's model whose mesh it is."""
+
+
+@dataclass
+class MeshGrids:
+    """Grids of some groups of meshes, each of which has a frame, on a device.
+
+    Meshes that are closed, and whose faces are seen from outside, are solid: what is inside is pushed out through the
+    nearest face. Faces of others have two outsides.
+    """
+
+    groups: Iterable[Iterable[TriangleMesh]]
+    device: str | wp.Device
+    array: wp.array = field(init=False)
+    """The grids of faces and of edges of each group, as bytes of two structs ``Grid`` of search.h."""
+
+    def __post_init__(self) -> None:
+        self._arrays: list[wp.array] = []
+        records = [grid for group in self.groups for grid in self._grids(list(group))]
+        self.array = self._keep(np.concatenate(records).view(np.uint8))
+
+    @property
+    def memory(self) -> int:
+        """Memory on the device [bytes]."""
+        return sum(a.capacity for a in self._arrays)
+
+    def _grids(self, meshes: list[TriangleMesh]) -> Iterable[np.ndarray]:
+        parts = [_faces_and_edges(mesh) for mesh in meshes]
+        faces, edges = (np.concatenate([part[i] for part in parts]) for i in range(2))
+        yield self._grid(faces, faces["corners"])
+        yield self._grid(edges, edges["corners"][:, :2])
+
+    def _grid(self, things: np.ndarray, corners: np.ndarray) -> np.ndarray:
+        """The record of a grid; corners are those of a triangle, or the ends of an edge, of each thing."""
+        low, size, cell, first, items = _sort_into_cells(corners.astype(float))
+        record = np.zeros(1, _GRID)
+        record["low"], record["cells_per_metre"], record["size"], record["count"] = low, 1.0 / cell, size, len(things)
+        for name, array in (("cells", first), ("items", items), ("things", things.view(np.uint8))):
+            record[name] = self._keep(array).ptr or 0
+        return record
+
+    def _keep(self, array: np.ndarray) -> wp.array:
+        kept = wp.array(array, device=self.device)
+        self._arrays.append(kept)
+        return kept
+
+
+def _faces_and_edges(mesh: TriangleMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Records of the faces of a mesh, and of the edges that can touch before faces do."""
+    vertices, faces = _welded(mesh.vertices.astype(float), mesh.faces)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    proper = area > 1e-12 * max(float(np.ptp(vertices, axis=0).max(initial=0.0)), 1e-9) ** 2
+    faces, corners, normals = faces[proper], corners[proper], normals[proper] / area[proper, None]
+    neighbours = _neighbours(faces)
+    center = vertices.mean(axis=0) if len(vertices) else 0.0
+    volume = np.einsum("ij,ij->", np.cross(corners[:, 0] - center, corners[:, 1] - center), corners[:, 2] - center)
+    solid = bool(len(faces)) and bool((neighbours >= 0).all()) and volume > 0.0
+    made = np.zeros(len(faces), _FACE)
+    made["corners"], made["geom"], made["is_solid"] = corners, mesh.geom, solid
+
+    face, side = np.nonzero(neighbours < np.arange(len(faces))[:, None])  # each edge once, borders too
+    other = neighbours[face, side]
+    ends = np.stack([faces[face, side], faces[face, (side + 1) % 3]], axis=1)
+    left = faces[face, (side + 2) % 3]
+    across = faces[other]  # of a border anything: it is not used
+    is_end = (across[:, :, None] == ends[:, None, :]).any(axis=2)
+    right = np.where(other >= 0, across[np.arange(len(other)), is_end.argmin(axis=1)], left)
+    height = np.einsum("ij,ij->i", vertices[right] - vertices[ends[:, 0]], normals[face])
+    # Of a solid the edges at which it bends down; of an open mesh, all at which it bends or ends.
+    bends = (other < 0) | (height < -_LEVEL) | ((height > _LEVEL) & (not solid))
+    edges = np.zeros(int(bends.sum()), _EDGE)
+    points = np.concatenate([ends, left[:, None], right[:, None]], axis=1)[bends]
+    edges["corners"], edges["geom"], edges["is_solid"] = vertices[points], mesh.geom, solid
+    return made, edges
+
+
+def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces with one index for all vertices at a place; faces without an area are left out."""
+    extent = max(float(np.ptp(vertices, axis=0).max(initial=0.0)), 1e-9)
+    _, first, same = np.unique(np.round(vertices / (_SAME * extent)), axis=0, return_index=True, return_inverse=True)
+    faces = same.reshape(-1)[faces]
+    a, b, c = faces.T
+    return vertices[first], faces[(a != b) & (b != c) & (c != a)]
+
+
+def _neighbours(faces: np.ndarray) -> np.ndarray:
+    """The face across each edge of each face, shape ``(faces, 3)``; -1 where there is none or more than one.
+
+    Faces that share an edge go along it in opposite directions, else one of them is seen from inside.
+    """
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    count = int(faces.max(initial=-1)) + 1
+    forward, backward = start.astype(np.int64) * count + end, end.astype(np.int64) * count + start
+    keys, first, times = np.unique(forward, return_index=True, return_counts=True)
+    place = np.minimum(np.searchsorted(keys, backward), max(len(keys) - 1, 0))
+    found = (keys[place] == backward) & (times[place] == 1) & (times[np.searchsorted(keys, forward)] == 1)
+    return np.where(found, first[place] // 3, -1).reshape(-1, 3) if len(keys) else np.zeros((0, 3), dtype=int)
+
+
+def _sort_into_cells(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
+    """Lowest corner, cells along each axis, their size [m], first item of each cell and one beyond, and the items."""
+    points = corners.reshape(-1, 3)
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
+    low, high = low - 1e-3, high + 1e-3
+    cell = _CELL
+    while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CELLS:
+        cell *= 1.25
+    while True:
+        size = _cells(low, high, cell)
+        cells, items = _overlaps(corners, low, size, cell)
+        many = len(items) > _MANY_ITEMS * max(1, len(np.unique(cells)))
+        if not many or cell <= _LEAST_CELL or np.prod(_cells(low, high, cell / 2), dtype=float) > _MOST_CELLS:
+            break
+        cell /= 2.0
+    order = np.lexsort((items, cells))
+    first = np.zeros(int(np.prod(size)) + 1, dtype=np.int32)
+    np.cumsum(np.bincount(cells, minlength=len(first) - 1), out=first[1:])
+    return low, size, cell, first, items[order].astype(np.int32)
+
+
+def _cells(low: np.ndarray, high: np.ndarray, cell: float) -> np.ndarray:
+    return np.maximum(1, np.ceil((high - low) / cell)).astype(int)
+
+
+def _overlaps(corners: np.ndarray, low: np.ndarray, size: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a cell and an item that may reach into it: by its bounding box, and of a triangle by its plane."""
+    from_, to = (
+        np.clip(np.floor((bound - low) / cell).astype(int), 0, size - 1)
+        for bound in (corners.min(axis=1) - 1e-4, corners.max(axis=1) + 1e-4)
+    )
+    counts = np.prod(to - from_ + 1, axis=1)
+    ends = np.cumsum(counts)
+    found: list[tuple[np.ndarray, np.ndarray]] = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int))]
+    start = 0
+    while start < len(corners):
+        before = ends[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(ends, before + _BLOCK)))
+        item = np.repeat(np.arange(start, stop), counts[start:stop])
+        k = np.arange(len(item)) - np.repeat(ends[start:stop] - counts[start:stop] - before, counts[start:stop])
+        extent = (to - from_ + 1)[item]
+        place = from_[item] + np.stack(
+            [k % extent[:, 0], k // extent[:, 0] % extent[:, 1], k // (extent[:, 0] * extent[:, 1])], axis=1
+        )
+        if corners.shape[1] == 3:
+            near = _meets_plane(corners[item], low + (place + 0.5) * cell, cell)
+            item, place = item[near], place[near]
+        found.append(((place[:, 2] * size[1] + place[:, 1]) * size[0] + place[:, 0], item))
+        start = stop
+    cells, items = (np.concatenate([pair[i] for pair in found]) for i in range(2))
+    return cells, items
+
+
+def _meets_plane(triangles: np.ndarray, centers: np.ndarray, cell: float) -> np.ndarray:
+    """Whether the plane of each triangle comes into a cube around a centre."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    distance = np.abs(np.einsum("ij,ij->i", centers - triangles[:, 0], normal))
+    return distance <= (0.5 * cell + 1e-4) * np.abs(normal).sum(axis=1)

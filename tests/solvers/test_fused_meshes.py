@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contacts of the fused step with the triangles of static meshes, against trimesh, MuJoCo's distances and statics."""
+
+import mujoco
+import newton
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+
+from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers.mesh_grid import MeshGrids, TriangleMesh
+from stripe_newton.solvers.static_meshes import add_triangles_attribute, mark_triangles
+
+COUNT = 400
+STEP = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], dtype=float)
+"""Outline of a step, in x and z; it is 1 m wide, in y."""
+BOXES = [((0.5, 0.5, 1.0), (0.5, 0.5, 1.0)), ((1.5, 0.5, 0.5), (0.5, 0.5, 0.5))]
+"""The step as two boxes: centre and half sizes."""
+
+
+def step_mesh(fineness: int = 0, solid: bool = True) -> trimesh.Trimesh:
+    """The step as one mesh; open where it is not solid, as its bottom is missing."""
+    outline = trimesh.creation.extrude_triangulation(
+        STEP, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]), height=1.0
+    )
+    vertices = outline.vertices[:, [0, 2, 1]]  # the outline stands upright
+    mesh = trimesh.Trimesh(vertices, outline.faces[:, ::-1], process=False)
+    assert mesh.volume == pytest.approx(3.0)
+    if not solid:
+        mesh.update_faces(mesh.triangles_center[:, 2] > 1e-6)
+    for _ in range(fineness):
+        mesh = mesh.subdivide()
+    return mesh
+
+
+def model_of(mesh: trimesh.Trimesh, add_geom: object, poses: np.ndarray, frame: wp.transform) -> newton.Model:
+    """Worlds with a static mesh and a body each, without gravity; poses are relative to the mesh."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    add_triangles_attribute(builder)
+    shape = builder.add_shape_mesh(
+        -1, xform=frame, mesh=newton.Mesh(mesh.vertices, mesh.faces.reshape(-1), compute_inertia=False)
+    )
+    mark_triangles(builder, shape)
+    body = builder.add_body()
+    add_geom(builder, body)
+    builder.shape_gap[:] = [0.0] * builder.shape_count
+    worlds = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    newton.solvers.SolverMuJoCo.register_custom_attributes(worlds)
+    add_triangles_attribute(worlds)
+    worlds.replicate(builder, len(poses))
+    model = worlds.finalize(device="cpu")
+    placed = [wp.transform_multiply(frame, wp.transform(p[:3], wp.quat(*p[3:]))) for p in poses.tolist()]
+    model.joint_q.assign(np.array([[*t] for t in placed], dtype=np.float32).reshape(-1))
+    return model
+
+
+def contacts_of(model: newton.Model, frame: wp.transform) -> list[list[tuple[float, np.ndarray, np.ndarray]]]:
+    """Distance, point and normal of the contacts of each world, relative to the mesh."""
+    solver = SolverFused(model, nconmax=20, njmax=100, kinematic_switchable_roots=False)
+    solver.static_triangles = True
+    assert solver.lacks() == []
+    assert solver.one_launch
+    solver.fill_contacts()
+    state = model.state()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    solver.step(state, state, model.control(), None, 1e-6)
+    contact = solver.mjw_data.contact
+    found: list[list] = [[] for _ in range(model.world_count)]
+    inverse = wp.transform_inverse(frame)
+    columns = (getattr(contact, n).numpy() for n in ("geom", "worldid", "dist", "pos", "frame"))
+    for geom, world, dist, pos, axes in zip(*columns, strict=True):
+        if geom[0] >= 0:
+            normal = wp.quat_rotate(wp.transform_get_rotation(inverse), wp.vec3(*map(float, axes[0])))
+            point = wp.transform_point(inverse, wp.vec3(*map(float, pos)))
+            found[world].append((float(dist), np.array(point), np.array(normal)))
+    return found
+
+
+FRAMES = wp.transform_identity(), wp.transform((3.0, -2.0, 1.0), wp.quat_rpy(0.3, -0.2, 1.0))
+
+
+def random_poses(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
+    quat = rng.normal(size=(len(points), 4))
+    return np.concatenate([points, quat / np.linalg.norm(quat, axis=1, keepdims=True)], axis=1)
+
+
+def near_the_surface(mesh: trimesh.Trimesh, low: float, high: float, rng: np.random.Generator) -> tuple:
+    """Points whose distance from the surface, negative inside, is between the bounds, and their distances."""
+    points = rng.uniform(mesh.bounds[0] - high, mesh.bounds[1] + high, size=(20 * COUNT, 3))
+    inside = np.zeros(len(points), dtype=bool)
+    for center, half in BOXES:
+        inside |= (np.abs(points - center) < half).all(axis=1)
+    surface, distance, _ = trimesh.proximity.closest_point_naive(mesh, points)
+    distance = np.where(inside, -distance, distance)
+    chosen = np.flatnonzero((distance > low) & (distance < high))[:COUNT]
+    assert len(chosen) == COUNT
+    return points[chosen], distance[chosen], surface[chosen]
+
+
+@pytest.mark.parametrize("fineness", [0, 3])
+@pytest.mark.parametrize("frame", FRAMES, ids=["in place", "moved"])
+def test_spheres_touch_the_nearest_point(frame, fineness):
+    rng, radius = np.random.default_rng(0), 0.1
+    mesh = step_mesh(fineness)
+    points, distance, surface = near_the_surface(step_mesh(), -0.04, 0.15, rng)
+    model = model_of(mesh, lambda b, body: b.add_shape_sphere(body, radius=radius), random_poses(rng, points), frame)
+    for contacts, point, expected, nearest in zip(contacts_of(model, frame), points, distance, surface, strict=True):
+        if expected > radius:
+            assert contacts == []
+            continue
+        dist, pos, normal = min(contacts, key=lambda contact: contact[0])
+        assert dist == pytest.approx(expected - radius, abs=3e-6)
+        if abs(expected) > 1e-3:
+            outward = (point - nearest) / expected
+            np.testing.assert_allclose(normal, outward, atol=1e-3)
+            np.testing.assert_allclose(pos, nearest + 0.5 * dist * outward, atol=1e-4)
+        assert len(contacts) == 1 or expected > 0.0  # from inside one way leads out
+
+
+def test_a_sphere_in_a_corner_touches_both_faces():
+    point = np.array([[1.08, 0.5, 1.09, 0.0, 0.0, 0.0, 1.0]])
+    model = model_of(step_mesh(2), lambda b, body: b.add_shape_sphere(body, radius=0.1), point, FRAMES[0])
+    touches = sorted((round(d, 5), *np.round(n, 5)) for d, _, n in contacts_of(model, FRAMES[0])[0])
+    assert touches == [(-0.02, 1.0, 0.0, 0.0), (-0.01, 0.0, 0.0, 1.0)]
+
+
+def axis_distance(poses: np.ndarray, half: float) -> np.ndarray:
+    """Distance of the axes of capsules from the step: MuJoCo's, of thin capsules from its two boxes."""
+    thin = 1e-5
+    boxes = "".join(f'<geom type="box" pos="{c[0]} {c[1]} {c[2]}" size="{h[0]} {h[1]} {h[2]}"/>' for c, h in BOXES)
+    inertia = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    spec = f'<body><freejoint/>{inertia}<geom type="capsule" size="{thin} {half}"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{boxes}{spec}</worldbody></mujoco>")
+    data, found = mujoco.MjData(model), []
+    for pose in poses:
+        data.qpos[:] = [*pose[:3], pose[6], *pose[3:6]]
+        mujoco.mj_kinematics(model, data)
+        found.append(thin + min(mujoco.mj_geomDistance(model, data, box, 2, 10.0, None) for box in range(2)))
+    return np.array(found)
+
+
+def axes_enter(poses: np.ndarray, half: float) -> np.ndarray:
+    """Whether axes come into the step, where MuJoCo has no distance."""
+    turn = np.array([wp.quat_rotate(wp.quat(*q), wp.vec3(0.0, 0.0, half)) for q in poses[:, 3:].tolist()])
+    points = poses[:, None, :3] + np.linspace(-1.0, 1.0, 200)[:, None] * turn[:, None]
+    inside = [(np.abs(points - np.array(center)) < half_sizes).all(axis=2) for center, half_sizes in BOXES]
+    return np.any(inside, axis=(0, 2))
+
+
+@pytest.mark.parametrize("solid", [True, False])
+@pytest.mark.parametrize("fineness", [0, 2])
+def test_capsules_touch_as_deep_as_their_axes_are_near(fineness, solid):
+    rng, radius, half = np.random.default_rng(1), 0.08, 0.3
+    points = rng.uniform([-0.2, 0.1, 0.6], [2.2, 0.9, 2.4], size=(5 * COUNT, 3))
+    poses = random_poses(rng, points)
+    expected = axis_distance(poses, half)
+    near = ~axes_enter(poses, half) & (expected > 1e-3) & (expected < 1.2 * radius)
+    poses, expected = poses[near], expected[near]
+    mesh = step_mesh(fineness, solid)
+    model = model_of(mesh, lambda b, body: b.add_shape_capsule(body, radius=radius, half_height=half), poses, FRAMES[0])
+    touching = 0
+    for contacts, distance in zip(contacts_of(model, FRAMES[0]), expected, strict=True):
+        if distance > radius + 1e-5:
+            assert contacts == []
+        elif distance < radius - 1e-5:
+            touching += 1
+            # The nearest part of the axis may be up to a thousandth of it away from where it is looked for.
+            assert min(d for d, _, _ in contacts) == pytest.approx(distance - radius, abs=2e-4)
+    assert touching > 100
+
+
+def settled(mesh: trimesh.Trimesh, add_geom: object, pose: tuple[float, ...], steps: int = 400) -> tuple:
+    """Pose and speed of a body that was let go above a mesh, after ``steps`` steps of 5 ms."""
+    model = model_of(mesh, add_geom, np.array([pose]), FRAMES[0])
+    model.set_gravity((0.0, 0.0, -9.81))
+    solver = SolverFused(model, nconmax=20, njmax=100, kinematic_switchable_roots=False)
+    solver.static_triangles = True
+    state = model.state()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    for _ in range(steps):
+        solver.step(state, state, model.control(), None, 0.005)
+    return state.body_q.numpy()[0], float(np.abs(state.body_qd.numpy()).max())
+
+
+def box(b: newton.ModelBuilder, body: int) -> int:
+    return b.add_shape_box(body, hx=0.1, hy=0.075, hz=0.05)
+
+
+def wide_box(b: newton.ModelBuilder, body: int) -> int:
+    return b.add_shape_box(body, hx=0.3, hy=0.8, hz=0.05)
+
+
+def capsule(b: newton.ModelBuilder, body: int) -> int:
+    return b.add_shape_capsule(body, radius=0.05, half_height=0.2)
+
+
+LYING = tuple(wp.quat_rpy(0.5 * np.pi, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("solid", [True, False])
+@pytest.mark.parametrize(
+    ("add_geom", "place", "turn", "height"),
+    [
+        (box, (1.5, 0.5, 1.12), (0.0, 0.0, 0.3, 1.0), 1.05),
+        (box, (0.97, 0.5, 2.1), (0.0, 0.0, 0.0, 1.0), 2.05),  # over the edge by 7 cm of 20
+        (wide_box, (0.7, 0.5, 2.1), (0.0, 0.0, 0.0, 1.0), 2.05),  # no corner is above the tread
+        (capsule, (1.5, 0.5, 1.1), LYING, 1.05),
+        (capsule, (0.5, 0.9, 2.1), LYING, 2.05),  # one end is beyond the edge
+    ],
+)
+def test_bodies_come_to_rest(add_geom, place, turn, height, solid):
+    turn = np.array(turn) / np.linalg.norm(turn)
+    pose, speed = settled(step_mesh(1, solid), add_geom, (*place, *turn))
+    assert pose[2] == pytest.approx(height, abs=1e-3)
+    assert np.abs(pose[:2] - place[:2]).max() < 2e-2
+    assert speed < 1e-2
+
+
+def test_grids_are_the_mesh():
+    fine = step_mesh(4)
+    grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], "cpu")
+    record = grids.array.numpy().view(
+        np.dtype([("low", "3f4"), ("scale", "f4"), ("size", "3i4"), ("count", "i4"), ("pointers", "4u8")])
+    )
+    assert record["count"][0] == len(fine.faces)
+    # The outline has five convex corners, all but the inner one; of its sides, there twice, two are 2 m long, four 1 m.
+    assert record["count"][1] == 16 * (5 + 2 * 6)
+    assert grids.memory > len(fine.faces) * 48
+
+
+def test_a_mesh_of_faces_that_are_seen_from_inside_is_not_solid():
+    mesh = step_mesh()
+    points = np.array([[1.5, 0.5, 0.97, 0.0, 0.0, 0.0, 1.0]])  # 3 cm below the tread
+
+    def touch(faces: np.ndarray) -> float:
+        turned = trimesh.Trimesh(mesh.vertices, faces, process=False)
+        add = lambda b, body: b.add_shape_sphere(body, radius=0.1)  # noqa: E731
+        return contacts_of(model_of(turned, add, points, FRAMES[0]), FRAMES[0])[0][0][2][2]
+
+    assert touch(mesh.faces) == pytest.approx(1.0)  # out through the tread
+    assert touch(mesh.faces[:, ::-1]) == pytest.approx(-1.0)  # away from it
