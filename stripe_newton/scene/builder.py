@@ -212,8 +212,8 @@ class SceneBuilder:
             hulls=solver.finds_contacts and not solver.chooses_contacts,
         )
         # By the stage alone: in a robot's file a mesh means its hull.
-        if solver.chooses_contacts and next(concave_meshes(builder, first, static=True), None) is not None:
-            mark_triangles(builder, first)
+        if solver.chooses_contacts:
+            mark_triangles(builder, first, {shape for shape, _ in concave_meshes(builder, first, static=True)})
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         self.reports.append(report)

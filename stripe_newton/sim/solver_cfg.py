@@ -15,7 +15,7 @@ import newton
 
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
-from stripe_newton.solvers.static_meshes import add_triangles_attribute, has_triangles
+from stripe_newton.solvers.static_meshes import MUST, add_triangles_attribute, has_triangles
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -222,11 +222,12 @@ class MuJoCoSolverCfg(SolverCfg):
     def _create(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
         """Make the solver, with Newton's collision detection if contacts with triangles of meshes need it."""
         meshes = self.chooses_contacts and has_triangles(model)
+        concave = meshes and has_triangles(model, MUST)
         solver = self._make(model, observables)
         fused = isinstance(solver, SolverFused) and not solver.unsupported
         if isinstance(solver, SolverFused) and not solver.unsupported:
             solver.triangles, solver.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
-        if meshes and (not fused or solver.lacks()):
+        if concave and (not fused or solver.lacks()):
             chosen = self.replace(use_mujoco_contacts=False)._make(model, observables)
             if isinstance(chosen, SolverFused):
                 chosen.newton_contacts_for = tuple(solver.lacks()) if fused else ()

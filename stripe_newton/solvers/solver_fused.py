@@ -124,7 +124,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     # -- what it does
 
     def lacks(self) -> list[str]:
-        """Kinds of pairs of which contacts with triangles are not found: marked colliders with geoms of other types."""
+        """Kinds of pairs of which contacts with triangles are needed and not found, see :func:`mark_triangles`."""
         if self._pairs is None:
             self._pairs = self._divide_pairs()
         return self._hulls

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 import newton
@@ -16,35 +16,54 @@ from newton import GeoType, Model
 from .mesh_grid import TriangleMesh
 from .model_tables import MESH_KINDS, ContactPair
 
-__all__ = ["add_triangles_attribute", "group_static_meshes", "has_triangles", "mark_triangles"]
+__all__ = ["MAY", "MUST", "add_triangles_attribute", "group_static_meshes", "has_triangles", "mark_triangles"]
 
-_TYPES = GeoType.MESH, GeoType.CONVEX_MESH, GeoType.BOX
-"""Shapes that can be taken for their triangles."""
+MAY, MUST = 1, 2
+"""Marks of static shapes: of those that may collide by their triangles, and of concave ones, of which the hull is not
+the same."""
+_ROUND = GeoType.CYLINDER, GeoType.CONE, GeoType.ELLIPSOID
+_SAGITTA = 1e-4
+"""Distance of the facets of round shapes from their surface [m]."""
+_FACETS = 12, 256
+"""Least and most facets around a round shape."""
+_MANY = 16
+"""Static shapes from which on boxes are taken for their triangles, rather than for pairs with each geom of a robot."""
 _NAMESPACE, _NAME = "stripe", "triangles"
 
 
 def add_triangles_attribute(builder: newton.ModelBuilder) -> None:
-    """Declare the attribute of shapes that :func:`mark_triangles` sets, False at first."""
+    """Declare the attribute of shapes that :func:`mark_triangles` sets, 0 at first."""
     shapes = Model.AttributeFrequency.SHAPE
     builder.add_custom_attribute(
         newton.ModelBuilder.CustomAttribute(
-            name=_NAME, namespace=_NAMESPACE, frequency=shapes, dtype=wp.bool, default=False
+            name=_NAME, namespace=_NAMESPACE, frequency=shapes, dtype=wp.int32, default=0
         )
     )
 
 
-def mark_triangles(builder: newton.ModelBuilder, first: int) -> None:
-    """Mark static meshes and boxes from shape ``first`` on: things are to touch their triangles, not their hulls."""
+def mark_triangles(builder: newton.ModelBuilder, first: int, concave: Collection[int]) -> None:
+    """Mark static shapes from shape ``first`` on that things touch by their triangles.
+
+    All meshes are, and round shapes that MuJoCo's general routine for convex shapes would be asked for; boxes if there
+    are many static shapes.
+
+    Args:
+        builder: The builder.
+        first: First shape.
+        concave: Meshes that are not their hull.
+    """
     values = builder.custom_attributes[f"{_NAMESPACE}:{_NAME}"].values
-    for shape in range(first, builder.shape_count):
-        if builder.shape_body[shape] < 0 and builder.shape_type[shape] in _TYPES:
-            values[shape] = True
+    static = [shape for shape in range(first, builder.shape_count) if builder.shape_body[shape] < 0]
+    kinds = {GeoType.MESH, GeoType.CONVEX_MESH, *_ROUND, *([GeoType.BOX] if len(static) >= _MANY else [])}
+    for shape in static:
+        if builder.shape_type[shape] in kinds:
+            values[shape] = MUST if shape in concave else MAY
 
 
-def has_triangles(model: newton.Model) -> bool:
-    """Whether a shape is marked."""
-    marked = getattr(getattr(model, _NAMESPACE, None), _NAME, None)
-    return marked is not None and bool(marked.numpy().any())
+def has_triangles(model: newton.Model, least: int = MAY) -> bool:
+    """Whether a shape has a mark, ``MAY`` or above."""
+    marks = getattr(getattr(model, _NAMESPACE, None), _NAME, None)
+    return marks is not None and bool((marks.numpy() >= least).any())
 
 
 def group_static_meshes(
@@ -63,7 +82,7 @@ def group_static_meshes(
 
     Returns:
         The pairs, in which those of groups replace those of their meshes and have the group as their ``mesh``; the
-        meshes of each group; and of the pairs those of which the kernel does not find contacts with triangles.
+        meshes of each group; and the pairs of concave meshes with geoms that the kernel has no routine for.
     """
     by_geom: dict[int, list[ContactPair]] = defaultdict(list)
     rest: list[ContactPair] = []
@@ -72,7 +91,7 @@ def group_static_meshes(
     wanted = {
         g
         for g, shape in enumerate(shape_of_geom.tolist())
-        if shape >= 0 and shapes.marked[shape] and shapes.body[shape] < 0 and model.geom_bodyid[g] == 0
+        if shape >= 0 and shapes.mark[shape] and shapes.body[shape] < 0 and model.geom_bodyid[g] == 0
     }
     for pair in pairs:
         geom = next((g for g in (pair.geom1, pair.geom2) if g in wanted), -1)
@@ -86,7 +105,8 @@ def group_static_meshes(
         kind = MESH_KINDS.get(int(model.geom_type[other]))
         if kind is None:
             rest.append(pair)
-            lacking.append(pair)
+            if shapes.mark[shape_of_geom[geom]] == MUST:
+                lacking.append(pair)
             continue
         by_geom[geom].append(ContactPair(geom, other, kind, pair.dim, rule))
     groups: dict[tuple, list[int]] = defaultdict(list)
@@ -105,7 +125,7 @@ class _Shapes:
     """Shapes of a model on the host."""
 
     def __init__(self, model: newton.Model):
-        self.marked = model.stripe.triangles.numpy().astype(bool)
+        self.mark = model.stripe.triangles.numpy()
         self.body, self.world, self.type = (a.numpy() for a in (model.shape_body, model.shape_world, model.shape_type))
         self.scale, self.pose = (a.numpy().astype(float) for a in (model.shape_scale, model.shape_transform))
         self.source = model.shape_source
@@ -122,13 +142,28 @@ class _Shapes:
         scale = self.scale[shape]
         if self.type[shape] == GeoType.BOX:
             return _CORNERS * scale, _SIDES
-        mesh = self.source[shape]
+        if self.type[shape] in _ROUND:
+            mesh, scale = _round_mesh(GeoType(int(self.type[shape])), scale)
+        else:
+            mesh = self.source[shape]
         if self.type[shape] == GeoType.CONVEX_MESH:
             mesh = mesh.compute_convex_hull()
         faces = np.array(mesh.indices).reshape(-1, 3)
         if np.prod(scale) < 0:  # a mirrored mesh is seen from outside the other way round
             faces = faces[:, ::-1]
         return np.array(mesh.vertices, dtype=float) * scale, faces
+
+
+def _round_mesh(kind: GeoType, scale: np.ndarray) -> tuple[newton.Mesh, np.ndarray]:
+    """A round shape as a mesh, and the factors on its coordinates."""
+    radius, height = float(scale[0]), float(scale[1])
+    largest = max(float(scale.max()) if kind == GeoType.ELLIPSOID else radius, _SAGITTA)
+    count = int(np.clip(np.ceil(np.pi / np.arccos(1.0 - min(_SAGITTA / largest, 1.0))), *_FACETS))
+    plain = {"compute_normals": False, "compute_uvs": False, "compute_inertia": False}
+    if kind == GeoType.ELLIPSOID:
+        return newton.Mesh.create_sphere(1.0, num_latitudes=count, num_longitudes=count, **plain), scale
+    make = newton.Mesh.create_cylinder if kind == GeoType.CYLINDER else newton.Mesh.create_cone
+    return make(radius, height, up_axis=newton.Axis.Z, segments=count, **plain), np.ones(3)
 
 
 def _matrix(quat: np.ndarray) -> np.ndarray:

@@ -34,15 +34,17 @@ def step_mesh(fineness: int = 0, solid: bool = True) -> trimesh.Trimesh:
     return mesh
 
 
-def model_of(mesh: trimesh.Trimesh, add_geom: object, poses: np.ndarray, frame: wp.transform) -> newton.Model:
-    """Worlds with a static mesh and a body each, without gravity; poses are relative to the mesh."""
+def model_of(mesh: object, add_geom: object, poses: np.ndarray, frame: wp.transform) -> newton.Model:
+    """Worlds with a static mesh, or what a function adds, and a body each at a pose relative to it; no gravity."""
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     add_triangles_attribute(builder)
-    shape = builder.add_shape_mesh(
-        -1, xform=frame, mesh=newton.Mesh(mesh.vertices, mesh.faces.reshape(-1), compute_inertia=False)
-    )
-    mark_triangles(builder, shape)
+    if isinstance(mesh, trimesh.Trimesh):
+        made = newton.Mesh(mesh.vertices, mesh.faces.reshape(-1), compute_inertia=False)
+        builder.add_shape_mesh(-1, xform=frame, mesh=made)
+    else:
+        mesh(builder, frame)
+    mark_triangles(builder, 0, {0})
     body = builder.add_body()
     add_geom(builder, body)
     builder.shape_gap[:] = [0.0] * builder.shape_count
@@ -139,6 +141,23 @@ def axis_distance(poses: np.ndarray, half: float) -> np.ndarray:
         mujoco.mj_kinematics(model, data)
         found.append(thin + min(mujoco.mj_geomDistance(model, data, box, 2, 10.0, None) for box in range(2)))
     return np.array(found)
+
+
+def test_a_cylinder_is_round_to_a_tenth_of_a_millimetre():
+    rng, radius = np.random.default_rng(3), 0.1
+    angle, height, out = rng.uniform(0, 7, COUNT), rng.uniform(-0.45, 0.45, COUNT), rng.uniform(0.01, 0.15, COUNT)
+    points = np.stack([(0.3 + out) * np.cos(angle), (0.3 + out) * np.sin(angle), height], axis=1)
+    model = model_of(
+        lambda b, frame: b.add_shape_cylinder(-1, xform=frame, radius=0.3, half_height=0.5),
+        lambda b, body: b.add_shape_sphere(body, radius=radius),
+        random_poses(rng, points),
+        FRAMES[1],
+    )
+    for contacts, distance in zip(contacts_of(model, FRAMES[1]), out - radius, strict=True):
+        if abs(distance) > 1.1e-4:
+            assert bool(contacts) == (distance < 0.0)
+        if contacts:
+            assert -1e-6 <= min(d for d, _, _ in contacts) - distance < 1.1e-4
 
 
 def axes_enter(poses: np.ndarray, half: float) -> np.ndarray:
