@@ -17,6 +17,7 @@ __all__ = [
     "LAW_SOLVER",
     "JointDrives",
     "dc_motor_range",
+    "drive_explicit_joint",
     "drive_joints",
     "interpolate_table",
     "mask_gains",
@@ -174,45 +175,30 @@ def clamp_number(value: float, low: float, high: float) -> float:
     return wp.clamp(value, low, high)
 
 
-@wp.kernel(enable_backward=False)
-def drive_joints(drives: JointDrives):
-    """Compute the efforts of all joints; a thread for each degree of freedom of each environment.
+@wp.func
+def drive_explicit_joint(env: int, dof: int, pos: float, vel: float, drives: JointDrives) -> float:
+    """Effort of a joint's explicit actuator, in the state given; it is also written to ``drives.effort``.
 
-    Joints driven by the solver: ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a
-    position alone. Joints with an explicit actuator: ``effort = clamp(kp (q* - q) + ki I + kd (qd* - qd) + effort* +
-    bias)`` within the torque-speed curve, the limit and the table, with delayed targets, and
-    ``I <- clamp(I + dt (q* - q), +-integral_limit)``.
+    ``effort = clamp(kp (q* - q) + ki I + kd (qd* - qd) + effort* + bias)`` within the torque-speed curve, the limit and
+    the table, with delayed targets, and ``I <- clamp(I + dt (q* - q), +-integral_limit)``. What the actuator remembers
+    advances by a physics step. A joint that the solver drives keeps the effort it has. The fused solver's kernel calls
+    this function, too.
+
+    Args:
+        env: The environment.
+        dof: Degree of freedom of the joint, within the environment.
+        pos: Its position [m or rad].
+        vel: Its velocity [m/s or rad/s].
+        drives: State, targets, gains and limits.
     """
-    env, dof = wp.tid()
     law = drives.law[dof]
+    if law == LAW_SOLVER:
+        return drives.effort[env, dof]
     coord = drives.coord[dof]
     limit = drives.effort_limit[env, dof]
-    kp = drives.stiffness[env, dof]
-    kd = drives.damping[env, dof]
-    pos = wp.float32(0.0)
     targets = wp.vec3(0.0, drives.vel_target[env, dof], drives.effort_target[env, dof])
     if coord >= 0:
-        pos = drives.joint_pos[env, coord]
         targets[0] = drives.pos_target[env, coord]
-    vel = drives.joint_vel[env, dof]
-    if law == LAW_SOLVER:
-        mode = drives.mode[env, dof]
-        # Copied in every step, since a randomising event may have changed the gains. Entries of explicit actuators
-        # are never written and stay 0: the solver must not apply their gains a second time.
-        if drives.masks_gains:
-            drives.solver_stiffness[env, dof] = kp
-            drives.solver_damping[env, dof] = kd
-        # The solver's drive reacts to the gains of its mode alone; computed_effort reports what it asks for.
-        if mode != _POSITION and mode != _BOTH:
-            kp = wp.float32(0.0)
-            if mode != _VELOCITY:
-                kd = wp.float32(0.0)
-        drives.computed_effort[env, dof] = kp * (targets[0] - pos) + kd * (targets[1] - vel) + targets[2]
-        fed = wp.float32(0.0)
-        if drives.feeds_velocity and mode == _POSITION:
-            fed = kd * targets[1]
-        drives.effort[env, dof] = clamp_number(targets[2] + fed, -limit, limit)
-        return
     slot = drives.delay_slot[dof]
     if slot >= 0:
         targets = delayed_targets(env, slot, targets, drives)
@@ -223,13 +209,13 @@ def drive_joints(drives: JointDrives):
         drives.made_effort[env, dof] = 0.0
     else:
         # The sum is taken in the order of Newton's DrivePID: another order would round differently.
-        computed = drives.bias_effort[env, dof] + targets[2] + kp * (targets[0] - pos)
+        computed = drives.bias_effort[env, dof] + targets[2] + drives.stiffness[env, dof] * (targets[0] - pos)
         if law == LAW_PID:
             bound = drives.integral_limit[env, dof]
             integral = wp.clamp(drives.integral[env, dof] + (targets[0] - pos) * drives.dt, -bound, bound)
             drives.integral[env, dof] = integral
             computed += drives.integral_gain[env, dof] * integral
-        computed += kd * (targets[1] - vel)
+        computed += drives.damping[env, dof] * (targets[1] - vel)
     drives.computed_effort[env, dof] = computed
     applied = computed
     if drives.has_curve[dof]:
@@ -241,6 +227,53 @@ def drive_joints(drives: JointDrives):
         most = interpolate_table(pos, drives.table_pos, drives.table_effort, drives.table_start[dof], count)
         applied = clamp_number(applied, -most, most)
     drives.effort[env, dof] = applied
+    return applied
+
+
+@wp.kernel(enable_backward=False)
+def drive_joints(solver_only: bool, drives: JointDrives):
+    """Compute the efforts of all joints; a thread for each degree of freedom of each environment.
+
+    Joints driven by the solver: ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a
+    position alone. Joints with an explicit actuator: :func:`drive_explicit_joint`.
+
+    Args:
+        solver_only: Leave out the joints with an explicit actuator.
+        drives: State, targets, gains and limits.
+    """
+    env, dof = wp.tid()
+    coord = drives.coord[dof]
+    pos = wp.float32(0.0)
+    target = wp.float32(0.0)
+    if coord >= 0:
+        pos = drives.joint_pos[env, coord]
+        target = drives.pos_target[env, coord]
+    vel = drives.joint_vel[env, dof]
+    if drives.law[dof] != LAW_SOLVER:
+        if not solver_only:
+            drive_explicit_joint(env, dof, pos, vel, drives)
+        return
+    limit = drives.effort_limit[env, dof]
+    kp = drives.stiffness[env, dof]
+    kd = drives.damping[env, dof]
+    mode = drives.mode[env, dof]
+    # Copied in every step, since a randomising event may have changed the gains. Entries of explicit actuators
+    # are never written and stay 0: the solver must not apply their gains a second time.
+    if drives.masks_gains:
+        drives.solver_stiffness[env, dof] = kp
+        drives.solver_damping[env, dof] = kd
+    # The solver's drive reacts to the gains of its mode alone; computed_effort reports what it asks for.
+    if mode != _POSITION and mode != _BOTH:
+        kp = wp.float32(0.0)
+        if mode != _VELOCITY:
+            kd = wp.float32(0.0)
+    velocity = drives.vel_target[env, dof]
+    effort = drives.effort_target[env, dof]
+    drives.computed_effort[env, dof] = kp * (target - pos) + kd * (velocity - vel) + effort
+    fed = wp.float32(0.0)
+    if drives.feeds_velocity and mode == _POSITION:
+        fed = kd * velocity
+    drives.effort[env, dof] = clamp_number(effort + fed, -limit, limit)
 
 
 @wp.kernel(enable_backward=False)

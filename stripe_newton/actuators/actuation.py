@@ -36,6 +36,7 @@ class Actuation:
     Attributes:
         drives: Arrays of all joints, ``stripe_kernels.actuators.JointDrives``.
         explicit: Degrees of freedom of an environment that an explicit actuator drives, bool, shape ``(dofs,)``.
+        drives_orientations: Whether an explicit actuator drives a degree of freedom of a free joint or a ball.
         computed_effort: Efforts of the laws in the last physics step, before any limit, shape ``(joint_dof_count,)``.
         rng: Random streams that lags are drawn from, uint32, shape ``(num_envs,)``.
     """
@@ -65,6 +66,7 @@ class Actuation:
                     "of a CUDA graph: export the network to ONNX, or set SimulationCfg(use_cuda_graph=False)"
                 )
         self.explicit = table.law > 0
+        self.drives_orientations = bool((self.explicit & (table.coord < 0)).any())
         self._delays: list[tuple[int, int]] = []
         # Delays of a config share one lag: each slot of the history knows its group, -1 where the lag is fixed.
         self._delay_group = np.full(int(table.delay_slot.max(initial=-1)) + 1, -1, dtype=np.int32)
@@ -146,23 +148,24 @@ class Actuation:
         self._groups = [wp.array(x) for x in (self._delay_group, bounds[:, 0].copy(), bounds[:, 1].copy())]
 
     @property
-    def is_constant(self) -> bool:
-        """Whether efforts do not depend on the state, so that one launch serves several physics steps."""
-        return not self.explicit.any() and not self._stepped
+    def networks(self) -> list[str]:
+        """Names of Newton's classes of the drives that Newton steps itself, such as ``DriveNeuralLSTM``."""
+        return sorted({type(actuator.drive).__name__ for actuator, _, _ in self._stepped})
 
-    def report(self, joint_pos: wp.array, joint_vel: wp.array) -> None:
-        """Report the efforts of the solver's drives in a state, where :attr:`is_constant`; may be captured.
+    def launch_solver_drives(self, joint_pos: wp.array | None = None, joint_vel: wp.array | None = None) -> None:
+        """Compute the efforts of the solver's own drives, and leave out explicit actuators; may be captured.
 
         Args:
-            joint_pos: Positions, shape ``(joint_coord_count,)``.
+            joint_pos: Positions that they are computed for, shape ``(joint_coord_count,)``. Default: the state's.
             joint_vel: Velocities, shape ``(joint_dof_count,)``.
         """
         if not self._dofs:
             return
         drives, shape = self.drives, (self._num_envs, -1)
         own = drives.joint_pos, drives.joint_vel
-        drives.joint_pos, drives.joint_vel = joint_pos.reshape(shape), joint_vel.reshape(shape)
-        self._launch(drive_joints)
+        if joint_pos is not None and joint_vel is not None:
+            drives.joint_pos, drives.joint_vel = joint_pos.reshape(shape), joint_vel.reshape(shape)
+        self._launch(drive_joints, True)
         drives.joint_pos, drives.joint_vel = own
 
     # -- at work
@@ -181,7 +184,7 @@ class Actuation:
             actuator.step(self._state, self._control, now, following, dt=self.drives.dt)
             if last and first is not None and first is not second and index % 2 == 0:
                 first.assign(second)
-        self._launch(drive_joints)
+        self._launch(drive_joints, False)
 
     def reset(self, env_mask: wp.array) -> None:
         """Forget the past of environments and draw new lags; may be captured.
@@ -215,9 +218,10 @@ class Actuation:
         finally:
             vars(self._model).update(shown)
 
-    def _launch(self, kernel: wp.Kernel) -> None:
+    def _launch(self, kernel: wp.Kernel, *inputs: bool) -> None:
         if self._dofs:
-            wp.launch(kernel, dim=(self._num_envs, self._dofs), inputs=[self.drives], device=self._model.device)
+            dim = self._num_envs, self._dofs
+            wp.launch(kernel, dim=dim, inputs=[*inputs, self.drives], device=self._model.device)
 
     @property
     def arrays(self) -> dict[str, wp.array]:

@@ -16,7 +16,7 @@ import warp as wp
 from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
 from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.configclass import configclass
-from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
 
 from .capture import capture_graph
@@ -317,7 +317,7 @@ class Simulation:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
             FloatingPointError: if the state is not finite and :meth:`watch_finite` was called.
         """
-        if self.external_wrench is not None:
+        if self.external_wrench is not None and not self._steps_inside:
             self.flush()  # wrenches in the frame of a body are turned by its pose before the solver has computed it
         self._forward_is_due = False  # the solver computes the bodies from the joints
         if self.roots_moved:
@@ -359,8 +359,12 @@ class Simulation:
             return
         for hook in self._hooks:
             hook.launch_before_steps()
-        if before_each is None and self.steps_together:
-            self._launch_together(substeps)
+        if self._steps_inside:
+            together = substeps if before_each is None and self.steps_together else 1
+            for _ in range(0, substeps, together):
+                if before_each is not None:
+                    before_each()
+                self._launch_inside(together)
             return
         for index in range(substeps):
             last = index == substeps - 1
@@ -376,26 +380,44 @@ class Simulation:
     @property
     def steps_together(self) -> bool:
         """Whether the physics steps of a call need nothing between them, and the solver takes them in one go."""
-        return isinstance(self.solver, SolverFused) and self.solver.converts and not self._come_between
+        return self._steps_inside and not self._come_between
+
+    @property
+    def _steps_inside(self) -> bool:
+        """Whether the solver's kernel does all of a physics step: actuators, wrenches and velocity limits, too."""
+        inside = isinstance(self.solver, SolverFused) and self.solver.converts and self.pipeline is None
+        return inside and not self.actuation.networks and not self.actuation.drives_orientations
 
     @property
     def _come_between(self) -> list[str]:
         """Names of what has to run between physics steps."""
+        actuation, inside = self.actuation, self._steps_inside
+        networks = ", ".join(actuation.networks)
         names = {
             "Newton's collision detection": self.pipeline is not None,
-            "explicit actuators": not self.actuation.is_constant,
-            "external wrenches": self.external_wrench is not None,
-            "velocity limits": self._limits_velocity,
+            f"actuators that Newton steps ({networks})": bool(networks),
+            "explicit actuators of free or ball joints": actuation.drives_orientations,
+            "explicit actuators": bool(actuation.explicit.any()) and not inside,
+            "external wrenches": self.external_wrench is not None and not inside,
+            "velocity limits": self._limits_velocity and not inside,
         } | {type(hook).__name__: True for hook in self._hooks if hook.follows_each_step}
         return [name for name, is_there in names.items() if is_there]
 
-    def _launch_together(self, substeps: int) -> None:
+    def _launch_inside(self, substeps: int) -> None:
+        """Launch some time steps of which the solver's kernel does all."""
         solver, state = self.solver, self._state
         assert isinstance(solver, SolverFused)
-        self.actuation.launch()
+        self.actuation.launch_solver_drives()
         before = self._previous_joint_q, self.previous_joint_qd
-        solver.step_many(state, state, self.control, self.physics_dt, substeps, self.observables, before)
-        self.actuation.report(*before)  # efforts are those of the last physics step, and so are accelerations
+        per_step = PerStep(
+            drives=self.actuation.drives if self.actuation.explicit.any() else None,
+            external_wrench=self.external_wrench,
+            wrench_in_world=None if self.external_wrench is None else self.wrench_in_world,
+            velocity_limit=self.velocity_limit if self._limits_velocity else None,
+        )
+        solver.step_many(state, state, self.control, self.physics_dt, substeps, self.observables, before, per_step)
+        if substeps > 1:  # efforts are those of the last physics step, and so are accelerations
+            self.actuation.launch_solver_drives(*before)
         for hook in self._hooks:
             hook.launch_after_step()
 

@@ -333,6 +333,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "NATTACHMENTS": len(_attachments(model)), "NFREE": len(_free_alone(model)), "NLEVELS": len(_levels(model)),
         "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs), "NGEOMS": len(_used_geoms(pairs)),
         "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
+        "NBALLS": int(np.sum(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)),
         "HAS_FIELDS": int(any(p.kind.startswith("FIELD") for p in pairs)),
         "HAS_MESHES": int(any(p.kind.startswith("MESH") for p in pairs)),
         "HAS_SEARCHES": int(any(map(_is_searched, pairs))),

@@ -21,6 +21,7 @@ from .mesh_grid import MeshGrids
 from .model_tables import PARAMETERS, ContactPair, ModelTables, contact_pairs, listed_pairs
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
+from .per_step import PerStep
 from .static_meshes import group_static_meshes
 from .step_kernel import (
     BODY_SIZE,
@@ -113,6 +114,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fills_contacts = False
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
+        self._per_step = PerStep()
+        self._kinds: frozenset[str] = frozenset()  # of what any call had to do in each step
         self._pairs: list[ContactPair] | None = None
         self._accelerations: dict[str, wp.array] = {}
         self._kept_bodies: wp.array | None = None
@@ -209,6 +212,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         steps: int,
         observables: Any = None,
         before: tuple[wp.array, wp.array] | None = None,
+        per_step: PerStep | None = None,
     ) -> None:
         """Advance by several time steps with the same controls.
 
@@ -221,23 +225,31 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             observables: Arrays to report, of the last step; overflow is of all.
             before: Output, positions and velocities of the joints before the last step, shapes ``(joint_coord_count,)``
                 and ``(joint_dof_count,)``.
+            per_step: Explicit actuators, external wrenches and velocity limits. The first call with one of them makes
+                a kernel that has it, so that others lose no registers of a GPU to it.
 
         Raises:
-            RuntimeError: if MuJoCo Warp steps the model, ``before`` is asked for but :attr:`converts` is False, or
-                contacts are Newton's, which are those of one step.
+            RuntimeError: if MuJoCo Warp steps the model, ``before`` or ``per_step`` is given but :attr:`converts` is
+                False, or contacts are Newton's, which are those of one step.
         """
         if self.unsupported:
             raise RuntimeError(f"several steps at once need the fused step: {self.unsupported}")
         if steps > 1 and not self._use_mujoco_contacts:
             raise RuntimeError("Newton's collision detection has to run before each step")
-        if before is not None and not self.converts:
-            raise RuntimeError("the joints before the last step need a kernel that converts Newton's state")
-        self._steps, self._before = steps, before
+        per_step = per_step or PerStep()
+        if (before is not None or per_step.kinds) and not self.converts:
+            asked = sorted({*per_step.kinds, *(["the joints before the last step"] if before is not None else [])})
+            raise RuntimeError(f"{', '.join(asked)}: need a kernel that converts Newton's state, as `converts` says")
+        if not per_step.kinds <= self._kinds:
+            self._kinds |= per_step.kinds
+            self._fused = None
+            self._addresses.clear()
+        self._steps, self._before, self._per_step = steps, before, per_step
         try:
             contacts = observables.contacts if observables is not None else None
             self.step(state_in, state_out, control, contacts, dt, observables=observables)
         finally:
-            self._steps, self._before = 1, None
+            self._steps, self._before, self._per_step = 1, None, PerStep()
 
     def _enable_rne_postconstraint(self, state_out: newton.State, observables: Any = None) -> None:
         """Note which accelerations and wrenches of bodies the coming step has to write, and where."""
@@ -325,11 +337,13 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             super()._mujoco_warp_step()
             return
         kernel, data, device = self.fused, self.mjw_data, str(self.model.device)
+        drives = self._per_step.drives
         if self._call is not None and self._call.state_in is not self._call.state_out:
             for name in ("joint_q", "joint_qd"):  # the kernel leaves joints of kinematic bodies as they are
                 wp.copy(getattr(self._call.state_out, name), getattr(self._call.state_in, name))
         if self.one_launch:
-            kernel.launch(self._arguments(first=True, last=True), data.nworld, device, self._steps)
+            arguments = self._arguments(first=True, last=True)
+            kernel.launch(arguments, data.nworld, device, self._steps, drives=drives)
             return
         for index in range(self._steps):
             arguments = self._arguments(first=index == 0, last=index == self._steps - 1)
@@ -337,7 +351,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
                 kernel.launch(arguments, data.nworld, device, place=True)
                 mujoco_warp.collision(self.mjw_model, data)
             self._list_contacts()
-            kernel.launch(arguments, data.nworld, device)
+            kernel.launch(arguments, data.nworld, device, drives=drives)
 
     def _list_contacts(self) -> None:
         """Put in order the contacts that the kernel does not find itself."""
@@ -374,6 +388,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             ls_iterations=opt.ls_iterations,
             given_contacts=bool(self._others),
             accelerations=self._kept_bodies is not None,
+            per_step=self._kinds,
         )
         kernel = step_kernel(tables, options, self._layout)
         if self._workspace is not None:  # recorded graphs have the addresses of these arrays
@@ -461,7 +476,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if last not in self._addresses:
             self._addresses[last] = self._refer_all(last)
         m = self._addresses[last]
-        given = self._read_arrays(self._call) if first and self._call is not None else {}
+        given = self._read_arrays(self._call, first) if self._call is not None else {}
         written = self._written_arrays(self._call) if last else {}
         for name in NEWTON_IN:
             setattr(m, name, _address(given.get(name)))
@@ -469,11 +484,12 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             setattr(m, name, _address(written.get(name)))
         return m
 
-    def _read_arrays(self, call: _Call) -> dict[str, wp.array]:
-        """Arrays of :data:`NEWTON_IN` that a call reads."""
-        state, control = call.state_in, call.control
-        arrays = {"body_f": state.body_f}
-        if call.reads_state:
+    def _read_arrays(self, call: _Call, first: bool) -> dict[str, wp.array]:
+        """Arrays of :data:`NEWTON_IN` that a call reads, the joints before its first step alone."""
+        state, control, per_step = call.state_in, call.control, self._per_step
+        arrays = {"body_f": state.body_f, "velocity_limit": per_step.velocity_limit}
+        arrays |= {"external_wrench": per_step.external_wrench, "wrench_in_world": per_step.wrench_in_world}
+        if call.reads_state and first:
             arrays |= {"joint_q_in": state.joint_q, "joint_qd_in": state.joint_qd}
         if control is not None and control.joint_f is not None:
             arrays |= {name: getattr(control, name) for name in ("joint_f", "joint_target_q", "joint_target_qd")}

@@ -14,6 +14,7 @@ import warp as wp
 from mujoco_warp import OverflowType
 
 import stripe_kernels
+from stripe_kernels.actuators import JointDrives, drive_explicit_joint
 from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, ModelTables
@@ -26,8 +27,8 @@ __all__ = [
 
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "touches.h", "world.h",
-    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "newton.h", "newton_state.h", "results.h",
-    "accelerations.h", "step.h",
+    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "newton.h", "newton_state.h", "per_step.h",
+    "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
@@ -45,13 +46,17 @@ CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "w
 _SPACES = ("contacts", "bodies")
 """Arrays for contacts that others find, and for what the kernel keeps of bodies for a moment where their accelerations
 are read, :data:`BODY_SIZE` numbers for each."""
+_PER_STEP = ("drives", "wrenches", "velocity_limits")
+"""Names that :attr:`KernelOptions.per_step` may have."""
 BODY_SIZE = 31
 """Numbers of a body, as in accelerations.h."""
 _ARRAYS = *STATE, *PARAMETERS, *OUTPUTS, *READ, *_SPACES
 NEWTON_IN = (
     "joint_q_in", "joint_qd_in", "joint_f", "body_f", "joint_target_q", "joint_target_qd", "controls",
+    "external_wrench", "wrench_in_world", "velocity_limit",
 )  # fmt: skip
-"""Arrays of Newton's state and control. Those with an address are read instead of MuJoCo's arrays of the same."""
+"""Arrays of Newton's state and control, and of what is done in each physics step (:class:`.per_step.PerStep`). Those of
+the state and control with an address are read instead of MuJoCo's arrays of the same."""
 NEWTON_OUT = (
     "joint_q_out", "joint_qd_out", "joint_q_before", "joint_qd_before", "body_q", "body_qd", "efforts", "body_qdd",
     "body_parent_f",
@@ -104,6 +109,8 @@ class KernelOptions:
     """The caller gives contacts, beside those that the kernel finds."""
     accelerations: bool = False
     """Accelerations of bodies and wrenches of their joints can be asked for; their code takes registers of a GPU."""
+    per_step: frozenset[str] = frozenset()
+    """Names of what each physics step may have to do, see :class:`.per_step.PerStep`."""
 
     def in_registers(self, tables: ModelTables) -> bool:
         """Whether matrices are factored in registers, a row in each lane."""
@@ -176,14 +183,34 @@ class StepKernel:
     options: KernelOptions
     layout: Layout
 
-    def launch(self, arguments: object, num_worlds: int, device: str, steps: int = 1, place: bool = False) -> None:
-        """Launch the kernel: ``steps`` time steps of ``num_worlds`` worlds, or only the placing of their geoms."""
+    def launch(
+        self,
+        arguments: object,
+        num_worlds: int,
+        device: str,
+        steps: int = 1,
+        place: bool = False,
+        drives: JointDrives | None = None,
+    ) -> None:
+        """Launch the kernel: ``steps`` time steps of ``num_worlds`` worlds, or only the placing of their geoms.
+
+        Args:
+            arguments: Addresses of the arrays.
+            num_worlds: Number of worlds.
+            device: Name of the device.
+            steps: Number of time steps.
+            place: Only place the geoms.
+            drives: Explicit actuators, if the kernel has them.
+        """
         lanes, per_block = self.options.lanes, self.layout.worlds_per_block
         blocks = -(-num_worlds // per_block)
         dim = num_worlds if lanes == 1 else blocks * per_block * lanes
         block = 256 if lanes == 1 else per_block * lanes
         kernel = self.place if place else self.kernel
-        wp.launch(kernel, dim=dim, inputs=[arguments, num_worlds, steps], device=device, block_dim=block)
+        inputs = [arguments, num_worlds, steps]
+        if not place and "drives" in self.options.per_step:
+            inputs.append(drives or JointDrives())
+        wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block)
 
 
 def step_kernel(tables: ModelTables, options: KernelOptions, newton: NewtonLayout | None = None) -> StepKernel:
@@ -214,6 +241,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",
         f"#define ACCELERATIONS {int(options.accelerations)}",
+        *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
         f"#define HAS_NEWTON {int(newton is not None)}",
@@ -256,32 +284,39 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     return "\n".join(
         [
             "import warp as wp",
+            "from stripe_kernels.actuators import JointDrives, drive_explicit_joint",
             "@wp.struct",
             "class Arguments:",
             *fields,
             f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
-            *_kernel("step", _steps(options, layout), options, layout, bounds),
+            *_kernel("step", _steps(options), options, layout, bounds, "drives" in options.per_step),
             *_kernel("place", _PLACING, options, layout, bounds),
             "",
         ]
     )
 
 
-def _kernel(name: str, work: list[str], options: KernelOptions, layout: Layout, bounds: str) -> list[str]:
+def _kernel(
+    name: str, work: list[str], options: KernelOptions, layout: Layout, bounds: str, drives: bool = False
+) -> list[str]:
     body = "\n".join(["", *_world(options, layout), *work, ""])
     memory = []
     if layout.in_shared:  # a tile, as it makes Warp ask for so much; it is the only one and thus at the start
         size = layout.worlds_per_block * layout.world_size + layout.tables_size // 4
         memory = [f"    memory = wp.tile_empty(shape=({size},), dtype=float, storage='shared')"]
+    more, given = (", drives: JointDrives", ", drives") if drives else ("", "")
+    # Native code calls this function. Warp emits it only where a kernel calls it, and ahead of what is called later.
+    called = ["    if steps < 0:", "        drive_explicit_joint(0, 0, 0.0, 0.0, drives)"] if drives else []
     return [
         f"@wp.func_native({body!r})",
-        f"def {name}_world(tid: int, m: Arguments, num_worlds: int, steps: int): ...",
+        f"def {name}_world(tid: int, m: Arguments, num_worlds: int, steps: int{more}): ...",
         f"@wp.kernel(enable_backward=False{bounds})",
-        f"def {name}_worlds(m: Arguments, num_worlds: int, steps: int):",
+        f"def {name}_worlds(m: Arguments, num_worlds: int, steps: int{more}):",
         "    library()",
+        *called,
         *memory,
-        f"    {name}_world(wp.tid(), m, num_worlds, steps)",
+        f"    {name}_world(wp.tid(), m, num_worlds, steps{given})",
     ]
 
 
@@ -310,10 +345,13 @@ def _world(options: KernelOptions, layout: Layout) -> list[str]:
 _PLACING = ["fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
 
 
-def _steps(options: KernelOptions, layout: Layout) -> list[str]:
+def _steps(options: KernelOptions) -> list[str]:
     contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
+    drive = f"[&](int dof, float q, float v) {{ return {drive_explicit_joint.native_func}(id, dof, q, v, drives); }}"
+    driven = [f"    if (drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
     return [
         "for (int s = 0; s < steps; s++) {",
+        *(driven if "drives" in options.per_step else []),
         f"    fused::step(w, P, {contacts}, {count}, s == steps - 1, lane);",
         "}",
         "fused::end_steps(w, fused::fresh(P), lane);",

@@ -18,6 +18,7 @@ from stripe_newton.sim import (
     KaminoSolverCfg,
     MassPropertiesCfg,
     MuJoCoSolverCfg,
+    PhysicsHook,
     RigidBodyPropertiesCfg,
     SemiImplicitSolverCfg,
     Simulation,
@@ -261,8 +262,13 @@ def test_the_solver_says_how_many_launches_a_step_takes():
     assert sim.describe_solver() == "the fused step, all physics steps of a step in one launch"
     sim.enable_external_wrench()
     sim.limit_velocities()
-    because = "external wrenches, velocity limits"
-    assert sim.describe_solver() == f"the fused step, a launch for each physics step because of {because}"
+    assert sim.describe_solver() == "the fused step, all physics steps of a step in one launch"
+
+    class Follower(PhysicsHook):
+        follows_each_step = True
+
+    sim.add_hook(Follower())
+    assert sim.describe_solver() == "the fused step, a launch for each physics step because of Follower"
 
 
 def test_mass_of_the_sliders_is_what_the_tests_assume(tmp_path):

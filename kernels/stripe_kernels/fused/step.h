@@ -154,8 +154,14 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
 #if HAS_NEWTON
     if (last && P.m.joint_q_before)
         write_newton_joints(w, fresh(P), (float*)P.m.joint_q_before, (float*)P.m.joint_qd_before, lane);
+#if NBALLS
+    read_ball_torques(w, fresh(P), lane);
+#endif
 #endif
     kinematics(w, fresh(P), lane);
+#if WRENCHES
+    apply_external_wrenches(w, fresh(P), lane);
+#endif
     forces(w, fresh(P), lane);
     together(P);
     const bool is_read = last && P.m.contact_geom;
@@ -185,6 +191,9 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
 #endif
     together(P);
     integrate(w, fresh(P), lane);
+#if VELOCITY_LIMITS
+    limit_velocities(w, fresh(P), lane);
+#endif
 }
 
 }  // namespace fused

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Per step: what has to happen at each physics step of a launch, on the state of that step: explicit actuators, external
+// wrenches, velocity limits. Launches of one physics step each do the same in kernels of their own, see
+// `Simulation.launch`. Kernels contain only what somebody asked for.
+
+#if HAS_NEWTON
+namespace fused {
+
+#if DRIVES
+// Efforts of explicit actuators. `drive(dof, position, velocity)` returns the effort of one of Newton's degrees of freedom
+// of this world; what it remembers, such as delayed targets, advances by a step. Joints of other kinds have none.
+template <class Drive>
+FN void drive_joints(const World& w, const Parameters& P, Drive drive, int lane) {
+    EACH(j, NJ) {
+        if (joint_type(j) != HINGE && joint_type(j) != SLIDE) continue;
+        const int dof = newton_v[j];
+        const float q = w.q[joint_q(j)] - reference(P, dof), v = w.v[joint_v(j)], effort = drive(dof, q, v);
+        P.qfrc_applied()[joint_v(j)] = moves_kinematic(P, j) ? 0 : effort;
+    }
+    SYNC();
+}
+#endif
+
+#if WRENCHES
+// External wrenches about the centres of mass, in the axes of the world or of the body, as Newton's forces on bodies.
+FN void apply_external_wrenches(const World& w, const Parameters& P, int lane) {
+    if (!P.m.external_wrench) return;
+    EACH(b, NB) {
+        const int n = newton_body_of(P, b);
+        if (n < 0) continue;
+        const float* given = (const float*)P.m.external_wrench + 6LL * n;
+        Vec force = load_newton(given), torque = load_newton(given + 3);
+        if (!((const bool*)P.m.wrench_in_world)[n]) {
+            Quat turn_b = load_quat(w.quat + 4 * b);
+            force = rotate(turn_b, force), torque = rotate(turn_b, torque);
+        }
+        float* body_f = (float*)P.m.body_f + 6LL * n;
+        store_newton(body_f, force), store_newton(body_f + 3, torque);
+    }
+    read_body_forces(P, lane);  // each lane those of the bodies whose wrenches it wrote
+    SYNC();
+}
+#endif
+
+#if VELOCITY_LIMITS
+// Limit the velocities of joints, as Newton has them.
+FN void limit_velocities(World& w, const Parameters& P, int lane) {
+    if (!P.m.velocity_limit) return;
+    EACH(j, NJ) {
+        const float* most = (const float*)P.m.velocity_limit + (long long)P.id * NEWTON_DOFS + newton_v[j];
+        const int size = joint_type(j) == FREE ? 6 : joint_type(j) == BALL ? 3 : 1;
+        real* own = w.v + joint_v(j);
+        // A velocity that is not a number stays so: a bound in its place would hide where it came from.
+        if (size == 1) own[0] = clamped(own[0], -most[0], most[0]);
+        else {
+            float q[7], v[6];
+            bool exceeds = false;
+            write_newton_joint(w, P, j, q, v);
+            for (int k = 0; k < size; k++) {
+                float limited = clamped(v[k], -most[k], most[k]);
+                exceeds = exceeds || limited != v[k];
+                v[k] = limited;
+            }
+            if (exceeds) read_newton_joint(w, P, j, q, v);
+        }
+    }
+    SYNC();
+}
+#endif
+
+}  // namespace fused
+#endif
