@@ -76,8 +76,9 @@ class ContactSensorCfg(SensorBaseCfg):
 class ContactSensor(SensorBase):
     """Net and filtered contact forces on bodies, their history, and times in contact and in the air.
 
-    With MuJoCo Warp forces are read from its contacts and constraints: two launches a measurement, and one more a step
-    for the times. Other solvers must report contact forces, which the sensor switches on. A measurement is of the
+    The fused solver writes the forces of contacts, which one launch a measurement reads. With MuJoCo Warp they are read
+    from its contacts and constraints: two launches a measurement, and one more a step for the times. Other solvers must
+    report contact forces, which the sensor switches on. A measurement is of the
     forces in the last physics step; the first of an episode is of its first step.
 
     ``data`` has ``net_forces_w``, ``net_forces_w_history``, ``force_matrix_w``, ``current_air_time``,
@@ -132,9 +133,7 @@ class ContactSensor(SensorBase):
 
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)
-        self._by_world = isinstance(sim.solver, SolverFused) and not sim.solver.unsupported
-        if isinstance(sim.solver, SolverFused):
-            sim.solver.fill_contacts()
+        self._forces = sim.solver.fill_contact_forces() if isinstance(sim.solver, SolverFused) else None
         self._clock = SensorClock(sim, self.cfg.update_period, type(self).__name__, starts_fresh=False)
         step = sim.physics_dt * (1 if self.every_substep else sim.decimation * self._period)
         self.struct = struct = kernels.ContactSensorData()
@@ -260,11 +259,15 @@ class ContactSensor(SensorBase):
     def _launch_measurement(self) -> None:
         struct, due = self._raw, self._clock.due
         begin = [due, self._elapsed, self.cfg.track_air_time]
-        wp.launch(kernels.begin_contacts, struct.net_forces_w.shape, begin, [self._pending, struct])
-        if self._reads_mujoco:
-            self._add_mujoco_contacts()
+        if self._forces is not None:
+            inputs = [*begin, self._rows, self._filters, self._forces.geoms, self._forces.forces]
+            wp.launch(kernels.measure_contacts, struct.net_forces_w.shape, inputs, [struct])
         else:
-            self._add_newton_contacts()
+            wp.launch(kernels.begin_contacts, struct.net_forces_w.shape, begin, [self._pending, struct])
+            if self._reads_mujoco:
+                self._add_mujoco_contacts()
+            else:
+                self._add_newton_contacts()
         if self._corruption is not None:
             self._corruption.launch(due)
 
@@ -274,8 +277,7 @@ class ContactSensor(SensorBase):
         fields = [getattr(data.contact, name) for name in CONTACT_FIELDS]
         tables = [self._clock.due, self._rows, self._filters, model.opt.cone]
         inputs = [*tables, *fields, data.efc.force, data.njmax, data.nacon]
-        places = data.naconmax // data.nworld if self._by_world else 1
-        wp.launch(add_mujoco_contacts, data.naconmax // places, [places, *inputs], [self._raw])
+        wp.launch(add_mujoco_contacts, data.naconmax, inputs, [self._raw])
 
     def _add_newton_contacts(self) -> None:
         contacts, forces = self._sim.contacts, self._sim.reported("contact_f")
@@ -290,7 +292,9 @@ class ContactSensor(SensorBase):
     def launch_measured(self) -> None:
         if not self.every_substep:
             self._launch_measurement()
-        if self.cfg.track_air_time:  # the last measurement becomes times, which terms of this step read
+        if (
+            self.cfg.track_air_time and self._forces is None
+        ):  # the last forces become times, which terms of this step read
             shape = self._pending.shape
             wp.launch(kernels.finish_contacts, shape, [self._elapsed], [self._pending, self._raw])
         self._clock.advance()

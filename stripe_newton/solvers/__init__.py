@@ -2,7 +2,7 @@
 """Solvers: the physics of articulated robots in one kernel, with MuJoCo's model and MuJoCo's formulas."""
 
 from .per_step import PerStep
-from .solver_fused import SolverFused
+from .solver_fused import ContactForces, SolverFused
 from .support import why_unsupported
 
-__all__ = ["PerStep", "SolverFused", "why_unsupported"]
+__all__ = ["ContactForces", "PerStep", "SolverFused", "why_unsupported"]

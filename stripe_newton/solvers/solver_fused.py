@@ -38,7 +38,7 @@ from .step_kernel import (
 )  # fmt: skip
 from .support import why_unsupported
 
-__all__ = ["SolverFused"]
+__all__ = ["ContactForces", "SolverFused"]
 
 _LANES = 8, 32
 """Threads of a GPU that share a world: of a model that has no more bodies and degrees of freedom, and of others."""
@@ -48,6 +48,17 @@ _MOST_PAIRS = 4096
 """Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
+
+
+@dataclass(frozen=True)
+class ContactForces:
+    """Forces of the contacts of the last step. Each world has a row, in which its contacts come first."""
+
+    geoms: wp.array
+    """The two geoms of MuJoCo's model, ``wp.vec2i``, shape ``(num_worlds, places)``; -1 in the first place without a
+    contact, behind which nothing is valid."""
+    forces: wp.array
+    """Forces on the second geom in the world frame [N], ``wp.vec3``, shape ``(num_worlds, places)``."""
 
 
 @dataclass
@@ -112,6 +123,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
         self._fills_contacts = False
+        self._contact_forces: ContactForces | None = None
         self._steps = 1
         self._before: tuple[wp.array, wp.array] | None = None
         self._per_step = PerStep()
@@ -198,8 +210,34 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self.unsupported = "contacts of Newton's collision detection are read"
             return
         self._fills_contacts = True
-        self._addresses.clear()
+        self._remake()
         self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
+
+    def fill_contact_forces(self) -> ContactForces | None:
+        """Write the forces of contacts from the next step on, which takes less than :meth:`fill_contacts`.
+
+        Graphs that were recorded before do not write them.
+
+        Returns:
+            Arrays that each step overwrites; None where MuJoCo Warp steps the model, or does so from now on because
+            contacts are those of Newton's collision detection.
+        """
+        if not self._use_mujoco_contacts:
+            self.fill_contacts()
+        if self.unsupported:
+            return None
+        if self._contact_forces is None:
+            shape = self.mjw_data.nworld, self.mjw_data.naconmax // self.mjw_data.nworld
+            with wp.ScopedDevice(self.model.device):
+                geoms = wp.full(shape, value=wp.vec2i(-1, -1), dtype=wp.vec2i)
+                self._contact_forces = ContactForces(geoms, wp.zeros(shape, dtype=wp.vec3))
+            self._remake()
+        return self._contact_forces
+
+    def _remake(self) -> None:
+        """Make another kernel for the next step, as more is asked of it."""
+        self._fused = None
+        self._addresses.clear()
 
     # -- a step
 
@@ -242,8 +280,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             raise RuntimeError(f"{', '.join(asked)}: need a kernel that converts Newton's state, as `converts` says")
         if not per_step.kinds <= self._kinds:
             self._kinds |= per_step.kinds
-            self._fused = None
-            self._addresses.clear()
+            self._remake()
         self._steps, self._before, self._per_step = steps, before, per_step
         try:
             contacts = observables.contacts if observables is not None else None
@@ -270,8 +307,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self._kept_bodies is None:
             shape = self.mjw_data.nworld, BODY_SIZE * self.mj_model.nbody
             self._kept_bodies = wp.empty(shape, dtype=float, device=self.model.device)
-            self._fused = None
-            self._addresses.clear()
+            self._remake()
 
     def step(
         self,
@@ -388,6 +424,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             ls_iterations=opt.ls_iterations,
             given_contacts=bool(self._others),
             accelerations=self._kept_bodies is not None,
+            contacts=self._fills_contacts,
+            contact_forces=self._contact_forces is not None,
             per_step=self._kinds,
         )
         kernel = step_kernel(tables, options, self._layout)
@@ -528,6 +566,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self._others:
             _refer(m, "contacts", self._given)
             m.contact_count = self._count.ptr
+        if last and self._contact_forces is not None:
+            _refer(m, "force_geoms", self._contact_forces.geoms)
+            _refer(m, "contact_forces", self._contact_forces.forces)
         if last and self._fills_contacts:
             for name in CONTACTS:
                 setattr(m, f"contact_{name}", getattr(data.contact, name).ptr)

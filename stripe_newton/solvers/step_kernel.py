@@ -43,14 +43,14 @@ READ = ("xpos", "xquat", "efc_force")
 """Arrays of MuJoCo Warp's data that are written where somebody reads contacts, ``(num_worlds, ...)``."""
 CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "worldid")
 """Arrays of its contacts that are; the arguments have their addresses as ``contact_*``, 0 where nobody reads them."""
-_SPACES = ("contacts", "bodies")
-"""Arrays for contacts that others find, and for what the kernel keeps of bodies for a moment where their accelerations
-are read, :data:`BODY_SIZE` numbers for each."""
+_SPACES = ("contacts", "bodies", "contact_forces")
+"""Arrays for contacts that others find, for what the kernel keeps of bodies for a moment where their accelerations are
+read, :data:`BODY_SIZE` numbers for each, and for forces of contacts."""
 _PER_STEP = ("drives", "wrenches", "velocity_limits")
 """Names that :attr:`KernelOptions.per_step` may have."""
 BODY_SIZE = 31
 """Numbers of a body, as in accelerations.h."""
-_ARRAYS = *STATE, *PARAMETERS, *OUTPUTS, *READ, *_SPACES
+_ARRAYS = *STATE, *PARAMETERS, *OUTPUTS, *READ, *_SPACES, "force_geoms"
 NEWTON_IN = (
     "joint_q_in", "joint_qd_in", "joint_f", "body_f", "joint_target_q", "joint_target_qd", "controls",
     "external_wrench", "wrench_in_world", "velocity_limit",
@@ -109,6 +109,10 @@ class KernelOptions:
     """The caller gives contacts, beside those that the kernel finds."""
     accelerations: bool = False
     """Accelerations of bodies and wrenches of their joints can be asked for; their code takes registers of a GPU."""
+    contacts: bool = False
+    """MuJoCo Warp's arrays of contacts and constraint forces can be filled."""
+    contact_forces: bool = False
+    """Forces and geoms of contacts can be written."""
     per_step: frozenset[str] = frozenset()
     """Names of what each physics step may have to do, see :class:`.per_step.PerStep`."""
 
@@ -241,6 +245,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",
         f"#define ACCELERATIONS {int(options.accelerations)}",
+        f"#define CONTACTS {int(options.contacts)}",
+        f"#define CONTACT_FORCES {int(options.contact_forces)}",
         *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
@@ -262,7 +268,7 @@ def _parameters_source() -> str:
     the registers.
     """
     kinds = dict.fromkeys(PARAMETERS, "const real*") | dict.fromkeys((*STATE, *READ, *_SPACES), "real*")
-    kinds |= dict.fromkeys(OUTPUTS, "int*") | {"qfrc_actuator": "real*"}
+    kinds |= dict.fromkeys((*OUTPUTS, "force_geoms"), "int*") | {"qfrc_actuator": "real*"}
     methods = [
         f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"
         for n, kind in kinds.items()

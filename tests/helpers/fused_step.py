@@ -269,7 +269,9 @@ def compare(
         for k in range(contact_counts[i]):
             contacts[i, k] = _numbers(model, active[k])
     tolerance = 1e-15 if double else 1e-6
-    options = KernelOptions(double=double, tolerance=tolerance, given_contacts=given_contacts, accelerations=True)
+    options = KernelOptions(
+        double=double, tolerance=tolerance, given_contacts=given_contacts, accelerations=True, contacts=True
+    )
     tables = ModelTables.of(model, MAX_ROWS, MAX_CONTACTS)
     kernel = step_kernel(dataclasses.replace(tables, pairs=()) if given_contacts else tables, options)
     dtype = wp.float64 if double else wp.float32

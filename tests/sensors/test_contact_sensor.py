@@ -10,7 +10,10 @@ import newton
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
+from stripe_kernels.sensors.contact import ContactSensorData
+from stripe_kernels.sensors.contact_mujoco import CONTACT_FIELDS, add_mujoco_contacts
 from stripe_newton.assets import AssetBaseCfg, RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.noise import ConstantNoiseCfg, GaussianNoiseCfg, NoiseModelWithAdditiveBiasCfg
@@ -214,6 +217,38 @@ def test_forces_come_from_what_is_touched():
     matrix = numpy(of_box.force_matrix_w)[:, 0]
     np.testing.assert_allclose(matrix[:, 0, 2], 5.0 * G, rtol=0.02)
     np.testing.assert_allclose(matrix[:, 1], -numpy(of_ball.net_forces_w)[:, 0], atol=1e-4)
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_forces_of_the_fused_step_are_those_of_its_constraints(cone):
+    """Of contacts that slide and turn; MuJoCo Warp's function computes them from the rows of the constraints."""
+    stack = {
+        "ground": GROUND,
+        "box": body("Box", CuboidCfg(size=(0.4, 0.4, 0.2)), (0.0, 0.0, 0.1), mass=3.0),
+        "ball": ball(0.2 + RADIUS),
+    }
+    sensor = ContactSensorCfg(
+        prim_path="{ENV_REGEX_NS}/B.*", filter_prim_paths_expr=["/World/ground", BALL], history_length=2, substeps=False
+    )
+    scene = build({"touch": sensor}, stack, num_envs=3, solver=MuJoCoSolverCfg(**SOLVER, cone=cone), decimation=4)
+    sim, touch = scene.sim, scene.sensors["touch"]
+    sim.solver.fill_contacts()
+    speeds = torch.tensor([[1.0, 0.3, 0.0, 0.2, 0.5, 2.0]]) * torch.arange(1, 4).unsqueeze(1)
+    scene["box"].write_root_velocity_to_sim(speeds)
+    for _ in range(5):
+        run(scene, 1)
+        expected = ContactSensorData()
+        expected.net_forces_w = wp.zeros((3, 2), dtype=wp.vec3, device="cpu")
+        expected.force_matrix_w = wp.zeros((3, 2, 2), dtype=wp.vec3, device="cpu")
+        data, rows = sim.solver.mjw_data, [touch._clock.due, touch._rows, touch._filters, sim.solver.mjw_model.opt.cone]
+        fields = [getattr(data.contact, name) for name in CONTACT_FIELDS]
+        inputs = [*rows, *fields, data.efc.force, data.njmax, data.nacon]
+        wp.launch(add_mujoco_contacts, data.naconmax, inputs, [expected], device="cpu")
+        forces = expected.net_forces_w.numpy()
+        assert np.abs(forces[:, :, :2]).max() > 1.0  # friction
+        np.testing.assert_allclose(numpy(touch.data.net_forces_w), forces, atol=1e-5 * np.abs(forces).max())
+        matrix = expected.force_matrix_w.numpy()
+        np.testing.assert_allclose(numpy(touch.data.force_matrix_w), matrix, atol=1e-5 * np.abs(forces).max())
 
 
 @pytest.mark.parametrize(

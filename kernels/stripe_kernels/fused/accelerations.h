@@ -35,29 +35,6 @@ FN void keep_bodies(const World& w, const Parameters& P, int lane) {
     SYNC();
 }
 
-// Wrench of a contact at a point, about the origin of the tree, from the forces of its rows: normal, two tangents, and
-// torques about the same axes. In a pyramid the rows are pairs of edges, each the normal and plus or minus a friction
-// coefficient times another axis.
-FN Spatial contact_wrench(const World& w, const real* C, Vec at) {
-    int dim = (int)C[C_DIM], r = (int)C[C_ROW];
-    Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT), force{0, 0, 0}, torque{0, 0, 0};
-    for (int i = 0; i < dim; i++) {
-        bool is_pair = dim > 1 && !ELLIPTIC_CONES;
-        real x = 0;
-        if (!is_pair) x = row_of<false>(w, r + i)[R_F];
-        else if (i) {
-            const real *plus = row_of<false>(w, r + 2 * i - 2), *minus = row_of<false>(w, r + 2 * i - 1);
-            x = C[C_FRICTION + i - 1] * (plus[R_F] - minus[R_F]);
-        }
-        else
-            for (int k = 0; k < 2 * (dim - 1); k++) x += row_of<false>(w, r + k)[R_F];
-        Vec axis = i % 3 == 0 ? n : i % 3 == 1 ? t : cross(n, t);
-        if (i < 3) force = force + x * axis;
-        else torque = torque + x * axis;
-    }
-    return Spatial{torque + cross(at, force), force};
-}
-
 // Wrenches on a body from outside, about the origin of its tree: of contacts and attachments.
 FN Spatial constraint_wrench(const World& w, int b, int contacts) {
     Spatial sum{{0, 0, 0}, {0, 0, 0}};
@@ -66,7 +43,8 @@ FN Spatial constraint_wrench(const World& w, int b, int contacts) {
         int b1 = (int)C[C_BODY], b2 = (int)C[C_BODY + 1];
         if (b1 == b2 || (b != b1 && b != b2)) continue;
         Vec at = load(C + C_POS) + (origin_of(w, b1, b2) - origin_of(w, b));
-        sum = sum + (real)(b == b2 ? 1 : -1) * contact_wrench(w, C, at);
+        Spatial own = contact_wrench(w, C);
+        sum = sum + (real)(b == b2 ? 1 : -1) * Spatial{own.a + cross(at, own.l), own.l};
     }
 #if NATTACHMENTS
     for (int i = 0; i < NATTACHMENTS; i++)

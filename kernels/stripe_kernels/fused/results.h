@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Results: what others read in MuJoCo's data: poses of bodies and geoms, contacts and the forces of constraints.
+// Results: what others read of a step, in MuJoCo's data or in arrays of their own: poses of bodies and geoms, contacts and
+// their forces. Kernels contain only what somebody asked for.
 
 namespace fused {
-
-FN void write_body_poses(const World& w, const Parameters& P, int lane) {
-    EACH(b, NB) {
-        store(P.xpos() + 3 * b, load(w.pos + 3 * b) + origin_of(w, b));
-        store_quat(P.xquat() + 4 * b, load_quat(w.quat + 4 * b));
-    }
-}
 
 // Poses and velocities of bodies at the end of a launch as Newton has them: (position, x, y, z, w), and (velocity of the
 // centre of mass, angular velocity) in the world.
@@ -37,6 +31,60 @@ FN void write_geom_poses(const World& w, const Parameters& P, int lane) {
     }
 }
 
+#if CONTACTS || CONTACT_FORCES
+// Geom of a contact, the first (k = 0) or the second one.
+FN int contact_geom(const real* C, const real* given, int k) {
+    int pair = (int)C[C_PAIR];
+    if (pair < 0) return (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k];
+    return k ? contact_geom2(pair) : first_geom(C, pair);
+}
+#endif
+
+#if CONTACT_FORCES || ACCELERATIONS
+// Wrench of a contact on its second body, about its point, from the forces of its rows: normal, two tangents, and torques
+// about the same axes. In a pyramid the rows are pairs of edges, each the normal and plus or minus a friction coefficient
+// times another axis.
+FN Spatial contact_wrench(const World& w, const real* C) {
+    int dim = (int)C[C_DIM], r = (int)C[C_ROW];
+    Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT), force{0, 0, 0}, torque{0, 0, 0};
+    ROLLED for (int i = 0; i < dim; i++) {
+        bool is_pair = dim > 1 && !ELLIPTIC_CONES;
+        real x = 0;
+        if (!is_pair) x = row_of<false>(w, r + i)[R_F];
+        else if (i) {
+            const real *plus = row_of<false>(w, r + 2 * i - 2), *minus = row_of<false>(w, r + 2 * i - 1);
+            x = C[C_FRICTION + i - 1] * (plus[R_F] - minus[R_F]);
+        }
+        else
+            for (int k = 0; k < 2 * (dim - 1); k++) x += row_of<false>(w, r + k)[R_F];
+        Vec axis = i % 3 == 0 ? n : i % 3 == 1 ? t : cross(n, t);
+        if (i < 3) force = force + x * axis;
+        else torque = torque + x * axis;
+    }
+    return Spatial{torque, force};
+}
+#endif
+
+#if CONTACT_FORCES
+// Geoms of the contacts, and their forces on the second one in the world. The first place without a contact has geoms of -1.
+FN void write_contact_forces(const World& w, const Parameters& P, const real* given, int contacts, int lane) {
+    EACH(c, contacts < MAX_CONTACTS ? contacts + 1 : MAX_CONTACTS) {
+        const bool is_contact = c < contacts;
+        const real* C = contact_of<false>(w, is_contact ? c : 0);
+        for (int k = 0; k < 2; k++) P.force_geoms()[2 * c + k] = is_contact ? contact_geom(C, given, k) : -1;
+        if (is_contact) store(P.contact_forces() + 3 * c, contact_wrench(w, C).l);
+    }
+}
+#endif
+
+#if CONTACTS
+FN void write_body_poses(const World& w, const Parameters& P, int lane) {
+    EACH(b, NB) {
+        store(P.xpos() + 3 * b, load(w.pos + 3 * b) + origin_of(w, b));
+        store_quat(P.xquat() + 4 * b, load_quat(w.quat + 4 * b));
+    }
+}
+
 // Contacts of the world, in its MAX_CONTACTS places among those of all worlds; the other places are of no geoms. `rows` are all
 // rows, whose forces are known.
 FN void write_contacts(const World& w, const Parameters& P, const real* given, int contacts, int rows, int lane) {
@@ -53,9 +101,8 @@ FN void write_contacts(const World& w, const Parameters& P, const real* given, i
             continue;
         }
         const real* C = contact_of<false>(w, c);
-        int pair = (int)C[C_PAIR], size = rows_of(C);
-        for (int k = 0; k < 2; k++)
-            geom[k] = pair < 0 ? (int)given[GIVEN_SIZE * (-1 - pair) + G_GEOM + k] : k ? contact_geom2(pair) : first_geom(C, pair);
+        const int size = rows_of(C);
+        for (int k = 0; k < 2; k++) geom[k] = contact_geom(C, given, k);
         for (int i = 0; i < size; i++) address[i] = (int)C[C_ROW] + i;
         Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
         store((real*)P.m.contact_pos + 3 * (first + c), load(C + C_POS) + origin_of(w, (int)C[C_BODY], (int)C[C_BODY + 1]));
@@ -65,5 +112,6 @@ FN void write_contacts(const World& w, const Parameters& P, const real* given, i
         ((int*)P.m.contact_dim)[first + c] = (int)C[C_DIM];
     }
 }
+#endif
 
 }  // namespace fused

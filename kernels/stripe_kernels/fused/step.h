@@ -164,8 +164,10 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
 #endif
     forces(w, fresh(P), lane);
     together(P);
+#if CONTACTS
     const bool is_read = last && P.m.contact_geom;
     if (is_read) write_body_poses(w, fresh(P), lane);
+#endif
 #if ACCELERATIONS
     if (last && (P.m.body_qdd || P.m.body_parent_f)) keep_bodies(w, fresh(P), lane);
 #endif
@@ -185,7 +187,12 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     together(P);
     int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
     if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflow;
+#if CONTACTS
     if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
+#endif
+#if CONTACT_FORCES
+    if (last && P.m.force_geoms) write_contact_forces(w, fresh(P), given, contacts, lane);
+#endif
 #if ACCELERATIONS
     if (last && (P.m.body_qdd || P.m.body_parent_f)) write_accelerations(w, fresh(P), contacts, lane);
 #endif

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact sensor: contact forces on bodies, and times in contact and in the air.
 
-A measurement is two launches: ``begin_contacts`` shifts the history and clears the sums, then one kernel adds the
-forces, a thread a contact (``contact_mujoco.add_mujoco_contacts``, or ``add_newton_contacts`` for the other solvers).
-Times need the complete sums, so they are updated by the next ``begin_contacts``, or by ``finish_contacts`` at the end
-of the step.
+With the fused solver, which lists the contacts of each world, a measurement is one launch, ``measure_contacts``.
+
+With others it is two: ``begin_contacts`` shifts the history and clears the sums, then one kernel adds the forces, a
+thread a contact (``contact_mujoco.add_mujoco_contacts``, or ``add_newton_contacts`` for solvers other than MuJoCo
+Warp). Times need the complete sums, so they are updated by the next ``begin_contacts``, or by ``finish_contacts`` at
+the end of the step.
 """
 
 import warp as wp
@@ -18,6 +20,7 @@ __all__ = [
     "first_air",
     "first_contact",
     "largest_force",
+    "measure_contacts",
     "reset_contacts",
 ]
 
@@ -101,6 +104,17 @@ def _update_times(env: int, body: int, elapsed: float, sensor: ContactSensorData
         sensor.current_air_time[env, body] = air + elapsed
 
 
+@wp.func
+def _shift_history(env: int, body: int, sensor: ContactSensorData):
+    """Make room for a measurement in the history of a body, and clear its filtered forces."""
+    count = sensor.net_forces_w_history.shape[1]
+    for k in range(1, count):  # from the oldest entry on, so that none is overwritten before it is copied
+        slot = count - k
+        sensor.net_forces_w_history[env, slot, body] = sensor.net_forces_w_history[env, slot - 1, body]
+    for k in range(sensor.force_matrix_w.shape[2]):
+        sensor.force_matrix_w[env, body, k] = wp.vec3()
+
+
 @wp.kernel(enable_backward=False)
 def begin_contacts(
     due: wp.array[wp.bool],
@@ -127,13 +141,56 @@ def begin_contacts(
     if pending[env, body]:
         _update_times(env, body, elapsed[0], sensor)
     pending[env, body] = track_times
-    count = sensor.net_forces_w_history.shape[1]
-    for k in range(1, count):  # from the oldest entry on, so that none is overwritten before it is copied
-        slot = count - k
-        sensor.net_forces_w_history[env, slot, body] = sensor.net_forces_w_history[env, slot - 1, body]
+    _shift_history(env, body, sensor)
     sensor.net_forces_w[env, body] = wp.vec3()
-    for k in range(sensor.force_matrix_w.shape[2]):
-        sensor.force_matrix_w[env, body, k] = wp.vec3()
+
+
+@wp.kernel(enable_backward=False)
+def measure_contacts(
+    due: wp.array[wp.bool],
+    elapsed: wp.array[float],
+    track_times: bool,
+    geom_row: wp.array2d[int],
+    geom_column: wp.array2d[int],
+    contact_geoms: wp.array2d[wp.vec2i],
+    contact_forces: wp.array2d[wp.vec3],
+    sensor: ContactSensorData,
+):
+    """Measure: shift the history, sum the forces of the contacts listed for each environment, update the times.
+
+    Threads are (environment, body). Each goes over the contacts of its environment: there are few, they are the same
+    for neighbouring threads, and sums in the order of the list are the same in every run.
+
+    Args:
+        due: Environments that measure, shape ``(num_envs,)``.
+        elapsed: Time between two measurements [s], shape ``(1,)``.
+        track_times: Whether times in contact and in the air are tracked.
+        geom_row: Index of each geom's body among the sensor's, else -1, shape ``(num_envs or 1, num_geoms)``.
+        geom_column: Filter that each geom belongs to, else -1, same shape.
+        contact_geoms: The two geoms, -1 in the first place without a contact, shape ``(num_envs, places)``.
+        contact_forces: Forces on the second geom, in the world frame [N], shape ``(num_envs, places)``.
+        sensor: The sensor to write.
+    """
+    env, body = wp.tid()
+    if not due[env]:
+        return
+    _shift_history(env, body, sensor)
+    table = env % geom_row.shape[0]
+    net = wp.vec3()
+    for contact in range(contact_geoms.shape[1]):
+        pair = contact_geoms[env, contact]
+        if pair[0] < 0:
+            break
+        for side in range(2):
+            if geom_row[table, pair[side]] == body:
+                force = contact_forces[env, contact] * (2.0 * float(side) - 1.0)
+                net += force
+                column = geom_column[table, pair[1 - side]]
+                if column >= 0:
+                    sensor.force_matrix_w[env, body, column] += force
+    sensor.net_forces_w[env, body] = net
+    if track_times:
+        _update_times(env, body, elapsed[0], sensor)
 
 
 @wp.kernel(enable_backward=False)

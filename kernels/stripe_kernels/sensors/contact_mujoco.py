@@ -15,7 +15,6 @@ CONTACT_FIELDS = ("frame", "friction", "dim", "efc_address", "adhesion", "geom",
 
 @wp.kernel(enable_backward=False)
 def add_mujoco_contacts(
-    places: int,
     due: wp.array[wp.bool],
     geom_row: wp.array2d[int],
     geom_column: wp.array2d[int],
@@ -32,12 +31,9 @@ def add_mujoco_contacts(
     nacon: wp.array[int],
     sensor: ContactSensorData,
 ):
-    """Add the forces of MuJoCo Warp's contacts; a thread for each ``places`` places of contacts, which may be empty.
-
-    Where each world has its own places, a thread a world adds its forces in the same order in every run.
+    """Add the forces of MuJoCo Warp's contacts; a thread for each place of a contact, which may be empty.
 
     Args:
-        places: Number of places of a thread.
         due: Environments that measure, shape ``(num_envs,)``.
         geom_row: Index of each geom's body among the sensor's, else -1, shape ``(num_envs or 1, num_geoms)``.
         geom_column: Filter that each geom belongs to, else -1, same shape.
@@ -54,39 +50,36 @@ def add_mujoco_contacts(
         nacon: Number of contacts in all worlds, shape ``(1,)``.
         sensor: The sensor to add to.
     """
-    first = wp.tid() * places
-    for contact in range(first, first + places):
-        if places > 1 and contact_geom[contact][0] < 0:  # the world has no more
-            return
-        # A contact without a row of constraints lies within the gap and carries no force.
-        if contact >= nacon[0] or contact_efc_address[contact, 0] < 0:
-            continue
-        pair = contact_geom[contact]
-        if pair[0] < 0 or pair[1] < 0:  # a flex, not a geom
-            continue
-        world = contact_worldid[contact]
-        table = world % geom_row.shape[0]
-        row0 = geom_row[table, pair[0]]
-        row1 = geom_row[table, pair[1]]
-        if wp.max(row0, row1) < 0 or not due[world]:
-            continue
-        bodies = sensor.net_forces_w.shape[1]
-        wrench = contact_force_fn(
-            cone,
-            contact_frame,
-            contact_friction,
-            contact_dim,
-            contact_efc_address,
-            contact_adhesion,
-            efc_force,
-            njmax,
-            nacon,
-            world,
-            contact,
-            True,
-        )
-        force = wp.spatial_top(wrench)  # on the second geom
-        if row0 >= 0:
-            add_force(world * bodies + row0, geom_column[table, pair[1]], -force, sensor)
-        if row1 >= 0:
-            add_force(world * bodies + row1, geom_column[table, pair[0]], force, sensor)
+    contact = wp.tid()
+    # A contact without a row of constraints lies within the gap and carries no force.
+    if contact >= nacon[0] or contact_efc_address[contact, 0] < 0:
+        return
+    pair = contact_geom[contact]
+    if pair[0] < 0 or pair[1] < 0:  # a flex, not a geom
+        return
+    world = contact_worldid[contact]
+    table = world % geom_row.shape[0]
+    row0 = geom_row[table, pair[0]]
+    row1 = geom_row[table, pair[1]]
+    if wp.max(row0, row1) < 0 or not due[world]:
+        return
+    bodies = sensor.net_forces_w.shape[1]
+    wrench = contact_force_fn(
+        cone,
+        contact_frame,
+        contact_friction,
+        contact_dim,
+        contact_efc_address,
+        contact_adhesion,
+        efc_force,
+        njmax,
+        nacon,
+        world,
+        contact,
+        True,
+    )
+    force = wp.spatial_top(wrench)  # on the second geom
+    if row0 >= 0:
+        add_force(world * bodies + row0, geom_column[table, pair[1]], -force, sensor)
+    if row1 >= 0:
+        add_force(world * bodies + row1, geom_column[table, pair[0]], force, sensor)
