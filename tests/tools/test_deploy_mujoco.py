@@ -19,6 +19,7 @@ import stripe_tasks  # noqa: F401
 from stripe_newton.envs import ManagerBasedRLEnv
 from stripe_newton.managers import RunningNormCfg
 from stripe_newton.rl import OnPolicyRunner, RslRlMLPModelCfg, RslRlRNNModelCfg, RslRlVecEnvWrapper, export_policy
+from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg, CartpoleManagerPPORunnerCfg
 from stripe_tasks.velocity.humanoid import HumanoidFlatEnvCfg, HumanoidFlatPPORunnerCfg
 from stripe_tasks.velocity.quadruped import QuadrupedFlatEnvCfg, QuadrupedFlatPPORunnerCfg
 from tests.helpers.checkout import TOOLS
@@ -41,7 +42,8 @@ def make_runner(env_cfg: Any, agent_cfg: Any, robot: Path) -> OnPolicyRunner:
     env_cfg.seed, env_cfg.sim.device, env_cfg.scene.num_envs, env_cfg.scene.env_spacing = 2, "cpu", 1, 0.0
     env_cfg.sim.solver.save_to_mjcf = str(robot)
     for name in ("payload", "centre_of_mass", "soles"):
-        setattr(env_cfg.events, name, None)
+        if hasattr(env_cfg.events, name):
+            setattr(env_cfg.events, name, None)
     agent_cfg.algorithm.num_mini_batches = 1
     return OnPolicyRunner(RslRlVecEnvWrapper(ManagerBasedRLEnv(env_cfg), agent_cfg.clip_actions), agent_cfg)
 
@@ -143,6 +145,29 @@ def alone(folder: Path) -> None:
     assert all(math.isnan(r["error_lin"]) for r in results)  # too short to follow anything
 
 
+def test_a_robot_on_a_fixed_base_is_driven_by_efforts(tool, tmp_path):
+    """The cart-pole moves as in the environment, pushed to and fro by a policy that was not trained."""
+    env_cfg, agent_cfg = CartpoleManagerEnvCfg(), CartpoleManagerPPORunnerCfg()
+    runner = make_runner(env_cfg, agent_cfg, tmp_path / "robot.xml")
+    env = runner.env.unwrapped
+    with torch.inference_mode():
+        runner.env.reset(seed=5)
+        files = export_policy(runner, tmp_path)
+        policy = tool.Policy(str(files.onnx))
+        robot = tool.Robot(str(tmp_path / "robot.xml"), policy.metadata)
+        robot.reset(env.sim.state.joint_q.numpy())
+        for step in range(20):
+            action = np.array([0.5 * math.sin(0.4 * step)])
+            robot.step(tool.targets(policy.metadata, action), tool.efforts(policy.metadata, action))
+            runner.env.step(torch.tensor(action, dtype=torch.float32)[None])
+            np.testing.assert_allclose(robot.data.qpos, env.sim.state.joint_q.numpy(), atol=1e-4)
+        assert abs(robot.data.qpos).min() > 0.05  # both joints have moved
+        results = [tool.episode(robot, policy, np.zeros(0), 1.2, offset=0.1)]
+    assert set(results[0]) == {"seconds", "slider_to_cart", "cart_to_pole"}
+    assert "cart_to_pole off by" in tool.report(results)
+    runner.env.close()
+
+
 def test_what_the_program_does_not_know(tool, tmp_path):
     """It says so, by name."""
     robot = tmp_path / "robot.xml"
@@ -151,6 +176,6 @@ def test_what_the_program_does_not_know(tool, tmp_path):
     metadata: dict[str, Any] = {"assets": {"robot": asset}, "rates": {}, "actions": {"size": 1}}
     with pytest.raises(SystemExit, match="joint 'knee': found none among"):
         tool.Robot(str(robot), metadata)
-    term = {"type": "JointEffortAction", "name": "force", "first": 0, "size": 1}
-    with pytest.raises(SystemExit, match="action 'force': JointEffortAction is not known here"):
+    term = {"type": "JointVelocityAction", "name": "speed", "first": 0, "size": 1}
+    with pytest.raises(SystemExit, match="action 'speed': JointVelocityAction is not known here; there are JointPos"):
         tool.targets({"assets": {"robot": asset}, "actions": {"terms": [term]}}, np.zeros(1))

@@ -2,13 +2,14 @@
 """Deployment in plain MuJoCo: run an exported policy with numpy, mujoco and onnxruntime, without this package.
 
     python tools/deployment/deploy_mujoco.py policy.onnx robot.xml
-        [--command 0.5 0 0] [--episodes 20] [--seconds 20] [--view]
+        [--command 0.5 0 0] [--spread 0.2] [--episodes 20] [--seconds 20] [--view]
 
 All facts about the task come from ``policy.onnx``: the joints and their order, the default pose, gains and limits, how
 actions become targets, the observations with their scales, and the rates. ``robot.xml`` is the robot as MJCF, such as
 ``stripe-newton export RUN --mjcf`` writes it; its actuators are replaced. Without ``--command`` each episode draws a
 command from the ranges of the training. The program prints the share of episodes without a fall and the error of the
-velocities. For a real robot, write another :class:`Robot`.
+velocities; of a robot on a fixed base the mean distance of each joint from the default pose, which it starts away from
+by up to ``--spread``. For a real robot, write another :class:`Robot`.
 """
 
 from __future__ import annotations
@@ -64,8 +65,8 @@ class Robot:
     def __init__(self, path: str, metadata: Metadata):
         self.rates, (name, *others) = metadata["rates"], list(metadata["assets"])
         self.asset = asset = metadata["assets"][name]
-        if others or asset["fixed_base"]:
-            raise SystemExit("this program knows one robot with a free base")
+        if others:
+            raise SystemExit(f"this program knows one robot, the policy has {', '.join(metadata['assets'])}")
         spec = mujoco.MjSpec.from_file(path)
         joints = [_find(spec, joint) for joint in asset["joint_names"]]
         for actuator in list(spec.actuators):
@@ -87,20 +88,29 @@ class Robot:
         while self.model.body_parentid[body]:
             body = self.model.body_parentid[body]
         self.base = int(body)
-        self.free = int(self.model.jnt_qposadr[self.model.body_jntadr[body]])
+        self.free = None if asset["fixed_base"] else int(self.model.jnt_qposadr[self.model.body_jntadr[body]])
         self.default_pos = np.array(asset["default_joint_pos"])
 
-    def reset(self) -> None:
-        """Stand in the default pose."""
+    def reset(self, offset: np.ndarray | float = 0.0) -> None:
+        """Take the default pose, with the joints away from it by ``offset`` [m or rad]."""
         mujoco.mj_resetData(self.model, self.data)
         x, y, z, w = self.asset["default_root_quat_xyzw"]
-        self.data.qpos[self.free : self.free + 7] = [*self.asset["default_root_pos"], w, x, y, z]
-        self.data.qpos[self.qpos] = self.default_pos
+        if self.free is not None:
+            self.data.qpos[self.free : self.free + 7] = [*self.asset["default_root_pos"], w, x, y, z]
+        self.data.qpos[self.qpos] = self.default_pos + offset
+        self.data.ctrl[:] = self.default_pos
         mujoco.mj_forward(self.model, self.data)
 
-    def step(self, targets: np.ndarray) -> None:
-        """Hold position targets [rad] for one step of the policy; NaN leaves a joint at its last target."""
+    def step(self, targets: np.ndarray, efforts: np.ndarray | float = 0.0) -> None:
+        """Hold targets for one step of the policy.
+
+        Args:
+            targets: Positions [m or rad]; NaN leaves a joint at its last target.
+            efforts: Efforts added to those of the drives [N or N m].
+        """
         self.data.ctrl[:] = np.where(np.isnan(targets), self.data.ctrl, targets)
+        limits = [math.inf if limit is None else limit for limit in self.asset["effort_limit"]]
+        self.data.qfrc_applied[self.qvel] = np.clip(efforts, np.negative(limits), limits)
         mujoco.mj_step(self.model, self.data, self.rates["decimation"])
 
     @property
@@ -117,8 +127,8 @@ class Robot:
 
     @property
     def has_fallen(self) -> bool:
-        """Whether the base leans by more than ``FALLEN``."""
-        return bool(np.arccos(np.clip(self.data.xmat[self.base][8], -1.0, 1.0)) > FALLEN)
+        """Whether the base leans by more than ``FALLEN``; one that is fixed does not."""
+        return self.free is not None and bool(np.arccos(np.clip(self.data.xmat[self.base][8], -1.0, 1.0)) > FALLEN)
 
 
 def _find(spec: mujoco.MjSpec, joint: str) -> str:
@@ -196,12 +206,25 @@ class Observations:
 
 
 def targets(metadata: Metadata, action: np.ndarray) -> np.ndarray:
-    """Position targets of all joints in the asset's order [rad]; NaN where no action moves a joint."""
+    """Position targets of all joints in the asset's order [m or rad]; NaN where no action moves a joint."""
+    return _joint_values(metadata, action, "JointPositionAction", math.nan)
+
+
+def efforts(metadata: Metadata, action: np.ndarray) -> np.ndarray:
+    """Efforts of all joints in the asset's order [N or N m]; 0 where no action drives a joint."""
+    return _joint_values(metadata, action, "JointEffortAction", 0.0)
+
+
+def _joint_values(metadata: Metadata, action: np.ndarray, kind: str, other: float) -> np.ndarray:
+    """What the actions of a kind set for each joint, and ``other`` where none does."""
+    known = "JointPositionAction", "JointEffortAction"
     (asset,) = metadata["assets"].values()
-    out = np.full(len(asset["joint_names"]), math.nan)
+    out = np.full(len(asset["joint_names"]), other)
     for term in metadata["actions"]["terms"]:
-        if term["type"] != "JointPositionAction":
-            raise SystemExit(f"action '{term['name']}': {term['type']} is not known here, JointPositionAction is")
+        if term["type"] not in known:
+            raise SystemExit(f"action '{term['name']}': {term['type']} is not known here; there are {', '.join(known)}")
+        if term["type"] != kind:
+            continue
         value = action[term["first"] : term["first"] + term["size"]]
         value = np.array(term["scale"]) * value + np.array(term["offset"])
         for i, (low, high) in enumerate(term["clip"] or []):
@@ -211,49 +234,65 @@ def targets(metadata: Metadata, action: np.ndarray) -> np.ndarray:
 
 
 def draw_command(metadata: Metadata, rng: np.random.Generator) -> np.ndarray:
-    """A velocity from the ranges of the training: forward, sideways [m/s], yaw rate [rad/s]."""
+    """A velocity from the ranges of the training: forward, sideways [m/s], yaw rate [rad/s]; empty without commands."""
+    if not metadata["commands"]:
+        return np.zeros(0)
     (command,) = metadata["commands"].values()
     return np.array([rng.uniform(*command["ranges"][name]) for name in ("lin_vel_x", "lin_vel_y", "ang_vel_z")])
 
 
 def episode(
-    robot: Robot, policy: Policy, command: np.ndarray, seconds: float, after_step: Callable[[], None] | None = None
+    robot: Robot,
+    policy: Policy,
+    command: np.ndarray,
+    seconds: float,
+    after_step: Callable[[], None] | None = None,
+    offset: np.ndarray | float = 0.0,
 ) -> dict[str, float]:
-    """Run an episode with one command; return its length and the errors of its velocities."""
+    """Run an episode with one command, and joints that start away from the default pose by ``offset`` [m or rad].
+
+    Returns:
+        Its length, and mean errors from its first second on: of the velocities, or without a command the distances of
+        the joints from the default pose, by name.
+    """
     observe, dt, errors = Observations(robot, policy.metadata), robot.rates["step_dt"], []
-    robot.reset()
+    robot.reset(offset)
     policy.reset()
     observe.command = command
     steps = round(seconds / dt)
     for step in range(1, steps + 1):
         observe.action = policy(observe())
-        robot.step(targets(policy.metadata, observe.action))
+        robot.step(targets(policy.metadata, observe.action), efforts(policy.metadata, observe.action))
         if after_step is not None:
             after_step()
         if robot.has_fallen:
             break
-        if step * dt > 1.0:  # after it has had time to start walking
+        if step * dt > 1.0:  # after it has had time to start walking, or to come back
             linear, angular = robot.velocity
-            errors.append([*(linear[:2] - command[:2]), angular[2] - command[2]])
-    error = np.array(errors) if errors else np.full((1, 3), math.nan)
-    return {
-        "finished": float(not robot.has_fallen),
-        "seconds": step * dt,
-        "error_lin": float(np.linalg.norm(error[:, :2], axis=1).mean()),
-        "error_yaw": float(np.abs(error[:, 2]).mean()),
-    }
+            lateral = [np.linalg.norm(linear[:2] - command[:2]), abs(angular[2] - command[2])] if command.size else []
+            errors.append(lateral or np.abs(robot.data.qpos[robot.qpos] - robot.default_pos))
+    names = ["error_lin", "error_yaw"] if command.size else robot.asset["joint_names"]
+    error = np.mean(errors, axis=0).tolist() if errors else [math.nan] * len(names)
+    finished = {} if robot.free is None else {"finished": float(not robot.has_fallen)}
+    return {**finished, "seconds": step * dt, **dict(zip(names, error))}
 
 
 def report(results: list[dict[str, float]]) -> str:
     """The means over episodes, as a table."""
-    known = {k: [r[k] for r in results if not math.isnan(r[k])] for k in results[0]}
-    mean = {k: sum(v) / len(v) if v else math.nan for k, v in known.items()}
-    return (
-        f"without a fall      {100 * mean['finished']:.0f} %\n"
-        f"mean length         {mean['seconds']:.1f} s\n"
-        f"velocity error      {mean['error_lin']:.3f} m/s\n"
-        f"yaw rate error      {mean['error_yaw']:.3f} rad/s"
-    )
+    numbers = {k: [r[k] for r in results if not math.isnan(r[k])] for k in results[0]}
+    mean = {k: sum(v) / len(v) if v else math.nan for k, v in numbers.items()}
+    known = {
+        "finished": lambda share: f"without a fall      {100 * share:.0f} %",
+        "seconds": lambda seconds: f"mean length         {seconds:.1f} s",
+        "error_lin": lambda error: f"velocity error      {error:.3f} m/s",
+        "error_yaw": lambda error: f"yaw rate error      {error:.3f} rad/s",
+    }
+    return "\n".join(known[n](x) if n in known else f"{n + ' off by':<20}{x:.3f}" for n, x in mean.items())
+
+
+def draw_offset(robot: Robot, spread: float, rng: np.random.Generator) -> np.ndarray:
+    """Distances of the joints from the default pose, uniform in ``+-spread`` [m or rad]."""
+    return rng.uniform(-spread, spread, len(robot.default_pos))
 
 
 def main() -> None:
@@ -262,6 +301,7 @@ def main() -> None:
     parser.add_argument("policy")
     parser.add_argument("robot")
     parser.add_argument("--command", type=float, nargs=3, metavar=("X", "Y", "YAW"))
+    parser.add_argument("--spread", type=float, default=0.0, help="largest distance from the default pose at the start")
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=0)
@@ -283,7 +323,8 @@ def main() -> None:
     results = []
     for _ in range(args.episodes):
         command = np.array(args.command) if args.command else draw_command(policy.metadata, rng)
-        results.append(episode(robot, policy, command, args.seconds, after_step))
+        offset = draw_offset(robot, args.spread, rng)
+        results.append(episode(robot, policy, command, args.seconds, after_step, offset))
     task = policy.metadata["task"]
     print(f"MuJoCo {mujoco.__version__}, {task}, {args.episodes} episodes of {args.seconds:g} s")
     print(report(results))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sim to sim: measure a trained walking policy in plain MuJoCo, on the CPU.
+"""Sim to sim: measure a trained policy in plain MuJoCo, on the CPU.
 
-    python tools/deployment/sim_to_sim.py TASK RUN [--episodes 20] [--seconds 20] [--seed 0] [--out DIR]
+    python tools/deployment/sim_to_sim.py TASK RUN [--spread 0.2] [--episodes 20] [--seconds 20] [--seed 0] [--out DIR]
 
 It does in one go what ``stripe-newton export RUN --mjcf`` and ``tools/deployment/deploy_mujoco.py`` do. With --out it
 also films the first episode.
@@ -51,6 +51,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("task")
     parser.add_argument("run")
+    parser.add_argument("--spread", type=float, default=0.0, help="largest distance from the default pose at the start")
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=0)
@@ -69,7 +70,8 @@ def main() -> None:
     for number in range(args.episodes):
         film = camera_on(robot, frames) if args.out and number == 0 else None
         command = deploy_mujoco.draw_command(policy.metadata, rng)
-        results.append(deploy_mujoco.episode(robot, policy, command, args.seconds, film))
+        offset = deploy_mujoco.draw_offset(robot, args.spread, rng)
+        results.append(deploy_mujoco.episode(robot, policy, command, args.seconds, film, offset))
     print(f"MuJoCo {mujoco.__version__}, {args.task}, {args.episodes} episodes of {args.seconds:g} s")
     print(deploy_mujoco.report(results))
     if frames:
