@@ -272,8 +272,8 @@ class ManagerBasedRLEnv(RLEnv):
         sim, solver = self.sim, self.sim.cfg.solver
         if not (solver.finds_contacts and solver.reduced_coordinates and solver.in_place):
             return False  # the solver, or Newton's collision pipeline, starts from body poses
-        if sim.external_wrench is not None:
-            return False  # wrenches in body frames are rotated by the body poses before the physics
+        if sim.turns_wrenches:
+            return False
         all_float = all(a.layout.floating for a in self.scene.articulations.values())
         fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
         return not any(may_use(item, fields, self.context.scope.functions) for item in readers)

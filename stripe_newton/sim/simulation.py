@@ -317,8 +317,8 @@ class Simulation:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
             FloatingPointError: if the state is not finite and :meth:`watch_finite` was called.
         """
-        if self.external_wrench is not None and not self._steps_inside:
-            self.flush()  # wrenches in the frame of a body are turned by its pose before the solver has computed it
+        if self.turns_wrenches:
+            self.flush()
         self._forward_is_due = False  # the solver computes the bodies from the joints
         if self.roots_moved:
             self.roots_moved = False
@@ -381,6 +381,11 @@ class Simulation:
     def steps_together(self) -> bool:
         """Whether the physics steps of a call need nothing between them, and the solver takes them in one go."""
         return self._steps_inside and not self._come_between
+
+    @property
+    def turns_wrenches(self) -> bool:
+        """Whether a physics step turns wrenches by the poses of bodies before the solver has computed these."""
+        return self.external_wrench is not None and not self._steps_inside
 
     @property
     def _steps_inside(self) -> bool:
