@@ -5,11 +5,14 @@ The field is ``nrow`` by ``ncol`` heights, rows along y, columns along x. Each c
 corner (row + 1, column) to its corner (row, column + 1), as for contacts (``stripe_kernels.heightfield``): lookups find
 the surface that robots stand on. Beyond the edge of the field lookups return the height at the edge; there is nothing
 to stand on.
+
+An imported world is a triangle mesh instead, with several floors above each other. Lookups by x and y find its highest
+surface, and :func:`ground_below` the one below a point.
 """
 
 import warp as wp
 
-__all__ = ["TerrainData", "terrain_height", "terrain_max_height", "terrain_normal"]
+__all__ = ["TerrainData", "ground_below", "max_ground_below", "terrain_height", "terrain_max_height", "terrain_normal"]
 
 
 @wp.struct
@@ -37,6 +40,12 @@ class TerrainData:
     """Type of each environment's tile, a column of the grid of tiles, shape ``(num_envs,)``."""
     env_origin: wp.array[wp.vec3]
     """Origins of the environments in the world [m], shape ``(num_envs,)``; the same memory that assets read."""
+    mesh: wp.uint64
+    """Id of the mesh of an imported world; 0 for a height field."""
+    top: float
+    """A height above that mesh [m]."""
+    bottom: float
+    """A height below that mesh, at which robots have left it [m]."""
 
 
 @wp.func
@@ -48,8 +57,23 @@ def _grid_coordinate(x: float, lower: float, cell: float, count: int) -> float:
 
 
 @wp.func
+def _mesh_below(terrain: TerrainData, pos: wp.vec3) -> float:
+    """Height of the mesh below a point, or its bottom where there is none or the point is not finite [m]."""
+    down = wp.vec3(0.0, 0.0, -1.0)
+    length = pos[2] - terrain.bottom
+    height = terrain.bottom
+    if length > 0.0:  # a comparison with NaN is false
+        query = wp.mesh_query_ray(terrain.mesh, pos, down, length)
+        if query.result:
+            height = pos[2] - query.t
+    return height
+
+
+@wp.func
 def terrain_height(terrain: TerrainData, x: float, y: float) -> float:
     """Height of the ground in the world at a point (x, y) of the world [m]."""
+    if terrain.mesh != wp.uint64(0):
+        return _mesh_below(terrain, wp.vec3(x, y, terrain.top))
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
     u = _grid_coordinate(x, terrain.lower[0], terrain.cell[0], ncol)
     v = _grid_coordinate(y, terrain.lower[1], terrain.cell[1], nrow)
@@ -66,6 +90,14 @@ def terrain_height(terrain: TerrainData, x: float, y: float) -> float:
 @wp.func
 def terrain_normal(terrain: TerrainData, x: float, y: float) -> wp.vec3:
     """Upward unit normal of the ground in the world at a point (x, y) of the world [m]."""
+    if terrain.mesh != wp.uint64(0):
+        query = wp.mesh_query_ray(
+            terrain.mesh, wp.vec3(x, y, terrain.top), wp.vec3(0.0, 0.0, -1.0), terrain.top - terrain.bottom
+        )
+        up = wp.vec3(0.0, 0.0, 1.0)
+        if query.result:
+            up = query.normal * wp.where(query.normal[2] < 0.0, -1.0, 1.0)  # either side of a triangle may be walked on
+        return up
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
     u = _grid_coordinate(x, terrain.lower[0], terrain.cell[0], ncol)
     v = _grid_coordinate(y, terrain.lower[1], terrain.cell[1], nrow)
@@ -82,6 +114,17 @@ def terrain_normal(terrain: TerrainData, x: float, y: float) -> wp.vec3:
 
 
 @wp.func
+def _max_mesh_below(terrain: TerrainData, pos: wp.vec3, reach: float) -> float:
+    """Greatest height of the mesh below 9 by 9 points of a square about a point [m]."""
+    top = terrain.bottom
+    for i in range(9):
+        for j in range(9):
+            x, y = 0.25 * float(i - 4) * reach, 0.25 * float(j - 4) * reach
+            top = wp.max(top, _mesh_below(terrain, pos + wp.vec3(x, y, 0.0)))
+    return top
+
+
+@wp.func
 def terrain_max_height(terrain: TerrainData, x: float, y: float, reach: float) -> float:
     """Greatest height of the ground in a square about a point of the world [m].
 
@@ -94,6 +137,8 @@ def terrain_max_height(terrain: TerrainData, x: float, y: float, reach: float) -
     """
     if not reach > 0.0:
         return terrain_height(terrain, x, y)
+    if terrain.mesh != wp.uint64(0):
+        return _max_mesh_below(terrain, wp.vec3(x, y, terrain.top), reach)
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
     first_col = int(wp.floor(_grid_coordinate(x - reach, terrain.lower[0], terrain.cell[0], ncol)))
     last_col = int(wp.ceil(_grid_coordinate(x + reach, terrain.lower[0], terrain.cell[0], ncol)))
@@ -105,3 +150,28 @@ def terrain_max_height(terrain: TerrainData, x: float, y: float, reach: float) -
         for col in range(first_col, last_col + 1):
             top = wp.max(top, terrain.heights[row, col])
     return top
+
+
+@wp.func
+def ground_below(terrain: TerrainData, pos: wp.vec3) -> float:
+    """Height of the ground below a point of the world, on its own storey of an imported world [m].
+
+    A height field has one height at x and y. Where nothing is below, it is the ``bottom`` of the world.
+    """
+    if terrain.mesh != wp.uint64(0):
+        return _mesh_below(terrain, pos)
+    return terrain_height(terrain, pos[0], pos[1])
+
+
+@wp.func
+def max_ground_below(terrain: TerrainData, pos: wp.vec3, reach: float) -> float:
+    """Greatest height of the ground below a square about a point of the world [m].
+
+    Args:
+        terrain: The ground.
+        pos: Middle of the square, above which nothing counts [m].
+        reach: Half the side of the square [m]. On a mesh 9 by 9 points are looked at.
+    """
+    if terrain.mesh != wp.uint64(0):
+        return _max_mesh_below(terrain, pos, wp.max(reach, 0.0))
+    return terrain_max_height(terrain, pos[0], pos[1], reach)

@@ -85,6 +85,7 @@ class DirectEnvBase(RLEnv):
         ids = self.context.reset_mask.indices()
         if len(ids):
             ended = self.reset_buf.clone()  # a hook may clear the buffer
+            self._reset_scenery()
             self._reset_idx(ids)
             # At once, as the observations that follow may be a torch hook, whose reads nobody can look up beforehand.
             self.sim.forward(ended)

@@ -212,7 +212,8 @@ class DirectRLEnv(DirectEnvBase):
             return [*items, Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
         if self._events is not None or self._noise_models():
             items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
-        items += [self._safety.begin_reset(), Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset))]
+        items += [self._safety.begin_reset(), *self._scenery_items()]
+        items.append(Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset)))
         return [*items, *self._measure("launch_reset"), self._safety.end_reset()]
 
     def _torch_reset_events(self) -> None:

@@ -223,6 +223,7 @@ class ManagerBasedRLEnv(RLEnv):
             *self.reward_manager.reset(),
             *self.metrics_manager.reset(),
             safety.begin_reset(),
+            *self._scenery_items(),
             *self.event_manager.reset(),
             # After the events, as spawned objects keep a distance from the positions that robots are reset to.
             *self.object_manager.reset(),

@@ -424,6 +424,18 @@ class RLEnv(VectorEnv):
                 items.append(Captured(name, partial(launch, self.context.reset) if when == "launch_reset" else launch))
         return items
 
+    def _scenery_items(self) -> list[Item]:
+        """Launches that begin an episode in an imported scenery, before all that reads the environment's origin."""
+        scenery = self.scene.scenery
+        if scenery is None:
+            return []
+        what = "place to start" if scenery.reset.draws else "bodies of the scenery"
+        return [Captured(what, self._reset_scenery)]
+
+    def _reset_scenery(self) -> None:
+        if self.scene.scenery is not None:
+            self.scene.scenery.reset.launch(self.context.reset, self.context.rng)
+
     def _begin_extras(self) -> None:
         self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
         self.extras["log"] = {}
@@ -457,7 +469,8 @@ class RLEnv(VectorEnv):
         Returns:
             A line and a table, in plain text.
         """
-        return f"physics: {self.sim.describe_solver()}\n\n{self.plan.describe(kernels)}"
+        scenery = "" if self.scene.scenery is None else f"scenery: {self.scene.scenery.describe()}\n"
+        return f"{scenery}physics: {self.sim.describe_solver()}\n\n{self.plan.describe(kernels)}"
 
     def render(self) -> np.ndarray | None:
         """A picture of the scene, uint8, shape ``(height, width, 3)``; ``None`` without ``render_mode="rgb_array"``.

@@ -8,6 +8,7 @@ from .interactive_scene import InteractiveScene
 from .obstacles import Obstacles, ObstaclesCfg
 from .querier import SceneQuerier
 from .scene_contents import InteractiveSceneCfg
+from .scenery_options import SceneryOptionsCfg
 
 __all__ = [
     "Capsules",
@@ -18,4 +19,5 @@ __all__ = [
     "SceneBuilder",
     "SceneController",
     "SceneQuerier",
+    "SceneryOptionsCfg",
 ]

@@ -29,11 +29,13 @@ from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
+from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
 from stripe_newton.usd.concave_meshes import concave_meshes
 
 from .export_joints import AuthoredJoints
+from .imported_scenery import ImportedScenery
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
@@ -116,6 +118,8 @@ class SceneBuilder:
             self._use_mujoco_contacts(True)
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
+        if scene.cfg.scenery is not None:
+            scene.scenery = ImportedScenery(scene)
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
         if self.template_root == "/":  # somebody else's stage, of which nothing may move
             check_content(template, self.reports[0])
@@ -123,6 +127,12 @@ class SceneBuilder:
         self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
         self._prepare_assets(template)
         self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
+        if scene.scenery is not None:
+            scene.scenery.measure(template)
+            if scene.scenery.stage.bodies:
+                self._load(template, scene.scenery.stage.path, tuple(scene.scenery.stage.not_moving))
+                self.reports[-1].file = scene.scenery.stage.file
+            scene.scenery.loaded_bodies(template)
         static = self._shared(scenery, terrain_paths)
         if self.template_root == "/":
             static.gravity = template.gravity
@@ -139,7 +149,10 @@ class SceneBuilder:
         sim.lights = read_lights(scene.stage)
         # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
-        sim.build(template, static, scene.env_origins.cpu().numpy().copy(), allow_static=self.adopt)
+        own = range(0) if scene.scenery is None else scene.scenery.joints
+        sim.build(template, static, scene.env_origins.cpu().numpy().copy(), allow_static=self.adopt, unmoved=own)
+        if scene.scenery is not None and isinstance(scene.terrain, SceneryGround):
+            scene.scenery.bind(sim, scene.terrain)
         # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.
         for asset in scene.assets:
             asset.initialize(sim)
@@ -172,11 +185,19 @@ class SceneBuilder:
     def _shared(self, scenery: Scenery, terrain_paths: tuple[str, ...]) -> newton.ModelBuilder:
         """The builder of what all environments share, but for what sensors add."""
         scene, static = self._scene, self._scene.sim.new_builder()
+        imported, left_out = scene.scenery, ("/World/envs", *terrain_paths)
+        if imported is not None:
+            self._load(imported.builder, imported.stage.path, tuple(imported.stage.not_static))
+            # Only what was read shows whether it has a floor, and so whether the task's ground is needed.
+            left_out += (imported.stage.path, *imported.decide_ground(self.reports[-1]))
         if self.template_root != "/":
-            self._load(static, "/World", ("/World/envs", *terrain_paths))
+            self._load(static, "/World", left_out)
         add_scenery(static, scenery, touched=not self.obstacle_sensors)
-        if scene.terrain is not None:
+        if scene.terrain is not None and not (imported is not None and imported.replaces):
             scene.terrain.add_to(static)
+        if imported is not None:
+            static.add_builder(imported.builder)
+            scene.terrain = imported.place(static)
         return static
 
     def rebuild_shared(self, scenery: Scenery) -> None:

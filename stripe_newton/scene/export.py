@@ -37,6 +37,11 @@ def export_stage(
     sim = scene.sim
     if not scene.built or authored is None:
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
+    if scene.scenery is not None and scene.scenery.stage.bodies:
+        raise ValueError(
+            f"the scenery {scene.scenery.stage.file} has rigid bodies, of which each environment has copies; USD cannot "
+            "say that they stand outside of the environments: export a scene without scenery"
+        )
     stage = _editable_copy(scene.stage)
     if sim.actuation.draws_delays:
         warnings.warn("USD cannot say that a delay is drawn for each episode; the largest is written", stacklevel=3)

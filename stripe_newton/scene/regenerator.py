@@ -62,6 +62,8 @@ class SceneRegenerator:
             return problem
         if not scene.built:
             return "the scene is not built yet: set the seed in its config"
+        if scene.scenery is not None:
+            return "the places to start in its imported scenery would not fit; make a new environment"
         for name, sensor in scene.sensors.items():
             if problem := sensor.why_not_regenerable(name, self._ground_shape):
                 return problem

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 from pxr import Usd
@@ -20,6 +21,12 @@ from stripe_newton.sensors import SensorBase
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.scene_context import scene_context
 from stripe_newton.terrains.spiral_grid import spiral_grid
+from stripe_newton.usd.file_errors import path_reason
+
+from .scenery_options import SceneryOptionsCfg
+
+if TYPE_CHECKING:
+    from .imported_scenery import ImportedScenery
 
 __all__ = ["InteractiveSceneCfg", "SceneContents"]
 
@@ -39,7 +46,12 @@ class InteractiveSceneCfg:
     num_envs: int = MISSING
     """Number of environments."""
     env_spacing: float = MISSING
-    """Distance between neighbouring environments [m]. With 0 all stand at the origin, where float32 is finest."""
+    """Distance between neighbouring environments [m]. With 0 all stand at the origin, where float32 is finest. Without
+    effect in a scenery, where environments share one world."""
+    scenery: str | None = None
+    """USD file of a world that somebody else wrote, as the scenery of all environments, such as ``room.usd``."""
+    scenery_options: SceneryOptionsCfg = SceneryOptionsCfg()
+    """Pose and size of the scenery, what becomes of the task's ground, and where robots start."""
     lazy_sensor_update: bool = True
     """Ignored: sensors measure as part of the step, in their ``update_period``."""
     replicate_physics: bool = True
@@ -60,6 +72,8 @@ class InteractiveSceneCfg:
             yield "num_envs", f"is {self.num_envs!r}, must be a whole number, 1 or more"
         if self.env_spacing is not MISSING and not (math.isfinite(self.env_spacing) and self.env_spacing >= 0):
             yield "env_spacing", f"is {self.env_spacing!r}, must be a distance, 0 or more [m]"
+        if self.scenery is not None and (reason := path_reason(Path(self.scenery).expanduser())):
+            yield "scenery", f"'{self.scenery}': {reason}"
         if not self.replicate_physics:
             yield "replicate_physics", "is False, but Newton replicates one environment; leave it True"
 
@@ -87,6 +101,8 @@ class SceneContents:
     """Static assets by name."""
     terrain: TerrainBase | None
     """Ground of the environments, if the scene names it."""
+    scenery: ImportedScenery | None
+    """World that the config's ``scenery`` names, once the scene is built."""
     env_origins: torch.Tensor
     """Origins of the environments in the world frame [m], shape ``(num_envs, 3)``."""
     cloned: bool
@@ -99,7 +115,7 @@ class SceneContents:
         self.device = sim.device
         self.assets, self.articulations, self.rigid_objects = [], {}, {}
         self.sensors, self.extras = {}, {}
-        self.terrain = None
+        self.terrain, self.scenery = None, None
         # One tensor for life: a terrain writes into it, and kernels read its memory.
         self.env_origins = torch.from_numpy(spiral_grid(cfg.num_envs, cfg.env_spacing)).to(self.device)
         self.cloned = self.built = False

@@ -185,6 +185,7 @@ class Simulation:
         static: newton.ModelBuilder,
         env_origins: np.ndarray,
         allow_static: bool = False,
+        unmoved: range = range(0),
     ) -> None:
         """Replicate ``template`` at ``env_origins`` beside ``static`` and make the solver.
 
@@ -193,6 +194,7 @@ class Simulation:
             static: What all environments share; it may hold no bodies.
             env_origins: Origins in the world frame [m], shape ``(num_envs, 3)``.
             allow_static: Accept a template in which nothing moves; steps then do nothing.
+            unmoved: Joints of the template whose bodies stand where the template has them, whatever the origin.
 
         Raises:
             ValueError: if nothing can move and that is not allowed, or what is shared could.
@@ -210,6 +212,8 @@ class Simulation:
         if self.env_origin is None:
             self.env_origin = wp.array(self.env_origins, dtype=wp.vec3, device=self.device)
         builder = self._replicate()
+        if len(unmoved):
+            self._put_unmoved(builder, unmoved)
         with wp.ScopedDevice(self.device):
             self.model = builder.finalize(device=self.device)
             # The actuators take over the gains first: the solver must be made from those of its own drives alone.
@@ -244,6 +248,21 @@ class Simulation:
         origins = [wp.transform(wp.vec3(*map(float, o)), wp.quat_identity()) for o in self.env_origins]
         builder.replicate(self.template, self.num_envs, xforms=origins)
         return builder
+
+    def _put_unmoved(self, builder: newton.ModelBuilder, joints: range) -> None:
+        """Put copies of some joints and their bodies back to where the template has them: a world is not moved."""
+        template = self.template
+        bodies = sorted({template.joint_child[j] for j in joints})
+        coords = template.joint_q_start
+        ends = [*coords[1 : template.joint_count], template.joint_coord_count]
+        for env in range(self.num_envs):
+            for body in bodies:
+                builder.body_q[env * template.body_count + body] = template.body_q[body]
+            for joint in joints:
+                copy, shift = env * template.joint_count + joint, env * template.joint_coord_count
+                builder.joint_X_p[copy] = template.joint_X_p[joint]
+                for i in range(coords[joint], ends[joint]):
+                    builder.joint_q[shift + i] = template.joint_q[i]
 
     def _allocate(self) -> None:
         model = self.model

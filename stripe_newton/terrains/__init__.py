@@ -26,6 +26,7 @@ from .mesh_terrains import (
     MeshStarTerrainCfg,
 )
 from .rough_terrains import ROUGH_TERRAINS_CFG
+from .start_spots import StartSpotsCfg
 from .sub_terrain import HfTerrainBaseCfg, SubTerrainBaseCfg, sub_terrain_heights
 from .terrain_generator import TerrainGenerator, TerrainGeneratorCfg
 from .terrain_importer import TerrainImporter, TerrainImporterCfg
@@ -53,6 +54,7 @@ __all__ = [
     "MeshRailsTerrainCfg",
     "MeshRandomGridTerrainCfg",
     "MeshStarTerrainCfg",
+    "StartSpotsCfg",
     "SubTerrainBaseCfg",
     "TerrainGenerator",
     "TerrainGeneratorCfg",

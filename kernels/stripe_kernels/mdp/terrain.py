@@ -9,7 +9,7 @@ import warp as wp
 
 from ..data import ArticulationData, EpisodeData, Pose2dCommandData, VelocityCommandData
 from ..term_info import needs_terrain
-from ..terrain import TerrainData, terrain_height, terrain_max_height
+from ..terrain import TerrainData, ground_below, max_ground_below
 from . import frames, random
 
 __all__ = [
@@ -96,7 +96,9 @@ def terrain_out_of_bounds(
 ) -> bool:
     """Termination if the root is near the edge of the ground or beyond it; a plane has no edge.
 
-    Formula: ``p.x < x_min + b or p.x > x_max - b``, the same for y, ``b = distance_buffer`` [m].
+    It has left an imported world also where it has fallen below it.
+
+    Formula: ``p.x < x_min + b or p.x > x_max - b``, the same for y, ``b = distance_buffer`` [m]; ``p.z < bottom``.
 
     Source: Isaac Lab, ``mdp.terrain_out_of_bounds``.
     """
@@ -106,7 +108,8 @@ def terrain_out_of_bounds(
     upper_y = lower[1] + float(terrain.heights.shape[0] - 1) * terrain.cell[1]
     out_x = pos[0] < lower[0] + distance_buffer or pos[0] > upper_x - distance_buffer
     out_y = pos[1] < lower[1] + distance_buffer or pos[1] > upper_y - distance_buffer
-    return out_x or out_y
+    fallen = terrain.mesh != wp.uint64(0) and pos[2] < terrain.bottom
+    return out_x or out_y or fallen
 
 
 @wp.func
@@ -115,12 +118,13 @@ def root_height_over_ground_below_minimum(
 ) -> bool:
     """Termination if the root is less than ``minimum_height`` [m] above the ground below it.
 
-    Formula: ``p.z - ground(p.x, p.y) < minimum_height``.
+    Formula: ``p.z - ground(p) < minimum_height``, ``ground`` the height below the root: of an imported world that of the
+    storey it is on.
 
     Source: this project, after Isaac Lab's ``mdp.root_height_below_minimum``.
     """
     pos = wp.transform_get_translation(robot.root_pose[env])
-    return pos[2] - terrain_height(terrain, pos[0], pos[1]) < minimum_height
+    return pos[2] - ground_below(terrain, pos) < minimum_height
 
 
 @wp.func
@@ -177,7 +181,8 @@ def reset_root_state_uniform_on_terrain(
     """Reset the root as ``reset_root_state_uniform``, but with heights above the ground below the root.
 
     With a ``footprint`` [m] heights are above the highest ground in the square of that half side around the root, so
-    that no foot starts inside a step of the terrain.
+    that no foot starts inside a step of the terrain. In an imported world it is the ground of the storey on which the
+    environment's origin is.
 
     Formula: ``p.xy = (p_default + origin + U).xy``, ``p.z = max(ground) + (p_default + U).z`` [m],
     ``q = q_default Rz(U) Ry(U) Rx(U)``, ``v = v_default + U`` [m/s, rad/s].
@@ -189,7 +194,9 @@ def reset_root_state_uniform_on_terrain(
     angles = random.uniform_vec3(env, rng, pose_range, 3)
     pos = wp.transform_get_translation(pose) + offset
     x, y = pos[0] + terrain.env_origin[env][0], pos[1] + terrain.env_origin[env][1]
-    z = pos[2] + terrain_max_height(terrain, x, y, footprint)
+    # Looked for from the height of the root, so that no ceiling is taken for the ground.
+    above = terrain.env_origin[env][2] + wp.max(pos[2], 0.1)
+    z = pos[2] + max_ground_below(terrain, wp.vec3(x, y, above), footprint)
     rot = wp.transform_get_rotation(pose) * wp.quat_rpy(angles[0], angles[1], angles[2])
     robot.root_pose[env] = wp.transform(wp.vec3(x, y, z), rot)
     robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)

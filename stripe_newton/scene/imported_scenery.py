@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Imported scenery: a stage that somebody else wrote, as the world of all environments of a scene.
+
+Its static shapes are shared by all environments; of its rigid bodies each environment has copies of its own. It takes
+the place of the task's ground where it has a floor, and robots start where they have room on its floors.
+"""
+
+from __future__ import annotations
+
+import newton
+import numpy as np
+from newton import GeoType, JointType
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics
+from scipy.spatial.transform import Rotation
+
+from stripe_newton.sim import Simulation
+from stripe_newton.terrains.collider_mesh import mesh_of, static_colliders
+from stripe_newton.terrains.scenery_ground import SceneryGround, Triangles
+from stripe_newton.terrains.start_spots import Floors
+from stripe_newton.usd import StageError, StageReport
+
+from .scene_contents import SceneContents
+from .scenery_reset import SceneryReset
+from .scenery_stage import author_scenery
+
+__all__ = ["ImportedScenery"]
+
+_ROOM = 0.05
+"""Free space around and above what stands in an environment at its start [m]."""
+_FLOOR_SHARE = 0.25
+"""Share of its extent that the floors of a stage cover if it brings its own ground."""
+
+
+class ImportedScenery:
+    """The scenery of a scene that is being built.
+
+    Attributes:
+        stage: Where it is in the scene's stage, and what of it moves.
+        replaces: Whether it takes the place of the task's ground.
+        joints: Joints of the template that are the stage's.
+        reset: What begins an episode, once the model is built.
+    """
+
+    reset: SceneryReset
+
+    def __init__(self, scene: SceneContents):
+        """Copy the stage into that of the scene.
+
+        Raises:
+            StageError: if it cannot be simulated, or nothing in it collides.
+        """
+        assert scene.cfg.scenery is not None
+        self._scene, self._options = scene, scene.cfg.scenery_options
+        self._grounds = _ground_paths(scene)
+        ground = next(iter(self._grounds), None)
+        solver = scene.sim.cfg.solver.kind
+        self.stage = author_scenery(scene.stage, scene.cfg.scenery, self._options, solver, ground)
+        self.replaces, self.joints = False, range(0)
+        self._builder = scene.sim.new_builder()
+        self._colliders = 0
+
+    # -- loading, in the order in which the scene's builder calls it
+
+    def measure(self, template: newton.ModelBuilder) -> None:
+        """Measure what stands in one environment, before the stage's own bodies join it."""
+        cfg = self._options.start
+        radius, height = _room_of(template) if cfg.radius is None or cfg.height is None else (0.0, 0.0)
+        self._radius, self._height = cfg.radius or radius, cfg.height or height
+        # What is fixed to the world was built at the first place, so that its environment stays there.
+        fixed_roots = [
+            kind
+            for kind, parent in zip(template.joint_type, template.joint_parent, strict=True)
+            if parent < 0 and kind != JointType.FREE
+        ]
+        self._draws = not fixed_roots and all(body >= 0 for body in template.shape_body)
+        self._first_joint = template.joint_count
+
+    def loaded_bodies(self, template: newton.ModelBuilder) -> None:
+        """Take note of the joints that the stage has added to the template."""
+        self.joints = range(self._first_joint, template.joint_count)
+
+    @property
+    def builder(self) -> newton.ModelBuilder:
+        """Builder that the static shapes are read into."""
+        return self._builder
+
+    def decide_ground(self, report: StageReport) -> tuple[str, ...]:
+        """Decide what becomes of the task's ground, once the static shapes are read, with a row in the report.
+
+        Returns:
+            Expressions of the prims that are left out of the shared scene.
+
+        Raises:
+            StageError: if there is nothing to stand on.
+        """
+        report.file = self.stage.file
+        shapes = static_colliders(self._builder)
+        if not shapes:
+            raise StageError(self.stage.file, "", "none of its static colliders was read; see stripe-newton inspect")
+        self._colliders = len(shapes)
+        triangles = Triangles(self._builder, shapes, self._scene.device)
+        floors = self._find_floors(triangles)
+        wanted, has_floor = self._options.ground, bool(floors.areas) and floors.covered >= _FLOOR_SHARE
+        self.replaces = wanted == "replace" or (wanted == "auto" and has_floor)
+        if not self._grounds and not floors.areas:
+            reason = (
+                f"has no floor: of {floors.found} points with free space above {floors.free} have room for a body, on no "
+                f"floor of {self._options.start.min_area:g} m^2 or more; and the task has no ground"
+            )
+            raise StageError(self.stage.file, "", reason)
+        if not self._grounds:
+            return ()
+        area = f"{floors.area:.1f} m^2 of floors over {100.0 * floors.covered:.0f} % of its extent"
+        what = "is left out: the scenery has" if self.replaces else "is kept: the scenery has"
+        for path in self._grounds:
+            report.ignored.append((path, "the task's ground", f"{what} {area}"))
+        if not self.replaces:
+            return ()
+        self._drop_grounds()
+        return tuple(f"{path}(/|$)" for path in self._grounds)
+
+    def place(self, static: newton.ModelBuilder) -> SceneryGround:
+        """Choose where robots start, on everything that all environments share, and move the environments there.
+
+        Raises:
+            StageError: if there are too few places.
+        """
+        scene = self._scene
+        triangles = Triangles(static, static_colliders(static), scene.device)
+        kept = None if self.replaces else scene.terrain
+        path = kept.path if kept is not None else self.stage.path.rpartition("/scenery")[0]
+        path = path if path != "/World" else self.stage.path
+        floors, start = self._find_floors(triangles), self._options.start
+        try:
+            return SceneryGround(path, triangles, floors, start, scene.env_origins, kept)
+        except ValueError as error:
+            raise StageError(self.stage.file, "", str(error)) from error
+
+    def bind(self, sim: Simulation, ground: SceneryGround) -> None:
+        """Prepare what begins an episode, once the model is built."""
+        self.reset = SceneryReset(sim, ground, self.joints, self._draws)
+
+    def _find_floors(self, triangles: Triangles) -> Floors:
+        try:
+            return triangles.floors(self._options.start, self._radius, self._height)
+        except ValueError as error:
+            raise StageError(self.stage.file, "", str(error)) from error
+
+    def _drop_grounds(self) -> None:
+        """Deactivate the task's ground in the stage, so that neither an export nor another importer has it."""
+        stage = self._scene.stage
+        for path in self._grounds:
+            prim = stage.GetPrimAtPath(path)
+            inside = Sdf.Path(self.stage.path).HasPrefix(prim.GetPath())
+            for part in prim.GetChildren() if inside else [prim]:
+                if str(part.GetPath()) != self.stage.path:
+                    part.SetActive(False)
+
+    # -- what is known of it
+
+    def describe(self) -> str:
+        """The scenery in one line: its file, shapes and bodies, the task's ground, the places to start."""
+        ground = self._scene.terrain
+        parts = [f"{self._colliders} shared colliders"]
+        if self.stage.bodies:
+            parts.append(f"{len(self.stage.bodies)} bodies in each environment")
+        if self._grounds:
+            parts.append(f"the task's ground is {'left out' if self.replaces else 'kept'}")
+        if isinstance(ground, SceneryGround):
+            parts.append(ground.describe())
+        if not self._draws:
+            parts.append("each environment keeps its place, as it has something fixed to the world")
+        return f"{self.stage.file}: {'; '.join(parts)}"
+
+
+def _ground_paths(scene: SceneContents) -> list[str]:
+    """Prims that are the ground of a task: its terrain, its asset ``ground``, and every plane outside environments."""
+    found = [] if scene.terrain is None else [scene.terrain.path]
+    if "ground" in scene.extras:
+        found.append(scene.extras["ground"].path)
+    for prim in Usd.PrimRange(scene.stage.GetPseudoRoot()):
+        path = str(prim.GetPath())
+        if prim.IsA(UsdGeom.Plane) and prim.HasAPI(UsdPhysics.CollisionAPI) and not path.startswith("/World/envs/"):
+            found.append(path)
+    outer: list[str] = []
+    for path in dict.fromkeys(found):
+        if not any(path.startswith(f"{other}/") for other in found):
+            outer.append(path)
+    return outer
+
+
+def _room_of(template: newton.ModelBuilder) -> tuple[float, float]:
+    """Radius around the origin and height above it that the colliders of one environment take at the start [m]."""
+    poses = np.zeros((0, 7))
+    if template.body_count:
+        model = template.finalize(device="cpu")
+        state = model.state()
+        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+        poses = state.body_q.numpy()
+    points = []
+    for shape in range(template.shape_count):
+        solid = int(template.shape_flags[shape]) & int(newton.ShapeFlags.COLLIDE_SHAPES)
+        if not solid or template.shape_type[shape] in (GeoType.PLANE, GeoType.HFIELD):
+            continue
+        mesh, factor = mesh_of(template, shape)
+        own = np.asarray(mesh.vertices, dtype=float) * factor
+        body = template.shape_body[shape]
+        for pose in [np.array(template.shape_transform[shape]), *([poses[body]] if body >= 0 else [])]:
+            own = Rotation.from_quat(pose[3:]).apply(own) + pose[:3]
+        points.append(own)
+    if not points:
+        return 0.3, 0.5
+    every = np.concatenate(points)
+    radius, height = np.linalg.norm(every[:, :2], axis=1).max(), every[:, 2].max()
+    return float(radius) + _ROOM, max(float(height), 0.1) + _ROOM
