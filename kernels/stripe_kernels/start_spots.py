@@ -199,6 +199,6 @@ def check_spots(
     nearest = wp.mesh_query_point_sign_winding_number(mesh, middle, 1.0e6, 2.0, 0.5)
     if nearest.result and nearest.sign < 0.0:
         verdict[i] = INSIDE
-    elif tolerance >= 0.0:
-        if not _is_level(mesh, at, radius, tolerance):
-            verdict[i] = UNEVEN
+        return
+    if tolerance >= 0.0 and not _is_level(mesh, at, radius, tolerance):
+        verdict[i] = UNEVEN

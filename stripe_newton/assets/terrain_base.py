@@ -52,6 +52,9 @@ class TerrainBase:
     flat_patches: Mapping[str, torch.Tensor] = MappingProxyType({})
     """Flat patches by name [m], shape ``(levels, types, num_patches, 3)``."""
 
+    labels: Mapping[str, str] = MappingProxyType({})
+    """Semantic labels of prims that are parts of it, by path."""
+
     @property
     def arrays(self) -> dict[str, wp.array]:
         """Arrays that persist from step to step, by name; none by default."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import warp as wp
 
 from stripe_newton.rl import RunFolder, find_checkpoint
+from stripe_newton.rl.torch_vector_env import rl_env_of
 
 from .run_configs import Configs, is_same_task
 from .tasks import make_env
@@ -61,7 +62,11 @@ def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvW
         flush=True,
     )
     clip = None if configs.agent is None else configs.agent.clip_actions
-    return RslRlVecEnvWrapper(make_env(task, configs.env, "rgb_array" if render else None), clip)
+    env = make_env(task, configs.env, "rgb_array" if render else None)
+    inner = rl_env_of(env.unwrapped)
+    if inner is not None and inner.scene.scenery is not None:
+        print(f"{task}: scenery {inner.scene.scenery.describe()}", file=sys.stderr, flush=True)
+    return RslRlVecEnvWrapper(env, clip)
 
 
 def find_policy(given: str | None, task: str) -> tuple[Path | None, RunFolder | None]:

@@ -7,7 +7,7 @@ import json as json_module
 import warnings
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 import tyro
@@ -15,10 +15,11 @@ import warp as wp
 
 from stripe_newton.rl.torch_vector_env import rl_env_of
 
+from .arguments import parse
 from .device import set_device, set_seeds
 from .env_and_policy import build_env
-from .run_configs import Configs
-from .tasks import find_task, load_cfg
+from .run_configs import Configs, check, load_configs
+from .tasks import find_task, task_argument, task_ids
 from .user_error import UserError
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ class _Inspection:
 
 @dataclass
 class InspectArgs:
-    """Show what is in a USD, URDF or MJCF file, or in one environment of a task: tables and a picture."""
+    """Show what is in a USD, URDF or MJCF file, or in one environment of a task: tables and a picture. A task takes
+    options for the fields of its config, such as --env.scene.scenery room.usd."""
 
     target: tyro.conf.Positional[str]
     """A USD, URDF or MJCF file, or a task of 'stripe-newton list'."""
@@ -59,10 +61,18 @@ def run(argv: list[str]) -> int:
     """Run the command."""
     from stripe_newton.viewers import save_image  # here, as --help needs none of it; the same below
 
-    args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
     wp.config.log_level = wp.LOG_WARNING
-    is_file = Path(args.target).suffix.lower() in _SUFFIXES or Path(args.target).is_file()
-    found = _inspect_file(Path(args.target)) if is_file else _inspect_task(args.target)
+    task = task_argument(argv)
+    if task in task_ids():  # only a task has options for the fields of its config
+        configs = load_configs(task, None, agent=False)
+        args = parse(InspectArgs, argv, "inspect", env=configs.env)
+        is_file, found = False, _inspect_task(args.target, configs)
+    else:
+        args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
+        is_file = Path(args.target).suffix.lower() in _SUFFIXES or Path(args.target).is_file()
+        if not is_file:
+            _refuse_name(args.target)
+        found = _inspect_file(Path(args.target))
     path = args.out / f"{Path(args.target).stem if is_file else args.target}.png"
     save_image(path, found.picture)
     if args.json:
@@ -153,21 +163,31 @@ def _inspect_stage(path: Path) -> _Inspection:
         scene.close()
 
 
-def _inspect_task(task: str) -> _Inspection:
+def _refuse_name(name: str) -> NoReturn:
+    """Refuse a name that is neither of a task nor of a file.
+
+    Raises:
+        UserError: with similar names of tasks.
+    """
+    try:
+        find_task(name)
+    except UserError as error:
+        raise UserError(f"{error}; nor is there a file of that name") from None
+    raise UserError(f"{name}: is a task without a config")
+
+
+def _inspect_task(task: str, configs: Configs) -> _Inspection:
     """Sizes, rates and stages of a task, the reports of its assets, and a picture of its first environment.
 
     Raises:
-        UserError: if there is no such task, or its environment is not one of this package.
+        UserError: if its environment is not one of this package.
     """
-    try:
-        find_task(task)
-    except UserError as error:
-        raise UserError(f"{error}; nor is there a file of that name") from None
-    cfg = load_cfg(task, "env")
+    cfg = configs.env
     cfg.scene.num_envs = 1
-    set_device(cfg, None)
+    set_device(cfg, cfg.sim.device)
+    check(configs)
     set_seeds(cfg.seed or 0)
-    env = build_env(task, Configs(cfg, None), render=True)
+    env = build_env(task, configs, render=True)
     try:
         env.reset()
         inner = rl_env_of(env.unwrapped)
@@ -183,6 +203,7 @@ def _inspect_task(task: str) -> _Inspection:
             "max_episode_length": int(env.max_episode_length),
             "observations": {name: list(space.shape) for name, space in env.unwrapped.single_observation_space.items()},
             "actions": env.num_actions,
+            **({} if inner.scene.scenery is None else {"scenery": inner.scene.scenery.describe()}),
             "step": inner.describe(),
         }
         picture = inner.render()

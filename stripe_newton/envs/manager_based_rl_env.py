@@ -26,6 +26,7 @@ from stripe_newton.managers import (
     RecorderManager,
     RewardManager,
     TerminationManager,
+    TerminationTermCfg,
     prestartup_events,
     spawn_object_pools,
 )
@@ -81,6 +82,14 @@ class ManagerBasedRLEnvCfg(RLEnvCfg):
     """Recorder terms and the file they write to: :class:`RecorderManagerBaseCfg`."""
     scale_rewards_by_dt: bool = True
     """Multiply rewards by the environment's time step, so that weights are per second."""
+
+    def complete(self) -> None:
+        """In an imported scenery, measure the heights of falls above the storey that a robot is on."""
+        if self.scene is MISSING or self.scene.scenery_file is None:
+            return
+        for term in terms_of(self.terminations).values():
+            if isinstance(term, TerminationTermCfg) and term.func is mdp.root_height_below_minimum:
+                term.func = mdp.root_height_over_ground_below_minimum
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)

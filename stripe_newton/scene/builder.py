@@ -39,6 +39,7 @@ from .imported_scenery import ImportedScenery
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
+from .scenery_stage import paths_pattern
 
 __all__ = ["SceneBuilder"]
 
@@ -118,7 +119,7 @@ class SceneBuilder:
             self._use_mujoco_contacts(True)
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
-        if scene.cfg.scenery is not None:
+        if scene.cfg.scenery_file is not None:
             scene.scenery = ImportedScenery(scene)
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
         if self.template_root == "/":  # somebody else's stage, of which nothing may move
@@ -130,7 +131,7 @@ class SceneBuilder:
         if scene.scenery is not None:
             scene.scenery.measure(template)
             if scene.scenery.stage.bodies:
-                self._load(template, scene.scenery.stage.path, tuple(scene.scenery.stage.not_moving))
+                self._load(template, scene.scenery.stage.path, (scene.scenery.stage.not_moving,))
                 self.reports[-1].file = scene.scenery.stage.file
             scene.scenery.loaded_bodies(template)
         static = self._shared(scenery, terrain_paths)
@@ -187,9 +188,10 @@ class SceneBuilder:
         scene, static = self._scene, self._scene.sim.new_builder()
         imported, left_out = scene.scenery, ("/World/envs", *terrain_paths)
         if imported is not None:
-            self._load(imported.builder, imported.stage.path, tuple(imported.stage.not_static))
+            moves = imported.stage.not_static
+            self._load(imported.builder, imported.stage.path, (moves,) if moves else ())
             # Only what was read shows whether it has a floor, and so whether the task's ground is needed.
-            left_out += (imported.stage.path, *imported.decide_ground(self.reports[-1]))
+            left_out += (paths_pattern([imported.stage.path, *imported.decide_ground(self.reports[-1])]),)
         if self.template_root != "/":
             self._load(static, "/World", left_out)
         add_scenery(static, scenery, touched=not self.obstacle_sensors)

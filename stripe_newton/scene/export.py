@@ -39,8 +39,8 @@ def export_stage(
         raise RuntimeError("the scene is not built: call 'scene.build()' before 'scene.export()'")
     if scene.scenery is not None and scene.scenery.stage.bodies:
         raise ValueError(
-            f"the scenery {scene.scenery.stage.file} has rigid bodies, of which each environment has copies; USD cannot "
-            "say that they stand outside of the environments: export a scene without scenery"
+            f"the scenery {scene.scenery.stage.file} has rigid bodies, of which each environment has copies where the "
+            "stage has them; USD cannot say that: export the scene without scenery"
         )
     stage = _editable_copy(scene.stage)
     if sim.actuation.draws_delays:

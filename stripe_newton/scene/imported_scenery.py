@@ -49,12 +49,12 @@ class ImportedScenery:
         Raises:
             StageError: if it cannot be simulated, or nothing in it collides.
         """
-        assert scene.cfg.scenery is not None
+        assert scene.cfg.scenery_file is not None  # else the builder makes none
         self._scene, self._options = scene, scene.cfg.scenery_options
         self._grounds = _ground_paths(scene)
         ground = next(iter(self._grounds), None)
         solver = scene.sim.cfg.solver.kind
-        self.stage = author_scenery(scene.stage, scene.cfg.scenery, self._options, solver, ground)
+        self.stage = author_scenery(scene.stage, scene.cfg.scenery_file, self._options, solver, ground)
         self.replaces, self.joints = False, range(0)
         self._builder = scene.sim.new_builder()
         self._colliders = 0
@@ -84,11 +84,11 @@ class ImportedScenery:
         """Builder that the static shapes are read into."""
         return self._builder
 
-    def decide_ground(self, report: StageReport) -> tuple[str, ...]:
+    def decide_ground(self, report: StageReport) -> list[str]:
         """Decide what becomes of the task's ground, once the static shapes are read, with a row in the report.
 
         Returns:
-            Expressions of the prims that are left out of the shared scene.
+            Paths of the prims that are left out of the shared scene.
 
         Raises:
             StageError: if there is nothing to stand on.
@@ -104,20 +104,20 @@ class ImportedScenery:
         self.replaces = wanted == "replace" or (wanted == "auto" and has_floor)
         if not self._grounds and not floors.areas:
             reason = (
-                f"has no floor: of {floors.found} points with free space above {floors.free} have room for a body, on no "
-                f"floor of {self._options.start.min_area:g} m^2 or more; and the task has no ground"
+                f"has no floor: of {floors.found} points with free space above {floors.free} have room for a body, "
+                f"on no floor of {self._options.start.min_area:g} m^2 or more; and the task has no ground"
             )
             raise StageError(self.stage.file, "", reason)
         if not self._grounds:
-            return ()
+            return []
         area = f"{floors.area:.1f} m^2 of floors over {100.0 * floors.covered:.0f} % of its extent"
         what = "is left out: the scenery has" if self.replaces else "is kept: the scenery has"
         for path in self._grounds:
             report.ignored.append((path, "the task's ground", f"{what} {area}"))
         if not self.replaces:
-            return ()
+            return []
         self._drop_grounds()
-        return tuple(f"{path}(/|$)" for path in self._grounds)
+        return self._grounds
 
     def place(self, static: newton.ModelBuilder) -> SceneryGround:
         """Choose where robots start, on everything that all environments share, and move the environments there.

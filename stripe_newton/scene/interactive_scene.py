@@ -62,9 +62,10 @@ class InteractiveScene(SceneContents):
 
     def _add_fields(self) -> None:
         for name in type(self.cfg).__dataclass_fields__:
-            if name in InteractiveSceneCfg.__dataclass_fields__:  # settings rather than assets
-                continue
             value = getattr(self.cfg, name)
+            # Settings rather than assets; but a scene may have named an asset of its own "scenery".
+            if name in InteractiveSceneCfg.__dataclass_fields__ and (name != "scenery" or isinstance(value, str)):
+                continue
             if value is None or value is MISSING:
                 continue
             if name == "terrain" or isinstance(value, TerrainBaseCfg):

@@ -61,6 +61,11 @@ class InteractiveSceneCfg:
     clone_in_fabric: bool = False
     """Ignored: prims are never copied."""
 
+    @property
+    def scenery_file(self) -> str | None:
+        """The file that ``scenery`` names. An asset or sensor of a subclass may have that name, and is none."""
+        return self.scenery if isinstance(self.scenery, str) else None
+
     IGNORED: ClassVar[dict[str, str]] = {
         "lazy_sensor_update": "sensors measure as part of the step, in their update_period",
         "filter_collisions": "environments never collide with each other",
@@ -72,8 +77,8 @@ class InteractiveSceneCfg:
             yield "num_envs", f"is {self.num_envs!r}, must be a whole number, 1 or more"
         if self.env_spacing is not MISSING and not (math.isfinite(self.env_spacing) and self.env_spacing >= 0):
             yield "env_spacing", f"is {self.env_spacing!r}, must be a distance, 0 or more [m]"
-        if self.scenery is not None and (reason := path_reason(Path(self.scenery).expanduser())):
-            yield "scenery", f"'{self.scenery}': {reason}"
+        if self.scenery_file is not None and (reason := path_reason(Path(self.scenery_file).expanduser())):
+            yield "scenery", f"'{self.scenery_file}': {reason}"
         if not self.replicate_physics:
             yield "replicate_physics", "is False, but Newton replicates one environment; leave it True"
 

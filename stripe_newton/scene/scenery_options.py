@@ -25,8 +25,8 @@ class SceneryOptionsCfg:
     scale: float = 1.0
     """Factor on its size, after its units were converted to metres."""
     ground: str = "auto"
-    """Ground of the task: ``"replace"`` leaves it out, ``"keep"`` keeps it, ``"auto"`` replaces it where the stage has a
-    floor: one of ``start.min_area`` that covers a quarter of its extent."""
+    """The task's own ground: ``"replace"`` leaves it out, ``"keep"`` keeps it, ``"auto"`` replaces it where the stage
+    has floors of ``start.min_area`` that cover a quarter of its extent."""
     visuals_collide: bool = False
     """Make colliders of all visible shapes of a stage that has none of its own."""
     start: StartSpotsCfg = StartSpotsCfg()

@@ -17,7 +17,7 @@ from stripe_newton.usd.semantic_labels import read_semantics
 
 from .scenery_options import SceneryOptionsCfg
 
-__all__ = ["SceneryStage", "author_scenery"]
+__all__ = ["SceneryStage", "author_scenery", "paths_pattern"]
 
 
 @dataclass
@@ -28,16 +28,17 @@ class SceneryStage:
         file: The file.
         path: Path of the prim.
         bodies: Paths of its rigid bodies.
-        not_static: Expressions of the prims that move, which are left out of what all environments share.
-        not_moving: Expressions of the prims that do not move, which are left out of the environments.
+        not_static: Expression of the prims that move, which are left out of what all environments share; empty if
+            nothing moves.
+        not_moving: Expression of the prims that do not move, which are left out of the environments.
         labels: First semantic label of each prim that has one, by path.
     """
 
     file: str
     path: str
     bodies: list[str] = field(default_factory=list)
-    not_static: list[str] = field(default_factory=list)
-    not_moving: list[str] = field(default_factory=list)
+    not_static: str = ""
+    not_moving: str = ""
     labels: dict[str, str] = field(default_factory=dict)
 
 
@@ -179,16 +180,16 @@ def _sort_prims(root: Usd.Prim, made: SceneryStage) -> None:
     if not made.bodies:
         return
     joints = [str(p.GetPath()) for p in prims if p.IsA(UsdPhysics.Joint)]
-    made.not_static = [_and_below(path) for path in _outermost([*made.bodies, *joints])]
+    made.not_static = paths_pattern(_outermost([*made.bodies, *joints]))
     needed = [p for p in prims if _is_body(p) or p.IsA(UsdPhysics.Joint) or _is_setting(p)]
     above = {path for p in needed for path in p.GetPath().GetPrefixes()}
-    inside = re.compile("|".join(made.not_static))
+    inside = re.compile(made.not_static)
     static = [p for p in prims if p.GetPath() not in above and not inside.match(str(p.GetPath()))]
     for prim in prims:
         if prim.GetPath() in above and prim.HasAPI(UsdPhysics.CollisionAPI) and not _body_of(prim):
             reason = "is a static collider with a rigid body or joint below it; put that beside it"
             raise StageError(made.file, str(prim.GetPath()).removeprefix(made.path), reason)
-    made.not_moving = [_and_below(path) for path in _outermost([str(p.GetPath()) for p in static])]
+    made.not_moving = paths_pattern(_outermost([str(p.GetPath()) for p in static]))
 
 
 def _is_body(prim: Usd.Prim) -> bool:
@@ -218,5 +219,7 @@ def _outermost(paths: list[str]) -> list[str]:
     return kept
 
 
-def _and_below(path: str) -> str:
-    return re.escape(path) + "(/|$)"
+def paths_pattern(paths: list[str]) -> str:
+    """An expression that matches some paths and those below them, and no others that begin in the same way."""
+    # Newton takes what has no ".*" in it for a path.
+    return f"(?:{'|'.join(map(re.escape, paths))})(/.*)?$"

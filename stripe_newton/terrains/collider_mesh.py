@@ -94,7 +94,7 @@ def mesh_of(builder: newton.ModelBuilder, shape: int) -> tuple[newton.Mesh, np.n
 
 
 def _field_mesh(field: newton.Heightfield) -> newton.Mesh:
-    """The surface of a height field, with its cells cut as contacts cut them: (row + 1, column) to (row, column + 1)."""
+    """The surface of a height field; cells are cut from (row + 1, column) to (row, column + 1), as for contacts."""
     heights = field.min_z + np.asarray(field.data, dtype=float) * (field.max_z - field.min_z)
     nrow, ncol = heights.shape
     x, y = np.meshgrid(np.linspace(-field.hx, field.hx, ncol), np.linspace(-field.hy, field.hy, nrow))

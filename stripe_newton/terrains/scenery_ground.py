@@ -148,4 +148,3 @@ class SceneryGround(TerrainBase):
             f"{len(self.spots)} places to start on {f.area:.1f} m^2 of floors, with {f.radius:.2f} m around and "
             f"{f.height:.2f} m above free"
         )
-

@@ -73,9 +73,9 @@ class StartSpotsCfg:
                 yield name, f"is {value}, must be positive [m]"
         if not self.min_area >= 0.0:
             yield "min_area", f"is {self.min_area}, must be 0 or more [m^2]"
-        if self.lower is not None and self.upper is not None:
-            if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
-                yield "lower", f"is {self.lower}, must be below upper, {self.upper} [m]"
+        corners = zip(self.lower or (), self.upper or (), strict=False)
+        if not all(low < high for low, high in corners):
+            yield "lower", f"is {self.lower}, must be below upper, {self.upper} [m]"
 
 
 @dataclass
@@ -139,9 +139,7 @@ def find_floors(mesh: wp.Mesh, bounds: np.ndarray, cfg: StartSpotsCfg, radius: f
         top = float(high[2]) + (0.1 if cfg.upper is None else 0.0)
         limits = [top, float(low[2]) - 0.1, _STEEP, height]
         ends = wp.array(columns, dtype=wp.vec2)
-        wp.launch(
-            kernels.find_surfaces, dim=len(columns), inputs=[mesh.id, ends, *limits], outputs=[heights, counts]
-        )
+        wp.launch(kernels.find_surfaces, dim=len(columns), inputs=[mesh.id, ends, *limits], outputs=[heights, counts])
         z, found = heights.numpy(), counts.numpy()
     there = np.arange(_LAYERS) < np.minimum(found, _LAYERS)[:, None]
     column, layer = np.nonzero(there)

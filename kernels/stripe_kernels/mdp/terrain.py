@@ -118,8 +118,7 @@ def root_height_over_ground_below_minimum(
 ) -> bool:
     """Termination if the root is less than ``minimum_height`` [m] above the ground below it.
 
-    Formula: ``p.z - ground(p) < minimum_height``, ``ground`` the height below the root: of an imported world that of the
-    storey it is on.
+    Formula: ``p.z - ground(p) < minimum_height``. In an imported world it is the ground of the storey of the root.
 
     Source: this project, after Isaac Lab's ``mdp.root_height_below_minimum``.
     """

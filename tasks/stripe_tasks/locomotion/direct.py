@@ -146,7 +146,8 @@ class LocomotionEnv(DirectRLEnv):
     def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
         self._compute_torso_relations()
         time_out = self.episode_length_buf >= self.max_episode_length
-        return self.robot.data.root_pos_w[:, 2] < self.cfg.termination_height, time_out
+        height = self.robot.data.root_pos_w[:, 2] - self.scene.env_origins[:, 2]  # of the storey of a scenery
+        return height < self.cfg.termination_height, time_out
 
     def _get_rewards(self) -> torch.Tensor:
         cfg, data = self.cfg, self.robot.data

@@ -66,7 +66,8 @@ def compute_dones(
 ) -> None:
     """End an episode when the torso is too low, or after its full length."""
     env = wp.tid()
-    terminated[env] = mdp.root_height_below_minimum(env, robot, numbers.termination_height)
+    storey = robot.env_origin[env][2]  # 0 on a plane
+    terminated[env] = mdp.root_height_below_minimum(env, robot, storey + numbers.termination_height)
     truncated[env] = mdp.time_out(env, episode)
 
 

@@ -17,6 +17,7 @@ from stripe_kernels.data import ActionData, ArticulationData, CommandData, Episo
 from stripe_kernels.episode import log_add
 from stripe_kernels.mdp import random
 from stripe_kernels.sensors.contact import ContactSensorData
+from stripe_kernels.terrain import TerrainData
 from stripe_newton.assets import Articulation, ArticulationCfg
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg
@@ -234,6 +235,13 @@ def compute_observations(
     observe(env, robot, actions, task, 0.0, critic[env])
 
 
+@wp.kernel(enable_backward=False)
+def end_outside(robot: ArticulationData, terrain: TerrainData, truncated: wp.array[wp.bool]) -> None:
+    """End an episode outside of an imported scenery, or below it."""
+    env = wp.tid()
+    truncated[env] = truncated[env] or mdp.terrain_out_of_bounds(env, robot, terrain, 0.0)
+
+
 class VelocityWarpEnv(DirectRLEnv):
     """Base of the direct velocity tasks; a task brings its kernel of rewards."""
 
@@ -287,6 +295,7 @@ class VelocityWarpEnv(DirectRLEnv):
         task.max_length_s = cfg.episode_length_s
         # ranges by component: x, y, z, roll, pitch, yaw
         push, none, turn = (-cfg.push_velocity, cfg.push_velocity), (0.0, 0.0), (-math.pi, math.pi)
+        near = none if self.scene.scenery is not None else (-0.5, 0.5)  # a scenery has room at its places alone
         with wp.ScopedDevice(self.device):
             task.joint_ids = wp.array(list(range(self.robot.num_joints)), dtype=int)
             task.feet = wp.array(self.contact_forces.find_bodies(cfg.feet)[0], dtype=int)
@@ -294,7 +303,7 @@ class VelocityWarpEnv(DirectRLEnv):
             task.foot_bodies = wp.array(self.robot.find_bodies(cfg.feet)[0], dtype=int)
             task.weights = wp.array([cfg.weights[n] * self.step_dt for n in self.reward_terms], dtype=float)
             task.push_velocity = wp.array([push, push, none, none, none, none], dtype=wp.vec2)
-            task.pose_range = wp.array([(-0.5, 0.5), (-0.5, 0.5), none, none, none, turn], dtype=wp.vec2)
+            task.pose_range = wp.array([near, near, none, none, none, turn], dtype=wp.vec2)
             task.at_rest = wp.zeros(6, dtype=wp.vec2)
         return task
 
@@ -308,6 +317,8 @@ class VelocityWarpEnv(DirectRLEnv):
     def _launch_dones(self) -> None:
         w = self.warp
         self._launch(compute_dones, self.contact_forces.struct, self._task, w.episode, w.terminated, w.truncated)
+        if self.scene.scenery is not None and self.scene.terrain is not None:
+            self._launch(end_outside, self.robot.data.struct, self.scene.terrain.struct, w.truncated)
 
     def _launch_rewards(self) -> None:
         state = self.robot.data.struct, self._actions, self.warp.episode, self.contact_forces.struct, self._task

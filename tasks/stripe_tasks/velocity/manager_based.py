@@ -229,6 +229,8 @@ class TerminationsCfg:
     base_contact: TerminationTermCfg | None = TerminationTermCfg(
         func=mdp.illegal_contact, params={"sensor_cfg": MISSING, "threshold": 1.0}
     )
+    left_scenery: TerminationTermCfg | None = None
+    """In an imported scenery: outside of it, or fallen below it."""
 
 
 @configclass
@@ -317,6 +319,9 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
 
     def complete(self) -> None:
         """Set the robot of the scene, and the bodies of terms that have none or those of a former call."""
+        super().complete()
+        if self.scene is not MISSING and self.scene.scenery_file is not None:
+            self._fit_scenery()
         if self.robot is not None:
             self.scene.robot, self.robot = self.robot.replace(prim_path=ROBOT_PATH), None
         if MISSING in (self.base, self.feet):
@@ -330,6 +335,19 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
             self._completed[path] = term.params[key].copy()
         if not self.thighs and "undesired_contacts" in self._completed:
             self.rewards.undesired_contacts = None  # no body is undesired
+
+    def _fit_scenery(self) -> None:
+        """Start where the scenery has room for a robot, and end episodes of robots that have left it."""
+        events, ends = terms_of(self.events), terms_of(self.terminations)
+        reset = events.get("reset_base")
+        bounds = reset.params.get("pose_range", {}) if isinstance(reset, EventTermCfg) else {}
+        for axis in ("x", "y"):
+            if bounds.get(axis) == (-0.5, 0.5):  # the default: half a metre from a clear place there may be a table
+                bounds[axis] = (0.0, 0.0)
+        if isinstance(self.terminations, TerminationsCfg) and ends.get("out_of_bounds") is None:
+            self.terminations.left_scenery = TerminationTermCfg(
+                func=mdp.terrain_out_of_bounds, params={"distance_buffer": 0.0}, time_out=True
+            )
 
     def _body_terms(self) -> Iterator[tuple[str, Any, str, list[str]]]:
         """Parameters of terms that are bodies: a name for them, the term, the parameter and the expressions."""
@@ -391,6 +409,18 @@ class VelocityRoughEnvCfg(VelocityEnvCfg):
     def complete(self) -> None:
         super().complete()
         self.scene.height_scanner.prim_path = f"{ROBOT_PATH}/{self.base}"
+
+    def _fit_scenery(self) -> None:
+        """As on flat ground; and rays start below the ceiling, and the generated terrain is not made in vain."""
+        super()._fit_scenery()
+        end = terms_of(self.terminations).get("out_of_bounds")
+        if isinstance(end, TerminationTermCfg) and end.params.get("distance_buffer") == 3.0:
+            end.params["distance_buffer"] = 0.0  # 3 m from the walls there is no room left
+        offset = self.scene.height_scanner.offset
+        if offset.pos == (0.0, 0.0, 20.0):
+            offset.pos = (0.0, 0.0, 0.3)
+        if self.scene.terrain.terrain_type == "generator" and self.scene.scenery_options.ground != "keep":
+            self.scene.terrain.terrain_type = "plane"
 
 
 @configclass
