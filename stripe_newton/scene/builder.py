@@ -134,7 +134,7 @@ class SceneBuilder:
                 self._load(template, scene.scenery.stage.path, (scene.scenery.stage.not_moving,))
                 self.reports[-1].file = scene.scenery.stage.file
             scene.scenery.loaded_bodies(template)
-        static = self._shared(scenery, terrain_paths)
+        static = self._shared(scenery, terrain_paths, template)
         if self.template_root == "/":
             static.gravity = template.gravity
         elif self.reports[0].units["scene"] is None:
@@ -183,7 +183,9 @@ class SceneBuilder:
         """Collider slots for the assets of the scene's specification, whose colliders then are no shapes."""
         return [s for s in self._scene.sensors.values() if isinstance(s, Obstacles) and s.cfg.of_scenery]
 
-    def _shared(self, scenery: Scenery, terrain_paths: tuple[str, ...]) -> newton.ModelBuilder:
+    def _shared(
+        self, scenery: Scenery, terrain_paths: tuple[str, ...], template: newton.ModelBuilder
+    ) -> newton.ModelBuilder:
         """The builder of what all environments share, but for what sensors add."""
         scene, static = self._scene, self._scene.sim.new_builder()
         imported, left_out = scene.scenery, ("/World/envs", *terrain_paths)
@@ -199,7 +201,7 @@ class SceneBuilder:
             scene.terrain.add_to(static)
         if imported is not None:
             static.add_builder(imported.builder)
-            scene.terrain = imported.place(static)
+            scene.terrain = imported.place(static, template)
         return static
 
     def rebuild_shared(self, scenery: Scenery) -> None:
@@ -208,7 +210,7 @@ class SceneBuilder:
         assert scene.terrain is not None  # only a scene with a height field can be regenerated
         with hidden(scene.stage, scenery_groups(scene.stage)):
             self.reports = reports[:1]
-            scene.sim.static = self._shared(scenery, (f"{scene.terrain.path}/terrain",))
+            scene.sim.static = self._shared(scenery, (f"{scene.terrain.path}/terrain",), scene.sim.template)
         scene.sim.lights = read_lights(scene.stage)
 
     def _find_terrain(self) -> tuple[str, ...]:

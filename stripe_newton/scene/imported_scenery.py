@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import newton
 import numpy as np
+import warp as wp
 from newton import GeoType, JointType
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
-from scipy.spatial.transform import Rotation
 
 from stripe_newton.sim import Simulation
-from stripe_newton.terrains.collider_mesh import mesh_of, static_colliders
+from stripe_newton.terrains.collider_mesh import start_poses, static_colliders, triangles_of
 from stripe_newton.terrains.scenery_ground import SceneryGround, Triangles
-from stripe_newton.terrains.start_spots import Floors
+from stripe_newton.terrains.start_spots import Floors, choose_spots, find_floors
 from stripe_newton.usd import StageError, StageReport
 
 from .scene_contents import SceneContents
@@ -27,6 +27,8 @@ __all__ = ["ImportedScenery"]
 
 _ROOM = 0.05
 """Free space around and above what stands in an environment at its start [m]."""
+_NO_COLLIDERS = (0.3, 0.5)
+"""Radius and height that an environment without colliders gets [m]."""
 _FLOOR_SHARE = 0.25
 """Share of its extent that the floors of a stage cover if it brings its own ground."""
 
@@ -99,7 +101,7 @@ class ImportedScenery:
             raise StageError(self.stage.file, "", "none of its static colliders was read; see stripe-newton inspect")
         self._colliders = len(shapes)
         triangles = Triangles(self._builder, shapes, self._scene.device)
-        floors = self._find_floors(triangles)
+        floors, _ = self._find_floors(triangles, triangles.mesh)
         wanted, has_floor = self._options.ground, bool(floors.areas) and floors.covered >= _FLOOR_SHARE
         self.replaces = wanted == "replace" or (wanted == "auto" and has_floor)
         if not self._grounds and not floors.areas:
@@ -119,8 +121,12 @@ class ImportedScenery:
         self._drop_grounds()
         return self._grounds
 
-    def place(self, static: newton.ModelBuilder) -> SceneryGround:
+    def place(self, static: newton.ModelBuilder, template: newton.ModelBuilder) -> SceneryGround:
         """Choose where robots start, on everything that all environments share, and move the environments there.
+
+        Args:
+            static: What all environments share.
+            template: One environment, with the stage's bodies, beside which robots start.
 
         Raises:
             StageError: if there are too few places.
@@ -130,19 +136,31 @@ class ImportedScenery:
         kept = None if self.replaces else scene.terrain
         path = kept.path if kept is not None else self.stage.path.rpartition("/scenery")[0]
         path = path if path != "/World" else self.stage.path
-        floors, start = self._find_floors(triangles), self._options.start
-        try:
-            return SceneryGround(path, triangles, floors, start, scene.env_origins, kept)
-        except ValueError as error:
-            raise StageError(self.stage.file, "", str(error)) from error
+        mesh = triangles.with_bodies(*self._own_bodies(template))
+        floors, spots = self._find_floors(triangles, mesh, choose=True)
+        return SceneryGround(path, triangles, floors, spots, scene.env_origins, kept, self.stage.labels)
+
+    def _own_bodies(self, template: newton.ModelBuilder) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles of the stage's bodies as they stand when an episode begins."""
+        bodies = {template.joint_child[j] for j in self.joints}
+        shapes = [i for i in _colliders(template) if template.shape_body[i] in bodies]
+        return triangles_of(template, shapes, start_poses(template) if shapes else None)
 
     def bind(self, sim: Simulation, ground: SceneryGround) -> None:
         """Prepare what begins an episode, once the model is built."""
         self.reset = SceneryReset(sim, ground, self.joints, self._draws)
 
-    def _find_floors(self, triangles: Triangles) -> Floors:
+    def _find_floors(self, triangles: Triangles, mesh: wp.Mesh, choose: bool = False) -> tuple[Floors, np.ndarray]:
+        """Floors of a world, and the places to start on them if they are asked for.
+
+        Raises:
+            StageError: if there are too few places.
+        """
+        cfg = self._options.start
         try:
-            return triangles.floors(self._options.start, self._radius, self._height)
+            floors = find_floors(mesh, triangles.bounds, cfg, self._radius, self._height)
+            spots = choose_spots(mesh, floors, cfg, self._scene.num_envs) if choose else np.zeros((0, 3))
+            return floors, spots
         except ValueError as error:
             raise StageError(self.stage.file, "", str(error)) from error
 
@@ -161,9 +179,9 @@ class ImportedScenery:
     def describe(self) -> str:
         """The scenery in one line: its file, shapes and bodies, the task's ground, the places to start."""
         ground = self._scene.terrain
-        parts = [f"{self._colliders} shared colliders"]
+        parts = [_count(self._colliders, "shared collider", "shared colliders")]
         if self.stage.bodies:
-            parts.append(f"{len(self.stage.bodies)} bodies in each environment")
+            parts.append(f"{_count(len(self.stage.bodies), 'body', 'bodies')} in each environment")
         if self._grounds:
             parts.append(f"the task's ground is {'left out' if self.replaces else 'kept'}")
         if isinstance(ground, SceneryGround):
@@ -171,6 +189,10 @@ class ImportedScenery:
         if not self._draws:
             parts.append("each environment keeps its place, as it has something fixed to the world")
         return f"{self.stage.file}: {'; '.join(parts)}"
+
+
+def _count(number: int, one: str, several: str) -> str:
+    return f"{number} {one if number == 1 else several}"
 
 
 def _ground_paths(scene: SceneContents) -> list[str]:
@@ -189,27 +211,17 @@ def _ground_paths(scene: SceneContents) -> list[str]:
     return outer
 
 
+def _colliders(builder: newton.ModelBuilder) -> list[int]:
+    """Colliders of a builder that have an end."""
+    solid, endless = int(newton.ShapeFlags.COLLIDE_SHAPES), (GeoType.PLANE, GeoType.HFIELD)
+    kinds = zip(builder.shape_flags, builder.shape_type, strict=True)
+    return [i for i, (flags, kind) in enumerate(kinds) if int(flags) & solid and kind not in endless]
+
+
 def _room_of(template: newton.ModelBuilder) -> tuple[float, float]:
     """Radius around the origin and height above it that the colliders of one environment take at the start [m]."""
-    poses = np.zeros((0, 7))
-    if template.body_count:
-        model = template.finalize(device="cpu")
-        state = model.state()
-        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
-        poses = state.body_q.numpy()
-    points = []
-    for shape in range(template.shape_count):
-        solid = int(template.shape_flags[shape]) & int(newton.ShapeFlags.COLLIDE_SHAPES)
-        if not solid or template.shape_type[shape] in (GeoType.PLANE, GeoType.HFIELD):
-            continue
-        mesh, factor = mesh_of(template, shape)
-        own = np.asarray(mesh.vertices, dtype=float) * factor
-        body = template.shape_body[shape]
-        for pose in [np.array(template.shape_transform[shape]), *([poses[body]] if body >= 0 else [])]:
-            own = Rotation.from_quat(pose[3:]).apply(own) + pose[:3]
-        points.append(own)
-    if not points:
-        return 0.3, 0.5
-    every = np.concatenate(points)
-    radius, height = np.linalg.norm(every[:, :2], axis=1).max(), every[:, 2].max()
+    points, _ = triangles_of(template, _colliders(template), start_poses(template))
+    if not len(points):
+        return _NO_COLLIDERS
+    radius, height = np.linalg.norm(points[:, :2], axis=1).max(), points[:, 2].max()
     return float(radius) + _ROOM, max(float(height), 0.1) + _ROOM

@@ -22,7 +22,8 @@ def shape_labels(scene: SceneAssets, model: newton.Model, kind: str) -> tuple[np
     Args:
         scene: The scene, for the names of its assets.
         model: The model.
-        kind: ``"semantic_segmentation"`` (assets by their names in the scene, else top prims),
+        kind: ``"semantic_segmentation"`` (assets by their names in the scene, parts of a scenery by their labels in
+            the stage, else top prims),
             ``"instance_segmentation"`` (bodies, and prims that do not move) or ``"instance_id_segmentation"`` (shapes).
 
     Returns:
@@ -42,7 +43,7 @@ def _assets(scene: SceneAssets) -> dict[str, str]:
     """Names of the assets by path."""
     families = {**scene.articulations, **scene.rigid_objects, **scene.extras}
     found = {asset.path: name for name, asset in families.items()}
-    return found if scene.terrain is None else {**found, scene.terrain.path: "terrain"}
+    return found if scene.terrain is None else {**found, scene.terrain.path: "terrain", **scene.terrain.labels}
 
 
 def _name(label: str, owner: str, assets: dict[str, str], kind: str) -> str:

@@ -11,11 +11,21 @@ import warp as wp
 from newton import GeoType
 from scipy.spatial.transform import Rotation
 
-__all__ = ["collider_mesh", "mesh_of", "static_colliders", "triangles_of"]
+__all__ = ["collider_mesh", "start_poses", "static_colliders", "triangles_of"]
 
 _ENDLESS = 1000.0
 """Half the extent that a plane without a width or a length gets [m]."""
 _PLAIN = {"compute_normals": False, "compute_uvs": False, "compute_inertia": False}
+
+
+def start_poses(builder: newton.ModelBuilder) -> np.ndarray:
+    """Poses of the bodies where the initial positions of their joints put them [m], ``(bodies, 7)``."""
+    if not builder.body_count:
+        return np.zeros((0, 7))
+    model = builder.finalize(device="cpu")
+    state = model.state()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    return np.asarray(state.body_q.numpy(), dtype=float)
 
 
 def static_colliders(builder: newton.ModelBuilder, first: int = 0) -> list[int]:
@@ -44,18 +54,29 @@ def collider_mesh(points: np.ndarray, faces: np.ndarray, device: str) -> wp.Mesh
         )
 
 
-def triangles_of(builder: newton.ModelBuilder, shapes: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of static shapes in the world frame; curved shapes have 32 facets around.
+def triangles_of(
+    builder: newton.ModelBuilder, shapes: Iterable[int], body_poses: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of shapes in the world frame; curved shapes have 32 facets around.
+
+    Args:
+        builder: The builder.
+        shapes: Its shapes.
+        body_poses: Poses of its bodies [m], ``(bodies, 7)``; None if none of the shapes belongs to one.
 
     Returns:
         Points [m], ``(points, 3)``, and faces, indices of three points, ``(faces, 3)``.
     """
     points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], 0
     for shape in shapes:
-        mesh, factor = mesh_of(builder, shape)
-        pose = np.array(builder.shape_transform[shape], dtype=float)
+        mesh, factor = _mesh_of(builder, shape)
         own = np.asarray(mesh.vertices, dtype=float) * factor
-        points.append(Rotation.from_quat(pose[3:]).apply(own) + pose[:3])
+        poses, body = [np.array(builder.shape_transform[shape], dtype=float)], builder.shape_body[shape]
+        if body >= 0 and body_poses is not None:
+            poses.append(body_poses[body])
+        for pose in poses:
+            own = Rotation.from_quat(pose[3:]).apply(own) + pose[:3]
+        points.append(own)
         turned = np.asarray(mesh.indices, dtype=int).reshape(-1, 3)
         # A mirror turns triangles inside out.
         faces.append((turned[:, ::-1] if np.prod(np.sign(factor)) < 0.0 else turned) + count)
@@ -63,7 +84,7 @@ def triangles_of(builder: newton.ModelBuilder, shapes: Iterable[int]) -> tuple[n
     return np.concatenate(points), np.concatenate(faces)
 
 
-def mesh_of(builder: newton.ModelBuilder, shape: int) -> tuple[newton.Mesh, np.ndarray]:
+def _mesh_of(builder: newton.ModelBuilder, shape: int) -> tuple[newton.Mesh, np.ndarray]:
     """Mesh of a shape in its frame, and the factors on its coordinates.
 
     Raises:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import newton
 import numpy as np
 import torch
@@ -13,7 +15,7 @@ from stripe_kernels.terrain import TerrainData
 from stripe_newton.assets import TerrainBase
 
 from .collider_mesh import collider_mesh, triangles_of
-from .start_spots import Floors, StartSpotsCfg, choose_spots, find_floors
+from .start_spots import Floors
 
 __all__ = ["SceneryGround", "Triangles"]
 
@@ -40,7 +42,8 @@ class Triangles:
             shapes: Its static colliders.
             device: Device of the mesh.
         """
-        self.mesh = collider_mesh(*triangles_of(builder, shapes), device)
+        self._triangles = triangles_of(builder, shapes)
+        self.mesh = collider_mesh(*self._triangles, device)
         # A plane says nothing of where the world ends: robots may walk around what stands on it.
         planes = [i for i in shapes if builder.shape_type[i] == newton.GeoType.PLANE]
         self.endless = bool(planes)
@@ -57,9 +60,13 @@ class Triangles:
             ]
         )
 
-    def floors(self, cfg: StartSpotsCfg, radius: float, height: float) -> Floors:
-        """The floors on which a robot of that size can walk; see :func:`find_floors`."""
-        return find_floors(self.mesh, self.bounds, cfg, radius, height)
+    def with_bodies(self, points: np.ndarray, faces: np.ndarray) -> wp.Mesh:
+        """A mesh that also has the triangles of bodies that stand in the world when an episode begins."""
+        if not len(faces):
+            return self.mesh
+        own, own_faces = self._triangles
+        every = np.concatenate([own_faces, faces + len(own)])
+        return collider_mesh(np.concatenate([own, points]), every, str(self.mesh.device))
 
 
 class SceneryGround(TerrainBase):
@@ -84,26 +91,25 @@ class SceneryGround(TerrainBase):
         path: str,
         triangles: Triangles,
         floors: Floors,
-        cfg: StartSpotsCfg,
+        spots: np.ndarray,
         env_origins: torch.Tensor,
         kept: TerrainBase | None,
+        labels: Mapping[str, str],
     ):
-        """Choose the places, and move the environments there.
+        """Move the environments to the places.
 
         Args:
             path: Prim path.
             triangles: The world.
             floors: Its floors.
-            cfg: How places are chosen.
+            spots: Places where robots start [m], shape ``(spots, 3)``.
             env_origins: Origins of the environments, which this writes [m], shape ``(num_envs, 3)``.
             kept: The task's own ground, if it stays.
-
-        Raises:
-            ValueError: if there are too few places.
+            labels: Semantic labels of its prims, by path.
         """
         self.path, self.kept, self.floors, self._triangles = path, kept, floors, triangles
+        self.labels = labels
         self.env_origins, self.num_envs = env_origins, len(env_origins)
-        spots = choose_spots(triangles.mesh, floors, cfg, self.num_envs)
         device = env_origins.device
         self.spots = torch.tensor(spots, device=device)
         self.terrain_levels, self.terrain_types = torch.zeros((2, self.num_envs), dtype=torch.int32, device=device)
