@@ -94,10 +94,10 @@ def terrain_normal(terrain: TerrainData, x: float, y: float) -> wp.vec3:
         query = wp.mesh_query_ray(
             terrain.mesh, wp.vec3(x, y, terrain.top), wp.vec3(0.0, 0.0, -1.0), terrain.top - terrain.bottom
         )
-        up = wp.vec3(0.0, 0.0, 1.0)
+        normal = wp.vec3(0.0, 0.0, 1.0)
         if query.result:
-            up = query.normal * wp.where(query.normal[2] < 0.0, -1.0, 1.0)  # either side of a triangle may be walked on
-        return up
+            normal = query.normal * wp.where(query.normal[2] < 0.0, -1.0, 1.0)  # both sides of a triangle are walked on
+        return normal
     nrow, ncol = terrain.heights.shape[0], terrain.heights.shape[1]
     u = _grid_coordinate(x, terrain.lower[0], terrain.cell[0], ncol)
     v = _grid_coordinate(y, terrain.lower[1], terrain.cell[1], nrow)
