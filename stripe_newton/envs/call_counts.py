@@ -9,14 +9,14 @@ import json
 import re
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 import warp as wp
 
-__all__ = ["calls_in_trace", "count_calls", "warp_calls"]
+__all__ = ["calls_in_trace", "count_calls", "warp_calls", "warp_waits"]
 
 REGION = "stripe_newton.step"
 """Annotation around each step in a trace."""
@@ -131,23 +131,45 @@ def _kinds_of(calls: list[Event]) -> Counter[str]:
 @contextlib.contextmanager
 def warp_calls() -> Iterator[Counter[str]]:
     """Count the launches and synchronisations that Warp's Python side asks its library for, by kind, until closed."""
+    counts: Counter[str] = Counter()
+
+    def count(kind: str) -> None:
+        counts[kind] += 1
+
+    with _on_warp_calls(_WARP, count):
+        yield counts
+
+
+@contextlib.contextmanager
+def warp_waits(error: Exception) -> Iterator[None]:
+    """Raise an error where Warp's Python side asks its library to wait for the device, until closed."""
+
+    def refuse(kind: str) -> None:
+        raise error
+
+    with _on_warp_calls({name: kind for name, kind in _WARP.items() if kind == "host_syncs"}, refuse):
+        yield
+
+
+@contextlib.contextmanager
+def _on_warp_calls(kinds: Mapping[str, str], note: Callable[[str], None]) -> Iterator[None]:
+    """Call a function with the kind of each of some calls to Warp's library before it is made."""
     # Warp has no hook for this. Its Python side looks each function up in this object at every call, so replacing the
     # attribute catches all of them.
     core = wp._src.context.runtime.core
-    counts: Counter[str] = Counter()
 
-    def counted(function: Callable[..., object], kind: str) -> Callable[..., object]:
+    def noted(function: Callable[..., object], kind: str) -> Callable[..., object]:
         def call(*args: object) -> object:
-            counts[kind] += 1
+            note(kind)
             return function(*args)
 
         return call
 
-    originals = {name: getattr(core, name) for name in _WARP}
+    originals = {name: getattr(core, name) for name in kinds}
     try:
         for name, function in originals.items():
-            setattr(core, name, counted(function, _WARP[name]))
-        yield counts
+            setattr(core, name, noted(function, kinds[name]))
+        yield
     finally:
         for name, function in originals.items():
             setattr(core, name, function)

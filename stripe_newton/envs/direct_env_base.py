@@ -53,6 +53,16 @@ class DirectEnvBase(RLEnv):
         name = f"_apply_action ({self._substeps.mode}), {self._physics_name}"
         return Eager(name, lambda: self._substeps.run(self), how)
 
+    def run_apply_action(self) -> None:
+        """Run ``_apply_action`` and hand over what assets have pending."""
+        self._apply_action()
+        self.scene.write_data_to_sim()
+
+    @property
+    def applies_each_substep(self) -> bool:
+        """Whether ``_apply_action`` runs before every physics step of every step."""
+        return self._substeps.each
+
     @property
     def _physics_name(self) -> str:
         return f"{type(self.sim.solver).__name__}, {self.cfg.decimation} physics steps"
@@ -84,11 +94,15 @@ class DirectEnvBase(RLEnv):
         """Call ``_reset_idx`` for the environments whose episodes ended, then forward kinematics for them."""
         ids = self.context.reset_mask.indices()
         if len(ids):
-            ended = self.reset_buf.clone()  # a hook may clear the buffer
-            self._reset_scenery()
-            self._reset_idx(ids)
-            # At once, as the observations that follow may be a torch hook, whose reads nobody can look up beforehand.
-            self.sim.forward(ended)
+            self._reset_envs(ids)
+
+    def _reset_envs(self, env_ids: torch.Tensor) -> None:
+        """Call ``_reset_idx`` for the environments of the reset mask, whose indices are given."""
+        ended = self.reset_buf.clone()  # a hook may clear the buffer
+        self._reset_scenery()
+        self._reset_idx(env_ids)
+        # At once, as the observations that follow may be a torch hook, whose reads nobody can look up beforehand.
+        self.sim.forward(ended)
 
     def _apply_action(self) -> None:
         raise NotImplementedError

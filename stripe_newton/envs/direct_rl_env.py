@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,8 +18,10 @@ from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
 from stripe_newton.noise import NoiseModel, NoiseModelCfg
 
 from .direct_env_base import DirectEnvBase
+from .hook_graphs import Launched
+from .hook_parts import HookPart, PhysicsPart, ResetPart, hook_recorder, rehearse
 from .hooks import DirectHooks
-from .rl_env import Observations
+from .rl_env import Extras, Observations
 from .rl_env_cfg import RLEnvCfg
 from .spaces import SpaceSpec, to_space
 
@@ -44,11 +47,17 @@ class DirectRLEnvCfg(RLEnvCfg):
     """Rate of ``_apply_action``: ``"substep"`` calls it before each physics step, ``"step"`` once before all of them,
     which are then one CUDA graph. ``"auto"`` begins with ``"step"`` and compares, in the first steps and every 64th,
     the targets of all physics steps; if they differ it changes to ``"substep"``."""
+    hooks_graph: str | bool = "auto"
+    """Whether torch hooks become part of the step's CUDA graph, on a GPU: ``"auto"`` where a replay gives the same as
+    the hook, ``True`` to make it an error where they cannot, ``False`` never. ``describe()`` says which are not and
+    why."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)
         if self.apply_action not in ("auto", "step", "substep"):
             yield "apply_action", f"is '{self.apply_action}', must be 'auto', 'step' or 'substep'"
+        if self.hooks_graph not in ("auto", True, False):
+            yield "hooks_graph", f"is {self.hooks_graph!r}, must be 'auto', True or False"
         for name in ("observation_space", "action_space", "state_space"):
             value = getattr(self, name)
             if value is MISSING or (name == "state_space" and not value):
@@ -70,7 +79,8 @@ class DirectRLEnv(DirectEnvBase):
     Each of these hooks may be filled with torch, under the name above, or with Warp kernels, under the name
     ``_launch_pre_physics_step``, ``_launch_apply_action``, ``_launch_dones``, ``_launch_rewards``, ``_launch_reset`` or
     ``_launch_observations``. Warp hooks read and write the arrays of :attr:`warp` and become part of the step's CUDA
-    graph; torch hooks run between graphs. :meth:`describe` shows which is which.
+    graph. Torch hooks do, too, where a replay gives what the hook gives; others run between graphs.
+    :meth:`describe` shows which is which, and why.
 
     Attributes:
         warp: Arrays of the Warp hooks: ``actions`` float ``(num_envs, num_actions)``, always finite; ``terminated``,
@@ -99,6 +109,8 @@ class DirectRLEnv(DirectEnvBase):
         self._observation_noise_model = self._make_noise(self.cfg.observation_noise_model)
         self._action_noise_model = self._make_noise(self.cfg.action_noise_model)
         self._make_hook_helpers(self.cfg)
+        self._recorder = hook_recorder(self)
+        self._observation_buffers: dict[str, torch.Tensor] = {}
         self._make_warp()
         self._run_startup_events()
 
@@ -163,7 +175,29 @@ class DirectRLEnv(DirectEnvBase):
             launch = Captured("_launch_pre_physics_step", lambda: self._launch_pre_physics_step(self.warp.actions))
             return [finite, launch]
         noise = ", noise" if self._action_noise_model is not None else ""
-        return [Eager(f"_pre_physics_step{noise}", lambda: self._pre_physics_step(self._action), "torch hook")]
+        return [self._torch_item(f"_pre_physics_step{noise}", self._torch_pre_physics, "_pre_physics_step")]
+
+    def _torch_item(
+        self, name: str, function: Callable[[], None], method: str, before: Callable[[], None] | None = None
+    ) -> Eager:
+        """A torch hook as an item of a step.
+
+        Args:
+            name: Its name in the description.
+            function: Runs the hook with what belongs to it.
+            method: Name of the method.
+            before: The host's part before it, in each step.
+        """
+        if self._recorder is not None:
+            hook = self._recorder.add(name, function, getattr(type(self), method))
+            return HookPart(self._recorder, hook, before).item(name)
+
+        def run() -> None:
+            if before is not None:
+                before()
+            function()
+
+        return Eager(name, run, "torch hook")
 
     def _physics_items(self) -> list[Item]:
         steps, name = self.cfg.decimation, self._physics_name
@@ -175,13 +209,37 @@ class DirectRLEnv(DirectEnvBase):
             return [Captured(f"{name}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
         if self._hooks.pre_physics.is_warp and self._hooks.apply_action.is_empty:
             return [alone]
-        return [self._torch_physics()]
+        physics = self._torch_physics()
+        if self._recorder is None:
+            return [physics]
+        hook = self._recorder.add("_apply_action", super().run_apply_action, type(self)._apply_action)
+        self._apply_part = PhysicsPart(self, self._recorder, hook)
+        return [Eager(physics.name, self._run_physics, physics.reason, part=self._apply_part)]
+
+    def _run_physics(self) -> None:
+        """Run the physics hook by hook, for a step that watches or compares."""
+        each = self._substeps.each
+        self._substeps.run(self, watch=self._recorder is not None and self._recorder.checks_all)
+        if each != self._substeps.each:
+            self.plan.recapture()
+
+    def run_apply_action(self) -> None:
+        if self._recorder is None:
+            super().run_apply_action()
+        else:
+            self._recorder.run(self._apply_part.hook)
 
     def _outcome_items(self) -> list[Item]:
         context = self.context
         # The length of the episode counts this step already where dones and rewards look at it, as in Isaac Lab.
         items: list[Item] = [self._count_section().only(context.within_step), self._safety.after_physics()]
-        items.append(self._hooks.dones.item(self._launch_dones, self._torch_dones))
+        items.append(
+            self._hooks.dones.item(
+                self._launch_dones,
+                # The counter includes this step from here on, as in Isaac Lab.
+                lambda name: self._torch_item(name, self._torch_dones, "_get_dones", self.count_step),
+            )
+        )
         if self._hooks.dones.is_warp:
             body = [
                 context.code("{episode.terminated}[env] = {episode.terminated}[env] or {nonfinite}[env]"),
@@ -189,18 +247,21 @@ class DirectRLEnv(DirectEnvBase):
                 context.code("{moved}[env] = {reset}[env]"),
             ]
             items.append(Section("ended", body).only(context.within_step))
-        items.append(self._hooks.rewards.item(self._launch_rewards, self._torch_rewards))
+        items.append(
+            self._hooks.rewards.item(
+                self._launch_rewards,
+                lambda name: self._torch_item(name, self._torch_rewards, "_get_rewards", self.count_step),
+            )
+        )
         if self._hooks.rewards.is_warp:
             finite = [context.code("if {nonfinite}[env]:"), context.code("    {reward}[env] = 0.0")]
             items.append(Section("finite_reward", finite))
         return items
 
     def _torch_dones(self) -> None:
-        self.count_step()
         self._end_episodes(*self._get_dones())
 
     def _torch_rewards(self) -> None:
-        self.count_step()
         rewards = self._get_rewards()
         self.reward_buf[:] = torch.where(self._safety.nonfinite, 0.0, rewards)
 
@@ -209,12 +270,27 @@ class DirectRLEnv(DirectEnvBase):
         if self.cfg.compute_final_obs:
             items.append(Eager("final observations", self._keep_final_observations, "torch copies"))
         if not self._hooks.reset.is_warp:
-            return [*items, Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
+            name = "_reset_idx, forward kinematics"
+            if self._recorder is None:
+                return [*items, Eager(name, self._torch_reset, "torch hook")]
+            hook = self._recorder.add(name, self._reset_listed, type(self)._reset_idx, joins=False)
+            self._reset_part = ResetPart(self._recorder, hook, self.num_envs, self.device)
+            return [*items, Eager(name, self._torch_reset, "torch hook", part=self._reset_part)]
         if self._events is not None or self._noise_models():
             items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
         items += [self._safety.begin_reset(), *self._scenery_items()]
         items.append(Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset)))
         return [*items, *self._measure("launch_reset"), self._safety.end_reset()]
+
+    def _reset_envs(self, env_ids: torch.Tensor) -> None:
+        if self._recorder is None:
+            super()._reset_envs(env_ids)
+        else:
+            self._reset_part.run(env_ids)
+
+    def _reset_listed(self) -> None:
+        # A copy, as the hook may keep it.
+        super()._reset_envs(self._reset_part.env_ids.clone())
 
     def _torch_reset_events(self) -> None:
         ids = self.context.reset_mask.indices()
@@ -231,23 +307,50 @@ class DirectRLEnv(DirectEnvBase):
             groups = {k: wp.to_torch(v) for k, v in self.warp.observations.items()}
         else:
             groups = self._torch_groups()
+        if self._recorder is not None:
+            self._recorder.settle()
         self.extras["final_obs"] = {k: v.clone() for k, v in groups.items()}
         self.extras["_final_obs"] = self.reset_buf.clone()
 
     def _event_items(self) -> list[Item]:
         own = type(self)._interval_events is not DirectRLEnv._interval_events
         if own or (self._events is not None and self._events.has_intervals):
-            return [Eager("interval events", lambda: self._interval_events(self.step_dt), "torch terms")]
+            events = self._torch_item("interval events", self._torch_events, "_interval_events")
+            return [events if self._recorder is not None else dataclasses.replace(events, reason="torch terms")]
         return []
 
     def _observation_items(self) -> list[Item]:
         noise = ", noise" if self._observation_noise_model is not None else ""
-        observe = self._hooks.observations.item(self._launch_observations, self._torch_observations, noise)
+        observe = self._hooks.observations.item(
+            self._launch_observations,
+            lambda name: self._torch_item(name, self._torch_observations, "_get_observations"),
+            noise,
+        )
         return [observe, *self._log_items()]
+
+    def _torch_events(self) -> None:
+        self._interval_events(self.step_dt)
 
     def _torch_observations(self) -> None:
         # Copies: learners keep observations, and a hook may return the same tensor in every step.
-        self._observed = {k: v.clone() for k, v in self._torch_groups().items()}
+        groups = self._torch_groups()
+        if self._recorder is None:
+            self._observed = {k: v.clone() for k, v in groups.items()}
+            return
+        # A graph writes the same memory in each step, so learners get copies of that, at the end of the step.
+        if not self._observation_buffers:
+            self._observation_buffers = {k: self._observation_buffer(k, v) for k, v in groups.items()}
+        for name, value in groups.items():
+            self._observation_buffers[name].copy_(value)
+
+    def _observation_buffer(self, name: str, value: torch.Tensor) -> torch.Tensor:
+        if value.dtype == torch.float32:
+            return wp.to_torch(self.outputs.reserve(f"obs.{name}", wp.float32, tuple(value.shape)))
+        return torch.empty_like(value, memory_format=torch.contiguous_format)
+
+    def observation_buffers(self) -> dict[str, torch.Tensor]:
+        """Memory by group that torch hooks write their observations to, where they may be recorded."""
+        return self._observation_buffers
 
     def _torch_groups(self) -> dict[str, torch.Tensor]:
         groups: Observations = dict(self._get_observations())
@@ -259,27 +362,79 @@ class DirectRLEnv(DirectEnvBase):
             groups["policy"] = self._observation_noise_model(groups["policy"])
         return groups
 
+    def _replays(self) -> bool:
+        return self._recorder is None or self._recorder.replays
+
+    def begin_step(self) -> None:
+        recaptures = self._recaptures
+        super().begin_step()
+        if self._recorder is not None:
+            if self._recaptures != recaptures:
+                self._recorder.start_again("an array of the simulation is replaced again and again")
+            self._recorder.begin_step()
+
+    def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
+        results = super().finish_step()
+        if self._recorder is not None:
+            self._recorder.end_step()
+        return results
+
+    def settle_hooks(self) -> None:
+        # A torch reset waits for the device, so that the step can be no part of a larger graph anyway.
+        if self._recorder is not None and self._hooks.reset.is_warp and not self._recorder.is_settled:
+            rehearse(self, self._recorder)
+
+    def hook_log_keys(self) -> list[str]:
+        return [k for h in self._recorder.hooks for k in h.log_keys()] if self._recorder is not None else []
+
+    def hook_log(self, launched: Sequence[Callable[[], None]]) -> dict[str, torch.Tensor]:
+        return {k: v for part in launched if isinstance(part, Launched) for k, v in part.log_tensors().items()}
+
     def _take_action(self, action: torch.Tensor) -> None:
-        if self._action_noise_model is not None:
-            action = self._action_noise_model(action.float())
         if self._hooks.pre_physics.is_warp:
+            if self._action_noise_model is not None:
+                action = self._action_noise_model(action.float())
             wp.to_torch(self.warp.actions).copy_(action.reshape(self.num_envs, -1))
             return
+        given = self._given
+        if self._recorder is None:
+            self._given = action
+        elif given is not None and given.shape == action.shape and given.dtype == action.dtype:
+            given.copy_(action)  # where graphs read it
+        else:
+            self._given = action.clone()
+            if given is not None:
+                self._recorder.start_again("the actions change their type again and again")
+
+    def _torch_pre_physics(self) -> None:
+        action = self._given
+        assert action is not None
+        if self._action_noise_model is not None:
+            action = self._action_noise_model(action.float())
         # A copy, as the hook may keep it or change it in place, and the tensor belongs to the caller.
         self._action = action.float().clone() if action.is_floating_point() else action.clone()
         if action.is_floating_point():
             self._safety.make_finite(self._action)
+        self._pre_physics_step(self._action)
+
+    _given: torch.Tensor | None = None
+    """Actions of the step under way."""
 
     def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
         if not self._hooks.observations.is_warp:
-            return self._observed
+            if self._recorder is None:
+                return self._observed
+            return {k: values.get(f"obs.{k}", v) for k, v in self._observation_buffers.items()}
         groups = {name: values[f"obs.{name}"] for name in self.warp.observations}
         if self._observation_noise_model is not None:
             groups["policy"] = self._observation_noise_model(groups["policy"])
         return groups
 
     def why_not_capturable(self) -> str:
-        return "noise models are torch modules" if self._noise_models() else super().why_not_capturable()
+        own = self._recorder is not None and not self._hooks.pre_physics.is_warp
+        if self._noise_models() and not (own and not self._hooks.observations.is_warp):
+            return "noise models are torch modules"
+        return super().why_not_capturable()
 
     def _noise_models(self) -> list[NoiseModel]:
         return [m for m in (self._action_noise_model, self._observation_noise_model) if m is not None]

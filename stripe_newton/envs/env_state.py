@@ -13,7 +13,7 @@ import warp as wp
 if TYPE_CHECKING:
     from .rl_env import RLEnv
 
-__all__ = ["EnvState", "restore_state", "save_state", "state_arrays"]
+__all__ = ["EnvState", "repeats", "restore_state", "save_state", "state_arrays"]
 
 EnvState = dict[str, object]
 """A saved state: plain values, tensors, and dicts and lists of them, as ``torch.save`` takes them."""
@@ -100,10 +100,15 @@ def _restore_buffers(env: RLEnv, saved: dict[str, torch.Tensor]) -> None:
     buffers = _buffers(env)
     for name, value in saved.items():
         mine = buffers.get(name)
-        if mine is not None and mine.shape == value.shape and mine.is_contiguous() and not mine.is_inference():
-            mine.copy_(value)
+        if mine is not None and mine.shape == value.shape and not repeats(mine) and not mine.is_inference():
+            mine.copy_(value)  # in place, as a recorded hook reads it there
         else:  # a hook that makes it has not run here yet, or it cannot be written in place
             setattr(env, name, value.to(env.device).clone())
+
+
+def repeats(tensor: torch.Tensor) -> bool:
+    """Whether entries share memory, as those of an expanded tensor do."""
+    return any(stride == 0 and size > 1 for stride, size in zip(tensor.stride(), tensor.shape, strict=True))
 
 
 def _tensors(values: Mapping[str, object]) -> dict[str, torch.Tensor]:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 
 from .rl_env import Observations, RLEnv
@@ -43,8 +45,12 @@ class GraphStep:
         self.observations = env.observation_views()
         values = env.outputs.views()
         self.reward, self.terminated, self.truncated = (values[n] for n in ("reward", "terminated", "truncated"))
-        self.log_keys = list(env.context.log.keys)
-        self.log = values["log"][: len(self.log_keys)] if self.log_keys else values["reward"][:0]
+        own = list(env.context.log.keys)
+        self._hook_keys = [key for key in env.hook_log_keys() if key not in own]
+        self.log_keys = own + self._hook_keys
+        self._own_log = self.log = values["log"][: len(own)] if own else values["reward"][:0]
+        self._after: list[Callable[[], None]] = []
+        self._is_open = False
         self._recaptures = env.sim.recaptures
 
     def launch(self, action: torch.Tensor) -> None:
@@ -53,7 +59,11 @@ class GraphStep:
         Args:
             action: Shape ``(num_envs, num_actions)``.
         """
-        self._env.launch_step(action)
+        self._after = self._env.launch_step(action)
+        if self._hook_keys:
+            # What torch hooks log lies in memory of this recording alone.
+            found = self._env.hook_log(self._after)
+            self.log = torch.cat((self._own_log, torch.stack([found[k].reshape(()).float() for k in self._hook_keys])))
 
     def before(self) -> bool:
         """Do the host's part before a replay of the step.
@@ -66,11 +76,18 @@ class GraphStep:
             ValueError: if actions were not finite and the config says to raise.
         """
         env = self._env
+        self._end_step()
         env.begin_step()
+        self._is_open = True
         env.raise_for_actions()
         # RLEnv.step counts between physics and dones, for torch hooks. A replay has none, so the moment is free.
         env.count_step()
         stale, self._recaptures = env.sim.recaptures != self._recaptures, env.sim.recaptures
+        if env.why_not_capturable():
+            # A number that a recorded torch hook reads has changed: the hook is watched and recorded again.
+            env.settle_hooks()
+            env.begin_step()
+            stale = True
         return stale
 
     def after(self) -> Observations:
@@ -79,4 +96,12 @@ class GraphStep:
         Returns:
             Observations by group, in new memory.
         """
+        self._end_step()
         return self._env.finish_step()[0]
+
+    def _end_step(self) -> None:
+        """Do the host's part of recorded torch hooks, once for each replay."""
+        if self._is_open:
+            self._is_open = False
+            for function in self._after:
+                function()

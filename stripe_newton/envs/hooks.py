@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from stripe_newton.fusion import Captured, Eager, Item
+from stripe_newton.fusion import Captured, Item
 
 __all__ = ["DirectHooks", "Filling", "Hook"]
 
@@ -44,17 +44,17 @@ class Hook:
         """Whether the class fills neither of the two."""
         return self.filling is Filling.NOTHING
 
-    def item(self, launch: Callable[[], None], torch_hook: Callable[[], None], note: str = "") -> Item:
+    def item(self, launch: Callable[[], None], torch_hook: Callable[[str], Item], note: str = "") -> Item:
         """The hook as an item of a step: Warp kernels become part of the graph, torch code runs between graphs.
 
         Args:
             launch: Launches the kernels of the Warp hook.
-            torch_hook: Runs the torch hook.
+            torch_hook: Makes the item of the torch hook, of its name.
             note: Other things that run with the torch hook, for the description of the step.
         """
         if self.is_warp:
             return Captured(self.warp_name, launch)
-        return Eager(f"{self.torch_name}{note}", torch_hook, "torch hook")
+        return torch_hook(f"{self.torch_name}{note}")
 
 
 @dataclass(frozen=True)

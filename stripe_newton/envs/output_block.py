@@ -46,6 +46,11 @@ class OutputBlock:
         self._arrays[name] = wp.from_torch(self._view(self._chunks[-1], name), dtype=dtype)
         return self._arrays[name]
 
+    @property
+    def chunks(self) -> list[torch.Tensor]:
+        """The blocks of memory that hold the arrays, uint8."""
+        return list(self._chunks)
+
     def array(self, name: str) -> wp.array:
         """The array that was reserved under a name."""
         return self._arrays[name]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -266,7 +266,7 @@ class RLEnv(VectorEnv):
         self._take_action(action)
         # All stages, in the order of _stages(): physics, terminations and rewards of the episodes under way, resets,
         # then commands, sensors and observations, which see the new episodes.
-        self.plan.run()
+        self.plan.run(self._replays())
         # The results are copied out, as the next step overwrites the memory that they stand in.
         return self.finish_step()
 
@@ -289,17 +289,39 @@ class RLEnv(VectorEnv):
             self._recaptures = self.sim.recaptures
             self.plan.recapture()
 
-    def launch_step(self, action: torch.Tensor) -> None:
+    def _replays(self) -> bool:
+        """Whether the step that has begun launches graphs where there are any."""
+        return True
+
+    def settle_hooks(self) -> None:
+        """Find out which torch hooks can be recorded, where that takes steps; the state is then as it was."""
+
+    def hook_log_keys(self) -> list[str]:
+        """Keys of the episode log that recorded torch hooks write."""
+        return []
+
+    def hook_log(self, launched: Sequence[Callable[[], None]]) -> dict[str, torch.Tensor]:
+        """Numbers that recorded torch hooks write to the episode log, by key.
+
+        Args:
+            launched: Result of :meth:`launch_step`.
+        """
+        return {}
+
+    def launch_step(self, action: torch.Tensor) -> list[Callable[[], None]]:
         """Launch all kernels of a step on the current stream, so that a caller can record them in a CUDA graph.
 
         Args:
             action: Shape ``(num_envs, num_actions)``.
 
+        Returns:
+            What the host does after each replay of the caller's graph.
+
         Raises:
             GraphCaptureError: if something in the step runs on the host; see :meth:`why_not_capturable`.
         """
         self._take_action(action)
-        self.plan.launch()
+        return self.plan.launch()
 
     def count_step(self) -> None:
         """Count the step under way.

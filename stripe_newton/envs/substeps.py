@@ -21,7 +21,7 @@ class HasActionHook(Protocol):
     scene: InteractiveScene
     sim: Simulation
 
-    def _apply_action(self) -> None: ...
+    def run_apply_action(self) -> None: ...
 
 
 class Substeps:
@@ -47,25 +47,33 @@ class Substeps:
         """Whether the hook runs before every physics step of every step."""
         return self.mode == "substep"
 
-    def run(self, env: HasActionHook) -> None:
-        """Run the physics of one environment step."""
-        watch = self.mode == "auto" and (self._count < self.FIRST or self._count % self.EVERY == 0)
+    @property
+    def is_decided(self) -> bool:
+        """Whether the first steps have been watched, if any are."""
+        return self.mode != "auto" or self._count >= self.FIRST
+
+    def run(self, env: HasActionHook, watch: bool = False) -> None:
+        """Run the physics of one environment step.
+
+        Args:
+            env: The environment.
+            watch: Whether to watch this step whatever its number, if any are watched.
+        """
+        watch = self.mode == "auto" and (watch or self._count < self.FIRST or self._count % self.EVERY == 0)
         self._count += 1
         if watch:
             self._watch(env)
             return
         per_call = 1 if self.each else self._decimation
         for _ in range(0, self._decimation, per_call):
-            env._apply_action()
-            env.scene.write_data_to_sim()
+            env.run_apply_action()
             env.sim.step(per_call)
 
     def _watch(self, env: HasActionHook) -> None:
         before: list[torch.Tensor] | None = None
         for _ in range(self._decimation):
             state = _state(env.sim)
-            env._apply_action()
-            env.scene.write_data_to_sim()
+            env.run_apply_action()
             targets = _targets(env.sim)
             if not _same(state, _state(env.sim)) or (before is not None and not _same(before, targets)):
                 self._found(env)

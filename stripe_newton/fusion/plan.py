@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import warp as wp
 
@@ -39,15 +40,43 @@ class _Segment:
     operations: list[_Operation] = field(default_factory=list)
     eager: Eager | None = None
     stage: str = ""
-    graph: wp.Graph | None = None
+
+    @property
+    def joins(self) -> bool:
+        """Whether it may be a part of a graph now."""
+        return self.eager is None or (self.eager.part is not None and self.eager.part.joins)
+
+
+@dataclass
+class _Block:
+    """Consecutive segments that are one graph, or a host function alone."""
+
+    segments: list[_Segment]
+    replay: Callable[[], None] | None = None
+    after: list[Callable[[], None]] = field(default_factory=list)
+    """What the host does after each replay."""
+
+    @property
+    def is_graph(self) -> bool:
+        return self.segments[0].joins
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether it holds the launches of host functions."""
+        return self.is_graph and any(s.eager is not None for s in self.segments)
 
 
 class Plan:
     """Runs the stages of a step in order. All kernels between two host functions are one CUDA graph.
 
     The first run launches kernel by kernel, which loads the kernels; then the graphs are recorded. On the CPU, and
-    without ``use_graph``, every run launches kernel by kernel.
+    without ``use_graph``, every run launches kernel by kernel. Host functions that may be recorded join the graphs
+    beside them while they say so; call :meth:`recapture` when they change their mind.
     """
+
+    record_mixed: Callable[[Callable[[], None]], Callable[[], None]]
+    """Records what a function launches with torch and with Warp; returns the replay. Needed for host functions that
+    may be recorded."""
 
     def __init__(self, name: str, stages: Sequence[Stage], scope: Scope, num_envs: int, device: str, use_graph: bool):
         self.name, self.stages = name, list(stages)
@@ -56,7 +85,7 @@ class Plan:
         self._device = device
         self._side_streams: list[wp.Stream] = []
         self._segments = _Cutter(name, scope, num_envs, device).cut(stages)
-        self._recorded = False
+        self._recorded: list[_Block] = []
 
     @property
     def kernels(self) -> list[FusedKernel]:
@@ -65,39 +94,56 @@ class Plan:
 
     @property
     def graph_count(self) -> int:
-        """Number of graph launches in a run."""
-        return sum(s.eager is None for s in self._segments) if self.captures else 0
+        """Number of graph launches in a run, without those of host functions of their own."""
+        return sum(b.is_graph for b in self._blocks()) if self.captures else 0
 
     @property
     def eager(self) -> list[tuple[str, str, str]]:
-        """Stage, name and reason of each host function."""
-        return [(s.stage, s.eager.name, s.eager.reason) for s in self._segments if s.eager is not None]
+        """Stage, name and reason of each host function that is in no graph."""
+        alone = [(s.stage, s.eager) for s in self._segments if s.eager is not None and not s.joins]
+        return [(stage, e.name, (e.part.how if e.part else "") or e.reason) for stage, e in alone]
+
+    def _blocks(self) -> list[_Block]:
+        """The segments, with those together that may be one graph now."""
+        blocks: list[_Block] = []
+        for segment in self._segments:
+            if blocks and blocks[-1].is_graph and segment.joins:
+                blocks[-1].segments.append(segment)
+            else:
+                blocks.append(_Block([segment]))
+        return blocks
 
     # -- running
 
-    def run(self) -> None:
+    def run(self, replay: bool = True) -> None:
         """Run all stages.
+
+        Args:
+            replay: Whether graphs are launched; otherwise all runs kernel by kernel and hook by hook.
 
         Raises:
             GraphCaptureError: if a captured item does something that cannot be recorded in a graph.
         """
         with wp.ScopedDevice(self._device):
-            for segment in self._segments:
-                if segment.eager is not None:
-                    segment.eager.function()
-                elif segment.graph is not None:
-                    wp.capture_launch(segment.graph)
-                else:
+            for block in self._recorded if replay and self._recorded else self._blocks():
+                if block.replay is not None:
+                    block.replay()
+                    for function in block.after:
+                        function()
+                    continue
+                for segment in block.segments:
+                    if segment.eager is not None:
+                        segment.eager.function()
                     # On one stream: the first run loads modules, and loading synchronises all streams anyway.
                     for operation in segment.operations:
                         operation.launch()
-            if self.captures and not self._recorded:
+            if self.captures and replay and not self._recorded:
                 # After the whole run, as a kernel that is not loaded yet cannot be recorded: loading is not allowed
                 # during capture.
-                for segment in self._segments:
-                    if segment.eager is None:
-                        segment.graph = self._record(segment)
-        self._recorded = True
+                self._recorded = self._blocks()
+                for block in self._recorded:
+                    if block.is_graph:
+                        self._record(block)
 
     def run_without_graph(self, stages: Sequence[str]) -> None:
         """Run some stages kernel by kernel, for a reset that a caller asks for.
@@ -113,8 +159,11 @@ class Plan:
                     if not wanted.isdisjoint(operation.stages):
                         operation.launch()
 
-    def launch(self) -> None:
+    def launch(self) -> list[Callable[[], None]]:
         """Launch the kernels of all stages on the current stream, so that a caller can record them in a CUDA graph.
+
+        Returns:
+            What the host does after each replay of the caller's graph.
 
         Raises:
             GraphCaptureError: if an item runs on the host; see :attr:`eager`.
@@ -122,14 +171,19 @@ class Plan:
         if self.eager:
             raise GraphCaptureError("stage '{}': {} runs on the host ({})".format(*self.eager[0]))
         with wp.ScopedDevice(self._device):
-            for segment in self._segments:
-                self._launch(segment.operations)
+            return self._launch_segments(self._segments)
 
     def recapture(self) -> None:
         """Record the graphs again in the next run. Call this after replacing an array that a captured item reads."""
-        self._recorded = False
-        for segment in self._segments:
-            segment.graph = None
+        self._recorded = []
+
+    def _launch_segments(self, segments: Sequence[_Segment]) -> list[Callable[[], None]]:
+        after: list[Callable[[], None]] = []
+        for segment in segments:
+            if segment.eager is not None and segment.eager.part is not None:
+                after += segment.eager.part.launch()
+            self._launch(segment.operations)
+        return after
 
     def _launch(self, operations: Sequence[_Operation]) -> None:
         """Launch operations in order; those that may run ``beside`` others get streams of their own."""
@@ -149,15 +203,21 @@ class Plan:
             self._side_streams.append(wp.Stream(self._device))
         return self._side_streams[index]
 
-    def _record(self, segment: _Segment) -> wp.Graph:
-        try:
-            return capture_graph(self._device, lambda: self._launch(segment.operations))
-        except Exception as error:
-            raise GraphCaptureError(self._why_not_recorded(segment, error)) from error
+    def _record(self, block: _Block) -> None:
+        def launch() -> None:
+            block.after = self._launch_segments(block.segments)
 
-    def _why_not_recorded(self, segment: _Segment, error: Exception) -> str:
+        try:
+            if block.is_mixed:
+                block.replay = self.record_mixed(launch)
+            else:
+                block.replay = partial(wp.capture_launch, capture_graph(self._device, launch))
+        except Exception as error:
+            raise GraphCaptureError(self._why_not_recorded(block, error)) from error
+
+    def _why_not_recorded(self, block: _Block, error: Exception) -> str:
         """The operation that cannot be recorded, with its error, found by recording each alone."""
-        for operation in segment.operations:
+        for operation in (o for s in block.segments for o in s.operations):
             try:
                 capture_graph(self._device, operation.launch)
             except Exception as own:
@@ -178,7 +238,8 @@ class Plan:
             for item in stage.items:
                 terms = f"{item.name}: {', '.join(item.terms)}" if item.terms else item.name
                 if isinstance(item, Eager):
-                    rows.append((stage.name, terms, f"eager: {item.reason}"))
+                    how_now = item.part.how if item.part is not None else ""
+                    rows.append((stage.name, terms, how_now or f"eager: {item.reason}"))
                 elif isinstance(item, Captured):
                     rows.append((stage.name, terms, how))
                 elif item.body:

@@ -6,13 +6,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from typing import Protocol
 
 import warp as wp
 
 from .source import Code
 from .usage import usage_of
 
-__all__ = ["Captured", "Eager", "Flag", "Item", "Section", "Stage", "fields_used", "may_use", "only"]
+__all__ = ["Captured", "Eager", "Flag", "GraphPart", "Item", "Section", "Stage", "fields_used", "may_use", "only"]
 
 
 @dataclass(frozen=True, order=True)
@@ -79,6 +80,24 @@ class Captured:
     """Fields of structs that its kernels read or write; None if unknown, so that it may be any field."""
 
 
+class GraphPart(Protocol):
+    """Host function that may also be recorded in a graph, with what the host does after each replay."""
+
+    @property
+    def joins(self) -> bool:
+        """Whether it may be recorded now."""
+        ...
+
+    @property
+    def how(self) -> str:
+        """Way in which it runs, for the description; empty for that of any host function."""
+        ...
+
+    def launch(self) -> Sequence[Callable[[], None]]:
+        """Launch it within a recording, which runs nothing; returns what the host does after each replay."""
+        ...
+
+
 @dataclass(frozen=True)
 class Eager:
     """A function that runs on the host in every step, between two graphs. It may read and write anything."""
@@ -88,6 +107,8 @@ class Eager:
     reason: str
     """Reason why it cannot be captured, for the description."""
     terms: Sequence[str] = ()
+    part: GraphPart | None = None
+    """The same as a part of a graph, where it may be one in some steps."""
 
 
 Item = Section | Captured | Eager

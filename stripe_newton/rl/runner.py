@@ -83,6 +83,9 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             device=self.device,
         )
         self._rollout: GraphRollout | None = None
+        inner = rl_env_of(env.unwrapped)
+        if inner is not None and cfg.runner == "graph":
+            inner.settle_hooks()  # whether the rollout can be a graph depends on which torch hooks are recorded
         self.no_graphs = why_no_graphs(cfg, env, self.alg)
         """Reason why ``"rollout"`` and ``"update"`` are rsl_rl's own rather than graphs; empty if both are graphs."""
         if cfg.regenerate_interval:

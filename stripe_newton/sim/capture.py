@@ -1,28 +1,97 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Graph capture: records launches as a CUDA graph."""
+"""Graph capture: records launches as a CUDA graph, those of Warp alone or those of torch and Warp together."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 
+import torch
 import warp as wp
 
-__all__ = ["capture_graph"]
+__all__ = ["TorchGraph", "capture_graph"]
 
 
 def capture_graph(device: str, function: Callable[[], None]) -> wp.Graph:
-    """Record what ``function`` launches; nothing of it runs now.
+    """Record what ``function`` launches with Warp; nothing of it runs now.
 
     Raises:
         Exception: what CUDA or the function raises if it does something that cannot be recorded.
     """
+    with _no_collection(), wp.ScopedCapture(device=device) as capture:
+        function()
+    return capture.graph
+
+
+class TorchGraph:
+    """A CUDA graph of what a function launches with torch and with Warp, on memory that stays where it is.
+
+    Recording runs nothing. Torch's default generator advances in each replay as it would in the function.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[], None],
+        stream: torch.cuda.Stream,
+        pool: tuple[int, int] | None = None,
+        generators: Iterable[torch.Generator] = (),
+    ):
+        """Record.
+
+        Args:
+            function: Launches work; it must neither wait for the device nor copy from the host.
+            stream: Stream to record on, other than the default one.
+            pool: Memory pool that several graphs share, of ``torch.cuda.graph_pool_handle()``. Such graphs must not
+                replay at the same time, nor expect temporary tensors of each other.
+            generators: Generators other than torch's default that the function draws from.
+
+        Raises:
+            Exception: what CUDA or the function raises if it does something that cannot be recorded.
+        """
+        self._graph = torch.cuda.CUDAGraph()
+        for generator in generators:
+            self._graph.register_generator_state(generator)
+        on_warp = wp.stream_from_torch(stream)
+        # "thread_local": other threads, such as the one that writes a video, may go on calling CUDA meanwhile.
+        recording = torch.cuda.graph(
+            self._graph,
+            pool=pool,  # type: ignore[arg-type]  # a type of its own in newer versions of torch
+            stream=stream,
+            capture_error_mode="thread_local",
+        )
+        failed: Exception | None = None
+        try:
+            with _no_collection(), recording:
+                # torch owns the capture (`external=True`), Warp only has to know of it: it must neither synchronise
+                # nor free what it launches from here on. `sync_enter=False`: waiting for the stream used before would
+                # record an event of a stream outside the capture.
+                wp.capture_begin(stream=on_warp, external=True)
+                try:
+                    with wp.ScopedStream(on_warp, sync_enter=False):
+                        function()
+                except Exception as error:  # kept until the capture has ended in both libraries
+                    failed = error
+                # Warp's own record of the capture. It keeps modules and arrays alive that the graph uses.
+                self._warp_graph = wp.capture_end(stream=on_warp)
+        except Exception as error:
+            # What the function raised says more than that the capture it spoiled could not be ended.
+            raise (failed or error) from (error if failed else None)
+        if failed is not None:
+            raise failed
+
+    def replay(self) -> None:
+        """Launch the graph on torch's current stream."""
+        self._graph.replay()
+
+
+@contextlib.contextmanager
+def _no_collection() -> Iterator[None]:
+    """Keep Python's garbage collector off: it may free device memory or destroy events, which breaks a capture."""
     collecting = gc.isenabled()
-    gc.disable()  # a collection during capture may free device memory, which breaks the capture
+    gc.disable()
     try:
-        with wp.ScopedCapture(device=device) as capture:
-            function()
+        yield
     finally:
         if collecting:
             gc.enable()
-    return capture.graph

@@ -28,6 +28,7 @@ class ResetMask:
         self.tensor = wp.to_torch(self.array)
         self._on_host: torch.Tensor | None = None
         self._on_device: torch.Tensor | None = None
+        self._pinned: torch.Tensor | None = None
 
     def begin_step(self) -> None:
         """Drop the indices of the last step. Call it before the mask is written."""
@@ -48,5 +49,15 @@ class ResetMask:
     def indices(self) -> torch.Tensor:
         """Indices of the environments, int64, shape ``(n,)``, on the device. The first call of a step waits for it."""
         if self._on_device is None:
-            self._on_device = self.indices_on_host().to(self.tensor.device)
+            self._on_device = self._to_device(self.indices_on_host())
         return self._on_device
+
+    def _to_device(self, indices: torch.Tensor) -> torch.Tensor:
+        if not self.tensor.is_cuda:
+            return indices
+        # From pinned memory: a copy from any other waits for the device once more. The memory is written again when
+        # indices are asked for again, and that waits for the device and so for this copy.
+        if self._pinned is None:
+            self._pinned = torch.empty(len(self.tensor), dtype=torch.int64, pin_memory=True)
+        sent = self._pinned[: len(indices)].copy_(indices)
+        return sent.to(self.tensor.device, non_blocking=True)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 
 import torch
 import warp as wp
+
+from stripe_newton.sim.capture import TorchGraph
 
 __all__ = ["Program"]
 
@@ -31,9 +32,7 @@ class Program:
             # `wp.stream_from_torch` needs it, and a function that calls torch alone may be the first to be recorded.
             wp.init()
             self._stream = torch.cuda.Stream(self._device)
-        self._graph: torch.cuda.CUDAGraph | None = None
-        # Warp's own record of the capture. It keeps modules and arrays alive that the graph uses.
-        self._warp_graph: wp.Graph | None = None
+        self._graph: TorchGraph | None = None
         self._ran_once = False
 
     @property
@@ -61,7 +60,7 @@ class Program:
         else:
             # Recording does not execute anything, so the run that records replays as well.
             if self._graph is None:
-                self._graph = self._record()
+                self._graph = TorchGraph(self._function, self._stream)
             self._graph.replay()
 
     def _run_eagerly(self) -> None:
@@ -75,25 +74,3 @@ class Program:
         with torch.cuda.stream(self._stream), wp.ScopedStream(wp.stream_from_torch(self._stream), sync_enter=False):
             self._function()
         current.wait_stream(self._stream)
-
-    def _record(self) -> torch.cuda.CUDAGraph:
-        graph, stream = torch.cuda.CUDAGraph(), wp.stream_from_torch(self._stream)
-        # A collection may free device memory or destroy events, which makes a capture invalid. So collect before it,
-        # and not during it.
-        collecting = gc.isenabled()
-        gc.collect()
-        gc.disable()
-        try:
-            # "thread_local": other threads, such as the one that writes a video, may go on calling CUDA meanwhile.
-            with torch.cuda.graph(graph, stream=self._stream, capture_error_mode="thread_local"):
-                # torch owns the capture (`external=True`), Warp only has to know of it: it must neither synchronise
-                # nor free what it launches from here on. `sync_enter=False`: waiting for the stream used before would
-                # record an event of a stream outside the capture.
-                wp.capture_begin(stream=stream, external=True)
-                with wp.ScopedStream(stream, sync_enter=False):
-                    self._function()
-                self._warp_graph = wp.capture_end(stream=stream)
-        finally:
-            if collecting:
-                gc.enable()
-        return graph

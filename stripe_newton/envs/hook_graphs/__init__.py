@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hook graphs: torch hooks of direct environments, recorded as CUDA graphs where a replay gives what the hook gives."""
+
+from .hook_recorder import HookGraphError, HookRecorder
+from .recorded_hook import HookGraph, Launched, RecordedHook
+
+__all__ = ["HookGraph", "HookGraphError", "HookRecorder", "Launched", "RecordedHook"]

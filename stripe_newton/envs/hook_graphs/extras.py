@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Extras of a recorded hook: what it adds to ``env.extras``, handed out anew after each replay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+__all__ = ["Extras", "added_extras", "copy_extras", "publish_extras", "tensors_of"]
+
+Extras = dict[str, Any]
+
+
+def copy_extras(extras: Extras) -> Extras:
+    """A copy of the dict and of the dicts in it, with the same tensors."""
+    return {k: copy_extras(v) if isinstance(v, dict) else v for k, v in extras.items()}
+
+
+class _Fresh(dict):
+    """Entries of a dict that a hook has put in the place of another one."""
+
+
+_KEPT = object()
+"""Stands for an entry that the hook has taken over from the dict before."""
+
+
+def added_extras(before: Extras, given: Extras, after: Extras) -> Extras:
+    """Entries of ``after`` that are not in ``before``, or not the same; in dicts, too.
+
+    Args:
+        before: Copy of the extras before the hook, of :func:`copy_extras`.
+        given: Dicts in the extras that the hook was given, by key, to find those that it replaced.
+        after: The extras after the hook.
+    """
+    found: Extras = {}
+    for key, value in after.items():
+        old = before.get(key)
+        if isinstance(value, dict) and isinstance(old, dict):
+            if value is not given.get(key):
+                found[key] = _Fresh({k: _KEPT if k in old and v is old[k] else v for k, v in value.items()})
+                continue
+            inner = added_extras(old, {k: v for k, v in value.items() if isinstance(v, dict)}, value)
+            if inner:
+                found[key] = inner
+        elif key not in before or value is not old:
+            found[key] = value
+    return found
+
+
+def publish_extras(extras: Extras, added: Extras, log: bool = False) -> None:
+    """Add the entries of a recorded hook to the extras of a step.
+
+    Tensors of the log are copied once at the end of the step, others here, as the next replay overwrites them.
+    """
+    for key, value in added.items():
+        if isinstance(value, _Fresh):
+            there: Extras = extras.get(key) or {}
+            extras[key] = {}
+            entries = {k: there.get(k) if v is _KEPT else v for k, v in value.items()}
+            publish_extras(extras[key], entries, key == "log")
+        elif isinstance(value, dict):
+            publish_extras(extras.setdefault(key, {}), value, log or key == "log")
+        else:
+            extras[key] = value.clone() if isinstance(value, torch.Tensor) and not log else value
+
+
+def tensors_of(extras: Extras, path: str = "") -> dict[str, torch.Tensor]:
+    """Copies of all numbers and tensors in extras, by path."""
+    found: dict[str, torch.Tensor] = {}
+    for key, value in extras.items():
+        if isinstance(value, dict):
+            found |= tensors_of(value, f"{path}{key}/")
+        elif isinstance(value, torch.Tensor):
+            found[f"{path}{key}"] = value.detach().clone()
+        elif isinstance(value, (bool, int, float)):
+            found[f"{path}{key}"] = torch.tensor(value)
+    return found

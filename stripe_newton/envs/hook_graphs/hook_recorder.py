@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hook recorder: decides in which steps torch hooks run as they are, are watched, are compared, or are replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+
+import torch
+
+from .carried_state import CarriedState, NotSteady
+from .recorded_hook import HookGraph, HooksEnv, RecordedHook, RecordingContext
+
+__all__ = ["HookGraphError", "HookRecorder"]
+
+
+class HookGraphError(RuntimeError):
+    """A hook cannot be recorded, and the config wants it to be."""
+
+
+class HookRecorder:
+    """Records the torch hooks of one environment, each as far as a replay gives the same as the hook.
+
+    The first steps run as they are: kernels load, attributes are made. In the next ones hooks are watched. Those
+    without a reason against it are recorded and compared with themselves, then and now and again.
+    """
+
+    WARM = 3
+    """Steps that run as they are."""
+    CHECKS = 2
+    """Steps in which all hooks are compared, after those in which they are watched."""
+    NEXT_CHECK, LONGEST = 64, 4096
+    """Step after which hooks are compared again. The distance doubles, up to the second number."""
+    ATTEMPTS = 5
+    """How often hooks may be recorded anew, as something was changed from outside, before they stay eager."""
+    MAX_VARIANTS = 128
+    """Largest number of graphs of a hook with variants."""
+
+    def __init__(
+        self,
+        env: HooksEnv,
+        skip: Collection[str],
+        arrays: Callable[[], Mapping[str, torch.Tensor]],
+        record: Callable[[Callable[[], None]], HookGraph],
+        waits: Callable[[], object],
+        required: bool = False,
+        changed: Callable[[], None] = lambda: None,
+    ):
+        """Prepare; nothing is recorded yet.
+
+        Args:
+            env: The environment.
+            skip: Attributes that belong to the framework.
+            arrays: Returns the memory of the simulation that hooks may write, by name.
+            record: Makes the graph of a function.
+            waits: Makes a context within which a wait of the host for the device raises.
+            required: Whether a hook that stays eager is an error.
+            changed: Called when it has changed which hooks are replayed.
+        """
+        self.context = RecordingContext(env, skip, arrays, record, waits)
+        self.hooks: list[RecordedHook] = []
+        self._required, self._changed = required, changed
+        self._env, self._skip = env, skip
+        self._steps, self._attempts, self._next_check = 0, 0, 0
+        self._within_step = self._checks_all = False
+        self._joined: list[RecordedHook] = []
+
+    def add(
+        self, name: str, function: Callable[[], None], method: Callable[..., object], joins: bool = True
+    ) -> RecordedHook:
+        """Add a hook, in the order in which a step runs them.
+
+        Args:
+            name: Its name.
+            function: Runs it with what the framework does around it.
+            method: The method of the class, for reasons.
+            joins: Whether its launches may be part of a larger graph.
+        """
+        self.hooks.append(RecordedHook(name, function, self.context, method, joins))
+        return self.hooks[-1]
+
+    # -- a step
+
+    def begin_step(self) -> None:
+        """Choose what becomes of the hooks in the step that begins."""
+        self._within_step = True
+        self._checks_all = False
+        if self._stopped:
+            return
+        self._steps += 1
+        if self._steps > self.WARM and self.context.carried is None and self._all_traced:
+            self._make_homes()
+        if self.context.carried is None:
+            return
+        replaced = self.context.carried.replaced()
+        if replaced:
+            self.start_again(f"{replaced} is bound to another tensor between steps")
+            return
+        for hook in self.hooks:
+            if hook.traces and not hook.reason and hook.number_that_changed():
+                hook.start_again(hook.number_that_changed(), self.ATTEMPTS)
+        self._note_joined()
+        if self._joined and self._steps >= self._next_check:
+            self._checks_all = True
+            self._next_check = self._steps + min(max(self._steps, self.NEXT_CHECK), self.LONGEST)
+
+    def end_step(self) -> None:
+        """Note what the step has shown.
+
+        Raises:
+            HookGraphError: if a hook stays eager and the config wants it recorded.
+        """
+        self._within_step = False
+        reasons = [f"{h.name}: {h.reason}" for h in self.hooks if h.reason]
+        if self._required and reasons:
+            raise HookGraphError(
+                f"hooks_graph is True, but cannot be for {'; '.join(reasons)}. 'auto' runs such hooks as they are"
+            )
+        if len(reasons) == len(self.hooks) and not self._stopped:
+            self._stop()
+        self._note_joined()
+
+    def run(self, hook: RecordedHook, variant: int = 0) -> None:
+        """Run a hook as it is, watch it, compare it or replay it.
+
+        Args:
+            hook: The hook.
+            variant: Number of a variant that has a graph of its own. A variant is watched when it comes for the first
+                time, and recorded and compared when it comes again.
+        """
+        try:
+            if not self._watches or hook.reason:
+                hook.run_eagerly()
+            elif not hook.joins:
+                self._run_variant(hook, variant)
+            elif hook.traces < hook.TRACES:
+                hook.trace()
+            elif self.context.carried is None:
+                hook.run_eagerly()
+            elif hook.unchecked or self._checks_all:
+                hook.check()
+            else:
+                hook.replay()
+        except NotSteady as error:
+            self.start_again(f"{hook.place}: {error}")
+
+    def _run_variant(self, hook: RecordedHook, variant: int) -> None:
+        if self.context.carried is None or (not hook.has_constants(variant) and hook.variants >= self.MAX_VARIANTS):
+            hook.run_eagerly()
+        elif not hook.has_constants(variant):
+            hook.trace(variant)
+        elif self._checks_all or not hook.has_graph(variant):
+            hook.check(variant)
+        else:
+            hook.replay(variant)
+
+    @property
+    def replays(self) -> bool:
+        """Whether hooks are replayed in this step, so that graphs that hold them may be launched."""
+        return self._within_step and self._watches and not self._checks_all
+
+    @property
+    def checks_all(self) -> bool:
+        """Whether this step compares all hooks with themselves."""
+        return self._checks_all
+
+    def replayed(self, hook: RecordedHook) -> bool:
+        """Whether a hook with variants has been recorded."""
+        return self.context.carried is not None and not hook.reason and hook.variants > 0
+
+    def settle(self) -> None:
+        """Bring tensors that a hook has bound outside of its turn to their homes."""
+        if self.context.carried is not None:
+            try:
+                self.context.carried.settle()
+            except NotSteady as error:
+                self.start_again(str(error))
+
+    def joined(self, hook: RecordedHook) -> bool:
+        """Whether the launches of a hook may be part of a larger graph now."""
+        return hook in self._joined
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether each hook is either recorded and compared, or eager for good."""
+        return self._stopped or all(h.reason or not h.joins or h in self._joined for h in self.hooks)
+
+    # -- beginning and ending
+
+    @property
+    def _watches(self) -> bool:
+        return self._within_step and not self._stopped and self._steps > self.WARM
+
+    @property
+    def _stopped(self) -> bool:
+        return self._attempts > self.ATTEMPTS
+
+    @property
+    def _all_traced(self) -> bool:
+        return all(h.reason or h.traces >= h.TRACES for h in self.hooks if h.joins)
+
+    def _make_homes(self) -> None:
+        moved = set().union(*(h.moved for h in self.hooks))
+        try:
+            self.context.carried = CarriedState(self._env, self._skip, self.context.arrays().values(), moved)
+        except NotSteady as error:
+            self.start_again(str(error))
+            return
+        if not self._next_check:
+            self._next_check = self._steps + self.NEXT_CHECK
+
+    def _note_joined(self) -> None:
+        """Find out which hooks may be part of larger graphs, and say so if these are other ones than before."""
+        ready = self.context.carried is not None
+        now = [h for h in self.hooks if ready and h.joins and h.recorded and not h.unchecked]
+        if now != self._joined:
+            self._joined = now
+            self._changed()
+
+    def start_again(self, reason: str) -> None:
+        """Drop all recordings, as something has changed that they hold. Hooks run as they are in the next steps.
+
+        Args:
+            reason: Reason why hooks stay eager, if this happens too often.
+        """
+        self._attempts += 1
+        self.context.carried = None
+        for hook in self.hooks:
+            hook.forget()
+        if self._stopped:
+            for hook in self.hooks:
+                hook.reject(reason)
+        self._steps = 0
+        self._note_joined()
+
+    def _stop(self) -> None:
+        """Go on without recordings for good."""
+        self._attempts = self.ATTEMPTS + 1
+        self.context.carried = None

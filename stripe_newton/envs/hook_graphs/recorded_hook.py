@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded hook: one torch hook of an environment, traced, recorded as a graph, replayed, and compared with itself."""
+
+from __future__ import annotations
+
+import inspect
+import random
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import torch
+
+from .carried_state import CarriedState, NotSteady, moved_paths
+from .extras import Extras, added_extras, copy_extras, publish_extras, tensors_of
+from .host_values import (
+    ExecutedCode,
+    HostCalls,
+    NotRecordable,
+    error_place,
+    executed_code,
+    place_of_name,
+    short_place,
+)
+from .reachable import Path, Scan, path_name, scan
+from .snapshot import Results, Snapshot, first_difference
+
+__all__ = ["HookGraph", "HooksEnv", "Launched", "RecordedHook", "RecordingContext"]
+
+
+Flag: TypeAlias = tuple[object, str, object]
+"""A flag of the framework: its holder, name and value."""
+
+
+class HookGraph(Protocol):
+    """What a function launched, to be launched again on the same memory."""
+
+    def replay(self) -> None: ...
+
+
+class HooksEnv(Protocol):
+    """An environment with torch hooks."""
+
+    extras: dict[str, Any]
+    device: str
+
+
+@dataclass
+class RecordingContext:
+    """What all hooks of an environment share.
+
+    Attributes:
+        env: The environment.
+        skip: Attributes that belong to the framework and are not state of the hooks.
+        arrays: Returns the memory of the simulation that hooks may write, by name.
+        record: Makes the graph of a function.
+        waits: Context within which a wait of the host for the device raises.
+        flags: Holder and name of the framework's own flags that a hook may set.
+        carried: Homes of the tensors, once all hooks are traced.
+    """
+
+    env: HooksEnv
+    skip: Collection[str]
+    arrays: Callable[[], Mapping[str, torch.Tensor]]
+    record: Callable[[Callable[[], None]], HookGraph]
+    waits: Callable[[], Any]
+    flags: list[tuple[object, str]] = field(default_factory=list)
+    carried: CarriedState | None = None
+
+    def snapshot(self) -> Snapshot:
+        return Snapshot(self.env, self.skip, self.arrays(), self.env.device)
+
+    def flag_values(self) -> list[Flag]:
+        return [(holder, name, getattr(holder, name)) for holder, name in self.flags]
+
+
+def set_flags(flags: Iterable[Flag]) -> None:
+    """Set the framework's flags."""
+    for holder, name, value in flags:
+        setattr(holder, name, value)
+
+
+@dataclass
+class Launched:
+    """The host's part of a recorded hook, for after each replay.
+
+    Attributes:
+        env: The environment.
+        extras: What the hook adds to the extras, with tensors that each replay overwrites.
+        flags: The framework's flags that it sets.
+    """
+
+    env: HooksEnv
+    extras: Extras
+    flags: list[Flag]
+
+    def __call__(self) -> None:
+        """Hand out the extras, set the flags."""
+        publish_extras(self.env.extras, self.extras)
+        set_flags(self.flags)
+
+    def log_tensors(self) -> dict[str, torch.Tensor]:
+        """Numbers that the hook adds to the episode log, by key, in memory that each replay overwrites."""
+        log = self.extras.get("log", {})
+        return {k: v for k, v in log.items() if isinstance(v, torch.Tensor) and v.numel() == 1}
+
+
+class RecordedHook:
+    """One hook; a number tells apart variants that need graphs of their own, such as for numbers of resets.
+
+    Attributes:
+        name: Name of the hook.
+        reason: Reason why it stays eager; empty while it is recorded or may be.
+        traces: Number of runs that were watched.
+        unchecked: Number of replays that are still to be compared before it counts as recorded.
+        moved: Paths that it binds anew.
+        joins: Whether its launches may be part of a larger graph.
+    """
+
+    TRACES = 2
+    """Runs that are watched before the first recording."""
+    CHECKS = 2
+    """First replays that are compared."""
+
+    def __init__(
+        self,
+        name: str,
+        function: Callable[[], None],
+        context: RecordingContext,
+        method: Callable[..., object] | None = None,
+        joins: bool = True,
+    ):
+        self.name, self.joins = name, joins
+        self.reason = ""
+        self.traces, self.unchecked = 0, self.CHECKS
+        self.moved: set[Path] = set()
+        self._code = ExecutedCode()
+        self._numbers: list[tuple[object, str | int, object, str]] = []
+        self._attempts = 0
+        self._function, self._context, self._method = function, context, method
+        self._constants: dict[int, list[tuple[str, torch.Tensor]]] = {}
+        self._graphs: dict[int, tuple[HookGraph, Launched]] = {}
+        self._unsteady = 0
+
+    # -- running
+
+    def run_eagerly(self) -> None:
+        """Run the hook as it is; its new tensors go to their homes.
+
+        Raises:
+            NotSteady: if they cannot.
+        """
+        self._function()
+        if self._context.carried is not None:
+            self._context.carried.settle()
+
+    def launch(self, variant: int = 0) -> Launched:
+        """Launch what the hook launches, on memory that stays where it is, within a recording.
+
+        Returns:
+            The host's part, for after each replay of the recording.
+
+        Raises:
+            NotRecordable: if the hook does what a graph cannot hold.
+        """
+        context, env = self._context, self._context.env
+        assert context.carried is not None
+        original, flags = env.extras, context.flag_values()
+        given = env.extras = copy_extras(original)
+        before, dicts = copy_extras(given), {k: v for k, v in given.items() if isinstance(v, dict)}
+        bound = scan(env, context.skip)
+        try:
+            with HostCalls(torch.device(env.device), self._constants[variant], first=False):
+                self._function()
+            context.carried.settle()
+            extras = added_extras(before, dicts, env.extras)
+            changed = [(o, n, getattr(o, n)) for o, n, old in flags if getattr(o, n) != old]
+            return Launched(env, extras, changed)
+        except NotSteady as error:
+            raise NotRecordable(f"{self.place}: {error}") from error
+        finally:
+            bound.restore()  # for an error in the middle: what has been recorded does not exist yet
+            env.extras = original
+            set_flags(flags)
+
+    def replay(self, variant: int = 0) -> None:
+        """Replay the hook's own graph, which is recorded first where there is none, and do the host's part of it."""
+        if variant not in self._graphs:
+            launched: list[Launched] = []
+            graph = self._context.record(lambda: launched.append(self.launch(variant)))
+            self._graphs[variant] = graph, launched[-1]
+        graph, after = self._graphs[variant]
+        graph.replay()
+        after()
+
+    def log_keys(self) -> list[str]:
+        """Keys of the numbers that the recorded hook adds to the episode log."""
+        return list(self._graphs[0][1].log_tensors()) if 0 in self._graphs else []
+
+    def has_constants(self, variant: int) -> bool:
+        """Whether a variant has been traced, so that it can be recorded."""
+        return variant in self._constants
+
+    def has_graph(self, variant: int) -> bool:
+        """Whether a variant has been recorded."""
+        return variant in self._graphs
+
+    def forget(self) -> None:
+        """Drop recordings and traces: the hook is watched again before it is recorded again."""
+        self.traces, self.unchecked, self._unsteady = 0, self.CHECKS, 0
+        self._numbers.clear()
+        self._constants.clear()
+        self._graphs.clear()
+
+    def reject(self, reason: str) -> None:
+        """Keep the hook eager; the first reason is kept."""
+        self.reason = self.reason or reason
+        self._graphs.clear()
+
+    def start_again(self, reason: str, attempts: int) -> None:
+        """Watch and record the hook again, as something has changed that recordings hold; at most so many times."""
+        self._attempts += 1
+        self.forget()
+        if self._attempts > attempts:
+            self.reject(reason)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether it is replayed."""
+        return not self.reason and self.traces >= self.TRACES
+
+    @property
+    def variants(self) -> int:
+        """Number of variants that have been watched."""
+        return len(self._constants)
+
+    # -- watching a run
+
+    def trace(self, variant: int = 0) -> None:
+        """Run the hook as it is and watch what a graph could not hold.
+
+        If there is such a thing the hook runs again from the same state, unwatched, and is rejected.
+
+        Raises:
+            NotSteady: if tensors have homes already and cannot go there.
+        """
+        context, env = self._context, self._context.env
+        saved, extras, flags = context.snapshot(), copy_extras(env.extras), context.flag_values()
+        before, hosts = scan(env, context.skip), _host_generators(env.device)
+        calls = HostCalls(torch.device(env.device))
+        try:
+            with executed_code(self._code), context.waits(), calls:
+                self._function()
+        except RuntimeError as error:
+            reason = _reason_of(error)
+            if not reason:
+                raise
+            saved.restore()
+            env.extras = extras
+            set_flags(flags)
+            self.reject(reason)
+            self._function()
+        if _host_generators(env.device) != hosts:
+            self.reject(f"{self.place}: it draws random numbers on the host")
+        self._remember_constants(calls, variant)
+        after = scan(env, context.skip)
+        for path, value in after.numbers.items():
+            old = before.numbers.get(path)
+            if path not in before.numbers or (old is not value and old != value):
+                self.reject(self._number_reason(path, old, value))
+        changed = self.number_that_changed()
+        if changed:
+            self.reject(changed)
+        self._watch_numbers(after)
+        self.traces += 1
+        try:
+            self.moved |= moved_paths(before, after)
+        except NotSteady as error:
+            if context.carried is None:
+                self.moved |= {p for p in after.tensors if after.tensors[p] is not before.tensors.get(p)}
+                self._unsteady += 1
+                self.traces -= self._unsteady <= self.TRACES
+                if self._unsteady > self.TRACES:
+                    self.reject(f"{self.place}: {error}")
+        if context.carried is not None:
+            context.carried.settle()
+
+    def _watch_numbers(self, found: Scan) -> None:
+        """Note the numbers that the code of the hook may read, to find those that change from step to step."""
+        names = self._code.names
+        self._numbers = []
+        for path, value in found.numbers.items():
+            if _name_of(path) in names and path in found.holders:
+                self._numbers.append((*found.holders[path], value, path_name(path)))
+        for name, scope in self._code.global_numbers().items():
+            self._numbers.append((scope, name, scope[name], name))
+
+    def number_that_changed(self) -> str:
+        """Reason, with its place, if a number that the hook may read is not what it was when the hook was watched."""
+        for holder, key, value, name in self._numbers:
+            now = _value_at(holder, key)
+            if now is not value and now != value:
+                where = place_of_name(self._code, name.rpartition(".")[2].partition("[")[0]) or self.place
+                return f"{where}: reads {name}, a number that changes from {value!r} to {now!r}"
+        return ""
+
+    def _remember_constants(self, calls: HostCalls, variant: int) -> None:
+        """Keep tensors that were made of numbers, and compare them with those of the run before."""
+        for (where, old), (there, new) in zip(self._constants.get(variant, []), calls.constants, strict=False):
+            if where != there or not torch.equal(old, new):
+                self.reject(f"{there}: a tensor is made of numbers that change")
+        self._constants[variant] = calls.constants
+
+    def _number_reason(self, path: Path, old: object, new: object) -> str:
+        where = place_of_name(self._code, _name_of(path)) or self.place
+        if path[-1] == "len()":
+            return f"{where}: {path_name(path[:-1])} changes its length from {old} to {new}"
+        return f"{where}: {path_name(path)} changes on the host, from {old!r} to {new!r}"
+
+    @property
+    def place(self) -> str:
+        """File and line of the hook's definition."""
+        method = inspect.unwrap(self._method) if self._method is not None else None
+        code = getattr(getattr(method, "__func__", method), "__code__", None)
+        return short_place(code.co_filename, code.co_firstlineno) if code is not None else self.name
+
+    # -- comparing a replay with the hook itself
+
+    def check(self, variant: int = 0) -> bool:
+        """Replay the hook and run it as it is, from the same state; the latter counts.
+
+        A hook whose results differ is rejected. Results must be the same bit for bit, unless the hook itself, run
+        twice from the same state, does not repeat its own bits: sums by atomics do not.
+
+        Returns:
+            Whether they are the same.
+        """
+        context = self._context
+        given, saved = copy_extras(context.env.extras), context.snapshot()
+        flags = context.flag_values()
+
+        def outcome(run: Callable[[], None]) -> Results:
+            context.env.extras = copy_extras(given)
+            set_flags(flags)
+            run()
+            extras = {f"extras: {k}": v for k, v in tensors_of(context.env.extras).items()}
+            return saved.results() | extras
+
+        self.unchecked = max(self.unchecked - 1, 0)
+        try:
+            replayed = outcome(lambda: self.replay(variant))
+        except Exception as error:  # of the tracer, or what CUDA says of a capture that it cannot hold
+            saved.restore()
+            said = str(error).strip().partition("\n")[0] or type(error).__name__
+            self.reject(said if isinstance(error, NotRecordable) else f"{error_place(error) or self.place}: {said}")
+            outcome(self.run_eagerly)
+            return False
+        saved.restore()
+        eager = outcome(self.run_eagerly)
+        name = first_difference(replayed, eager)
+        if not name:
+            return True
+        saved.restore()
+        again = outcome(self.run_eagerly)
+        # Code that compiles itself in its first runs settles on other bits: those of the replay are then the newer.
+        if not first_difference(replayed, again):
+            return True
+        if _as_close_as_repeats(saved, replayed, eager, again):
+            return True
+        own = _shown(name)
+        self.reject(f"{self.place}: gives another '{own}' when it is replayed from the same state")
+        return False
+
+
+def _name_of(path: Path) -> str:
+    """Name by which source code reads the value at a path, or the container that holds it."""
+    return next((k for k in reversed(path) if isinstance(k, str) and k != "len()"), "")
+
+
+def _value_at(holder: object, key: str | int) -> object:
+    try:
+        return holder[key] if isinstance(holder, (dict, list, tuple)) else getattr(holder, str(key))  # type: ignore[index]
+    except (LookupError, AttributeError):
+        return None
+
+
+def _reason_of(error: RuntimeError) -> str:
+    """Reason of an error that says that a hook cannot be recorded; empty for any other error."""
+    if isinstance(error, NotRecordable):
+        return str(error)
+    if "synchronizing CUDA" in str(error):
+        return f"{error_place(error)}: it waits for the device"
+    return ""
+
+
+def _shown(name: str) -> str:
+    return name.removeprefix("extras: ")
+
+
+def _as_close_as_repeats(saved: Snapshot, replayed: Results, eager: Results, again: Results) -> bool:
+    """Whether a replay differs from a hook no more than the hook from itself, where that has rounding of its own."""
+    if replayed.keys() != eager.keys() or eager.keys() != again.keys():
+        return False
+    for name in eager:
+        if torch.equal(replayed[name], eager[name]):
+            continue
+        if torch.equal(eager[name], again[name]):
+            return False
+        values = [r[name] if name.startswith("extras") else saved.typed(name, r[name]) for r in (replayed, eager)]
+        one, two = values
+        if not one.is_floating_point() or not torch.allclose(one, two, rtol=1e-5, atol=1e-6, equal_nan=True):
+            return False
+    return True
+
+
+def _host_generators(device: str) -> tuple[object, ...]:
+    """States of the random generators of the host, for comparison."""
+    numpy = np.random.get_state(legacy=False)  # noqa: NPY002  (what users' hooks draw from)
+    states: tuple[object, ...] = random.getstate(), repr(numpy)
+    return states if device == "cpu" else (*states, torch.get_rng_state().numpy().tobytes())

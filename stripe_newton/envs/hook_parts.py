@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hook parts: torch hooks of a direct environment as items of its step, which join graphs once they are recorded."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import torch
+import warp as wp
+
+from stripe_newton.fusion import Eager
+from stripe_newton.sim.capture import TorchGraph
+
+from .call_counts import warp_waits
+from .env_state import repeats, state_arrays
+from .hook_graphs import HookGraph, HookRecorder, RecordedHook
+from .hook_graphs.host_values import NotRecordable
+from .hook_graphs.reachable import scan
+
+if TYPE_CHECKING:
+    from .direct_rl_env import DirectRLEnv
+
+__all__ = ["HookPart", "PhysicsPart", "ResetPart", "hook_recorder", "records_on", "rehearse"]
+
+SKIPPED = frozenset({
+    "extras", "obs_buf", "_observed", "_action", "_given", "_plan", "_steps_before", "_recaptures", "_np_random",
+    "_np_random_seed", "_observation_buffers", "_renderer", "_checked",
+})  # fmt: skip
+"""Attributes of an environment that the framework sets in every step, and that are not state of hooks."""
+
+
+_MODEL = ("joint_target_k", "joint_armature", "joint_friction", "joint_effort", "joint_velocity", "joint_limit",
+          "joint_X", "body_mass", "body_inv", "body_inertia", "body_com", "gravity", "shape_material")  # fmt: skip
+"""Beginnings of the names of the model's arrays that hooks may change."""
+
+
+def records_on(device: str) -> bool:
+    """Whether hooks are recorded on a device: a CPU has no graphs to gain from."""
+    return device != "cpu"
+
+
+def hook_recorder(env: DirectRLEnv) -> HookRecorder | None:
+    """The recorder of an environment; None where its config or its device wants none."""
+    if env.cfg.hooks_graph is False or not env.cfg.sim.use_cuda_graph or not records_on(env.device):
+        return None
+    recorder = HookRecorder(
+        env,
+        SKIPPED,
+        lambda: _arrays(env),
+        Recorder(env),
+        no_waits,
+        required=env.cfg.hooks_graph is True,
+        changed=lambda: env.plan.recapture(),
+    )
+    recorder.context.flags.append((env.sim, "roots_moved"))
+    return recorder
+
+
+def _arrays(env: DirectRLEnv) -> dict[str, torch.Tensor]:
+    """Memory of the simulation that hooks may write, by name."""
+    sim = env.sim
+    arrays = {k: v for k, v in state_arrays(env).items() if isinstance(v, wp.array)}
+    for holder in (sim.state, sim.control):
+        arrays |= {k: v for k, v in vars(holder).items() if isinstance(v, wp.array) and v.size}
+    found = {name: wp.to_torch(array) for name, array in arrays.items()}
+    for name, array in vars(sim.model).items():
+        if isinstance(array, wp.array) and array.size and name.startswith(_MODEL):
+            found[f"model.{name}"] = wp.to_torch(array)
+    for i, part in enumerate(env.state_parts()):
+        found |= {f"part {i}.{k}": v for k, v in part.items() if isinstance(v, torch.Tensor)}
+    found |= {f"outputs {i}": chunk for i, chunk in enumerate(env.outputs.chunks)}
+    return found | {f"observations '{k}'": v for k, v in env.observation_buffers().items()}
+
+
+class Recorder:
+    """Records functions of torch and Warp on one stream, with one pool of memory for all graphs of an environment."""
+
+    def __init__(self, env: DirectRLEnv):
+        self.env, self._device = env, env.device
+        self._stream: torch.cuda.Stream | None = None
+        self._pool: tuple[int, int] | None = None
+
+    def __call__(self, function: Callable[[], None]) -> HookGraph:
+        if self._stream is None:
+            with torch.cuda.device(self._device):
+                self._stream, self._pool = torch.cuda.Stream(self._device), torch.cuda.graph_pool_handle()
+        with torch.cuda.device(self._device):
+            return TorchGraph(function, self._stream, self._pool)
+
+
+@contextlib.contextmanager
+def no_waits() -> Iterator[None]:
+    """Context within which a wait of the host for the device raises, where there is a GPU."""
+    if not torch.cuda.is_available():
+        yield
+        return
+    mode = torch.cuda.get_sync_debug_mode()
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        with warp_waits(NotRecordable("Warp waits for the device")):
+            yield
+    finally:
+        torch.cuda.set_sync_debug_mode(mode)
+
+
+REHEARSED = 40
+"""Largest number of steps of a rehearsal."""
+
+
+def rehearse(env: DirectRLEnv, recorder: HookRecorder) -> None:
+    """Take steps with actions of zero until it is known which hooks are recorded, and bring the state back.
+
+    Tensors, numbers and random generators are brought back, lists that hooks lengthen are not.
+    """
+    before, state = recorder.context.snapshot(), env.get_state()
+    values = scan(env, SKIPPED)
+    tensors = {path: tensor.clone() for path, tensor in values.tensors.items()}
+    extras, observations = env.extras, env.obs_buf
+    action = torch.zeros(env.action_space.shape or (), device=env.device)
+    for _ in range(REHEARSED):
+        env.step(action)
+        if recorder.is_settled:
+            break
+    before.restore_memory()
+    for path, tensor in scan(env, SKIPPED).tensors.items():
+        if path in tensors and tensors[path].shape == tensor.shape and not repeats(tensor):
+            tensor.copy_(tensors[path])
+    for path, number in values.numbers.items():
+        if path in values.holders:
+            holder, key = values.holders[path]
+            if isinstance(holder, dict):
+                holder[key] = number
+            elif not isinstance(holder, (tuple, list)) and hasattr(holder, str(key)):
+                setattr(holder, str(key), number)
+    env.set_state(state)
+    before.restore_random()
+    env.extras, env.obs_buf = extras, observations
+
+
+class HookPart:
+    """A torch hook as an item of a step."""
+
+    def __init__(self, recorder: HookRecorder, hook: RecordedHook, before: Callable[[], None] | None = None):
+        """Wrap a hook.
+
+        Args:
+            recorder: The recorder of the environment.
+            hook: The hook.
+            before: The host's part before the hook, which runs in each step.
+        """
+        self._recorder, self.hook, self._before = recorder, hook, before
+
+    def item(self, name: str) -> Eager:
+        """The hook as an item."""
+        return Eager(name, self.run, "torch hook", part=self)
+
+    def run(self) -> None:
+        """Run the hook, in the way of its recorder."""
+        if self._before is not None:
+            self._before()
+        self._recorder.run(self.hook)
+
+    @property
+    def joins(self) -> bool:
+        """Whether its launches may be part of a graph now."""
+        return self._recorder.joined(self.hook)
+
+    @property
+    def how(self) -> str:
+        """Way in which it runs, for the description."""
+        return "graph, torch" if self.joins else f"eager: torch hook; {why_eager(self.hook)}"
+
+    def launch(self) -> Sequence[Callable[[], None]]:
+        """Launch the hook within a recording."""
+        after = self.hook.launch()
+        return [after] if self._before is None else [self._before, after]
+
+
+class PhysicsPart:
+    """The physics of a step with the torch hook ``_apply_action``, as an item of a step."""
+
+    def __init__(self, env: DirectRLEnv, recorder: HookRecorder, hook: RecordedHook):
+        self._env, self._recorder, self.hook = env, recorder, hook
+
+    @property
+    def joins(self) -> bool:
+        """Whether it may be part of a graph now."""
+        return self._recorder.joined(self.hook)
+
+    @property
+    def how(self) -> str:
+        """Way in which it runs, for the description."""
+        how = f"eager: torch hook; {why_eager(self.hook)}; the physics is one CUDA graph"
+        return "graph, torch" if self.joins else how
+
+    def launch(self) -> Sequence[Callable[[], None]]:
+        """Launch hook and physics within a recording."""
+        steps = self._env.cfg.decimation
+        per_call = 1 if self._env.applies_each_substep else steps
+        after = []
+        for _ in range(0, steps, per_call):
+            after.append(self.hook.launch())
+            self._env.sim.launch(per_call)
+        return after
+
+
+class ResetPart:
+    """``_reset_idx`` as an item of a step, with a graph for each number of environments that are reset.
+
+    Attributes:
+        env_ids: The environments that are reset, int64, in memory that the graph of their number reads.
+    """
+
+    joins = False
+    """The host must know their number before it can choose the graph."""
+
+    def __init__(self, recorder: HookRecorder, hook: RecordedHook, num_envs: int, device: str):
+        self._recorder, self.hook = recorder, hook
+        self._memory = torch.zeros(num_envs, dtype=torch.int64, device=device)
+        self.env_ids = self._memory
+
+    def run(self, env_ids: torch.Tensor) -> None:
+        """Run the hook for some environments, in the way of the recorder."""
+        self.env_ids = self._memory[: len(env_ids)]
+        self.env_ids.copy_(env_ids)
+        self._recorder.run(self.hook, len(env_ids))
+
+    @property
+    def how(self) -> str:
+        """Way in which it runs, for the description."""
+        if self._recorder.replayed(self.hook):
+            return "graph for each number of resets, torch"
+        return f"eager: torch hook; {why_eager(self.hook)}"
+
+    def launch(self) -> Sequence[Callable[[], None]]:
+        """Not possible: see :attr:`joins`."""
+        raise NotRecordable("the number of environments that are reset is not known beforehand")
+
+
+def why_eager(hook: RecordedHook) -> str:
+    """Reason why a hook is not part of a graph."""
+    return hook.reason or "to be recorded after the first steps"
