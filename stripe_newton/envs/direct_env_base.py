@@ -58,6 +58,10 @@ class DirectEnvBase(RLEnv):
         self._apply_action()
         self.scene.write_data_to_sim()
 
+    def count_physics(self) -> None:
+        """Count a step whose physics was part of a recording."""
+        self._substeps.count_step()
+
     @property
     def applies_each_substep(self) -> bool:
         """Whether ``_apply_action`` runs before every physics step of every step."""

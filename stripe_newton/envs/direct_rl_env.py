@@ -219,12 +219,12 @@ class DirectRLEnv(DirectEnvBase):
     def _run_physics(self) -> None:
         """Run the physics hook by hook, for a step that watches or compares."""
         each = self._substeps.each
-        self._substeps.run(self, watch=self._recorder is not None and self._recorder.checks_all)
+        self._substeps.run(self)
         if each != self._substeps.each:
             self.plan.recapture()
 
     def run_apply_action(self) -> None:
-        if self._recorder is None:
+        if self._recorder is None or self._apply_part is None:
             super().run_apply_action()
         else:
             self._recorder.run(self._apply_part.hook)
@@ -363,7 +363,9 @@ class DirectRLEnv(DirectEnvBase):
         return groups
 
     def _replays(self) -> bool:
-        return self._recorder is None or self._recorder.replays
+        # A watched step takes its physics steps one by one, with or without recorded hooks: in one go they may round
+        # otherwise, and the results should not depend on what is recorded.
+        return self._recorder is None or (self._recorder.replays and not self._substeps.watches)
 
     def begin_step(self) -> None:
         recaptures = self._recaptures
@@ -417,6 +419,8 @@ class DirectRLEnv(DirectEnvBase):
             self._safety.make_finite(self._action)
         self._pre_physics_step(self._action)
 
+    _apply_part: PhysicsPart | None = None
+    """The physics with a torch hook that may be recorded."""
     _given: torch.Tensor | None = None
     """Actions of the step under way."""
 
@@ -434,7 +438,10 @@ class DirectRLEnv(DirectEnvBase):
         own = self._recorder is not None and not self._hooks.pre_physics.is_warp
         if self._noise_models() and not (own and not self._hooks.observations.is_warp):
             return "noise models are torch modules"
-        return super().why_not_capturable()
+        reason = super().why_not_capturable()
+        if not reason and self._recorder is not None and self._apply_part is not None and self._substeps.mode == "auto":
+            return "apply_action is 'auto', which watches every 64th step: set 'step' or 'substep'"
+        return reason
 
     def _noise_models(self) -> list[NoiseModel]:
         return [m for m in (self._action_noise_model, self._observation_noise_model) if m is not None]

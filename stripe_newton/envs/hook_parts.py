@@ -199,7 +199,7 @@ class PhysicsPart:
         """Launch hook and physics within a recording."""
         steps = self._env.cfg.decimation
         per_call = 1 if self._env.applies_each_substep else steps
-        after = []
+        after: list[Callable[[], None]] = [self._env.count_physics]
         for _ in range(0, steps, per_call):
             after.append(self.hook.launch())
             self._env.sim.launch(per_call)

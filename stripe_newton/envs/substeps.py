@@ -52,14 +52,18 @@ class Substeps:
         """Whether the first steps have been watched, if any are."""
         return self.mode != "auto" or self._count >= self.FIRST
 
-    def run(self, env: HasActionHook, watch: bool = False) -> None:
-        """Run the physics of one environment step.
+    @property
+    def watches(self) -> bool:
+        """Whether the next step is watched."""
+        return self.mode == "auto" and (self._count < self.FIRST or self._count % self.EVERY == 0)
 
-        Args:
-            env: The environment.
-            watch: Whether to watch this step whatever its number, if any are watched.
-        """
-        watch = self.mode == "auto" and (watch or self._count < self.FIRST or self._count % self.EVERY == 0)
+    def count_step(self) -> None:
+        """Count a step whose physics ran elsewhere."""
+        self._count += 1
+
+    def run(self, env: HasActionHook) -> None:
+        """Run the physics of one environment step."""
+        watch = self.watches
         self._count += 1
         if watch:
             self._watch(env)

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 import torch
 
-from .reachable import Path, Scan, assign, path_name, scan, storage_of
+from .reachable import Path, Scan, assign, path_name, scan, storage_of, value_at
 
 __all__ = ["CarriedState", "NotSteady", "moved_paths"]
 
@@ -96,10 +96,7 @@ class CarriedState:
     def replaced(self) -> str:
         """Name of a tensor that is not at its home, so that code outside the hooks has bound it; empty for none."""
         for (holder, key, home), path in zip(self._holders, self.homes, strict=True):
-            try:
-                there = holder[key] if isinstance(holder, (dict, list, tuple)) else getattr(holder, str(key))  # type: ignore[index]
-            except (LookupError, AttributeError):
-                return path_name(path)
+            there = value_at(holder, key)
             if there is not home:
                 return path_name(path)
         return ""

@@ -37,7 +37,7 @@ def added_extras(before: Extras, given: Extras, after: Extras) -> Extras:
     for key, value in after.items():
         old = before.get(key)
         if isinstance(value, dict) and isinstance(old, dict):
-            if value is not given.get(key):
+            if id(value) != id(given.get(key)):
                 found[key] = _Fresh({k: _KEPT if k in old and v is old[k] else v for k, v in value.items()})
                 continue
             inner = added_extras(old, {k: v for k, v in value.items() if isinstance(v, dict)}, value)
@@ -55,7 +55,7 @@ def publish_extras(extras: Extras, added: Extras, log: bool = False) -> None:
     """
     for key, value in added.items():
         if isinstance(value, _Fresh):
-            there: Extras = extras.get(key) or {}
+            there: Extras = dict(extras.get(key) or {})
             extras[key] = {}
             entries = {k: there.get(k) if v is _KEPT else v for k, v in value.items()}
             publish_extras(extras[key], entries, key == "log")

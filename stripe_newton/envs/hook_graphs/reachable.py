@@ -15,11 +15,13 @@ import torch
 
 from stripe_newton.noise import NoiseModel
 
-__all__ = ["Path", "Scan", "assign", "path_name", "scan", "storage_of"]
+__all__ = ["NOTHING", "Path", "Scan", "assign", "path_name", "scan", "storage_of", "value_at"]
 
 Path: TypeAlias = "tuple[str | int, ...]"
 """Keys from the environment to a value: names of attributes, keys of dicts, indices of lists."""
 
+NOTHING = object()
+"""Stands for no value."""
 _OPAQUE = {
     "torch", "warp", "newton", "numpy", "gymnasium", "pxr", "stripe_newton", "stripe_kernels", "mujoco", "mujoco_warp",
     "rsl_rl", "tensordict", "matplotlib", "PIL",
@@ -122,10 +124,18 @@ def _assign(holder: object, path: Path, value: object) -> None:
         object.__setattr__(holder, str(key), value)
 
 
+def value_at(holder: object, key: str | int) -> object:
+    """What a container or an object holds at a key or under a name; :data:`NOTHING` where there is nothing."""
+    try:
+        return _get(holder, key)
+    except (LookupError, AttributeError):
+        return NOTHING
+
+
 def _get(holder: object, key: str | int) -> object:
     if isinstance(holder, (dict, list, tuple, deque)):
         return holder[key]  # type: ignore[index]
-    return object.__getattribute__(holder, str(key))
+    return getattr(holder, str(key))
 
 
 class _Root:

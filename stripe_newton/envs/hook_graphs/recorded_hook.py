@@ -23,7 +23,7 @@ from .host_values import (
     place_of_name,
     short_place,
 )
-from .reachable import Path, Scan, path_name, scan
+from .reachable import Path, Scan, path_name, scan, value_at
 from .snapshot import Results, Snapshot, first_difference
 
 __all__ = ["HookGraph", "HooksEnv", "Launched", "RecordedHook", "RecordingContext"]
@@ -299,7 +299,7 @@ class RecordedHook:
     def number_that_changed(self) -> str:
         """Reason, with its place, if a number that the hook may read is not what it was when the hook was watched."""
         for holder, key, value, name in self._numbers:
-            now = _value_at(holder, key)
+            now = value_at(holder, key)
             if now is not value and now != value:
                 where = place_of_name(self._code, name.rpartition(".")[2].partition("[")[0]) or self.place
                 return f"{where}: reads {name}, a number that changes from {value!r} to {now!r}"
@@ -376,13 +376,6 @@ class RecordedHook:
 def _name_of(path: Path) -> str:
     """Name by which source code reads the value at a path, or the container that holds it."""
     return next((k for k in reversed(path) if isinstance(k, str) and k != "len()"), "")
-
-
-def _value_at(holder: object, key: str | int) -> object:
-    try:
-        return holder[key] if isinstance(holder, (dict, list, tuple)) else getattr(holder, str(key))  # type: ignore[index]
-    except (LookupError, AttributeError):
-        return None
 
 
 def _reason_of(error: RuntimeError) -> str:
