@@ -17,7 +17,7 @@ from .call_counts import warp_waits
 from .env_state import repeats, state_arrays
 from .hook_graphs import HookGraph, HookRecorder, RecordedHook
 from .hook_graphs.host_values import NotRecordable
-from .hook_graphs.reachable import scan
+from .hook_graphs.reachable import NOTHING, assign, scan, value_at
 
 if TYPE_CHECKING:
     from .direct_rl_env import DirectRLEnv
@@ -128,12 +128,13 @@ def rehearse(env: DirectRLEnv, recorder: HookRecorder) -> None:
         if path in tensors and tensors[path].shape == tensor.shape and not repeats(tensor):
             tensor.copy_(tensors[path])
     for path, number in values.numbers.items():
-        if path in values.holders:
-            holder, key = values.holders[path]
-            if isinstance(holder, dict):
-                holder[key] = number
-            elif not isinstance(holder, (tuple, list)) and hasattr(holder, str(key)):
-                setattr(holder, str(key), number)
+        holder, key = values.holders.get(path, (None, ""))
+        if holder is None or value_at(holder, key) in (number, NOTHING):
+            continue
+        if isinstance(holder, type):
+            setattr(holder, str(key), number)
+        else:
+            assign(env, path, number)
     env.set_state(state)
     before.restore_random()
     env.extras, env.obs_buf = extras, observations

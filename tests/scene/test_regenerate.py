@@ -223,7 +223,7 @@ def test_captured_graphs_walk_on_the_new_ground():
     for _ in range(5):
         graph.step(torch.zeros(N, 8, device="cuda:0"))
     assert graph.plan.graph_count == 1
-    graphs = [segment.graph for segment in graph.plan._segments]
+    graphs = [block.replay for block in graph.plan._recorded]
     graph.regenerate(7)
     eager.reset(seed=5)
     put_beside_posts(eager)
@@ -235,7 +235,7 @@ def test_captured_graphs_walk_on_the_new_ground():
         np.testing.assert_allclose(*joints, atol=1e-4)
         rays = (env.scene["lidar"].data.distances for env in (eager, graph))
         torch.testing.assert_close(*rays, atol=1e-2, rtol=1e-3)
-    assert [segment.graph for segment in graph.plan._segments] == graphs
+    assert [block.replay for block in graph.plan._recorded] == graphs
     graph.regenerate(11)
     for _ in range(100):
         graph.step(torch.zeros(N, 8, device="cuda:0"))

@@ -241,7 +241,12 @@ def executed_code(into: ExecutedCode) -> Iterator[None]:
     try:
         yield
     finally:
-        sys.setprofile(before)
+        sys.setprofile(None)
+        enable = getattr(before, "enable", None)  # that of cProfile is no function
+        if enable is not None:
+            enable()
+        else:
+            sys.setprofile(before)
 
 
 def place_of_name(code: ExecutedCode, name: str) -> str:

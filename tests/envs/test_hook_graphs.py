@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded hooks of environments with a simulation, on a tape in the place of a CUDA graph."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+
+from stripe_newton.configclass import ConfigError
+from stripe_newton.envs.hook_graphs import HookGraphError
+from stripe_newton.rl.runner import OnPolicyRunner
+from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
+from tests.helpers.recorded_cart import (
+    RecordedCart,
+    RecordedCartCfg,
+    WarpReset,
+    first_difference,
+    make,
+    record_on_cpu,
+    recorder_of,
+    run,
+    small_agent,
+)
+
+
+@pytest.fixture
+def recording(monkeypatch):
+    record_on_cpu(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def eager() -> list[dict[str, torch.Tensor]]:
+    """Results of 150 steps without recordings, with resets of all or some environments."""
+    found = run(make(), 150)
+    counts = {int((x["terminated"] | x["truncated"]).sum()) for x in found}
+    assert {0, 1, 6} <= counts, counts
+    return found
+
+
+def test_recorded_steps_are_those_of_the_hooks(eager, recording):
+    env = make()
+    assert first_difference(eager, run(env, 150)) == ""
+    recorder = recorder_of(env)
+    assert all(not h.reason for h in recorder.hooks), env.describe()
+    assert all(recorder.joined(h) for h in recorder.hooks if h.joins)
+    assert sum(recorder.hooks[4].has_graph(n) for n in range(1, 7)) >= 2  # numbers of environments that are reset
+    text = env.describe()
+    assert "graph, torch" in text
+    assert "graph for each number of resets, torch" in text
+    assert env.plan.eager == [("reset", "_reset_idx, forward kinematics", "graph for each number of resets, torch")]
+
+
+def test_states_are_saved_and_restored_in_place(recording):
+    env = make()
+    run(env, 20)
+    torch.manual_seed(1)
+    state, height = env.get_state(), env.sums["height"].clone()  # in a dict, and so no part of the state
+    first = run(env, 20, 20)
+    env.set_state(state)
+    env.sums["height"][:] = height
+    torch.manual_seed(1)
+    assert first_difference(first, run(env, 20, 20)) == ""
+    assert recorder_of(env)._attempts == 0  # nothing had to be recorded anew
+
+
+class Careless(RecordedCart):
+    """Reads a value, counts on the host and reads the counter of steps, each in a hook of its own."""
+
+    def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
+        fallen, late = super()._get_dones()
+        if late.any():
+            self.sums["height"] += 1.0
+        return fallen, late
+
+    def _get_rewards(self) -> torch.Tensor:
+        return super()._get_rewards() * (1.0 if self.common_step_counter < 25 else 2.0)
+
+    def _reset_idx(self, env_ids: Any) -> None:
+        super()._reset_idx(env_ids)
+        self.extras["log"]["ends"] = torch.count_nonzero(self.reset_terminated[env_ids]).item()
+
+
+def test_hooks_that_cannot_be_recorded_stay_eager(recording, monkeypatch):
+    env = make(Careless)
+    with monkeypatch.context() as patch:
+        patch.setattr("stripe_newton.envs.hook_parts.records_on", lambda device: False)
+        plain = make(Careless)
+    torch.manual_seed(2)
+    found = run(plain, 50)
+    torch.manual_seed(2)
+    assert first_difference(found, run(env, 50)) == ""
+    reasons = {h.name.split(",")[0]: h.reason for h in recorder_of(env).hooks if h.reason}
+    assert reasons.keys() == {"_get_dones", "_get_rewards", "_reset_idx"}
+    text = env.describe()
+    for part in (
+        "envs/test_hook_graphs.py:{}: __bool__() reads the value",
+        "envs/test_hook_graphs.py:{}: reads common_step_counter, a number that changes",
+        "envs/test_hook_graphs.py:{}: item() reads the value",
+    ):
+        before, after = part.split("{}")
+        assert before in text
+        assert after in text
+    assert text.count("graph, torch") == 3
+
+
+def test_required_recordings_are_an_error(recording):
+    env = make(Careless, hooks_graph=True)
+    with pytest.raises(HookGraphError, match=r"_get_dones: envs/test_hook_graphs.py:\d+: __bool__"):
+        run(env, 8)
+
+
+def test_options(recording):
+    assert make(hooks_graph=False)._recorder is None
+    with pytest.raises(ConfigError, match="hooks_graph: is 'yes', must be 'auto', True or False"):
+        RecordedCart(RecordedCartCfg(hooks_graph="yes"))
+
+
+def test_the_rollout_takes_recorded_hooks_into_its_graph(recording):
+    env = WarpReset(RecordedCartCfg(apply_action="step", episode_length_s=10.0))
+    wrapped = RslRlVecEnvWrapper(env)
+    wrapped.get_observations()
+    before = env.get_state()
+    runner = OnPolicyRunner(wrapped, small_agent(2))
+    assert runner.no_graphs == {}
+    after = env.get_state()
+    assert after["step"] == before["step"]  # the rehearsal is undone
+    for name, value in before["arrays"].items():
+        assert torch.equal(value, after["arrays"][name]), name
+    for name, value in before["buffers"].items():
+        assert torch.equal(value, after["buffers"][name]), name
+    runner.learn(2)
+    assert runner._rollout._step.log_keys[-1] == "change"
+    assert env.common_step_counter == before["step"] + 8

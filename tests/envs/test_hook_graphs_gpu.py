@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded torch hooks on a GPU: the same bits as eager ones, two graphs and one wait a step, reasons with lines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import pytest
+import torch
+
+import stripe_tasks  # noqa: F401
+from stripe_newton.cli.run_configs import load_configs
+from stripe_newton.envs.call_counts import count_calls
+from stripe_newton.rl.runner import OnPolicyRunner
+from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
+from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from tests.helpers.recorded_cart import (
+    RecordedCart,
+    WarpReset,
+    first_difference,
+    make,
+    recorder_of,
+    run,
+    small_agent,
+)
+
+pytestmark = pytest.mark.gpu
+
+DEVICE = "cuda:0"
+TASKS = ["Stripe-Cartpole-Direct-v0", "Stripe-Ant-Direct-v0", "Stripe-Humanoid-Direct-v0"]
+
+
+def cart(cls: type[RecordedCart] = RecordedCart, **changes: Any) -> RecordedCart:
+    return make(
+        cls, sim=SimulationCfg(device=DEVICE, dt=0.01, solver=MuJoCoSolverCfg(disable_contacts=True)), **changes
+    )
+
+
+def task_env(name: str, hooks_graph: Any, num_envs: int = 256) -> Any:
+    cfg = load_configs(name, None).env
+    cfg.sim.device, cfg.scene.num_envs, cfg.seed, cfg.hooks_graph = DEVICE, num_envs, 1, hooks_graph
+    cfg.episode_length_s = 2.0
+    env = gymnasium.make_vec(name, cfg=cfg).unwrapped
+    env.reset(seed=1)
+    phases = torch.arange(num_envs, device=DEVICE) * 7 % env.max_episode_length
+    env.episode_length_buf = phases
+    return env
+
+
+def results(env: Any, steps: int) -> list[dict[str, torch.Tensor]]:
+    generator = torch.Generator(device=DEVICE).manual_seed(0)
+    actions = 2.0 * torch.rand(16, *env.action_space.shape, generator=generator, device=DEVICE) - 1.0
+    torch.manual_seed(5)
+    found = []
+    for index in range(steps):
+        obs, reward, terminated, truncated, extras = env.step(actions[index % 16])
+        log = {k: torch.as_tensor(v).clone() for k, v in extras["log"].items()}
+        found.append({**obs, "reward": reward, "terminated": terminated, "truncated": truncated, **log})
+    return found
+
+
+def test_state_in_all_forms_carries_over():
+    env = cart()
+    assert first_difference(run(cart(hooks_graph=False), 200), run(env, 200)) == ""
+    assert not [h.reason for h in recorder_of(env).hooks if h.reason], env.describe()
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_recorded_steps_are_those_of_the_hooks(name):
+    env = task_env(name, True)
+    recorded = results(env, 300)
+    assert first_difference(results(task_env(name, False), 300), recorded) == "", env.describe()
+    assert sum(int(x["truncated"].sum()) for x in recorded) > 100
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_step_waits_once(name):
+    env = task_env(name, True)
+    actions = torch.zeros(env.action_space.shape, device=DEVICE)
+    for _ in range(127):
+        env.step(actions)
+    counts = count_calls(lambda k: env.step(actions), 32)
+    assert counts["host_syncs"] <= 1.0, counts
+    assert counts["graph_launches"] <= 3.1, counts
+    assert env.plan.graph_count == 2, env.describe()
+
+
+class Careless(RecordedCart):
+    def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
+        fallen, late = super()._get_dones()
+        if late.any():
+            self.sums["height"] += 1.0
+        return fallen, late
+
+    def _reset_idx(self, env_ids: Any) -> None:
+        super()._reset_idx(env_ids)
+        self.sums["height"][self.reset_terminated] = self.sums["height"][self.reset_terminated].clone()
+
+
+def test_hooks_that_wait_stay_eager_with_their_lines():
+    env = cart(Careless)
+    assert first_difference(run(cart(Careless, hooks_graph=False), 100), run(env, 100)) == ""
+    reasons = {h.name.split(",")[0]: h.reason for h in recorder_of(env).hooks if h.reason}
+    assert reasons.keys() == {"_get_dones", "_reset_idx"}, reasons
+    assert all(r.startswith("envs/test_hook_graphs_gpu.py:") for r in reasons.values()), reasons
+    assert torch.isfinite(torch.rand(4, device=DEVICE)).all()  # the device is as good as before
+
+
+def test_the_rollout_of_the_runner_takes_them_into_its_graph():
+    env = cart(WarpReset, apply_action="step", episode_length_s=10.0)
+    runner = OnPolicyRunner(RslRlVecEnvWrapper(env), small_agent(4))
+    assert runner.no_graphs == {}, env.describe()
+    runner.learn(4)
+    assert runner._rollout is not None
+    assert runner._rollout.recorded
+    assert runner._rollout._step.log_keys[-1] == "change"
