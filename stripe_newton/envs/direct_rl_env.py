@@ -111,6 +111,8 @@ class DirectRLEnv(DirectEnvBase):
         self._make_hook_helpers(self.cfg)
         self._recorder = hook_recorder(self)
         self._observation_buffers: dict[str, torch.Tensor] = {}
+        # Actions of the step under way. In a list, as they are the caller's and no part of a saved state.
+        self._given: list[torch.Tensor] = []
         self._make_warp()
         self._run_startup_events()
 
@@ -398,19 +400,17 @@ class DirectRLEnv(DirectEnvBase):
                 action = self._action_noise_model(action.float())
             wp.to_torch(self.warp.actions).copy_(action.reshape(self.num_envs, -1))
             return
-        given = self._given
         if self._recorder is None:
-            self._given = action
-        elif given is not None and given.shape == action.shape and given.dtype == action.dtype:
-            given.copy_(action)  # where graphs read it
+            self._given = [action]
+        elif self._given and self._given[0].shape == action.shape and self._given[0].dtype == action.dtype:
+            self._given[0].copy_(action)  # where graphs read it
         else:
-            self._given = action.clone()
-            if given is not None:
+            if self._given:
                 self._recorder.start_again("the actions change their type again and again")
+            self._given = [action.clone()]
 
     def _torch_pre_physics(self) -> None:
-        action = self._given
-        assert action is not None
+        (action,) = self._given
         if self._action_noise_model is not None:
             action = self._action_noise_model(action.float())
         # A copy, as the hook may keep it or change it in place, and the tensor belongs to the caller.
@@ -421,8 +421,6 @@ class DirectRLEnv(DirectEnvBase):
 
     _apply_part: PhysicsPart | None = None
     """The physics with a torch hook that may be recorded."""
-    _given: torch.Tensor | None = None
-    """Actions of the step under way."""
 
     def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
         if not self._hooks.observations.is_warp:
