@@ -36,7 +36,9 @@ Flag: TypeAlias = tuple[object, str, object]
 class HookGraph(Protocol):
     """What a function launched, to be launched again on the same memory."""
 
-    def replay(self) -> None: ...
+    def replay(self) -> None:
+        """Launch it again."""
+        ...
 
 
 class HooksEnv(Protocol):
@@ -69,9 +71,11 @@ class RecordingContext:
     carried: CarriedState | None = None
 
     def snapshot(self) -> Snapshot:
+        """Copy of all that hooks can change."""
         return Snapshot(self.env, self.skip, self.arrays(), self.env.device)
 
     def flag_values(self) -> list[Flag]:
+        """The framework's flags as they are now."""
         return [(holder, name, getattr(holder, name)) for holder, name in self.flags]
 
 
