@@ -47,7 +47,7 @@ class DirectRLEnvCfg(RLEnvCfg):
     """Rate of ``_apply_action``: ``"substep"`` calls it before each physics step, ``"step"`` once before all of them,
     which are then one CUDA graph. ``"auto"`` begins with ``"step"`` and compares, in the first steps and every 64th,
     the targets of all physics steps; if they differ it changes to ``"substep"``."""
-    hooks_graph: str | bool = "auto"
+    hooks_graph: bool | str = "auto"
     """Whether torch hooks become part of the step's CUDA graph, on a GPU: ``"auto"`` where a replay gives the same as
     the hook, ``True`` to make it an error where they cannot, ``False`` never. ``describe()`` says which are not and
     why."""
@@ -363,6 +363,10 @@ class DirectRLEnv(DirectEnvBase):
         if self._observation_noise_model is not None:
             groups["policy"] = self._observation_noise_model(groups["policy"])
         return groups
+
+    def _record_mixed(self, function: Callable[[], None]) -> Callable[[], None]:
+        assert self._recorder is not None  # without one no hook joins a graph
+        return self._recorder.context.record(function).replay
 
     def _replays(self) -> bool:
         # A watched step takes its physics steps one by one, with or without recorded hooks: in one go they may round

@@ -289,6 +289,10 @@ class RLEnv(VectorEnv):
             self._recaptures = self.sim.recaptures
             self.plan.recapture()
 
+    def _record_mixed(self, function: Callable[[], None]) -> Callable[[], None]:
+        """Record what a function launches with torch and with Warp; returns the replay."""
+        raise NotImplementedError(f"{type(self).__name__} records no torch hooks")
+
     def _replays(self) -> bool:
         """Whether the step that has begun launches graphs where there are any."""
         return True
@@ -400,6 +404,7 @@ class RLEnv(VectorEnv):
                 raise ConfigError(self.context.problems)
             graph = self.cfg.sim.use_cuda_graph
             self._plan = Plan("step", stages, self.context.scope, self.num_envs, self.device, graph)
+            self._plan.record_mixed = self._record_mixed
         return self._plan
 
     # -- the parts that DirectRLEnv, DirectMARLEnv and ManagerBasedRLEnv define

@@ -133,3 +133,13 @@ def test_the_rollout_takes_recorded_hooks_into_its_graph(recording):
     runner.learn(2)
     assert runner._rollout._step.log_keys[-1] == "change"
     assert env.common_step_counter == before["step"] + 8
+
+
+def test_hooks_and_kernels_share_two_graphs(eager, recording, monkeypatch):
+    """All of a step up to the rewards, and the observations, with the resets of a third between them."""
+    env = make()
+    monkeypatch.setattr(env.plan, "captures", True)  # tapes hold the kernels of these stages, too
+    assert first_difference(eager, run(env, 150)) == ""
+    assert env.plan.graph_count == 2, env.describe()
+    replays = [block.replay for block in env.plan._recorded]
+    assert [replay is not None for replay in replays] == [True, False, True]

@@ -27,12 +27,14 @@ class TapeGraph:
         with pytest.MonkeyPatch.context() as patch:
             for name in ("launch", "copy"):
                 patch.setattr(wp, name, self._taped(getattr(wp, name)))
+            patch.setattr(wp.Launch, "launch", self._taped(wp.Launch.launch))
             with _Tape(self.calls):
                 function()
 
     def _taped(self, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any, **kwargs: Any) -> Any:
-            self.calls.append(lambda: function(*args, **kwargs))
+            if not kwargs.get("record_cmd"):
+                self.calls.append(lambda: function(*args, **kwargs))
             return function(*args, **kwargs)
 
         return call
