@@ -379,7 +379,7 @@ class Simulation:
         for hook in self._hooks:
             hook.launch_before_steps()
         if self._steps_inside:
-            together = substeps if before_each is None and self.steps_together else 1
+            together = max(substeps, 1) if before_each is None and self.steps_together else 1
             for _ in range(0, substeps, together):
                 if before_each is not None:
                     before_each()
