@@ -84,7 +84,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     ``use_mujoco_contacts=False`` all are those that :meth:`step` is given.
 
     The state is that of MuJoCo Warp to rounding, and so are ``body_qdd`` and ``body_parent_f``. MuJoCo Warp's arrays of
-    contacts and constraint forces are filled after :meth:`fill_contacts`, those of other results are not. What is
+    contacts and constraint forces are filled after :meth:`fill_contacts`, those of other results are not; forces of
+    contacts alone are written after :meth:`fill_contact_forces`, which takes less. What is
     constant in the kernel is as it was at the first step: topology, pairs of geoms, what is limited, and options.
 
     Attributes:

@@ -23,12 +23,12 @@ enum BodyField {
 FN void keep_bodies(const World& w, const Parameters& P, int lane) {
     EACH(b, NB) {
         real* o = P.bodies() + BODY_SIZE * b;
-        Vec c = load(w.pos + 3 * b) + rotate(load_quat(w.quat + 4 * b), load(P.com() + 3 * b));
+        Quat turn_b = load_quat(w.quat + 4 * b);
+        Vec c = load(w.pos + 3 * b) + rotate(turn_b, load(P.com() + 3 * b));
         store(o + B_COM, c);
         for (int k = 0; k < 6; k++) o[B_V + k] = w.V[6 * b + k], o[B_A + k] = w.A[6 * b + k];
         // Of the body alone: those in w.X are of its subtree by now.
-        Mat axes = matrix(load_quat(w.quat + 4 * b) * load_quat(P.inertia_quat() + 4 * b));
-        spatial_inertia(o + B_X, P.mass()[b], load(P.inertia() + 3 * b), axes, c);
+        body_inertia(o + B_X, P, b, turn_b, c);
         const real* push = P.xfrc_applied() + 6 * b;
         store_spatial(o + B_F, Spatial{load(push + 3) + cross(c, load(push)), load(push)});
     }

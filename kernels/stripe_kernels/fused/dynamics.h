@@ -39,6 +39,12 @@ FN void place_in_parents(World& w, const Parameters& P, int lane) {
     SYNC();
 }
 
+// Spatial inertia of a body with the orientation `turn_b` and its centre of mass at `c`, both in the world's axes.
+FN void body_inertia(real* I, const Parameters& P, int b, Quat turn_b, Vec c) {
+    Mat axes = matrix(turn_b * load_quat(P.inertia_quat() + 4 * b));
+    spatial_inertia(I, P.mass()[b], load(P.inertia() + 3 * b), axes, c);
+}
+
 // Poses, motions of the degrees of freedom, inertias, velocities and velocity-dependent accelerations.
 FN void kinematics(World& w, const Parameters& P, int lane) {
     place_in_parents(w, P, lane);
@@ -75,8 +81,7 @@ FN void kinematics(World& w, const Parameters& P, int lane) {
     EACH(b, NB) {
         Quat turn_b = load_quat(w.quat + 4 * b);
         Vec c = load(w.pos + 3 * b) + rotate(turn_b, load(P.com() + 3 * b));
-        Mat axes = matrix(turn_b * load_quat(P.inertia_quat() + 4 * b));
-        spatial_inertia(w.X + 16 * b, P.mass()[b], load(P.inertia() + 3 * b), axes, c);
+        body_inertia(w.X + 16 * b, P, b, turn_b, c);
         if (b) continue;
         store_spatial(w.V, Spatial{{0, 0, 0}, {0, 0, 0}});
         store_spatial(w.A, Spatial{{0, 0, 0}, -1 * load(P.gravity())});  // gravity as an acceleration of the world

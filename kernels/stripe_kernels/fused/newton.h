@@ -22,8 +22,8 @@ FN Cone cone_at(const World& w, const real* C, real step) {
     Cone o;
     real tt = 0;
     ROLLED for (int i = 1; i < (int)C[C_DIM]; i++) {
-        const real* o = row_of<FITS>(w, (int)C[C_ROW] + i);
-        real u = friction_of(C, i) * (o[R_E] + step * o[R_JS]);
+        const real* along = row_of<FITS>(w, (int)C[C_ROW] + i);
+        real u = friction_of(C, i) * (along[R_E] + step * along[R_JS]);
         tt += u * u;
     }
     o.mu = C[C_MU], o.N = o.mu * (first[R_E] + step * first[R_JS]), o.T = SQRT(tt);

@@ -131,7 +131,7 @@ FN void read_body_forces(const Parameters& P, int lane) {
 }
 
 // Controls of the actuators, and forces on joints and bodies, into MuJoCo's arrays.
-FN void read_newton_controls(World& w, const Parameters& P, int lane) {
+FN void read_newton_controls(const Parameters& P, int lane) {
     if (P.m.joint_f) {
         const float* force = (const float*)P.m.joint_f + (long long)P.id * NEWTON_DOFS;
         EACH(u, ACTUATORS) {

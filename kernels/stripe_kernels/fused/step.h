@@ -26,8 +26,7 @@ FN void step_free_bodies(World& w, const Parameters& P, int lane) {
         real X[10];  // the body's is the tree's
         Quat turn_b = normalized(load_quat(w.q + joint_q(body_joint(b)) + 3));
         Mat R = matrix(turn_b);
-        spatial_inertia(X, P.mass()[b], load(P.inertia() + 3 * b),
-                        matrix(turn_b * load_quat(P.inertia_quat() + 4 * b)), R * load(P.com() + 3 * b));
+        body_inertia(X, P, b, turn_b, R * load(P.com() + 3 * b));
         Vec mc = load(X + 1), wb = load(w.v + d + 3), turning = R * wb;
         Spatial momentum = operator_inertia(X, Spatial{turning, {0, 0, 0}});
         real A[6][7];
@@ -124,7 +123,7 @@ FN void begin_steps(World& w, const Parameters& P, int lane) {
         place_fixed_bodies(P, lane);
     }
     SYNC();
-    read_newton_controls(w, P, lane);
+    read_newton_controls(P, lane);
 #endif
     EACH(i, NV) w.a[i] = P.qacc_warmstart()[i];
     EACH(i, NV * LD) w.M[i] = 0;  // what degrees of freedom do not share stays so
