@@ -9,14 +9,17 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
-__all__ = ["MeshGrids", "TriangleMesh"]
+__all__ = ["DEPTH", "MeshGrids", "TriangleMesh"]
+
+DEPTH = 0.05
+"""Depth in a solid, beyond a radius, at which a centre is still found, as in meshes.h [m]."""
 
 _SAME = 1e-6
 """Distance within which vertices are the same, in extents of the mesh."""
 _LEVEL = 1e-5
 """Height of the other face's third corner below which an edge is no bend [m]."""
-_CELL = 0.2
-"""Size of a cell at first: that of a robot's links [m]."""
+_CELLS = 0.1, 0.2
+"""Sizes of a cell at first, of faces and of edges: those of a robot's feet and of its links [m]."""
 _LEAST_CELL = 0.05
 _MANY_ITEMS = 24
 """Faces of a cell on average, of those that have some, from which on cells are made smaller."""
@@ -25,7 +28,7 @@ _BLOCK = 2_000_000
 """Cells that are looked at at once, for memory."""
 
 _GRID = np.dtype(
-    [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("count", "i4"),
+    [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("reach", "f4"),
      ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("none", "u8")]
 )  # fmt: skip
 """As struct Grid of search.h."""
@@ -56,6 +59,8 @@ class MeshGrids:
     """
 
     groups: Iterable[Iterable[TriangleMesh]]
+    reach: float
+    """Distance from a point within which the lists of its cell have all faces [m]."""
     device: str | wp.Device
     array: wp.array = field(init=False)
     """The grids of faces and of edges of each group, as bytes of two structs ``Grid`` of search.h."""
@@ -73,14 +78,14 @@ class MeshGrids:
     def _grids(self, meshes: list[TriangleMesh]) -> Iterable[np.ndarray]:
         parts = [_faces_and_edges(mesh) for mesh in meshes]
         faces, edges = (np.concatenate([part[i] for part in parts]) for i in range(2))
-        yield self._grid(faces, faces["corners"])
-        yield self._grid(edges, edges["corners"][:, :2])
+        yield self._grid(faces, faces["corners"], _CELLS[0], self.reach)
+        yield self._grid(edges, edges["corners"][:, :2], _CELLS[1], 0.0)
 
-    def _grid(self, things: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    def _grid(self, things: np.ndarray, corners: np.ndarray, cell: float, reach: float) -> np.ndarray:
         """The record of a grid; corners are those of a triangle, or the ends of an edge, of each thing."""
-        low, size, cell, first, items = _sort_into_cells(corners.astype(float))
+        low, size, cell, first, items = _sort_into_cells(corners.astype(float), cell, reach)
         record = np.zeros(1, _GRID)
-        record["low"], record["cells_per_metre"], record["size"], record["count"] = low, 1.0 / cell, size, len(things)
+        record["low"], record["cells_per_metre"], record["size"], record["reach"] = low, 1.0 / cell, size, reach
         for name, array in (("cells", first), ("items", items), ("things", things.view(np.uint8))):
             record[name] = self._keep(array).ptr or 0
         return record
@@ -145,17 +150,18 @@ def _neighbours(faces: np.ndarray) -> np.ndarray:
     return np.where(found, first[place] // 3, -1).reshape(-1, 3) if len(keys) else np.zeros((0, 3), dtype=int)
 
 
-def _sort_into_cells(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
+def _sort_into_cells(
+    corners: np.ndarray, cell: float, reach: float
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
     """Lowest corner, cells along each axis, their size [m], first item of each cell and one beyond, and the items."""
     points = corners.reshape(-1, 3)
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
-    low, high = low - 1e-3, high + 1e-3
-    cell = _CELL
+    low, high = low - 1e-3 - reach, high + 1e-3 + reach
     while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CELLS:
         cell *= 1.25
     while True:
         size = _cells(low, high, cell)
-        cells, items = _overlaps(corners, low, size, cell)
+        cells, items = _overlaps(corners, low, size, cell, reach)
         many = len(items) > _MANY_ITEMS * max(1, len(np.unique(cells)))
         if not many or cell <= _LEAST_CELL or np.prod(_cells(low, high, cell / 2), dtype=float) > _MOST_CELLS:
             break
@@ -170,11 +176,13 @@ def _cells(low: np.ndarray, high: np.ndarray, cell: float) -> np.ndarray:
     return np.maximum(1, np.ceil((high - low) / cell)).astype(int)
 
 
-def _overlaps(corners: np.ndarray, low: np.ndarray, size: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a cell and an item that may reach into it: by its bounding box, and of a triangle by its plane."""
+def _overlaps(
+    corners: np.ndarray, low: np.ndarray, size: np.ndarray, cell: float, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a cell and an item that may be so near to it: by its bounding box, and of a triangle by its plane."""
     from_, to = (
         np.clip(np.floor((bound - low) / cell).astype(int), 0, size - 1)
-        for bound in (corners.min(axis=1) - 1e-4, corners.max(axis=1) + 1e-4)
+        for bound in (corners.min(axis=1) - 1e-4 - reach, corners.max(axis=1) + 1e-4 + reach)
     )
     counts = np.prod(to - from_ + 1, axis=1)
     ends = np.cumsum(counts)
@@ -190,7 +198,7 @@ def _overlaps(corners: np.ndarray, low: np.ndarray, size: np.ndarray, cell: floa
             [k % extent[:, 0], k // extent[:, 0] % extent[:, 1], k // (extent[:, 0] * extent[:, 1])], axis=1
         )
         if corners.shape[1] == 3:
-            near = _meets_plane(corners[item], low + (place + 0.5) * cell, cell)
+            near = _meets_plane(corners[item], low + (place + 0.5) * cell, cell, reach)
             item, place = item[near], place[near]
         found.append(((place[:, 2] * size[1] + place[:, 1]) * size[0] + place[:, 0], item))
         start = stop
@@ -198,8 +206,8 @@ def _overlaps(corners: np.ndarray, low: np.ndarray, size: np.ndarray, cell: floa
     return cells, items
 
 
-def _meets_plane(triangles: np.ndarray, centers: np.ndarray, cell: float) -> np.ndarray:
-    """Whether the plane of each triangle comes into a cube around a centre."""
+def _meets_plane(triangles: np.ndarray, centers: np.ndarray, cell: float, reach: float) -> np.ndarray:
+    """Whether the plane of each triangle comes so near to a cube around a centre."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     distance = np.abs(np.einsum("ij,ij->i", centers - triangles[:, 0], normal))
-    return distance <= (0.5 * cell + 1e-4) * np.abs(normal).sum(axis=1)
+    return distance <= 0.5 * cell * np.abs(normal).sum(axis=1) + (reach + 2e-4) * np.linalg.norm(normal, axis=1)

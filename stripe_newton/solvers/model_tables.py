@@ -97,9 +97,13 @@ KINDS = {
 MESH_KINDS = {_G.mjGEOM_SPHERE: "MESH_SPHERE", _G.mjGEOM_CAPSULE: "MESH_CAPSULE", _G.mjGEOM_BOX: "MESH_BOX"}
 """Pairs of static meshes with a geom of a type of which it finds contacts with their triangles."""
 
-_PARTS = {"SPHERE": ("SPHERE",), "CAPSULE": ("HIGH_END", "LOW_END", "AXIS"), "BOX": ("BOX",)}
+_CAPSULE = "HIGH_END", "LOW_END", "AXIS"
+_PARTS = {
+    "FIELD": {"SPHERE": ("SPHERE",), "CAPSULE": _CAPSULE, "BOX": ("BOX",)},
+    "MESH": {"SPHERE": ("SPHERE",), "CAPSULE": _CAPSULE, "BOX": ("BOX", *(f"CORNER_{i}" for i in range(8)))},
+}
 """Routines of a geom on triangles, of which lanes run each: of a capsule two ends and the axis between."""
-_SEARCHES = [f"{ground}_{part}" for ground in ("FIELD", "MESH") for parts in _PARTS.values() for part in parts]
+_SEARCHES = [f"{ground}_{part}" for ground, geoms in _PARTS.items() for parts in geoms.values() for part in parts]
 """The order that collision.h relies on."""
 _ROUTINES = [kind for kind in KINDS.values() if not kind.startswith("FIELD")] + _SEARCHES
 
@@ -223,10 +227,14 @@ class ModelTables:
         """Whether the kernel finds contacts with height fields or meshes."""
         return any(_is_searched(p) for p in self.pairs)
 
-    @property
-    def searches(self) -> int:
-        """Searches for contacts with height fields and meshes that there is room for where the forces were computed."""
-        return max(1, (self._forces_size - self._geoms_size) // self._search_size)
+    def searches(self, rows: int) -> int:
+        """Searches for contacts with height fields and meshes that there is room for where rows will be.
+
+        Args:
+            rows: Constraint rows that lie in the state of a world.
+        """
+        room = max(self._forces_size, rows * self.row_size - 7 * self.model.nbody - 2) - self._geoms_size - 1
+        return min(32, max(1, room // self._search_size))
 
     @property
     def _forces_size(self) -> int:
@@ -241,7 +249,9 @@ class ModelTables:
     @property
     def _search_size(self) -> int:
         """Numbers of four bytes of a search, as in search.h."""
-        return 60 + 12 * any(p.kind.endswith("_BOX") for p in self.pairs if _is_searched(p)) + 12 * self.has_meshes
+        fields = any(p.kind.startswith("FIELD") for p in self.pairs)
+        boxes = any(p.kind.endswith("_BOX") for p in self.pairs if _is_searched(p))
+        return 48 + 12 * fields + 12 * boxes + 14 * self.has_meshes
 
     @property
     def has_meshes(self) -> bool:
@@ -292,7 +302,7 @@ class ModelTables:
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(_trees(model)) + 6 * nv + matrices + nu
         kept += _ATTACHMENT_SIZE * len(_attachments(model))
-        found = self._geoms_size + 1 + (self.searches * self._search_size if self.has_searches else 0)
+        found = self._geoms_size + 1 + (self.searches(rows) * self._search_size if self.has_searches else 0)
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
 
@@ -316,13 +326,13 @@ _LONG = ("CAPSULE_BOX", "BOX_BOX")
 
 
 def _is_searched(pair: ContactPair) -> bool:
-    return pair.kind.startswith(("FIELD", "MESH"))
+    return pair.kind.startswith(tuple(_PARTS))
 
 
 def _parts(kind: str) -> tuple[str, ...]:
     """Routines that find the contacts of a pair of a kind."""
     ground, _, geom = kind.partition("_")
-    return tuple(f"{ground}_{part}" for part in _PARTS[geom]) if ground in ("FIELD", "MESH") else (kind,)
+    return tuple(f"{ground}_{part}" for part in _PARTS[ground][geom]) if ground in _PARTS else (kind,)
 
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:

@@ -17,7 +17,7 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
-from .mesh_grid import MeshGrids
+from .mesh_grid import DEPTH, MeshGrids
 from .model_tables import PARAMETERS, ContactPair, ModelTables, contact_pairs, listed_pairs
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
@@ -46,6 +46,8 @@ _NOT_HERE = {"use_mujoco_cpu": True, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 _MOST_PAIRS = 4096
 """Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
+_MOST_RADIUS = 0.15
+"""Radius of geoms that look into one cell of a grid of meshes; larger ones look into several [m]."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
@@ -493,10 +495,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if not self.static_triangles:
             return pairs
         shapes = self.mjc_geom_to_newton_shape.numpy()[0]
-        grouped, meshes, lacking = group_static_meshes(self.mj_model, self.model, shapes, pairs)
+        grouped, meshes, lacking, radius = group_static_meshes(self.mj_model, self.model, shapes, pairs)
         self._hulls = sorted({self._types(pair) for pair in lacking})
         if meshes:
-            self._meshes = MeshGrids(meshes, self.model.device)
+            self._meshes = MeshGrids(meshes, min(radius, _MOST_RADIUS) + DEPTH, self.model.device)
         return grouped
 
     def _finds(self, pair: ContactPair) -> bool:

@@ -68,7 +68,7 @@ def has_triangles(model: newton.Model, least: int = MAY) -> bool:
 
 def group_static_meshes(
     model: mujoco.MjModel, newton_model: newton.Model, shape_of_geom: np.ndarray, pairs: Sequence[ContactPair]
-) -> tuple[list[ContactPair], list[list[TriangleMesh]], list[ContactPair]]:
+) -> tuple[list[ContactPair], list[list[TriangleMesh]], list[ContactPair], float]:
     """Put static meshes together that meet the same geoms in the same way.
 
     A pair of such a group and a geom stands for the pairs of all its meshes with that geom. The group is in the frame
@@ -82,7 +82,8 @@ def group_static_meshes(
 
     Returns:
         The pairs, in which those of groups replace those of their meshes and have the group as their ``mesh``; the
-        meshes of each group; and the pairs of concave meshes with geoms that the kernel has no routine for.
+        meshes of each group; the pairs of concave meshes with geoms that the kernel has no routine for; and the largest
+        radius of the others, with their margins [m].
     """
     by_geom: dict[int, list[ContactPair]] = defaultdict(list)
     rest: list[ContactPair] = []
@@ -118,7 +119,9 @@ def group_static_meshes(
     for geoms in groups.values():
         rest += [dataclasses.replace(pair, mesh=len(meshes)) for pair in by_geom[geoms[0]]]
         meshes.append([shapes.in_frame_of(model, geoms[0], g, int(shape_of_geom[g])) for g in geoms])
-    return rest, meshes, lacking
+    met_geoms = {p.geom2 for own in by_geom.values() for p in own if p.kind != MESH_KINDS[mujoco.mjtGeom.mjGEOM_BOX]}
+    margins = model.geom_margin.max(initial=0.0) * 2.0
+    return rest, meshes, lacking, max((float(model.geom_size[g, 0]) for g in met_geoms), default=0.0) + margins
 
 
 class _Shapes:

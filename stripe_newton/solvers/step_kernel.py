@@ -240,7 +240,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LD {tables.row_of_matrix(options.in_registers(tables))}",
-        f"#define SEARCHES {min(tables.searches, options.lanes)}",
+        f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",

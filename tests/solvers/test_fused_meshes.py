@@ -237,16 +237,20 @@ def test_bodies_come_to_rest(add_geom, place, turn, height, solid):
     assert speed < 1e-2
 
 
-def test_grids_are_the_mesh():
-    fine = step_mesh(4)
-    grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], "cpu")
-    record = grids.array.numpy().view(
-        np.dtype([("low", "3f4"), ("scale", "f4"), ("size", "3i4"), ("count", "i4"), ("pointers", "4u8")])
-    )
-    assert record["count"][0] == len(fine.faces)
-    # The outline has five convex corners, all but the inner one; of its sides, there twice, two are 2 m long, four 1 m.
-    assert record["count"][1] == 16 * (5 + 2 * 6)
-    assert grids.memory > len(fine.faces) * 48
+def test_cells_list_all_faces_that_are_near():
+    fine, reach = step_mesh(3), 0.09
+    grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], reach, "cpu")
+    first, items, faces, _, _, edges, record = (a.numpy() for a in grids._arrays)
+    # Edges at which it bends down: those at the five convex corners of its outline, and the outline itself, twice.
+    assert (len(faces) // 48, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
+    low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
+    corners = faces.reshape(-1, 48)[:, :36].copy().view(np.float32).reshape(-1, 3, 3)
+    for point in np.random.default_rng(4).uniform([-0.05, -0.05, -0.05], [2.05, 1.05, 2.05], size=(100, 3)):
+        col, row, layer = np.floor((point - low) * scale).astype(int)
+        cell = (layer * size[1] + row) * size[0] + col
+        nearest = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
+        near = np.flatnonzero(np.linalg.norm(nearest - point, axis=1) < reach)
+        assert set(near) <= set(items[first[cell] : first[cell + 1]])
 
 
 def test_a_mesh_of_faces_that_are_seen_from_inside_is_not_solid():

@@ -183,11 +183,11 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
 #if HAS_SEARCHES
 // Prepare the search for touches of the part of a pair.
 FN bool prepare(Part& part, const World& w, const Parameters& P, int p) {
-    enum { SPHERE, HIGH_END, LOW_END, AXIS, BOX };
+    enum { SPHERE, HIGH_END, LOW_END, AXIS, BOX, CORNER };
     const int kind = contact_kind(p), k = kind < MESH_SPHERE ? kind - FIELD_SPHERE : kind - MESH_SPHERE;
     PairGeoms g = geoms_of(w, P, p);
-    PartKind is = k == AXIS ? AXIS_PART : k == BOX ? BOX_PART : BALL_PART;
-    int end = k == HIGH_END ? 1 : k == LOW_END ? -1 : 0;
+    PartKind is = k < AXIS ? BALL_PART : k == AXIS ? AXIS_PART : k == BOX ? BOX_PART : CORNER_PART;
+    int end = k == HIGH_END ? 1 : k == LOW_END ? -1 : k >= CORNER ? k - CORNER : 0;
 #if HAS_MESHES
     if (kind >= MESH_SPHERE)
         return prepare(part, is, end, margin_of(P, p), ((const Mesh*)P.m.meshes)[contact_mesh(p)], g.a, g.b);

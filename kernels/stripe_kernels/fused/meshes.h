@@ -54,8 +54,6 @@ FN int item(const Grid& g, const Cells& c, int i) {
         if (++row > c.last_row) row = c.row, layer++;
     }
 }
-FN MeshFace face_of(const Mesh& m, const Cells& c, int i) { return ((const MeshFace*)m.faces.things)[item(m.faces, c, i)]; }
-
 // Touch of a point with a face within `reach`, or within `depth` where it is behind a face of a solid. Of faces with the same
 // nearest point the one whose plane is farthest from it tells its side, and comes first by `order`.
 FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, Touch& hit, real& order) {
@@ -74,51 +72,40 @@ FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, 
     return true;
 }
 
-// Candidates of a ball: faces. From outside of solids those that the centre is in front of; from inside there is one touch. The
-// first one, which tells where the centre is, may be farther away than what touches.
+FN int item(const Search& s, const Grid& g, int i) { return s.first >= 0 ? g.items[s.first + i] : item(g, s.cells, i); }
+
+// Candidates of a ball or a corner: faces. From outside of solids those that the centre is in front of; from inside there is
+// one touch. The first one, which tells where the centre is, may be farther away than what touches.
 FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
-    MeshFace f = face_of(*s.mesh, s.cells, i);
+    const Grid& g = s.mesh->faces;
+    MeshFace f = ((const MeshFace*)g.things)[item(s, g, i)];
     real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
     if (s.count) depth = 0;
-    else if (f.is_solid) reach = larger(reach, depth);
+    else if (f.is_solid || s.kind == CORNER_PART) reach = larger(reach, depth);
     if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
+#if SEARCHES_BOXES
+    if (s.kind == CORNER_PART && !f.is_solid) {  // it is behind a face that is between it and the box's centre
+        Vec a = in_mesh(f.a, s.geom), n = normal_of(Triangle{a, in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)});
+        real center = -dot(a, n), above = dot(s.at - a, n);
+        if (center * above < 0) {
+            if (FABS(above) <= (real)0.999 * hit.dist) return false;  // beside it
+            hit.dist = -hit.dist, hit.normal = -1 * hit.normal;
+        }
+    }
+#endif
     hit.dist -= s.radius;
     return is_above_planes(s, hit.pos);
 }
 
 // Candidates of an axis, its ends left out: edges at which the surface bends down or ends.
 FN bool edge_touch(const Search& s, int i, Touch& hit, real& order) {
-    const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s.mesh->edges, s.cells, i)];
+    const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s, s.mesh->edges, i)];
     Triangle t{in_mesh(e.a, s.geom), in_mesh(e.b, s.geom), in_mesh(e.left, s.geom)};
     hit.geom = e.geom;
     return axis_touch(s, t, in_mesh(e.right, s.geom), hit, order);
 }
 
 #if SEARCHES_BOXES
-// Touch of a corner of a box. As with height fields it minds no other touches.
-FN bool corner_touch(const Search& s, Vec corner, real reach, Touch& best) {
-    const Grid& g = s.mesh->faces;
-    Vec more = larger(reach, MESH_DEPTH) * Vec{1, 1, 1};
-    Cells cells = cells_near(g, s.geom + corner - more, s.geom + corner + more);
-    real least = (real)1e6;
-#pragma unroll 1
-    for (int i = 0, count = count_items(g, cells); i < count; i++) {
-        Touch hit;
-        real order;
-        MeshFace f = face_of(*s.mesh, cells, i);
-        if (!point_touch(f, s.geom, corner, larger(reach, MESH_DEPTH), MESH_DEPTH, hit, order) || order >= least) continue;
-        if (!f.is_solid) {  // behind it, if it is between the corner and the box's centre
-            Vec a = in_mesh(f.a, s.geom), n = normal_of(Triangle{a, in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)});
-            real center = -dot(a, n), above = dot(corner - a, n);
-            bool behind = center * above < 0 && FABS(above) > (real)0.999 * hit.dist;
-            if (behind) hit.dist = -hit.dist, hit.normal = -1 * hit.normal;
-            else if (center * above < 0) continue;  // beside it
-        }
-        least = order, best = hit;
-    }
-    return least < (real)1e6 && best.dist < reach;
-}
-
 // The piece of an edge that is inside a box, as shares of its length from `from`. Returns whether there is one. Source: Ericson,
 // 5.3.3, with the planes of the box's sides.
 FN bool clip(const Search& s, Vec from, Vec along, real& first, real& last) {
@@ -135,40 +122,34 @@ FN bool clip(const Search& s, Vec from, Vec along, real& first, real& last) {
     return first < last;
 }
 
-// Candidates of a box: its corners, then the two ends of what of each edge is inside the box.
-FN bool box_touch_of_mesh(const Search& s, int i, Touch& hit, real& order) {
-    if (i < 8) {
-        Vec corner = (i & 1 ? -s.half[0] : s.half[0]) * s.axis[0] + (i & 2 ? -s.half[1] : s.half[1]) * s.axis[1] +
-                     (i & 4 ? -s.half[2] : s.half[2]) * s.axis[2];
-        if (!corner_touch(s, corner, larger(s.reach, 0) + (real)1e-6, hit)) return false;
-    } else {
-        const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s.mesh->edges, s.cells, (i - 8) / 2)];
-        Vec a = in_mesh(e.a, s.geom), b = in_mesh(e.b, s.geom), left = in_mesh(e.left, s.geom), ends[2];
-        real first, last;
-        if (!clip(s, a, b - a, first, last)) return false;
-        ends[0] = a + first * (b - a), ends[1] = a + last * (b - a);
-        // The surface's normal at the edge. Of two outsides it is that of the box's centre, where a bend must be a ridge.
-        Vec n1 = normal_of(Triangle{a, b, left}), n2 = n1, right = in_mesh(e.right, s.geom), across = right - left;
-        bool is_border = dot(across, across) == 0;
-        if (!is_border) n2 = normal_of(Triangle{b, a, right});
-        Vec up = n1 + n2;
-        if (!e.is_solid) {
-            real side = dot(right - a, n1) < 0 ? 1 : -1;
-            if (is_border) side = dot(n1, a) < 0 ? 1 : -1;
-            else if (side * dot(n1, a) >= 0 && side * dot(n2, a) >= 0) return false;
-            up = side * up;
-        }
-        // The edge leaves the box through the nearest side. One that does not face the surface tells that the edge comes
-        // in end on, as that below a corner of a table: the others at its end touch there.
-        real least = (real)1e6;
-        for (int k = 0; k < 6; k++) {
-            Vec n = (k % 2 ? -1 : 1) * s.axis[k / 2];
-            real depth = s.half[k / 2] + larger(dot(n, ends[0]), dot(n, ends[1]));
-            if (depth < least) least = depth, hit.normal = n, hit.dist = -s.half[k / 2];
-        }
-        if (dot(hit.normal, up) <= (real)0.1 * SQRT(dot(up, up))) return false;
-        hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom;
+// Candidates of a box beside its corners: the two ends of what of each edge is inside the box.
+FN bool edge_in_box(const Search& s, int i, Touch& hit, real& order) {
+    const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s, s.mesh->edges, i / 2)];
+    Vec a = in_mesh(e.a, s.geom), b = in_mesh(e.b, s.geom), left = in_mesh(e.left, s.geom), ends[2];
+    real first, last;
+    if (!clip(s, a, b - a, first, last)) return false;
+    ends[0] = a + first * (b - a), ends[1] = a + last * (b - a);
+    // The surface's normal at the edge. Of two outsides it is that of the box's centre, where a bend must be a ridge.
+    Vec n1 = normal_of(Triangle{a, b, left}), n2 = n1, right = in_mesh(e.right, s.geom), across = right - left;
+    bool is_border = dot(across, across) == 0;
+    if (!is_border) n2 = normal_of(Triangle{b, a, right});
+    Vec up = n1 + n2;
+    if (!e.is_solid) {
+        real side = dot(right - a, n1) < 0 ? 1 : -1;
+        if (is_border) side = dot(n1, a) < 0 ? 1 : -1;
+        else if (side * dot(n1, a) >= 0 && side * dot(n2, a) >= 0) return false;
+        up = side * up;
     }
+    // The edge leaves the box through the nearest side. One that does not face the surface tells that the edge comes
+    // in end on, as that below a corner of a table: the others at its end touch there.
+    real least = (real)1e6;
+    for (int k = 0; k < 6; k++) {
+        Vec n = (k % 2 ? -1 : 1) * s.axis[k / 2];
+        real depth = s.half[k / 2] + larger(dot(n, ends[0]), dot(n, ends[1]));
+        if (depth < least) least = depth, hit.normal = n, hit.dist = -s.half[k / 2];
+    }
+    if (dot(hit.normal, up) <= (real)0.1 * SQRT(dot(up, up))) return false;
+    hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom;
     // The deepest touch, then those that are far from the others: on a flat floor all are equally deep, and four hold the
     // box if they are far apart.
     real apart = s.count ? (real)1e12 : 0;
@@ -182,16 +163,19 @@ FN bool box_touch_of_mesh(const Search& s, int i, Touch& hit, real& order) {
 FN bool prepare(Part& s, PartKind kind, int end, real margin, const Mesh& mesh, const Geom& ground, const Geom& geom) {
     Mat axes = transposed(ground.axes);  // rows: the axes of the meshes
     Bounds b = place(s, kind, end, margin, axes, geom);
-    s.mesh = &mesh, s.geom = axes * (geom.pos - ground.pos);
+    s.mesh = &mesh, s.geom = axes * (geom.pos - ground.pos), s.first = -1;
     if (kind == AXIS_PART && !is_long(s)) return false;
-    Vec center = s.geom + b.center, more = b.half + (kind == AXIS_PART ? 0 : MESH_DEPTH) * Vec{1, 1, 1};
-    const Grid& grid = kind == AXIS_PART ? mesh.edges : mesh.faces;
-    s.cells = cells_near(grid, center - more, center + more);
+    const bool of_edges = kind == AXIS_PART || kind == BOX_PART;
+    const Grid& grid = of_edges ? mesh.edges : mesh.faces;
+    Vec center = s.geom + b.center;
+    real far = s.radius + larger(margin, MESH_DEPTH);
+    if (!of_edges) b.half = far <= grid.reach ? Vec{0, 0, 0} : far * Vec{1, 1, 1};
+    s.cells = cells_near(grid, center - b.half, center + b.half);
     s.size = count_items(grid, s.cells);
-    if (!s.size || kind != BOX_PART) return s.size > 0;
-    s.cells = cells_near(mesh.edges, center - b.half, center + b.half);
-    s.size = 8 + 2 * count_items(mesh.edges, s.cells);
-    return true;
+    if (s.cells.row == s.cells.last_row && s.cells.layer == s.cells.last_layer && s.size)
+        s.first = row_of_cells(grid, s.cells.layer, s.cells.row)[s.cells.col];
+    if (kind == BOX_PART) s.size *= 2;
+    return s.size > 0;
 }
 
 }  // namespace fused

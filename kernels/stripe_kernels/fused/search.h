@@ -48,9 +48,10 @@ struct Patch {
 // A cubic grid over the faces or the edges of meshes, as in mesh_grid.py. Cells are numbered along x, then y, then z.
 struct Grid {
     float low[3], cells_per_metre;
-    int size[3], count;
+    int size[3];
+    float reach;        // items are in the lists of all cells that they are nearer to than this [m]
     const int* cells;   // place of the first item of each cell; behind it those of the next cell
-    const int* items;   // numbers of the faces or edges that reach into the cells, cell by cell
+    const int* items;   // numbers of the faces or edges, cell by cell
     const void* things; // MeshFace or MeshEdge
     const void* none;
 };
@@ -71,7 +72,7 @@ struct Cells {
 FN int first_cell(real u, int n) { return (int)smaller(larger(u, 0), (real)n); }
 FN int last_cell(real u, int n) { return u >= 0 ? (int)smaller(u, (real)(n - 1)) : -1; }
 
-enum PartKind { BALL_PART, AXIS_PART, BOX_PART };
+enum PartKind { BALL_PART, AXIS_PART, BOX_PART, CORNER_PART };
 
 // A part of a geom that may touch the ground.
 struct Part {
@@ -81,9 +82,10 @@ struct Part {
 #if HAS_MESHES
     const Mesh* mesh;    // null for a height field
     Vec geom;            // the geom's centre in the frame of the meshes
+    int first;           // place of its items in the grid's list if they are that of one cell, else -1
 #endif
     Cells cells;
-    Vec at;              // centre of a ball, half of an axis, half of a box's bounding box
+    Vec at;              // centre of a ball, half of an axis, half of a box's bounding box, a corner
     real radius, reach;  // of a ball or axis; distance below which it touches
 #if SEARCHES_BOXES
     Vec axis[3];         // of a box
@@ -95,14 +97,14 @@ struct Part {
 };
 
 // Place a part of a geom in the ground's axes, the rows of `axes`: its ball at `end` times its half length along its axis z,
-// its axis, or the whole box. It touches within `reach` of [center - half, center + half].
+// its axis, the whole box, or its corner `end`. It touches in [center - half, center + half].
 struct Bounds {
     Vec center, half;
 };
 FN Bounds place(Part& s, PartKind kind, int end, real reach, const Mat& axes, const Geom& geom) {
-    s.kind = kind, s.reach = reach, s.radius = kind == BOX_PART ? 0 : geom.size.x, s.inside = false;
+    s.kind = kind, s.reach = reach, s.radius = kind < BOX_PART ? geom.size.x : 0, s.inside = false;
     Bounds b{{0, 0, 0}, (s.radius + reach) * Vec{1, 1, 1}};
-    if (kind != BOX_PART) s.at = (kind == BALL_PART ? end : 1) * geom.size.y * (axes * column(geom.axes, 2));
+    if (kind < BOX_PART) s.at = (kind == BALL_PART ? end : 1) * geom.size.y * (axes * column(geom.axes, 2));
     if (kind == BALL_PART) b.center = s.at, s.most = end ? 2 : 4;
     if (kind == AXIS_PART) b.half = b.half + Vec{FABS(s.at.x), FABS(s.at.y), FABS(s.at.z)}, s.most = 2;
 #if SEARCHES_BOXES
@@ -113,6 +115,11 @@ FN Bounds place(Part& s, PartKind kind, int end, real reach, const Mat& axes, co
             s.at = s.at + s.half[i] * Vec{FABS(s.axis[i].x), FABS(s.axis[i].y), FABS(s.axis[i].z)};
         }
         b.half = b.half + s.at;
+    }
+    if (kind == CORNER_PART) {
+        Vec x = geom.size;
+        x = Vec{end & 1 ? -x.x : x.x, end & 2 ? -x.y : x.y, end & 4 ? -x.z : x.z};
+        b.center = s.at = axes * (geom.axes * x), s.most = 1;
     }
 #endif
     return b;

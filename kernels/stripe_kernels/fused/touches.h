@@ -8,9 +8,9 @@ ONE_COPY bool touch(const Search& s, int candidate, Touch& hit, real& order) {
 #if HAS_MESHES
     if (s.mesh) {
 #if SEARCHES_BOXES
-        if (s.kind == BOX_PART) return box_touch_of_mesh(s, candidate, hit, order);
+        if (s.kind == BOX_PART) return edge_in_box(s, candidate, hit, order);
 #endif
-        return s.kind == BALL_PART ? face_touch(s, candidate, hit, order) : edge_touch(s, candidate, hit, order);
+        return s.kind == AXIS_PART ? edge_touch(s, candidate, hit, order) : face_touch(s, candidate, hit, order);
     }
     hit.geom = -1;
 #endif
