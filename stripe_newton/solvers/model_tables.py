@@ -213,8 +213,8 @@ class ModelTables:
         pairs = contact_pairs(model) if pairs is None else pairs
         parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in _parts(p.kind))
         # Those with height fields and meshes come last: their contacts are searched for together. Before them come
-        # pairs that need long if they are near, so that lanes look at them together.
-        in_order = sorted(parts, key=lambda p: 2 if _is_searched(p) else int(p.kind in _LONG))
+        # pairs that need long if they are near. Lanes so do the same.
+        in_order = sorted(parts, key=_work)
         return cls(model, tuple(in_order), max_rows, max_contacts)
 
     @property
@@ -323,6 +323,13 @@ _ATTACHMENT_SIZE = 24
 """Numbers of an attachment, as in world.h."""
 _LONG = ("CAPSULE_BOX", "BOX_BOX")
 """Routines that take long where two geoms are near."""
+
+
+def _work(pair: ContactPair) -> int:
+    """Kind of work that a pair takes: the order of pairs."""
+    if pair.kind.startswith("MESH"):
+        return 4 if "CORNER" in pair.kind else 5 if pair.kind in ("MESH_AXIS", "MESH_BOX") else 3
+    return 2 if _is_searched(pair) else int(pair.kind in _LONG)
 
 
 def _is_searched(pair: ContactPair) -> bool:

@@ -53,6 +53,8 @@ FN unsigned own_lanes() { return LANES == 32 ? 0xffffffffu : ((1u << LANES % 32)
 FN unsigned own_lanes() { return 0; }
 #endif
 #define SYNC() __syncwarp(own_lanes())
+// Whether something holds in any lane.
+#define ANY(x) __any_sync(own_lanes(), x)
 // What another lane has, by its number in the world.
 FN real from_lane(real x, int lane) { return __shfl_sync(own_lanes(), x, lane, LANES); }
 // Sum of `mine` over the lanes before this one, and over all lanes.
@@ -72,6 +74,7 @@ FN real SUM(real x) {
 }
 #else
 #define SYNC()
+#define ANY(x) (x)
 #define BEFORE(mine, before, all)
 FN real SUM(real x) { return x; }
 #endif

@@ -85,7 +85,6 @@ FN bool ball_touch(const Search& s, int i, Touch& hit, real& order) {
         int width = 2 * (s.cells.last_col - s.cells.col + 1), row = (i - 1) / width, k = (i - 1) % width;
         if (!triangle_touch(s.patch, s.at, s.inside, s.radius + s.reach, s.cells.row + row, s.cells.col + k / 2, k % 2, hit))
             return false;
-        if (!s.inside && !is_above_planes(s, hit.pos)) return false;
     }
     order = s.inside ? -hit.dist : hit.dist;
     hit.dist -= s.radius;
@@ -152,7 +151,7 @@ FN bool box_touch(const Search& s, int i, Touch& hit, real& order) {
         hit.dist = -depth;
     }
     order = hit.dist;
-    return hit.dist < s.reach && is_apart(s, hit.pos);
+    return hit.dist < s.reach;
 }
 #endif
 

@@ -74,14 +74,13 @@ FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, 
 
 FN int item(const Search& s, const Grid& g, int i) { return s.first >= 0 ? g.items[s.first + i] : item(g, s.cells, i); }
 
-// Candidates of a ball or a corner: faces. From outside of solids those that the centre is in front of; from inside there is
-// one touch. The first one, which tells where the centre is, may be farther away than what touches.
+// Candidates of a ball or a corner: faces. The nearest tells where the centre is: inside of a solid it is the only touch, and
+// outside it may be farther away than what touches.
 FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
     const Grid& g = s.mesh->faces;
     MeshFace f = ((const MeshFace*)g.things)[item(s, g, i)];
     real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
-    if (s.count) depth = 0;
-    else if (f.is_solid || s.kind == CORNER_PART) reach = larger(reach, depth);
+    if (f.is_solid || s.kind == CORNER_PART) reach = larger(reach, depth);
     if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
 #if SEARCHES_BOXES
     if (s.kind == CORNER_PART && !f.is_solid) {  // it is behind a face that is between it and the box's centre
@@ -94,7 +93,7 @@ FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
     }
 #endif
     hit.dist -= s.radius;
-    return is_above_planes(s, hit.pos);
+    return true;
 }
 
 // Candidates of an axis, its ends left out: edges at which the surface bends down or ends.
@@ -149,15 +148,23 @@ FN bool edge_in_box(const Search& s, int i, Touch& hit, real& order) {
         if (depth < least) least = depth, hit.normal = n, hit.dist = -s.half[k / 2];
     }
     if (dot(hit.normal, up) <= (real)0.1 * SQRT(dot(up, up))) return false;
-    hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom;
-    // The deepest touch, then those that are far from the others: on a flat floor all are equally deep, and four hold the
-    // box if they are far apart.
-    real apart = s.count ? (real)1e12 : 0;
-    for (int k = 0; k < s.count; k++) apart = smaller(apart, dot(hit.pos - s.hit[k].pos, hit.pos - s.hit[k].pos));
-    order = hit.dist - (real)0.02 * SQRT(apart);
-    return hit.dist < s.reach && (s.count == 0 || apart >= (real)1e-6);
+    hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom, order = hit.dist;
+    return hit.dist < s.reach;
 }
 #endif
+
+// Whether a touch remains one beside the hits, see `remains`.
+FN bool remains_on_mesh(const Search& s, const Touch& hit, real& order) {
+    if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
+        return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, hit.pos);
+    if (s.kind == AXIS_PART) return is_apart(s, hit.pos);
+    // The deepest touch of a box, then those that are far from the others: on a flat floor all are equally deep, and four
+    // hold the box if they are far apart.
+    real apart = (real)1e12;
+    for (int k = 0; k < s.count; k++) apart = smaller(apart, dot(hit.pos - s.hit[k].pos, hit.pos - s.hit[k].pos));
+    order = hit.dist - (real)0.02 * SQRT(apart);
+    return apart >= (real)1e-6;
+}
 
 // Prepare the search for touches of a part of a geom, see `place`. Returns whether faces or edges are near.
 FN bool prepare(Part& s, PartKind kind, int end, real margin, const Mesh& mesh, const Geom& ground, const Geom& geom) {

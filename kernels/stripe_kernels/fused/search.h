@@ -7,7 +7,7 @@
 //
 // A search is that of a part of a geom: a ball, the axis of a capsule, or a box. Its candidates, the triangles, edges or
 // vertices that are near the part, are spread over the lanes of a world, all searches together. The best one is the next
-// touch; then the rest are candidates again, of which some are no more, as they are too near to it.
+// touch; then those of the rest are candidates again that are not too near to it.
 
 namespace fused {
 
@@ -206,7 +206,7 @@ FN bool axis_touch(const Search& s, const Triangle& t, Vec right, Touch& hit, re
     // The point is the nearest one of both triangles only if neither goes on towards the axis.
     if (dot(offset, t.c - point) > (real)1e-5 || dot(offset, right - point) > (real)1e-5) return false;
     real dist = SQRT(dot(offset, offset));
-    if (dist <= (real)1e-6 || dist >= size || !is_apart(s, point)) return false;
+    if (dist <= (real)1e-6 || dist >= size) return false;
     hit.pos = point, hit.normal = (1 / dist) * offset, hit.dist = dist - s.radius, order = dist;
     return true;
 }
