@@ -62,6 +62,10 @@ def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_d
         # Another machine may play a policy than trained it.
         if not same_device:
             saved["env"].get("sim", {}).pop("device", None)
+        scenery = saved["env"].get("scene", {}).get("scenery")
+        if of_run == task and isinstance(scenery, str):
+            configs.env.scene.scenery = scenery
+            configs.env.complete()  # it brings terms of its own, which the run's values are compared with
         leftovers = apply_saved(configs.env, saved["env"], "env") if of_run == task else []
         leftovers += [] if configs.agent is None else apply_saved(configs.agent, saved["agent"], "agent")
         if leftovers:
