@@ -29,6 +29,8 @@ _ROOM = 0.05
 """Free space around and above what stands in an environment at its start [m]."""
 _NO_COLLIDERS = (0.3, 0.5)
 """Radius and height that an environment without colliders gets [m]."""
+_BODY_CONTACTS = 8
+"""Contacts that a body of the stage has room for."""
 _FLOOR_SHARE = 0.25
 """Share of its extent that the floors of a stage cover if it brings its own ground."""
 
@@ -78,8 +80,18 @@ class ImportedScenery:
         self._first_joint = template.joint_count
 
     def loaded_bodies(self, template: newton.ModelBuilder) -> None:
-        """Take note of the joints that the stage has added to the template."""
+        """Take note of the joints that the stage has added to the template, and make room for their contacts.
+
+        Sizes that a task's config has for its robot would be too small for the stage's bodies beside it.
+        """
         self.joints = range(self._first_joint, template.joint_count)
+        sim, contacts = self._scene.sim, _BODY_CONTACTS * len(self.stage.bodies)
+        dofs = template.joint_dof_count - template.joint_qd_start[self._first_joint] if len(self.joints) else 0
+        more = {"nconmax": contacts, "njmax": 4 * contacts + 2 * dofs}  # four rows a contact, two limits a joint
+        given = {name: getattr(sim.cfg.solver, name, None) for name in more}
+        sizes = {name: size + more[name] for name, size in given.items() if size is not None}
+        if contacts and sizes:
+            sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(**sizes))
 
     @property
     def builder(self) -> newton.ModelBuilder:

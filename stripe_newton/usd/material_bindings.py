@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pxr import Usd, UsdPhysics, UsdShade
 
-__all__ = ["LostMaterial", "lost_materials", "unapplied_bindings"]
+__all__ = ["LostMaterial", "inherited_materials", "lost_materials", "unapplied_bindings"]
 
 _NAMES = ("material:binding:physics", "material:binding")
 
@@ -41,6 +41,20 @@ def unapplied_bindings(prims: list[Usd.Prim]) -> list[str]:
     """Paths of the prims that bind a material without MaterialBindingAPI, as older files do."""
     bound = (p for p in prims if not p.IsPseudoRoot() and any(p.GetRelationship(name) for name in _NAMES))
     return [str(p.GetPath()) for p in bound if not p.HasAPI(UsdShade.MaterialBindingAPI)]
+
+
+def inherited_materials(prims: list[Usd.Prim]) -> list[str]:
+    """Paths of the colliders whose physics material is bound above them, and which lack MaterialBindingAPI.
+
+    UsdPhysics looks for a material, also an inherited one, only where that API is applied on the collider itself.
+    """
+    found = []
+    for prim in prims:
+        if prim.HasAPI(UsdPhysics.CollisionAPI) and not prim.HasAPI(UsdShade.MaterialBindingAPI):
+            material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0]
+            if material and material.GetPrim().HasAPI(UsdPhysics.MaterialAPI):
+                found.append(str(prim.GetPath()))
+    return found
 
 
 def _lost(collider: Usd.Prim) -> tuple[str, str, str, str] | None:

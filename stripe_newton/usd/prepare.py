@@ -14,7 +14,7 @@ from .attribute_checks import mistyped_values
 from .checks import outer_prims
 from .ignored_rows import Ignored
 from .loose_joints import articulate_loose_joints
-from .material_bindings import lost_materials, unapplied_bindings
+from .material_bindings import inherited_materials, lost_materials, unapplied_bindings
 from .mesh_checks import mesh_reason, normals_reason
 from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
@@ -30,6 +30,7 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
       its default.
     * Units other than metres and kilograms are converted (:func:`to_si`).
     * A rigid body that is not enabled becomes static geometry (Newton would let it fall).
+    * Colliders get the physics materials that are bound above them (UsdPhysics reads those bound to a collider alone).
     * Visible meshes without a shape are left out, and bindings to materials that do not resolve.
     * Targets of ``physics:filteredGroups`` that do not exist are dropped (OpenUSD takes them for the group itself, and
       its members would pass through each other).
@@ -54,6 +55,7 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     edit.drop_wrong_normals()
     edit.apply_binding_schema()
     edit.clear_lost_materials()
+    edit.apply_inherited_materials()
     edit.make_disabled_bodies_static()
     edit.drop_dangling_groups()
     articulate_loose_joints(edit.overlay, root_path, ignore, rows, name)
@@ -112,6 +114,11 @@ class _Edit:
             self._rows.append(
                 (paths[0] + more, "material binding", "MaterialBindingAPI is not applied: taken as if it were")
             )
+
+    def apply_inherited_materials(self) -> None:
+        """Apply MaterialBindingAPI on colliders whose material is bound above them; UsdPhysics would not look there."""
+        for path in inherited_materials(self._prims()):
+            UsdShade.MaterialBindingAPI.Apply(self.overlay.prim(path))
 
     def clear_lost_materials(self) -> None:
         """Clear bindings to materials that Newton could not read, which would refuse the whole stage."""

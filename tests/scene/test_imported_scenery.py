@@ -278,7 +278,9 @@ def test_units_axes_pose_and_roots_beside_each_other_are_kept():
     box(stage, "/Room/post", (1.0, 0.0, 1.0), (1.2, 1.0, 1.2), unit=0.01)
     material = UsdShade.Material.Define(stage, "/Looks/ice")
     UsdPhysics.MaterialAPI.Apply(material.GetPrim()).CreateDynamicFrictionAttr(0.125)
-    UsdShade.MaterialBindingAPI.Apply(floor).Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
+    # Bound to the room: UsdPhysics by itself would read it on the floor alone.
+    room = UsdShade.MaterialBindingAPI.Apply(floor.GetParent())
+    room.Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
     turn = Rotation.from_euler("z", 90, degrees=True).as_quat()
     scene = ball_scene(write(stage, "room.usda"), pos=(10.0, 0.0, 1.0), rot=tuple(turn.tolist()), scale=2.0)
     model, labels = scene.sim.model, [str(label) for label in scene.sim.model.shape_label]
