@@ -65,7 +65,7 @@ def run(argv: list[str]) -> int:
     task = task_argument(argv)
     if task in task_ids():  # only a task has options for the fields of its config
         configs = load_configs(task, None, agent=False)
-        args = parse(InspectArgs, argv, "inspect", env=configs.env)
+        args = parse(InspectArgs, _with_values(argv), "inspect", env=configs.env)
         is_file, found = False, _inspect_task(args.target, configs)
     else:
         args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
@@ -93,6 +93,14 @@ def run(argv: list[str]) -> int:
         print(actuator_table(found.actuators) + "\n")
     print(f"picture: {path}")
     return 0
+
+
+def _with_values(argv: list[str]) -> list[str]:
+    """Arguments in which the flag ``--json`` has a value, as flags have among the options of a config."""
+    words: list[str] = []
+    for word, following in zip(argv, [*argv[1:], ""], strict=True):
+        words += [word, "True"] if word == "--json" and following not in ("True", "False") else [word]
+    return words
 
 
 def _inspect_file(path: Path) -> _Inspection:

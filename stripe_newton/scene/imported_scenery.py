@@ -14,6 +14,7 @@ from newton import GeoType, JointType
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.sim import Simulation
+from stripe_newton.sim.contact_room import contact_room
 from stripe_newton.terrains.collider_mesh import start_poses, static_colliders, triangles_of
 from stripe_newton.terrains.scenery_ground import SceneryGround, Triangles
 from stripe_newton.terrains.start_spots import Floors, choose_spots, find_floors
@@ -29,8 +30,6 @@ _ROOM = 0.05
 """Free space around and above what stands in an environment at its start [m]."""
 _NO_COLLIDERS = (0.3, 0.5)
 """Radius and height that an environment without colliders gets [m]."""
-_BODY_CONTACTS = 8
-"""Contacts that a body of the stage has room for."""
 _FLOOR_SHARE = 0.25
 """Share of its extent that the floors of a stage cover if it brings its own ground."""
 
@@ -80,18 +79,8 @@ class ImportedScenery:
         self._first_joint = template.joint_count
 
     def loaded_bodies(self, template: newton.ModelBuilder) -> None:
-        """Take note of the joints that the stage has added to the template, and make room for their contacts.
-
-        Sizes that a task's config has for its robot would be too small for the stage's bodies beside it.
-        """
+        """Take note of the joints that the stage has added to the template."""
         self.joints = range(self._first_joint, template.joint_count)
-        sim, contacts = self._scene.sim, _BODY_CONTACTS * len(self.stage.bodies)
-        dofs = template.joint_dof_count - template.joint_qd_start[self._first_joint] if len(self.joints) else 0
-        more = {"nconmax": contacts, "njmax": 4 * contacts + 2 * dofs}  # four rows a contact, two limits a joint
-        given = {name: getattr(sim.cfg.solver, name, None) for name in more}
-        sizes = {name: size + more[name] for name, size in given.items() if size is not None}
-        if contacts and sizes:
-            sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(**sizes))
 
     @property
     def builder(self) -> newton.ModelBuilder:
@@ -144,6 +133,7 @@ class ImportedScenery:
             StageError: if there are too few places.
         """
         scene = self._scene
+        self._make_room(template)
         triangles = Triangles(static, static_colliders(static), scene.device)
         kept = None if self.replaces else scene.terrain
         path = kept.path if kept is not None else self.stage.path.rpartition("/scenery")[0]
@@ -151,6 +141,22 @@ class ImportedScenery:
         mesh = triangles.with_bodies(*self._own_bodies(template))
         floors, spots = self._find_floors(triangles, mesh, choose=True)
         return SceneryGround(path, triangles, floors, spots, scene.env_origins, kept, self.stage.labels)
+
+    def _make_room(self, template: newton.ModelBuilder) -> None:
+        """Make room for the contacts of one environment in the solver's buffers.
+
+        A task's own sizes are for flat ground, on which an arm may touch nothing, and a stage brings bodies of its own.
+        """
+        sim = self._scene.sim
+        solver, room = sim.cfg.solver, contact_room(template.finalize(device="cpu"))
+        sizes: dict[str, int] = {}
+        for name, needed in zip(("nconmax", "njmax"), room, strict=True):
+            given = getattr(solver, name, None)
+            # Without a size MuJoCo Warp's own contacts get theirs from the model, and Newton's from the initial state.
+            if hasattr(solver, name) and (given is not None or not solver.finds_contacts):
+                sizes[name] = max(given or 0, needed)
+        if sizes:
+            sim.cfg = sim.cfg.replace(solver=solver.replace(**sizes))
 
     def _own_bodies(self, template: newton.ModelBuilder) -> tuple[np.ndarray, np.ndarray]:
         """Triangles of the stage's bodies as they stand when an episode begins."""

@@ -265,7 +265,7 @@ class MuJoCoSolverCfg(SolverCfg):
 
     @property
     def chooses_contacts(self) -> bool:
-        return self.use_mujoco_contacts is None and not self.use_mujoco_cpu
+        return self.use_mujoco_contacts is None and not self.use_mujoco_cpu and not self.disable_contacts
 
     @property
     def uses_mujoco_warp(self) -> bool:
