@@ -57,7 +57,7 @@ def scan_env(
     @configclass
     class Scene(type(cfg.scene)):
         body: RigidObjectCfg = body()
-        scenery = SceneryCfg(build=add_field)
+        field = SceneryCfg(build=add_field)
         scanner: RayCasterCfg = RayCasterCfg(
             prim_path="{ENV_REGEX_NS}/Body",
             pattern_cfg=GRID,

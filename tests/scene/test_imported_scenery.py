@@ -185,6 +185,9 @@ def test_each_environment_has_copies_of_the_bodies_that_a_reset_puts_back(env):
     env.reset(options={"reset_mask": torch.arange(NUM_ENVS) == 1})
     torch.testing.assert_close(bodies[1, carton, :3], authored[1])
     torch.testing.assert_close(bodies[2, carton, :3], authored[2] + 1.0)
+    env.step(torch.zeros(NUM_ENVS, 12))  # the solver goes on from there, too
+    torch.testing.assert_close(bodies[1, carton, :3], authored[1], atol=2e-3, rtol=0.0)
+    assert bodies[2, carton, 2] < 1.15  # in the air, where it falls
 
 
 def test_an_episode_draws_another_place_and_a_saved_state_keeps_it(env):

@@ -281,7 +281,7 @@ def camera_env(device: str = "cpu", **groups) -> ManagerBasedRLEnv:
     @configclass
     class Scene(type(settings.scene)):
         body: RigidObjectCfg = body()
-        scenery = SceneryCfg(build=add_sphere)
+        sphere = SceneryCfg(build=add_sphere)
         eye: TiledCameraCfg = TiledCameraCfg(
             prim_path="{ENV_REGEX_NS}/Robot/pole/eye", width=WIDTH, height=HEIGHT, data_types=EVERY, spawn=LENS
         )
