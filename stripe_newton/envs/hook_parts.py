@@ -87,7 +87,7 @@ class Recorder:
             with torch.cuda.device(self._device):
                 self._stream, self._pool = torch.cuda.Stream(self._device), torch.cuda.graph_pool_handle()
         with torch.cuda.device(self._device):
-            return TorchGraph(function, self._stream, self._pool)
+            return TorchGraph(function, self._stream, self._pool, free_memory=False)
 
 
 @contextlib.contextmanager
@@ -208,7 +208,7 @@ class PhysicsPart:
 
 
 class ResetPart:
-    """``_reset_idx`` as an item of a step, with a graph for each number of environments that are reset.
+    """``_reset_idx`` as an item of a step, with graphs for numbers of environments that are reset often.
 
     Attributes:
         env_ids: The environments that are reset, int64, in memory that the graph of their number reads.
@@ -232,7 +232,7 @@ class ResetPart:
     def how(self) -> str:
         """Way in which it runs, for the description."""
         if self._recorder.replayed(self.hook):
-            return "graph for each number of resets, torch"
+            return f"eager: torch hook; graphs for {self.hook.variants} frequent numbers of resets"
         return f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:

@@ -33,8 +33,8 @@ class Substeps:
     targets differ, the hook runs before every physics step from then on.
     """
 
-    FIRST, EVERY = 3, 64
-    """The first ``FIRST`` steps are watched, then every ``EVERY``-th."""
+    FIRST, NEXT, LONGEST = 3, 64, 4096
+    """The first ``FIRST`` steps are watched, then the step ``NEXT``; the distance doubles, up to ``LONGEST``."""
 
     def __init__(self, mode: str, decimation: int):
         self.mode = mode if decimation > 1 else "step"
@@ -55,7 +55,11 @@ class Substeps:
     @property
     def watches(self) -> bool:
         """Whether the next step is watched."""
-        return self.mode == "auto" and (self._count < self.FIRST or self._count % self.EVERY == 0)
+        if self.mode != "auto" or self._count < self.FIRST:
+            return self.mode == "auto"
+        periods, rest = divmod(self._count, self.NEXT)
+        # At 64, 128, 256 and so on: a power of two has one bit.
+        return rest == 0 and (periods.bit_count() == 1 or self._count % self.LONGEST == 0)
 
     def count_step(self) -> None:
         """Count a step whose physics ran elsewhere."""
@@ -105,4 +109,7 @@ def _targets(sim: Simulation) -> list[torch.Tensor]:
 
 
 def _same(before: list[torch.Tensor], now: list[torch.Tensor]) -> bool:
-    return len(before) == len(now) and all(torch.equal(a, b) for a, b in zip(before, now, strict=True))
+    if [a.shape for a in before] != [a.shape for a in now]:
+        return False
+    # One wait of the host for all arrays, rather than one for each.
+    return not before or bool(torch.stack([(a == b).all() for a, b in zip(before, now, strict=True)]).all())

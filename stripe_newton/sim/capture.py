@@ -36,6 +36,7 @@ class TorchGraph:
         stream: torch.cuda.Stream,
         pool: tuple[int, int] | None = None,
         generators: Iterable[torch.Generator] = (),
+        free_memory: bool = True,
     ):
         """Record.
 
@@ -45,6 +46,8 @@ class TorchGraph:
             pool: Memory pool that several graphs share, of ``torch.cuda.graph_pool_handle()``. Such graphs must not
                 replay at the same time, nor expect temporary tensors of each other.
             generators: Generators other than torch's default that the function draws from.
+            free_memory: Whether memory that torch holds in reserve is given back first, for graphs that need much. It
+                takes long, and so does allocating it again.
 
         Raises:
             Exception: what CUDA or the function raises if it does something that cannot be recorded.
@@ -53,13 +56,7 @@ class TorchGraph:
         for generator in generators:
             self._graph.register_generator_state(generator)
         on_warp = wp.stream_from_torch(stream)
-        # "thread_local": other threads, such as the one that writes a video, may go on calling CUDA meanwhile.
-        recording = torch.cuda.graph(
-            self._graph,
-            pool=pool,  # type: ignore[arg-type]  # a type of its own in newer versions of torch
-            stream=stream,
-            capture_error_mode="thread_local",
-        )
+        recording = _capture(self._graph, stream, pool, free_memory)
         failed: Exception | None = None
         try:
             with _no_collection(), recording:
@@ -83,6 +80,24 @@ class TorchGraph:
     def replay(self) -> None:
         """Launch the graph on torch's current stream."""
         self._graph.replay()
+
+
+@contextlib.contextmanager
+def _capture(
+    graph: torch.cuda.CUDAGraph, stream: torch.cuda.Stream, pool: tuple[int, int] | None, free_memory: bool
+) -> Iterator[None]:
+    """Capture as ``torch.cuda.graph`` does, but for its collection of garbage, which takes a tenth of a second."""
+    torch.cuda.synchronize(stream.device)
+    if free_memory:
+        torch.cuda.empty_cache()
+    with torch.cuda.stream(stream):
+        # "thread_local": other threads, such as the one that writes a video, may go on calling CUDA meanwhile.
+        # The type of a pool differs between versions of torch.
+        graph.capture_begin(pool=pool, capture_error_mode="thread_local")  # type: ignore[arg-type]
+        try:
+            yield
+        finally:
+            graph.capture_end()
 
 
 @contextlib.contextmanager

@@ -37,8 +37,8 @@ def cart(cls: type[RecordedCart] = RecordedCart, **changes: Any) -> RecordedCart
     )
 
 
-def task_env(name: str, hooks_graph: Any, num_envs: int = 256) -> Any:
-    cfg = load_configs(name, None).env
+def task_env(name: str, hooks_graph: Any, num_envs: int = 256, **changes: Any) -> Any:
+    cfg = load_configs(name, None).env.replace(**changes)
     cfg.sim.device, cfg.scene.num_envs, cfg.seed, cfg.hooks_graph = DEVICE, num_envs, 1, hooks_graph
     cfg.episode_length_s = 2.0
     env = gymnasium.make_vec(name, cfg=cfg).unwrapped
@@ -61,8 +61,9 @@ def results(env: Any, steps: int) -> list[dict[str, torch.Tensor]]:
 
 
 def test_state_in_all_forms_carries_over():
-    env = cart()
-    assert first_difference(run(cart(hooks_graph=False), 200), run(env, 200)) == ""
+    eager = run(cart(hooks_graph=False), 200)
+    env = cart()  # one after the other, as each begins with its seed and all draw from torch's generator
+    assert first_difference(eager, run(env, 200)) == ""
     assert not [h.reason for h in recorder_of(env).hooks if h.reason], env.describe()
 
 
@@ -71,14 +72,16 @@ def test_recorded_steps_are_those_of_the_hooks(name):
     env = task_env(name, True)
     recorded = results(env, 300)
     assert first_difference(results(task_env(name, False), 300), recorded) == "", env.describe()
-    assert sum(int(x["truncated"].sum()) for x in recorded) > 100
+    assert sum(int((x["terminated"] | x["truncated"]).sum()) for x in recorded) > 100
 
 
 @pytest.mark.parametrize("name", TASKS)
 def test_a_step_waits_once(name):
-    env = task_env(name, True)
+    env = task_env(name, True, apply_action="step")
     actions = torch.zeros(env.action_space.shape, device=DEVICE)
-    for _ in range(127):
+    for _ in range(140):
+        env.step(actions)
+    while env._recorder.steps_to_check < 32:  # the host waits more often where hooks are compared
         env.step(actions)
     counts = count_calls(lambda k: env.step(actions), 32)
     assert counts["host_syncs"] <= 1.0, counts
@@ -99,8 +102,9 @@ class Careless(RecordedCart):
 
 
 def test_hooks_that_wait_stay_eager_with_their_lines():
+    eager = run(cart(Careless, hooks_graph=False), 100)
     env = cart(Careless)
-    assert first_difference(run(cart(Careless, hooks_graph=False), 100), run(env, 100)) == ""
+    assert first_difference(eager, run(env, 100)) == ""
     reasons = {h.name.split(",")[0]: h.reason for h in recorder_of(env).hooks if h.reason}
     assert reasons.keys() == {"_get_dones", "_reset_idx"}, reasons
     assert all(r.startswith("envs/test_hook_graphs_gpu.py:") for r in reasons.values()), reasons

@@ -102,14 +102,19 @@ def small_agent(iterations: int) -> RslRlOnPolicyRunnerCfg:
 
 def _tape(self: hook_parts.Recorder, function: Callable[[], None]) -> TapeGraph:
     """Tape of a function, which is recorded as a graph is: without running it."""
-    before = recorder_of(self.env).context.snapshot()
+    recorder = recorder_of(self.env)
+    before = recorder.context.snapshot()
+    kept = [(tensor, tensor.clone()) for hook in recorder.hooks for tensor in hook.extras_memory.tensors.values()]
     tape = TapeGraph(function)
     before.restore()
+    for tensor, value in kept:
+        tensor.copy_(value)
     return tape
 
 
 def record_on_cpu(patch: pytest.MonkeyPatch) -> None:
-    """Let environments record hooks on the CPU."""
+    """Let environments record hooks on the CPU, and resets of a number of environments when it comes again."""
+    patch.setattr(HookRecorder, "OFTEN", 2)
     patch.setattr(hook_parts, "records_on", lambda device: True)
     patch.setattr(hook_parts.Recorder, "__call__", _tape)
 

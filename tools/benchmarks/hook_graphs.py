@@ -87,7 +87,7 @@ def speed(task: str, case: str, args: argparse.Namespace) -> Entry:
     recorder = getattr(env, "_recorder", None)
     if recorder is not None:
         found["reasons"] = {h.name: h.reason for h in recorder.hooks if h.reason}
-        found["variants"] = max(h.variants for h in recorder.hooks)
+        found["variants"] = max((h.variants for h in recorder.hooks), default=0)
         found["attempts"] = recorder._attempts
     print(env.describe(), flush=True)
     if args.device != "cpu":

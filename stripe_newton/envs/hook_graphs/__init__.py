@@ -2,6 +2,7 @@
 """Hook graphs: torch hooks of direct environments, recorded as CUDA graphs where a replay gives what the hook gives."""
 
 from .hook_recorder import HookGraphError, HookRecorder
-from .recorded_hook import HookGraph, Launched, RecordedHook
+from .recorded_hook import RecordedHook
+from .recording_context import HookGraph, Launched
 
 __all__ = ["HookGraph", "HookGraphError", "HookRecorder", "Launched", "RecordedHook"]

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 import torch
 
-from .reachable import Path, Scan, assign, path_name, scan, storage_of, value_at
+from .reachable import Path, Scan, assign, path_name, scan, size_of, storage_of, value_at
 
 __all__ = ["CarriedState", "NotSteady", "moved_paths"]
 
@@ -70,7 +70,7 @@ class CarriedState:
         self.homes.update(self._copies({p: now.tensors[p] for p in moved}))
         for path in moved:
             assign(env, path, self.homes[path])
-        self._holders = self._find_holders()
+        self._find_holders()
 
     def _copies(self, moved: Mapping[Path, torch.Tensor]) -> dict[Path, torch.Tensor]:
         """Copies of tensors; those that shared memory share it again."""
@@ -89,9 +89,20 @@ class CarriedState:
             copies[path] = copy.set_(storages[place], tensor.storage_offset(), tensor.shape, tensor.stride())
         return copies
 
-    def _find_holders(self) -> list[tuple[object, str | int, torch.Tensor]]:
+    def _find_holders(self) -> None:
         found = scan(self._env, self._skip)
-        return [(*found.holders[path], tensor) for path, tensor in self.homes.items()]
+        self._holders = [(*found.holders[path], tensor) for path, tensor in self.homes.items()]
+        self._links = [*self._holders, *found.links]
+        self._sizes = [(container, size_of(container)) for container, _ in found.contents]
+
+    def holds(self, tensor: torch.Tensor) -> bool:
+        """Whether a tensor lies in memory that stays: that of a home or of the simulation."""
+        return storage_of(tensor) in self._fixed or storage_of(tensor) in map(storage_of, self.homes.values())
+
+    def _is_untouched(self) -> bool:
+        """Whether all tensors and containers are where the last walk found them. It is far quicker than a walk."""
+        same = all(value_at(holder, key) is value for holder, key, value in self._links)
+        return same and all(size_of(container) == size for container, size in self._sizes)
 
     def replaced(self) -> str:
         """Name of a tensor that is not at its home, so that code outside the hooks has bound it; empty for none."""
@@ -110,6 +121,8 @@ class CarriedState:
         Raises:
             NotSteady: if that is impossible; everything is then bound as it was found.
         """
+        if self._is_untouched():
+            return set()
         now = scan(self._env, self._skip)
         moved = moved_paths(Scan(tensors=self.homes), now)
         self._check_sharing(now, moved)
@@ -119,11 +132,10 @@ class CarriedState:
         values = [value.clone() if storage_of(value) in written else value for _, value in pairs]
         for (home, _), value in zip(pairs, values, strict=True):
             _single(home, home).copy_(_single(value, home))
-        rebound = [p for p, t in now.tensors.items() if t is not self.homes[p]]
-        for path in rebound:
-            assign(self._env, path, self.homes[path])
-        if rebound:
-            self._holders = self._find_holders()
+        for path, tensor in now.tensors.items():
+            if tensor is not self.homes[path]:
+                assign(self._env, path, self.homes[path])
+        self._find_holders()
         return moved
 
     def _check_sharing(self, now: Scan, moved: Collection[Path]) -> None:

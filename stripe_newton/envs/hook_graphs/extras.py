@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
 
-__all__ = ["Extras", "added_extras", "copy_extras", "publish_extras", "tensors_of"]
+from .host_values import NotRecordable
+
+__all__ = ["Extras", "ExtrasMemory", "added_extras", "copy_extras", "publish_extras", "tensors_of"]
 
 Extras = dict[str, Any]
 
@@ -46,6 +49,58 @@ def added_extras(before: Extras, given: Extras, after: Extras) -> Extras:
         elif key not in before or value is not old:
             found[key] = value
     return found
+
+
+class ExtrasMemory:
+    """Memory of its own for the tensors that a recorded hook adds to the extras.
+
+    Graphs of one environment share a pool of memory for what is temporary in each. Tensors in it do not last: the next
+    graph may write there before the end of the step, when the extras are read.
+    """
+
+    def __init__(self) -> None:
+        self.tensors: dict[str, torch.Tensor] = {}
+
+    def reserve(self, added: Extras, path: str = "extras") -> None:
+        """Allocate memory for the tensors of some extras. Call it outside of recordings."""
+        for key, value in added.items():
+            place = f"{path}[{key!r}]"
+            if isinstance(value, dict):
+                self.reserve(value, place)
+            elif isinstance(value, torch.Tensor) and not _like(self.tensors.get(place), value):
+                self.tensors[place] = torch.empty_like(value, memory_format=torch.contiguous_format)
+
+    def keep(self, added: Extras, stays: Callable[[torch.Tensor], bool], path: str = "extras") -> Extras:
+        """Copy tensors to this memory, within a recording.
+
+        Args:
+            added: The extras.
+            stays: Whether a tensor lies in memory that stays anyway.
+            path: Name of the extras.
+
+        Returns:
+            The same extras with the tensors of this memory.
+
+        Raises:
+            NotRecordable: if there is none for a tensor.
+        """
+        kept = type(added)()
+        for key, value in added.items():
+            place = f"{path}[{key!r}]"
+            if isinstance(value, dict):
+                kept[key] = self.keep(value, stays, place)
+            elif isinstance(value, torch.Tensor) and not stays(value):
+                home = self.tensors.get(place)
+                if home is None or not _like(home, value):
+                    raise NotRecordable(f"{place} is not the same kind of tensor in every step")
+                kept[key] = home.copy_(value)
+            else:
+                kept[key] = value
+        return kept
+
+
+def _like(one: torch.Tensor | None, two: torch.Tensor) -> bool:
+    return one is not None and one.shape == two.shape and one.dtype == two.dtype and one.device == two.device
 
 
 def publish_extras(extras: Extras, added: Extras, log: bool = False) -> None:

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 
 import torch
 
 from .carried_state import CarriedState, NotSteady
-from .recorded_hook import HookGraph, HooksEnv, RecordedHook, RecordingContext
+from .recorded_hook import RecordedHook
+from .recording_context import HookGraph, HooksEnv, RecordingContext
 
 __all__ = ["HookGraphError", "HookRecorder"]
 
@@ -32,7 +34,10 @@ class HookRecorder:
     """Step after which hooks are compared again. The distance doubles, up to the second number."""
     ATTEMPTS = 5
     """How often hooks may be recorded anew, as something was changed from outside, before they stay eager."""
-    MAX_VARIANTS = 128
+    OFTEN, WINDOW = 16, 256
+    """A variant is recorded once it has come so often among so many runs. To record one costs about as much time as
+    some tens of replays save, so that recording what comes rarely would make training slower."""
+    MAX_VARIANTS = 32
     """Largest number of graphs of a hook with variants."""
 
     def __init__(
@@ -63,6 +68,7 @@ class HookRecorder:
         self._steps, self._attempts, self._next_check = 0, 0, 0
         self._within_step = self._checks_all = False
         self._joined: list[RecordedHook] = []
+        self._variants: Counter[int] = Counter()
 
     def add(
         self, name: str, function: Callable[[], None], method: Callable[..., object], joins: bool = True
@@ -124,8 +130,8 @@ class HookRecorder:
 
         Args:
             hook: The hook.
-            variant: Number of a variant that has a graph of its own. A variant is watched when it comes for the first
-                time, and recorded and compared when it comes again.
+            variant: Number of a variant that has a graph of its own. The first variant is watched, for reasons. One
+                that comes often is watched, then recorded and compared; all others run as they are.
         """
         try:
             if not self._watches or hook.reason:
@@ -144,19 +150,32 @@ class HookRecorder:
             self.start_again(f"{hook.place}: {error}")
 
     def _run_variant(self, hook: RecordedHook, variant: int) -> None:
-        if self.context.carried is None or (not hook.has_constants(variant) and hook.variants >= self.MAX_VARIANTS):
+        if self.context.carried is None:
             hook.run_eagerly()
-        elif not hook.has_constants(variant):
-            hook.trace(variant)
-        elif self._checks_all or not hook.has_graph(variant):
-            hook.check(variant)
+        elif hook.has_graph(variant):
+            if self._checks_all:
+                hook.check(variant)
+            else:
+                hook.replay(variant)
+        elif hook.traces == 0 or (self._comes_often(variant) and hook.variants < self.MAX_VARIANTS):
+            if hook.has_constants(variant):
+                hook.check(variant)
+            else:
+                hook.trace(variant)
         else:
-            hook.replay(variant)
+            hook.run_eagerly()
+
+    def _comes_often(self, variant: int) -> bool:
+        if self._variants.total() >= self.WINDOW:
+            self._variants.clear()
+        self._variants[variant] += 1
+        return self._variants[variant] >= self.OFTEN
 
     @property
     def replays(self) -> bool:
-        """Whether hooks are replayed in this step, so that graphs that hold them may be launched."""
-        return self._within_step and self._watches and not self._checks_all
+        """Whether graphs may be launched in this step: in the first ones, and where hooks are compared, all runs hook
+        by hook. Where no hook is recorded for good, the graphs of the kernels between hooks remain."""
+        return self._within_step and (self._stopped or (self._steps > self.WARM and not self._checks_all))
 
     @property
     def checks_all(self) -> bool:
@@ -166,6 +185,11 @@ class HookRecorder:
     def replayed(self, hook: RecordedHook) -> bool:
         """Whether a hook with variants has been recorded."""
         return self.context.carried is not None and not hook.reason and hook.variants > 0
+
+    @property
+    def steps_to_check(self) -> int:
+        """Number of steps from the next one on in which hooks are not compared."""
+        return max(self._next_check - self._steps - 1, 0)
 
     def settle(self) -> None:
         """Bring tensors that a hook has bound outside of its turn to their homes."""
@@ -192,7 +216,7 @@ class HookRecorder:
 
     @property
     def _stopped(self) -> bool:
-        return self._attempts > self.ATTEMPTS
+        return not self.hooks or self._attempts > self.ATTEMPTS
 
     @property
     def _all_traced(self) -> bool:

@@ -15,7 +15,16 @@ import numpy as np
 import torch
 from torch.overrides import TorchFunctionMode
 
-__all__ = ["ExecutedCode", "HostCalls", "NotRecordable", "error_place", "executed_code", "place_of_name", "short_place"]
+__all__ = [
+    "ExecutedCode",
+    "HostCalls",
+    "NotRecordable",
+    "NumbersOnDevice",
+    "error_place",
+    "executed_code",
+    "place_of_name",
+    "short_place",
+]
 
 _LIBRARIES = ("torch", "warp", "newton", "stripe_newton", "numpy", "stripe_kernels")
 _READS = {
@@ -76,10 +85,7 @@ class HostCalls(TorchFunctionMode):
         if func is torch.Tensor.__setitem__:
             target, given, value = args
             index = self._index(given, value)
-            if isinstance(value, (int, float)) and _has_indices(index):  # a number is copied from the host otherwise
-                assert isinstance(target, torch.Tensor)
-                value = torch.full((), value, dtype=target.dtype, device=target.device)
-            return call(target, index, value)
+            return call(target, index, _number_on_device(target, index, value))
         if func in (torch.where, torch.Tensor.where):
             return call(*self._numbers_on_device(args), **self._with_numbers_on_device(args, kwargs))
         if func in _MAKERS and self._copies(args[-1 if func is torch.Tensor.new_tensor else 0] if args else None):
@@ -141,6 +147,36 @@ class HostCalls(TorchFunctionMode):
         made = self.constants[self._next][1].clone()
         self._next += 1
         return made
+
+
+class NumbersOnDevice(TorchFunctionMode):
+    """While active, ``x[indices] = number`` takes the number from the device.
+
+    Otherwise torch copies it from the host, and waits for that copy. The results are the same.
+    """
+
+    def __torch_function__(
+        self,
+        func: Callable[..., object],
+        types: Sequence[type],
+        args: Sequence[object] = (),
+        kwargs: Mapping[str, object] | None = None,
+    ) -> object:
+        if func is torch.Tensor.__setitem__:
+            target, index, value = args
+            return _call(func, target, index, _number_on_device(target, index, value))
+        return func(*args, **(kwargs or {}))
+
+
+def _call(func: Callable[..., object], *args: object) -> object:
+    return func(*args)  # what `func` is compared with would narrow its type
+
+
+def _number_on_device(target: object, index: object, value: object) -> object:
+    """What is written to ``target[index]``: a tensor in the place of a number, where torch would copy that."""
+    if isinstance(value, (int, float)) and _has_indices(index) and isinstance(target, torch.Tensor):
+        return torch.full((), value, dtype=target.dtype, device=target.device)
+    return value
 
 
 def _has_indices(index: object) -> bool:

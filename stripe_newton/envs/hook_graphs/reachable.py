@@ -15,7 +15,7 @@ import torch
 
 from stripe_newton.noise import NoiseModel
 
-__all__ = ["NOTHING", "Path", "Scan", "assign", "path_name", "scan", "storage_of", "value_at"]
+__all__ = ["NOTHING", "Path", "Scan", "assign", "path_name", "scan", "size_of", "storage_of", "value_at"]
 
 Path: TypeAlias = "tuple[str | int, ...]"
 """Keys from the environment to a value: names of attributes, keys of dicts, indices of lists."""
@@ -42,6 +42,7 @@ class Scan:
         holders: For each number and tensor, the container that holds it and its key there, for quick comparisons.
         generators: Random generators of torch.
         contents: All containers, each with a shallow copy of what it holds.
+        links: Containers and ``None``, each with what holds it and the key there.
     """
 
     tensors: dict[Path, torch.Tensor] = field(default_factory=dict)
@@ -49,6 +50,7 @@ class Scan:
     holders: dict[Path, tuple[object, str | int]] = field(default_factory=dict)
     generators: list[torch.Generator] = field(default_factory=list)
     contents: list[tuple[object, object]] = field(default_factory=list)
+    links: list[tuple[object, str | int, object]] = field(default_factory=list)
 
     def restore(self) -> None:
         """Give all containers what they held, and so all attributes their values."""
@@ -138,6 +140,17 @@ def _get(holder: object, key: str | int) -> object:
     return getattr(holder, str(key))
 
 
+def size_of(container: object) -> int:
+    """Number of values that a container of :attr:`Scan.contents` holds."""
+    if isinstance(container, _Root):
+        return len(vars(container.env))
+    if isinstance(container, np.ndarray):
+        return container.size
+    if isinstance(container, (dict, list, deque, set, frozenset)):
+        return len(container)
+    return len(_attributes(container))
+
+
 class _Root:
     """The attributes of the environment without those that are left out, as a container."""
 
@@ -174,8 +187,11 @@ def _walk(value: object, path: Path, holder: object, key: str | int, found: Scan
     if isinstance(value, _NUMBERS):
         found.numbers[path] = value
         found.holders[path] = holder, key
+        if value is None:  # where a tensor may be later
+            found.links.append((holder, key, value))
         return
     if id(value) in seen:
+        found.links.append((holder, key, value))
         return
     if isinstance(value, torch.Generator):
         found.generators.append(value)
@@ -188,6 +204,7 @@ def _walk(value: object, path: Path, holder: object, key: str | int, found: Scan
         if children is None:
             return
         seen.add(id(value))
+        found.links.append((holder, key, value))
         if not isinstance(value, tuple):
             found.contents.append((value, _copy(value)))
         if isinstance(value, (list, deque, set, frozenset)):

@@ -3,111 +3,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import random
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
+from collections.abc import Callable
 
 import numpy as np
 import torch
 
-from .carried_state import CarriedState, NotSteady, moved_paths
-from .extras import Extras, added_extras, copy_extras, publish_extras, tensors_of
+from .carried_state import NotSteady, moved_paths
+from .extras import ExtrasMemory, added_extras, copy_extras, tensors_of
 from .host_values import (
     ExecutedCode,
     HostCalls,
     NotRecordable,
+    NumbersOnDevice,
     error_place,
     executed_code,
     place_of_name,
     short_place,
 )
 from .reachable import Path, Scan, path_name, scan, value_at
-from .snapshot import Results, Snapshot, first_difference
+from .recording_context import HookGraph, Launched, RecordingContext, set_flags
+from .snapshot import Results, as_close_as_repeats, first_difference
 
-__all__ = ["HookGraph", "HooksEnv", "Launched", "RecordedHook", "RecordingContext"]
-
-
-Flag: TypeAlias = tuple[object, str, object]
-"""A flag of the framework: its holder, name and value."""
-
-
-class HookGraph(Protocol):
-    """What a function launched, to be launched again on the same memory."""
-
-    def replay(self) -> None:
-        """Launch it again."""
-        ...
-
-
-class HooksEnv(Protocol):
-    """An environment with torch hooks."""
-
-    extras: dict[str, Any]
-    device: str
-
-
-@dataclass
-class RecordingContext:
-    """What all hooks of an environment share.
-
-    Attributes:
-        env: The environment.
-        skip: Attributes that belong to the framework and are not state of the hooks.
-        arrays: Returns the memory of the simulation that hooks may write, by name.
-        record: Makes the graph of a function.
-        waits: Context within which a wait of the host for the device raises.
-        flags: Holder and name of the framework's own flags that a hook may set.
-        carried: Homes of the tensors, once all hooks are traced.
-    """
-
-    env: HooksEnv
-    skip: Collection[str]
-    arrays: Callable[[], Mapping[str, torch.Tensor]]
-    record: Callable[[Callable[[], None]], HookGraph]
-    waits: Callable[[], Any]
-    flags: list[tuple[object, str]] = field(default_factory=list)
-    carried: CarriedState | None = None
-
-    def snapshot(self) -> Snapshot:
-        """Copy of all that hooks can change."""
-        return Snapshot(self.env, self.skip, self.arrays(), self.env.device)
-
-    def flag_values(self) -> list[Flag]:
-        """The framework's flags as they are now."""
-        return [(holder, name, getattr(holder, name)) for holder, name in self.flags]
-
-
-def set_flags(flags: Iterable[Flag]) -> None:
-    """Set the framework's flags."""
-    for holder, name, value in flags:
-        setattr(holder, name, value)
-
-
-@dataclass
-class Launched:
-    """The host's part of a recorded hook, for after each replay.
-
-    Attributes:
-        env: The environment.
-        extras: What the hook adds to the extras, with tensors that each replay overwrites.
-        flags: The framework's flags that it sets.
-    """
-
-    env: HooksEnv
-    extras: Extras
-    flags: list[Flag]
-
-    def __call__(self) -> None:
-        """Hand out the extras, set the flags."""
-        publish_extras(self.env.extras, self.extras)
-        set_flags(self.flags)
-
-    def log_tensors(self) -> dict[str, torch.Tensor]:
-        """Numbers that the hook adds to the episode log, by key, in memory that each replay overwrites."""
-        log = self.extras.get("log", {})
-        return {k: v for k, v in log.items() if isinstance(v, torch.Tensor) and v.numel() == 1}
+__all__ = ["RecordedHook"]
 
 
 class RecordedHook:
@@ -120,6 +40,7 @@ class RecordedHook:
         unchecked: Number of replays that are still to be compared before it counts as recorded.
         moved: Paths that it binds anew.
         joins: Whether its launches may be part of a larger graph.
+        extras_memory: Memory of the tensors that it adds to the extras when it is replayed.
     """
 
     TRACES = 2
@@ -145,6 +66,7 @@ class RecordedHook:
         self._function, self._context, self._method = function, context, method
         self._constants: dict[int, list[tuple[str, torch.Tensor]]] = {}
         self._graphs: dict[int, tuple[HookGraph, Launched]] = {}
+        self.extras_memory = ExtrasMemory()
         self._unsteady = 0
 
     # -- running
@@ -155,7 +77,9 @@ class RecordedHook:
         Raises:
             NotSteady: if they cannot.
         """
-        self._function()
+        # A hook of variants runs as it is in most steps. Those should wait no more often than the others.
+        with contextlib.nullcontext() if self.joins else NumbersOnDevice():
+            self._function()
         if self._context.carried is not None:
             self._context.carried.settle()
 
@@ -178,7 +102,8 @@ class RecordedHook:
             with HostCalls(torch.device(env.device), self._constants[variant], first=False):
                 self._function()
             context.carried.settle()
-            extras = added_extras(before, dicts, env.extras)
+            # Tensors in homes or in the simulation stay as they are, as a later hook may write them in place.
+            extras = self.extras_memory.keep(added_extras(before, dicts, env.extras), context.carried.holds)
             changed = [(o, n, getattr(o, n)) for o, n, old in flags if getattr(o, n) != old]
             return Launched(env, extras, changed)
         except NotSteady as error:
@@ -236,8 +161,8 @@ class RecordedHook:
 
     @property
     def variants(self) -> int:
-        """Number of variants that have been watched."""
-        return len(self._constants)
+        """Number of variants that have been recorded."""
+        return len(self._graphs)
 
     # -- watching a run
 
@@ -251,6 +176,7 @@ class RecordedHook:
         """
         context, env = self._context, self._context.env
         saved, extras, flags = context.snapshot(), copy_extras(env.extras), context.flag_values()
+        dicts = {k: v for k, v in env.extras.items() if isinstance(v, dict)}
         before, hosts = scan(env, context.skip), _host_generators(env.device)
         calls = HostCalls(torch.device(env.device))
         try:
@@ -268,6 +194,7 @@ class RecordedHook:
         if _host_generators(env.device) != hosts:
             self.reject(f"{self.place}: it draws random numbers on the host")
         self._remember_constants(calls, variant)
+        self.extras_memory.reserve(added_extras(extras, dicts, env.extras))
         after = scan(env, context.skip)
         for path, value in after.numbers.items():
             old = before.numbers.get(path)
@@ -370,7 +297,7 @@ class RecordedHook:
         # Code that compiles itself in its first runs settles on other bits: those of the replay are then the newer.
         if not first_difference(replayed, again):
             return True
-        if _as_close_as_repeats(saved, replayed, eager, again):
+        if as_close_as_repeats(saved, replayed, eager, again):
             return True
         own = _shown(name)
         self.reject(f"{self.place}: gives another '{own}' when it is replayed from the same state")
@@ -393,22 +320,6 @@ def _reason_of(error: RuntimeError) -> str:
 
 def _shown(name: str) -> str:
     return name.removeprefix("extras: ")
-
-
-def _as_close_as_repeats(saved: Snapshot, replayed: Results, eager: Results, again: Results) -> bool:
-    """Whether a replay differs from a hook no more than the hook from itself, where that has rounding of its own."""
-    if replayed.keys() != eager.keys() or eager.keys() != again.keys():
-        return False
-    for name in eager:
-        if torch.equal(replayed[name], eager[name]):
-            continue
-        if torch.equal(eager[name], again[name]):
-            return False
-        values = [r[name] if name.startswith("extras") else saved.typed(name, r[name]) for r in (replayed, eager)]
-        one, two = values
-        if not one.is_floating_point() or not torch.allclose(one, two, rtol=1e-5, atol=1e-6, equal_nan=True):
-            return False
-    return True
 
 
 def _host_generators(device: str) -> tuple[object, ...]:
