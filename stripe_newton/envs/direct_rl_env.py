@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,11 +17,10 @@ from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
 from stripe_newton.noise import NoiseModel, NoiseModelCfg
 
-from .direct_env_base import DirectEnvBase
-from .hook_graphs import Launched
-from .hook_parts import HookPart, PhysicsPart, ResetPart, hook_recorder, rehearse
+from .hook_parts import hook_recorder
 from .hooks import DirectHooks
-from .rl_env import Extras, Observations
+from .recording_env import RecordingEnv
+from .rl_env import Observations
 from .rl_env_cfg import RLEnvCfg
 from .spaces import SpaceSpec, to_space
 
@@ -45,8 +44,8 @@ class DirectRLEnvCfg(RLEnvCfg):
     """Noise on the actions."""
     apply_action: str = "auto"
     """Rate of ``_apply_action``: ``"substep"`` calls it before each physics step, ``"step"`` once before all of them,
-    which are then one CUDA graph. ``"auto"`` begins with ``"step"`` and compares, in the first steps and every 64th,
-    the targets of all physics steps; if they differ it changes to ``"substep"``."""
+    which are then one CUDA graph. ``"auto"`` begins with ``"step"`` and compares, in the first steps and now and
+    then, the targets of all physics steps; if they differ it changes to ``"substep"``."""
     hooks_graph: bool | str = "auto"
     """Whether torch hooks become part of the step's CUDA graph, on a GPU: ``"auto"`` where a replay gives the same as
     the hook, ``True`` to make it an error where they cannot, ``False`` never. ``describe()`` says which are not and
@@ -68,7 +67,7 @@ class DirectRLEnvCfg(RLEnvCfg):
                 yield name, str(error)
 
 
-class DirectRLEnv(DirectEnvBase):
+class DirectRLEnv(RecordingEnv):
     """Base class of environments whose hooks compute observations, rewards and dones for all environments at once.
 
     A step runs in this order: noise on the actions, ``_pre_physics_step``, the physics (``decimation`` steps,
@@ -179,28 +178,6 @@ class DirectRLEnv(DirectEnvBase):
         noise = ", noise" if self._action_noise_model is not None else ""
         return [self._torch_item(f"_pre_physics_step{noise}", self._torch_pre_physics, "_pre_physics_step")]
 
-    def _torch_item(
-        self, name: str, function: Callable[[], None], method: str, before: Callable[[], None] | None = None
-    ) -> Eager:
-        """A torch hook as an item of a step.
-
-        Args:
-            name: Its name in the description.
-            function: Runs the hook with what belongs to it.
-            method: Name of the method.
-            before: The host's part before it, in each step.
-        """
-        if self._recorder is not None:
-            hook = self._recorder.add(name, function, getattr(type(self), method))
-            return HookPart(self._recorder, hook, before).item(name)
-
-        def run() -> None:
-            if before is not None:
-                before()
-            function()
-
-        return Eager(name, run, "torch hook")
-
     def _physics_items(self) -> list[Item]:
         steps, name = self.cfg.decimation, self._physics_name
         alone = Captured(name, lambda: self.sim.launch(steps))
@@ -211,25 +188,7 @@ class DirectRLEnv(DirectEnvBase):
             return [Captured(f"{name}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
         if self._hooks.pre_physics.is_warp and self._hooks.apply_action.is_empty:
             return [alone]
-        physics = self._torch_physics()
-        if self._recorder is None:
-            return [physics]
-        hook = self._recorder.add("_apply_action", super().run_apply_action, type(self)._apply_action)
-        self._apply_part = PhysicsPart(self, self._recorder, hook)
-        return [Eager(physics.name, self._run_physics, physics.reason, part=self._apply_part)]
-
-    def _run_physics(self) -> None:
-        """Run the physics hook by hook, for a step that watches or compares."""
-        each = self._substeps.each
-        self._substeps.run(self)
-        if each != self._substeps.each:
-            self.plan.recapture()
-
-    def run_apply_action(self) -> None:
-        if self._recorder is None or self._apply_part is None:
-            super().run_apply_action()
-        else:
-            self._recorder.run(self._apply_part.hook)
+        return [self._torch_physics()]
 
     def _outcome_items(self) -> list[Item]:
         context = self.context
@@ -272,27 +231,12 @@ class DirectRLEnv(DirectEnvBase):
         if self.cfg.compute_final_obs:
             items.append(Eager("final observations", self._keep_final_observations, "torch copies"))
         if not self._hooks.reset.is_warp:
-            name = "_reset_idx, forward kinematics"
-            if self._recorder is None:
-                return [*items, Eager(name, self._torch_reset, "torch hook")]
-            hook = self._recorder.add(name, self._reset_listed, type(self)._reset_idx, joins=False)
-            self._reset_part = ResetPart(self._recorder, hook, self.num_envs, self.device)
-            return [*items, Eager(name, self._torch_reset, "torch hook", part=self._reset_part)]
+            return [*items, self._torch_reset_item("_reset_idx, forward kinematics")]
         if self._events is not None or self._noise_models():
             items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
         items += [self._safety.begin_reset(), *self._scenery_items()]
         items.append(Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset)))
         return [*items, *self._measure("launch_reset"), self._safety.end_reset()]
-
-    def _reset_envs(self, env_ids: torch.Tensor) -> None:
-        if self._recorder is None:
-            super()._reset_envs(env_ids)
-        else:
-            self._reset_part.run(env_ids)
-
-    def _reset_listed(self) -> None:
-        # A copy, as the hook may keep it.
-        super()._reset_envs(self._reset_part.env_ids.clone())
 
     def _torch_reset_events(self) -> None:
         ids = self.context.reset_mask.indices()
@@ -350,10 +294,6 @@ class DirectRLEnv(DirectEnvBase):
             return wp.to_torch(self.outputs.reserve(f"obs.{name}", wp.float32, tuple(value.shape)))
         return torch.empty_like(value, memory_format=torch.contiguous_format)
 
-    def observation_buffers(self) -> dict[str, torch.Tensor]:
-        """Memory by group that torch hooks write their observations to, where they may be recorded."""
-        return self._observation_buffers
-
     def _torch_groups(self) -> dict[str, torch.Tensor]:
         groups: Observations = dict(self._get_observations())
         if self.cfg.state_space:
@@ -363,40 +303,6 @@ class DirectRLEnv(DirectEnvBase):
         if self._observation_noise_model is not None:
             groups["policy"] = self._observation_noise_model(groups["policy"])
         return groups
-
-    def _record_mixed(self, function: Callable[[], None]) -> Callable[[], None]:
-        assert self._recorder is not None  # without one no hook joins a graph
-        return self._recorder.context.record(function).replay
-
-    def _replays(self) -> bool:
-        # A watched step takes its physics steps one by one, with or without recorded hooks: in one go they may round
-        # otherwise, and the results should not depend on what is recorded.
-        return self._recorder is None or (self._recorder.replays and not self._substeps.watches)
-
-    def begin_step(self) -> None:
-        recaptures = self._recaptures
-        super().begin_step()
-        if self._recorder is not None:
-            if self._recaptures != recaptures:
-                self._recorder.start_again("an array of the simulation is replaced again and again")
-            self._recorder.begin_step()
-
-    def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
-        results = super().finish_step()
-        if self._recorder is not None:
-            self._recorder.end_step()
-        return results
-
-    def settle_hooks(self) -> None:
-        # A torch reset waits for the device, so that the step can be no part of a larger graph anyway.
-        if self._recorder is not None and self._hooks.reset.is_warp and not self._recorder.is_settled:
-            rehearse(self, self._recorder)
-
-    def hook_log_keys(self) -> list[str]:
-        return [k for h in self._recorder.hooks for k in h.log_keys()] if self._recorder is not None else []
-
-    def hook_log(self, launched: Sequence[Callable[[], None]]) -> dict[str, torch.Tensor]:
-        return {k: v for part in launched if isinstance(part, Launched) for k, v in part.log_tensors().items()}
 
     def _take_action(self, action: torch.Tensor) -> None:
         if self._hooks.pre_physics.is_warp:
@@ -423,9 +329,6 @@ class DirectRLEnv(DirectEnvBase):
             self._safety.make_finite(self._action)
         self._pre_physics_step(self._action)
 
-    _apply_part: PhysicsPart | None = None
-    """The physics with a torch hook that may be recorded."""
-
     def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
         if not self._hooks.observations.is_warp:
             if self._recorder is None:
@@ -442,7 +345,7 @@ class DirectRLEnv(DirectEnvBase):
             return "noise models are torch modules"
         reason = super().why_not_capturable()
         if not reason and self._recorder is not None and self._apply_part is not None and self._substeps.mode == "auto":
-            return "apply_action is 'auto', which watches every 64th step: set 'step' or 'substep'"
+            return "apply_action is 'auto', which watches some steps: set 'step' or 'substep'"
         return reason
 
     def _noise_models(self) -> list[NoiseModel]:

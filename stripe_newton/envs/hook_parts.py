@@ -20,7 +20,7 @@ from .hook_graphs.host_values import NotRecordable
 from .hook_graphs.reachable import NOTHING, assign, scan, value_at
 
 if TYPE_CHECKING:
-    from .direct_rl_env import DirectRLEnv
+    from .recording_env import RecordingEnv
 
 __all__ = ["HookPart", "PhysicsPart", "ResetPart", "hook_recorder", "records_on", "rehearse"]
 
@@ -41,7 +41,7 @@ def records_on(device: str) -> bool:
     return device != "cpu"
 
 
-def hook_recorder(env: DirectRLEnv) -> HookRecorder | None:
+def hook_recorder(env: RecordingEnv) -> HookRecorder | None:
     """The recorder of an environment; None where its config or its device wants none."""
     if env.cfg.hooks_graph is False or not env.cfg.sim.use_cuda_graph or not records_on(env.device):
         return None
@@ -58,7 +58,7 @@ def hook_recorder(env: DirectRLEnv) -> HookRecorder | None:
     return recorder
 
 
-def _arrays(env: DirectRLEnv) -> dict[str, torch.Tensor]:
+def _arrays(env: RecordingEnv) -> dict[str, torch.Tensor]:
     """Memory of the simulation that hooks may write, by name."""
     sim = env.sim
     arrays = {k: v for k, v in state_arrays(env).items() if isinstance(v, wp.array)}
@@ -77,7 +77,7 @@ def _arrays(env: DirectRLEnv) -> dict[str, torch.Tensor]:
 class Recorder:
     """Records functions of torch and Warp on one stream, with one pool of memory for all graphs of an environment."""
 
-    def __init__(self, env: DirectRLEnv):
+    def __init__(self, env: RecordingEnv):
         self.env, self._device = env, env.device
         self._stream: torch.cuda.Stream | None = None
         self._pool: tuple[int, int] | None = None
@@ -109,7 +109,7 @@ REHEARSED = 40
 """Largest number of steps of a rehearsal."""
 
 
-def rehearse(env: DirectRLEnv, recorder: HookRecorder) -> None:
+def rehearse(env: RecordingEnv, recorder: HookRecorder) -> None:
     """Take steps with actions of zero until it is known which hooks are recorded, and bring the state back.
 
     Tensors, numbers and random generators are brought back, lists that hooks lengthen are not.
@@ -182,7 +182,7 @@ class HookPart:
 class PhysicsPart:
     """The physics of a step with the torch hook ``_apply_action``, as an item of a step."""
 
-    def __init__(self, env: DirectRLEnv, recorder: HookRecorder, hook: RecordedHook):
+    def __init__(self, env: RecordingEnv, recorder: HookRecorder, hook: RecordedHook):
         self._env, self._recorder, self.hook = env, recorder, hook
 
     @property

@@ -242,6 +242,53 @@ def test_the_log_of_each_step_is_its_own():
     assert len({tuple(now.tolist()) for now, _ in kept}) > STEPS // 2
 
 
+def test_what_is_logged_has_memory_of_its_own():
+    """Memory that the recordings of a hook share; that of a recording may be written by another graph."""
+
+    def hook(env: Any) -> None:
+        env.extras["log"]["sum"] = env.input.sum()
+        env.extras["log"]["kept"] = env.sums
+
+    world = World(hook, True, start)
+    steps(world, STEPS)
+    world.extras = {"log": {}}
+    first, second = world.hook.launch(), world.hook.launch()
+    memory = world.hook.extras_memory.tensors["extras['log']['sum']"]
+    assert first.extras["log"]["sum"] is memory
+    assert second.extras["log"]["sum"] is memory
+    assert first.extras["log"]["kept"] is world.sums  # a later hook may write it in place
+
+
+def test_only_variants_that_come_often_are_recorded():
+    def hook(env: Any) -> None:
+        env.sums = env.sums + env.input[: env.calls[0]].sum()
+
+    world = World(hook, True, start)
+    world.hook.joins = False
+    often = 1
+    steps(world, HookRecorder.WARM + 1)
+    for variant in range(2, 2 + HookRecorder.WINDOW):
+        world.recorder.begin_step()
+        world.recorder.run(world.hook, variant)
+        world.recorder.end_step()
+    assert world.hook.variants == 0
+    found = []
+    for _ in range(HookRecorder.OFTEN + 1):
+        world.recorder.begin_step()
+        world.recorder.run(world.hook, often)
+        world.recorder.end_step()
+        found.append(world.hook.has_graph(often))
+    assert found == [False] * HookRecorder.OFTEN + [True]  # watched, then recorded
+
+
+def test_without_hooks_graphs_are_launched_at_once():
+    world = World(shift, True, start)
+    world.recorder.hooks.clear()
+    world.recorder.begin_step()
+    assert world.recorder.replays
+    world.recorder.end_step()
+
+
 # -- what a graph cannot hold
 
 COUNT = 0
@@ -328,6 +375,9 @@ def test_what_a_graph_cannot_hold_stays_eager_with_its_line(hook):
     for _ in range(16):
         world.step()
     assert not world.hook.recorded
+    world.recorder.begin_step()
+    assert world.recorder.replays  # graphs of kernels go on
+    world.recorder.end_step()
     where, _, what = world.hook.reason.partition(": ")
     file, _, line = where.partition(":")
     assert file == "envs/test_hook_recorder.py"

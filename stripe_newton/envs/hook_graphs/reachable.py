@@ -148,7 +148,8 @@ def size_of(container: object) -> int:
         return container.size
     if isinstance(container, (dict, list, deque, set, frozenset)):
         return len(container)
-    return len(_attributes(container))
+    own = len(getattr(container, "__dict__", ()))
+    return own + sum(hasattr(container, name) for name in _slots(type(container)))
 
 
 class _Root:
@@ -170,13 +171,23 @@ def _restore_attributes(holder: object, content: dict[str, object]) -> None:
 
 def _attributes(value: object) -> dict[str, object]:
     """Attributes of an object, those in slots included."""
-    slots = [n for cls in type(value).__mro__ for n in _slots(cls) if n not in ("__dict__", "__weakref__")]
+    slots = _slots(type(value))
     return {n: getattr(value, n) for n in slots if hasattr(value, n)} | getattr(value, "__dict__", {})
 
 
+_SLOTS: dict[type, list[str]] = {}
+
+
 def _slots(cls: type) -> list[str]:
-    slots = vars(cls).get("__slots__", ())
-    return [slots] if isinstance(slots, str) else list(slots)
+    """Names of the slots of a class and of its bases."""
+    if cls in _SLOTS:
+        return _SLOTS[cls]
+    found: list[str] = []
+    for base in cls.__mro__:
+        slots = vars(base).get("__slots__", ())
+        found += [slots] if isinstance(slots, str) else list(slots)
+    _SLOTS[cls] = [name for name in found if name not in ("__dict__", "__weakref__")]
+    return _SLOTS[cls]
 
 
 def _walk(value: object, path: Path, holder: object, key: str | int, found: Scan, seen: set[int]) -> None:
