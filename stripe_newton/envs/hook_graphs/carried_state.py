@@ -9,6 +9,7 @@ again. The copies are recorded with the hook. This is how a loop carries state f
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection, Iterable, Mapping
 
 import torch
@@ -92,17 +93,32 @@ class CarriedState:
     def _find_holders(self) -> None:
         found = scan(self._env, self._skip)
         self._holders = [(*found.holders[path], tensor) for path, tensor in self.homes.items()]
-        self._links = [*self._holders, *found.links]
+        # Attributes are looked up in the dict of their object, which is several times as fast.
+        self._slots = {path: _slot(*found.holders[path]) for path in self.homes}
+        self._links = [(*_slot(holder, key), value) for holder, key, value in found.links]
         self._sizes = [(container, size_of(container)) for container, _ in found.contents]
 
     def holds(self, tensor: torch.Tensor) -> bool:
         """Whether a tensor lies in memory that stays: that of a home or of the simulation."""
         return storage_of(tensor) in self._fixed or storage_of(tensor) in map(storage_of, self.homes.values())
 
-    def _is_untouched(self) -> bool:
-        """Whether all tensors and containers are where the last walk found them. It is far quicker than a walk."""
-        same = all(value_at(holder, key) is value for holder, key, value in self._links)
-        return same and all(size_of(container) == size for container, size in self._sizes)
+    def _look(self) -> Scan:
+        """The tensors of all paths as they are now.
+
+        Where all containers are those of the last walk, no other walk is needed, and the places of tensors are known.
+        """
+        found = Scan()
+        if all(value_at(holder, key) is value for holder, key, value in self._links) and all(
+            size_of(container) == size for container, size in self._sizes
+        ):
+            for path, (holder, key) in self._slots.items():
+                value = value_at(holder, key)
+                if not isinstance(value, torch.Tensor):
+                    break
+                found.tensors[path] = value
+            else:
+                return found
+        return scan(self._env, self._skip)
 
     def replaced(self) -> str:
         """Name of a tensor that is not at its home, so that code outside the hooks has bound it; empty for none."""
@@ -121,9 +137,9 @@ class CarriedState:
         Raises:
             NotSteady: if that is impossible; everything is then bound as it was found.
         """
-        if self._is_untouched():
+        now = self._look()
+        if all(tensor is self.homes.get(path) for path, tensor in now.tensors.items()) and not now.contents:
             return set()
-        now = scan(self._env, self._skip)
         moved = moved_paths(Scan(tensors=self.homes), now)
         self._check_sharing(now, moved)
         pairs = [(self.homes[p], now.tensors[p]) for p in moved if self.homes[p].numel()]
@@ -135,7 +151,8 @@ class CarriedState:
         for path, tensor in now.tensors.items():
             if tensor is not self.homes[path]:
                 assign(self._env, path, self.homes[path])
-        self._find_holders()
+        if now.contents:  # of a walk: containers are other ones than before
+            self._find_holders()
         return moved
 
     def _check_sharing(self, now: Scan, moved: Collection[Path]) -> None:
@@ -155,6 +172,13 @@ class CarriedState:
                 if there[0] != other:
                     names = f"{path_name(path)} and {path_name(there[1])}"
                     raise NotSteady(f"{names} do not always share memory")
+
+
+def _slot(holder: object, key: str | int) -> tuple[object, str | int]:
+    """Where a value is looked up: in the container, or in the dict of an object's attributes."""
+    own = getattr(holder, "__dict__", None)
+    is_attribute = not isinstance(holder, (dict, list, tuple, deque)) and isinstance(own, dict) and key in own
+    return (own if is_attribute else holder), key
 
 
 def _same_memory(a: torch.Tensor, b: torch.Tensor) -> bool:

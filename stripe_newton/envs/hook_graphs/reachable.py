@@ -135,7 +135,9 @@ def value_at(holder: object, key: str | int) -> object:
 
 
 def _get(holder: object, key: str | int) -> object:
-    if isinstance(holder, (dict, list, tuple, deque)):
+    if isinstance(holder, dict):  # the most frequent
+        return holder[key]
+    if isinstance(holder, (list, tuple, deque)):
         return holder[key]  # type: ignore[index]
     return getattr(holder, str(key))
 
