@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg, EventTermCfg, to_space
+from stripe_newton.envs.substeps import Substeps
 from stripe_newton.noise import ConstantNoiseCfg, NoiseModelCfg, NoiseModelWithAdditiveBiasCfg, UniformNoiseCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_tasks.robots import CARTPOLE_CFG
@@ -497,3 +498,13 @@ def test_watching_the_action_does_not_change_the_physics():
         results.append(env.joint_pos.clone())
     assert torch.equal(results[0], results[1])
     assert torch.equal(results[0], results[2])
+
+
+def test_targets_are_watched_ever_more_rarely():
+    substeps, watched = Substeps("auto", 2), []
+    for step in range(9000):
+        if substeps.watches:
+            watched.append(step)
+        substeps.count_step()
+    assert watched == [0, 1, 2, 64, 128, 256, 512, 1024, 2048, 4096, 8192]
+    assert not Substeps("step", 2).watches
