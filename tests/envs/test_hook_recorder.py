@@ -198,8 +198,8 @@ def test_a_hook_with_numbers_that_somebody_changes_is_recorded_again():
     for recorded in (False, True):
         world = World(hook, recorded, begin)
         for index in range(60):
-            if index == 30:
-                world.cfg["gain"] = 3.0
+            if index in (30, 45):
+                world.cfg["gain"] = 3.0 if index == 30 else torch.full((3,), 2.0)
             world.step()
         runs.append(world.sums.clone())
     assert torch.equal(*runs)

@@ -101,9 +101,13 @@ class HookRecorder:
         if replaced:
             self.start_again(f"{replaced} is bound to another tensor between steps")
             return
-        for hook in self.hooks:
-            if hook.traces and not hook.reason and hook.number_that_changed():
-                hook.start_again(hook.number_that_changed(), self.ATTEMPTS)
+        try:
+            for hook in self.hooks:
+                if hook.traces and not hook.reason and hook.number_that_changed():
+                    hook.start_again(hook.number_that_changed(), self.ATTEMPTS)
+        except NotSteady as error:
+            self.start_again(str(error))
+            return
         self._note_joined()
         if self._joined and self._steps >= self._next_check:
             self._checks_all = True

@@ -228,9 +228,15 @@ class RecordedHook:
             self._numbers.append((scope, name, scope[name], name))
 
     def number_that_changed(self) -> str:
-        """Reason, with its place, if a number that the hook may read is not what it was when the hook was watched."""
+        """Reason, with its place, if a number that the hook may read is not what it was when the hook was watched.
+
+        Raises:
+            NotSteady: if it is a tensor now, which has no home yet.
+        """
         for holder, key, value, name in self._numbers:
             now = value_at(holder, key)
+            if isinstance(now, torch.Tensor):
+                raise NotSteady(f"{self.place}: {name} is a number first and a tensor then")
             if now is not value and now != value:
                 where = place_of_name(self._code, name.rpartition(".")[2].partition("[")[0]) or self.place
                 return f"{where}: reads {name}, a number that changes from {value!r} to {now!r}"
