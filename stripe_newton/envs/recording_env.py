@@ -112,8 +112,9 @@ class RecordingEnv(DirectEnvBase):
 
     def _replays(self) -> bool:
         # A watched step takes its physics steps one by one, with or without recorded hooks: in one go they may round
-        # otherwise, and the results should not depend on what is recorded.
-        return self._recorder is None or (self._recorder.replays and not self._substeps.watches)
+        # otherwise, and the results should not depend on what is recorded. Only torch actions are watched.
+        watches = self._apply_part is not None and self._substeps.watches
+        return self._recorder is None or (self._recorder.replays and not watches)
 
     def begin_step(self) -> None:
         recaptures = self._recaptures

@@ -12,6 +12,8 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.envs.hook_graphs import HookGraphError
 from stripe_newton.rl.runner import OnPolicyRunner
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
+from stripe_tasks.cartpole import CartpoleEnvCfg
+from stripe_tasks.cartpole.direct_warp import CartpoleWarpEnv
 from tests.helpers.recorded_cart import (
     RecordedCart,
     RecordedCartCfg,
@@ -144,3 +146,17 @@ def test_hooks_and_kernels_share_two_graphs(eager, recording, monkeypatch):
     assert env.plan.graph_count == 2, env.describe()
     replays = [block.replay for block in env.plan._recorded]
     assert [replay is not None for replay in replays] == [True, False, True]
+
+
+def test_graphs_of_warp_hooks_are_launched_in_every_step(recording, monkeypatch):
+    cfg = CartpoleEnvCfg(decimation=2)  # of which torch actions would be watched
+    cfg.sim.device, cfg.scene.num_envs = "cpu", 4
+    env = CartpoleWarpEnv(cfg)
+    assert recorder_of(env).hooks == []
+    env.reset()
+    launches = []
+    run_plan = env.plan.run
+    monkeypatch.setattr(env.plan, "run", lambda replay=True: (launches.append(replay), run_plan(replay)))
+    for _ in range(5):
+        env.step(torch.zeros(4, 1))
+    assert launches == [True] * 5
