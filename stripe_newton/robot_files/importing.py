@@ -10,15 +10,16 @@ from typing import Any
 from xml.etree import ElementTree
 
 import newton
-import numpy as np
 import warp as wp
 from newton import JointType
+from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes and asset folders, as it reads them
 from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
 from stripe_newton.usd import StageReport
 from stripe_newton.usd.builder_checks import BuilderStart, group_masses
 from stripe_newton.usd.concave_meshes import concave_meshes
+from stripe_newton.usd.inertia_balance import balance_inertias
 from stripe_newton.usd.report_rows import build_report
 
 from .error import RobotFileError
@@ -26,6 +27,8 @@ from .file_kind import file_kind
 from .importer_warnings import warnings_as_rows
 from .mjcf import MjcfStart, complete_mjcf
 from .mjcf_checks import compile_mjcf
+from .mjcf_joint_frames import anchor_hinges, joint_motion_rows
+from .mjcf_masses import take_compiled_masses
 from .mjcf_rows import mjcf_rows
 from .urdf import prepare_urdf
 from .urdf_checks import Row, undecided_root
@@ -72,7 +75,7 @@ def import_robot_file(
         raise RobotFileError(path, ["has no bodies"])
     if problems := list(_massless(builder, start)):
         raise RobotFileError(path, problems)
-    rows += _improper_inertias(builder, start)
+    rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]
@@ -129,11 +132,26 @@ def _add_mjcf(
     try:
         # MuJoCo's default friction is 1; Newton's importer would take that of the builder where a file gives none.
         shapes.mu = 1.0
-        builder.add_mjcf(str(path), xform=xform, verbose=True, **own)  # else it skips what it cannot find in silence
+        # verbose: else it skips what it cannot find in silence
+        builder.add_mjcf(_with_plain_defaults(path), xform=xform, verbose=True, **own)
     finally:
         shapes.mu = friction
-    complete_mjcf(builder, str(path), start, keyframe, xform, own.get("scale", 1.0))
-    return mjcf_rows(builder, start, model, options)
+    scale = own.get("scale", 1.0)
+    anchor_hinges(builder, start.joint, model, scale)  # before coordinates are moved by ref
+    if scale == 1.0 and not own.get("collapse_fixed_joints"):
+        take_compiled_masses(builder, start.body, model)
+    complete_mjcf(builder, str(path), start, keyframe, xform, scale)
+    return [*mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
+
+
+def _with_plain_defaults(path: Path) -> str:
+    """The file, or its XML where its outermost ``<default>`` names its class, as ``"main"``.
+
+    Newton would keep these defaults for elements that name the class, where MuJoCo gives them to all.
+    """
+    root, _ = _load_and_expand_mjcf(str(path.resolve()))
+    named = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
+    return ElementTree.tostring(root, encoding="unicode") if named else str(path)
 
 
 def _replace_pgs(builder: newton.ModelBuilder) -> None:
@@ -158,21 +176,6 @@ def _massless(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str
 
 def _is_weld(builder: newton.ModelBuilder, joint: int) -> bool:
     return builder.joint_type[joint] == JointType.FIXED and builder.joint_articulation[joint] >= 0
-
-
-def _improper_inertias(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[Row]:
-    """Rows of inertia tensors that are those of no body: Newton corrects them when it makes the model."""
-    for body in range(start.body, builder.body_count):
-        mass, name = builder.body_mass[body], builder.body_label[body].rpartition("/")[2]
-        if mass <= 0.0:
-            continue
-        tensor = np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
-        low, middle, high = np.linalg.eigvalsh(0.5 * (tensor + tensor.T))
-        moments = f"{low:.3g}, {middle:.3g}, {high:.3g} kg m^2"
-        if low <= 0.0:
-            yield name, "inertia", f"its moments {moments} are not positive: Newton raises them"
-        elif low + middle < high * (1.0 - 1e-4):
-            yield name, "inertia", f"no body has the moments {moments}, the largest above the sum of the others: raised"
 
 
 def _grouped(rows: list[Row]) -> Iterator[Row]:

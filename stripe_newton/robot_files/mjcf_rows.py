@@ -32,7 +32,12 @@ def mjcf_rows(
         model: MuJoCo's model of the file.
         options: Options of the importer; what they change on purpose is not compared.
     """
-    rows = [*_unused(model, options), *_counts(builder, start, model)]
+    rows = [
+        *_unused(model, options),
+        *_counts(builder, start, model),
+        *_shortened_tendons(builder, start, model),
+        *_filtered_collisions(model),
+    ]
     if options.get("scale", 1.0) == 1.0:
         rows += _joint_differences(builder, start, model)
         if not options.get("collapse_fixed_joints"):
@@ -78,6 +83,40 @@ def _counts(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjMode
     ):
         if here != there:
             yield what, f"{here} of {there} read", "Newton's importer has no counterpart for the others"
+
+
+def _shortened_tendons(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:
+    """Joints of fixed tendons that Newton's solver leaves out, as it takes none that it merged with another."""
+    merged = {
+        name
+        for joint in range(start.joint, builder.joint_count)
+        if builder.joint_type[joint] == newton.JointType.D6
+        for name in builder.joint_label[joint].rpartition("/")[2].split("+")
+    }
+    for tendon in range(model.ntendon):
+        wraps = range(int(model.tendon_adr[tendon]), int(model.tendon_adr[tendon] + model.tendon_num[tendon]))
+        joints = [w for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
+        names = [model.joint(int(model.wrap_objid[w])).name for w in joints]
+        if lost := [name for name in names if name.replace("-", "_") in merged]:
+            what = "the tendon and what acts on it" if lost == names else f"{', '.join(lost)} of the tendon"
+            why = f"{what} left out: joints that share a body with others are no part of a tendon of Newton's solver"
+            yield model.tendon(tendon).name or f"tendon {tendon}", "tendon", f"{why}; give each a body of its own"
+
+
+def _filtered_collisions(model: mujoco.MjModel) -> Iterator[Row]:
+    """Bodies that MuJoCo lets collide with the parent that their joint is on, as that one is fixed to the world."""
+    kinds = [(0, 0)] * model.nbody
+    for geom, body in enumerate(model.geom_bodyid):
+        contype, conaffinity = kinds[body]
+        kinds[body] = contype | int(model.geom_contype[geom]), conaffinity | int(model.geom_conaffinity[geom])
+    for body in range(1, model.nbody):
+        parent = int(model.body_parentid[body])
+        if parent == 0 or model.body_weldid[parent] != 0 or model.body_weldid[body] == 0:
+            continue
+        one, two = kinds[parent], kinds[body]
+        if one[0] & two[1] or two[0] & one[1]:
+            why = f"not with its parent '{model.body(parent).name}': MuJoCo would let them, as that one is fixed"
+            yield model.body(body).name or f"body {body}", "collisions", why
 
 
 def _joint_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:

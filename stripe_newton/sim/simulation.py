@@ -18,6 +18,7 @@ from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.configclass import configclass
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
+from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
 
 from .capture import capture_graph
 from .connect_anchors import ConnectAnchors
@@ -170,6 +171,7 @@ class Simulation:
         """An empty builder with the solver's attributes and the default material of the settings."""
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         self.cfg.solver.register(builder)
+        builder.inertia_absolute_tolerance = SMALLEST_INERTIA
         material = self.cfg.physics_material
         builder.default_shape_cfg.mu = material.dynamic_friction
         builder.default_shape_cfg.restitution = material.restitution

@@ -12,41 +12,49 @@ import warp as wp
 
 from .text_table import vector
 
-__all__ = ["balance_inertias"]
+__all__ = ["SMALLEST_INERTIA", "balance_inertias"]
 
-_FLOAT32_EPS = float(np.finfo(np.float32).eps)
+SMALLEST_INERTIA = 1.0e-15
+"""Least moment of inertia that is kept [kg m^2], MuJoCo's ``mjMINVAL``: Newton would raise what is below 1e-10, such as
+a marker of a milligram, to 1e-6."""
 
 
 def balance_inertias(builder: newton.ModelBuilder, first: int) -> Iterator[tuple[str, str, str]]:
-    """Correct the inertias of the bodies from ``first`` on whose principal moments break the triangle inequality.
+    """Correct the inertias of the bodies from ``first`` on that are those of no body.
 
-    Newton does so by itself when the model is made, without the names of the bodies.
+    Newton does so by itself when the model is made, without the names of the bodies: whose principal moments break the
+    triangle inequality, or are not positive.
 
     Yields:
         A row ``(path, what, why)`` for each corrected body.
     """
-    for body in range(first, builder.body_count):
-        inertia = np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
-        mass = builder.body_mass[body]
-        if not mass > 0.0 or not np.isfinite(inertia).all():
+    builder.inertia_absolute_tolerance = SMALLEST_INERTIA
+    inertias = np.array(builder.body_inertia[first:], dtype=float).reshape(-1, 3, 3)
+    masses = np.array(builder.body_mass[first:], dtype=float)
+    sound = np.flatnonzero((masses > 0.0) & np.isfinite(inertias).all(axis=(1, 2)))
+    if not len(sound):
+        return
+    corrected = _by_newton(builder, masses[sound], inertias[sound])
+    for k, after in zip(sound, corrected, strict=True):
+        before = (inertias[k] + inertias[k].T) / 2
+        if np.allclose(after, before, rtol=1e-5, atol=1e-5 * np.abs(before).max()):
             continue
-        moments = np.linalg.eigvalsh((inertia + inertia.T) / 2)
-        if moments[0] <= 0.0 or moments[0] + moments[1] >= moments[2] * (1.0 - _FLOAT32_EPS):
-            continue
-        corrected = _by_newton(mass, inertia)
-        after = np.linalg.eigvalsh(corrected)
-        if np.allclose(after, moments, rtol=1e-5):
-            continue
-        builder.body_inertia[body] = wp.mat33(*corrected.reshape(-1).tolist())
-        builder.body_inv_inertia[body] = wp.inverse(builder.body_inertia[body])
-        why = f"{vector(moments.tolist())} kg m^2 is of no body, as two must not add up to less than the third"
-        yield builder.body_label[body], "inertia", f"{why}: {vector(after.tolist())} is used"
+        body = first + int(k)
+        builder.body_inertia[body] = wp.mat33(*after.reshape(-1).tolist())
+        builder.body_inv_inertia[body] = wp.mat33(*np.linalg.inv(after).reshape(-1).tolist())
+        moments = np.linalg.eigvalsh(before)
+        reason = "they must be positive" if moments[0] <= 0.0 else "two must not add up to less than the third"
+        why = f"{vector(moments.tolist())} kg m^2 is of no body, as {reason}"
+        used = vector(np.linalg.eigvalsh(after).tolist())
+        yield builder.body_label[body], "inertia", f"{why}: {used} is used"
 
 
-def _by_newton(mass: float, inertia: np.ndarray) -> np.ndarray:
-    """What Newton makes of an inertia when it makes a model."""
-    builder = newton.ModelBuilder()
-    builder.add_body(mass=mass, inertia=wp.mat33(*inertia.reshape(-1).tolist()))
+def _by_newton(builder: newton.ModelBuilder, masses: np.ndarray, inertias: np.ndarray) -> np.ndarray:
+    """What Newton makes of inertias when it makes a model, shape ``(bodies, 3, 3)``."""
+    bodies = newton.ModelBuilder()
+    bodies.inertia_absolute_tolerance = builder.inertia_absolute_tolerance
+    for mass, inertia in zip(masses, inertias, strict=True):
+        bodies.add_body(mass=float(mass), inertia=wp.mat33(*inertia.reshape(-1).tolist()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its warning names no body, the row does
-        return np.array(builder.finalize(device="cpu").body_inertia.numpy()[0], dtype=float)
+        return np.array(bodies.finalize(device="cpu").body_inertia.numpy(), dtype=float).reshape(-1, 3, 3)

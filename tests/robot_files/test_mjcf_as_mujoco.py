@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJCF files are read as MuJoCo's compiler reads them, or a row says what is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import newton
+import numpy as np
+import pytest
+
+from stripe_newton.robot_files import inspect_robot_file
+from stripe_newton.robot_files.importing import import_robot_file
+
+INERTIAL = '<inertial pos="0.1 0 0" mass="2" diaginertia=".02 .03 .04"/>'
+
+
+def imported(folder: Path, bodies: str, rest: str = "") -> tuple[newton.ModelBuilder, mujoco.MjModel, dict[str, str]]:
+    """Builder, MuJoCo's model, and what the rows say by element."""
+    path = folder / "robot.xml"
+    path.write_text(f"<mujoco>{rest}<worldbody>{bodies}</worldbody></mujoco>")
+    builder = newton.ModelBuilder()
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    report = import_robot_file(builder, "mjcf", path, {})
+    return (
+        builder,
+        mujoco.MjModel.from_xml_path(str(path)),
+        {where: f"{what}: {why}" for where, what, why in report.ignored},
+    )
+
+
+def places(builder: newton.ModelBuilder, coordinates: list[float]) -> np.ndarray:
+    """Positions of the bodies at some coordinates, shape ``(bodies, 3)``."""
+    builder.joint_q[:] = coordinates
+    model = builder.finalize(device="cpu")
+    state = model.state()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    return state.body_q.numpy()[:, :3]
+
+
+def test_a_hinge_turns_about_its_own_anchor_whatever_that_of_the_slide_before_it(tmp_path):
+    """As in the planar robots of Gymnasium, whose slides have a ``pos`` that means nothing."""
+    joints = (
+        '<joint name="x" type="slide" axis="1 0 0" pos="0 0 -1.25"/>'
+        '<joint name="z" type="slide" axis="0 0 1" pos="0 0 -1.25" ref="1.25"/>'
+        '<joint name="turn" axis="0 1 0" pos="0 0 0.1"/>'
+    )
+    tip = f'<body name="tip" pos="0 0 0.5"><joint name="bend" axis="0 1 0"/>{INERTIAL}</body>'
+    builder, model, rows = imported(tmp_path, f'<body name="torso" pos="0 0 1.25">{joints}{INERTIAL}{tip}</body>')
+    coordinates = [0.3, 1.5, 0.8, -0.4]
+    data = mujoco.MjData(model)
+    data.qpos[:] = coordinates
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(places(builder, coordinates), data.xpos[1:], atol=1e-6)
+    assert not [row for row in rows.values() if row.startswith("motion")]
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        '<joint name="a" axis="0 1 0" pos="0 0 0.08"/><joint name="b" axis="1 0 0" pos="0 0 0.04"/>',
+        '<joint name="a" axis="0 1 0"/><joint name="b" type="slide" axis="1 0 0"/>',
+    ],
+)
+def test_joints_that_move_a_body_otherwise_have_a_row(tmp_path, joints):
+    _, _, rows = imported(tmp_path, f'<body name="foot">{joints}{INERTIAL}</body>')
+    (row,) = [text for where, text in rows.items() if text.startswith("motion")]
+    assert "MuJoCo moves its body otherwise" in row
+
+
+def test_masses_are_those_of_the_compiler(tmp_path):
+    body = '<body name="a"><freejoint/><geom type="sphere" size="0.1" mass="2"/></body>'
+    for compiler in ('<compiler settotalmass="7"/>', '<compiler boundmass="3" boundinertia="0.5"/>'):
+        builder, model, rows = imported(tmp_path, body, compiler)
+        assert builder.body_mass[0] == pytest.approx(model.body_mass[1])
+        np.testing.assert_allclose(np.diag(np.array(builder.body_inertia[0]).reshape(3, 3)), model.body_inertia[1])
+        assert not any(text.startswith(("mass", "inertia")) for text in rows.values())
+
+
+def test_the_inertia_of_a_marker_of_a_milligram_stays(tmp_path):
+    body = '<body name="a"><freejoint/><inertial pos="0 0 0" mass="1e-6" diaginertia="1e-12 1e-12 1e-12"/></body>'
+    builder, _, _ = imported(tmp_path, body)
+    np.testing.assert_allclose(np.diag(builder.finalize(device="cpu").body_inertia.numpy()[0]), 1e-12, rtol=1e-5)
+
+
+def test_an_inertia_of_no_body_has_one_row_and_is_balanced(tmp_path):
+    inertia = '<inertia ixx="1" iyy="1" izz="3" ixy="0" ixz="0" iyz="0"/>'
+    body = f'<link name="a"><inertial><mass value="1"/>{inertia}</inertial></link>'
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<robot name="r">{body}</robot>')
+    report = inspect_robot_file(path)
+    (row,) = [row for row in report.ignored if row[1] == "inertia"]
+    assert row[0] == "a"
+    assert "two must not add up to less than the third" in row[2]
+    low, middle, high = sorted(report.bodies[0].inertia)
+    assert low + middle >= high * (1 - 1e-5)
+
+
+def test_defaults_of_a_named_outermost_class_hold_for_all(tmp_path):
+    rest = '<default class="main"><geom friction="0.7" type="box"/><joint damping="3"/></default>'
+    body = f'<body name="a"><joint name="j"/>{INERTIAL}<geom size="0.1 0.1 0.1"/></body>'
+    builder, _, _ = imported(tmp_path, body, rest)
+    assert builder.joint_damping[0] == pytest.approx(3.0)
+    assert builder.shape_material_mu[0] == pytest.approx(0.7)
+    assert builder.shape_type[0] == newton.GeoType.BOX
+
+
+def test_joints_that_a_tendon_loses_have_a_row(tmp_path):
+    joints = '<joint name="a" axis="0 1 0"/><joint name="b" axis="1 0 0"/>'
+    body = f'<body name="x">{joints}{INERTIAL}<body name="y"><joint name="c"/>{INERTIAL}</body></body>'
+    rest = '<tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="c" coef="1"/></fixed></tendon>'
+    _, _, rows = imported(tmp_path, body, rest)
+    assert rows["t"].startswith("tendon: a of the tendon left out")
+
+
+def test_a_collision_with_a_fixed_parent_has_a_row(tmp_path):
+    geom = '<geom size="0.1"/>'
+    body = f'<body name="base">{geom}<body name="link"><joint name="a" axis="0 1 0"/>{geom}{INERTIAL}</body></body>'
+    _, _, rows = imported(tmp_path, body)
+    assert "not with its parent 'base'" in rows["link"]
