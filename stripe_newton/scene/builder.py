@@ -32,7 +32,7 @@ from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
-from stripe_newton.usd.concave_meshes import concave_meshes
+from stripe_newton.usd.concave_meshes import concave_meshes, rows_by_triangles
 
 from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
@@ -152,6 +152,9 @@ class SceneBuilder:
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
         own = range(0) if scene.scenery is None else scene.scenery.joints
         sim.build(template, static, scene.env_origins.cpu().numpy().copy(), allow_static=self.adopt, unmoved=own)
+        if not sim.cfg.solver.finds_contacts:
+            for report in self.reports:  # those of meshes that move were written before the solver was chosen
+                report.ignored = rows_by_triangles(report.ignored)
         if scene.scenery is not None and isinstance(scene.terrain, SceneryGround):
             scene.scenery.bind(sim, scene.terrain)
         # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.

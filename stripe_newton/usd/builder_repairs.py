@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import newton
 import numpy as np
-from newton import GeoType
+from newton import GeoType, JointType
+from pxr import Usd
 
 from .ignored_rows import Ignored
 from .mesh_copies import with_geometry
 
-__all__ = ["articulate_single_joints", "unmirror_meshes"]
+__all__ = ["articulate_single_joints", "set_translation_states", "unmirror_meshes"]
 
 
 def unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
@@ -66,3 +67,25 @@ def _sort_articulations(builder: newton.ModelBuilder) -> None:
     for attribute in builder.custom_attributes.values():
         if attribute.frequency == newton.Model.AttributeFrequency.ARTICULATION and isinstance(attribute.values, dict):
             attribute.values = {new[a]: value for a, value in attribute.values.items()}
+
+
+def set_translation_states(builder: newton.ModelBuilder, first: int, stage: Usd.Stage) -> None:
+    """Set positions and velocities of the translations of D6 joints, of which Newton reads those of rotations alone.
+
+    Args:
+        builder: The builder.
+        first: First joint.
+        stage: The stage that was read, in SI units.
+    """
+    for joint in range(first, builder.joint_count):
+        linear, _ = builder.joint_dof_dim[joint]
+        prim = stage.GetPrimAtPath(builder.joint_label[joint]) if builder.joint_label[joint].startswith("/") else None
+        if builder.joint_type[joint] != JointType.D6 or not prim or prim.GetTypeName() != "PhysicsJoint":
+            continue
+        dof, coord = builder.joint_qd_start[joint], builder.joint_q_start[joint]
+        for k in range(linear):
+            axis = "XYZ"[int(np.abs(np.array(builder.joint_axis[dof + k], dtype=float)).argmax())]
+            for name, values, at in (("position", builder.joint_q, coord + k), ("velocity", builder.joint_qd, dof + k)):
+                attribute = prim.GetAttribute(f"state:trans{axis}:physics:{name}")
+                if attribute and attribute.Get() is not None:
+                    values[at] = float(attribute.Get())

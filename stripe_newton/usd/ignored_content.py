@@ -36,8 +36,6 @@ def _second_scenes(prims: list[Usd.Prim]) -> Iterator[tuple[str, str, str]]:
 def _prim_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
     if prim.IsA(UsdGeom.Camera):
         yield "camera", "cameras of a stage are not used; a task's viewer has its own"
-    if prim.IsA(UsdGeom.PointInstancer):
-        yield "point instancer", "its instances are not read; author them as prims"
     if prim.HasAPI(UsdPhysics.CollisionAPI):
         yield from _collider_ignored(prim)
     if prim.HasAPI(UsdPhysics.MaterialAPI):

@@ -17,7 +17,7 @@ from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPh
 from pxr import Tf, Usd, UsdGeom, UsdPhysics
 
 from .builder_checks import BuilderStart, check_builder
-from .builder_repairs import articulate_single_joints, unmirror_meshes
+from .builder_repairs import articulate_single_joints, set_translation_states, unmirror_meshes
 from .checks import check_stage
 from .concave_meshes import concave_mesh_rows
 from .file_errors import last_line
@@ -78,6 +78,7 @@ def load_stage(
     result = _add_usd(builder, prepared, root_path, ignore, name, rows)
     unmirror_meshes(builder, start.shape)
     articulate_single_joints(builder, start.joint, rows)
+    set_translation_states(builder, start.joint, prepared)
     if solver == "mujoco":
         rows.extend(thicken_flat_meshes(builder, start.shape, name))
         rows.extend(concave_mesh_rows(builder, start.shape, static_triangles=not hulls))

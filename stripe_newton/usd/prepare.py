@@ -16,6 +16,7 @@ from .ignored_rows import Ignored
 from .loose_joints import articulate_loose_joints
 from .material_bindings import inherited_materials, lost_materials, unapplied_bindings
 from .mesh_checks import mesh_reason, normals_reason
+from .point_instancers import expand_point_instancers
 from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
 from .units import mixed_units, stage_units, to_si
@@ -26,6 +27,7 @@ __all__ = ["prepare", "schema_typed"]
 def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> tuple[Usd.Stage, Ignored]:
     """Edit a stage so that Newton reads it as UsdPhysics defines it.
 
+    * Instances of point instancers become prims (:func:`expand_point_instancers`).
     * Numbers of another type than their schema has, such as a double for a float, are converted: UsdPhysics would take
       its default.
     * Units other than metres and kilograms are converted (:func:`to_si`).
@@ -44,6 +46,7 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     metres, kilograms = stage_units(stage)
     rows: Ignored = mixed_units(stage)
     typed = _Edit(stage, root_path, ignore, rows)
+    expand_point_instancers(typed.overlay, root_path, ignore, rows, name)
     typed.convert_types()
     converted = to_si(typed.overlay.stage)
     if converted is not typed.overlay.stage:

@@ -154,6 +154,21 @@ def test_the_rows_name_concave_colliders_and_no_others():
     assert "convexDecomposition" in rows[0][2]
 
 
+@pytest.mark.filterwarnings("ignore:.*left out, converted or replaced")
+def test_the_row_of_a_moving_mesh_says_what_static_scenery_decides():
+    stage = new_stage()
+    add_step(stage, "/World/stairs", None)
+    template = UsdGeom.Xform.Define(stage, "/World/envs/env_0/stool").GetPrim()
+    UsdPhysics.RigidBodyAPI.Apply(template)
+    UsdGeom.XformCommonAPI(template).SetTranslate(Gf.Vec3d(0, 0, 5))
+    add_step(stage, "/World/envs/env_0/stool/seat", None)
+    settings = SimulationCfg(gravity=None, device="cpu")
+    scene = InteractiveScene.from_usd(stage, num_envs=2, env_spacing=4.0, sim_cfg=settings)
+    whys = {path: why for report in scene.builder.reports for path, what, why in report.ignored if "concave" in what}
+    assert len(whys) == 2
+    assert all("its triangles collide" in why for why in whys.values()), whys
+
+
 def test_newton_s_bunny_is_concave():
     stage = Usd.Stage.Open(get_asset("bunny.usd"))
     bunny = newton.usd.get_mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))

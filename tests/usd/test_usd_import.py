@@ -92,6 +92,27 @@ def test_limits_drives_and_initial_state_come_in_radians():
     assert [(a.base, a.dofs, len(a.bodies)) for a in report.articulations] == [("fixed", 1, 2)]
 
 
+def test_translations_of_a_d6_joint_begin_where_the_stage_says():
+    stage = new_stage(0.01)
+    for name in "ab":
+        add_body(stage, f"/World/{name}")
+    joint = add_joint(stage, "/World/slide", "/World/a", "/World/b", UsdPhysics.Joint).GetPrim()
+    for axis in ("transX", "transZ", "rotY"):
+        limit = UsdPhysics.LimitAPI.Apply(joint, axis)
+        limit.CreateLowAttr(-30.0)
+        limit.CreateHighAttr(30.0)
+    for name, value in (
+        ("transZ:physics:position", 20.0),
+        ("transX:physics:velocity", 50.0),
+        ("rotY:physics:position", 9.0),
+    ):
+        joint.CreateAttribute(f"state:{name}", Sdf.ValueTypeNames.Float).Set(value)
+    builder, _ = load(stage)
+    at, dof = builder.joint_q_start[-1], builder.joint_qd_start[-1]
+    np.testing.assert_allclose(builder.joint_q[at : at + 3], (0.0, 0.2, np.radians(9.0)), atol=1e-6)
+    np.testing.assert_allclose(builder.joint_qd[dof : dof + 3], (0.5, 0.0, 0.0), atol=1e-6)
+
+
 def machine(metres: float, kilograms: float, y_up: bool) -> Usd.Stage:
     """The same cart, link and loose box in the units and with the up axis that are asked for."""
     stage = new_stage(metres, kilograms, "Y" if y_up else "Z")
