@@ -17,7 +17,8 @@ from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
 from stripe_newton.usd import StageReport
-from stripe_newton.usd.builder_checks import BuilderStart, group_masses
+from stripe_newton.usd.attribute_table import MAX_COORDINATE
+from stripe_newton.usd.builder_checks import BuilderStart, group_masses, shape_extent
 from stripe_newton.usd.concave_meshes import concave_meshes
 from stripe_newton.usd.inertia_balance import balance_inertias
 from stripe_newton.usd.report_rows import build_report
@@ -34,6 +35,9 @@ from .urdf import prepare_urdf
 from .urdf_checks import Row, undecided_root
 
 __all__ = ["extend_report", "import_robot_file", "inspect_robot_file"]
+
+_SMALLEST_RANGE = 1e-5
+"""Half the range of a locked joint [rad, m], and the effort of a drive without any [N m, N]."""
 
 
 def import_robot_file(
@@ -73,7 +77,7 @@ def import_robot_file(
         raise RobotFileError(path, [str(error) or type(error).__name__]) from error
     if builder.body_count == start.body:
         raise RobotFileError(path, ["has no bodies"])
-    if problems := list(_massless(builder, start)):
+    if problems := [*_large_shapes(builder, start), *_massless(builder, start)]:
         raise RobotFileError(path, problems)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
     if kind == "urdf":  # MuJoCo's format means the hull
@@ -118,8 +122,24 @@ def _add_urdf(
     own = dict(options)
     packages, visuals = own.pop("packages", None), own.get("parse_visuals_as_colliders", False)
     text, rows = prepare_urdf(path, own.get("floating"), packages, visuals)
+    first = builder.joint_dof_count
     builder.add_urdf(text, xform=xform, **own)
+    _open_empty_ranges(builder, first)
     return rows
+
+
+def _open_empty_ranges(builder: newton.ModelBuilder, first: int) -> None:
+    """Give joints whose limits are equal, and drives whose effort is 0, ranges that MuJoCo takes.
+
+    Both are valid in URDF: the joint is locked, and the drive does nothing,
+    for which :func:`urdf_rows` has a row.
+    """
+    for dof in range(first, builder.joint_dof_count):
+        if builder.joint_limit_lower[dof] == builder.joint_limit_upper[dof]:
+            builder.joint_limit_lower[dof] -= _SMALLEST_RANGE
+            builder.joint_limit_upper[dof] += _SMALLEST_RANGE
+        if builder.joint_effort_limit[dof] == 0.0:
+            builder.joint_effort_limit[dof] = _SMALLEST_RANGE
 
 
 def _add_mjcf(
@@ -160,6 +180,13 @@ def _replace_pgs(builder: newton.ModelBuilder) -> None:
     if attribute is not None and attribute.mjcf_value_transformer is not None:
         read = attribute.mjcf_value_transformer
         attribute.mjcf_value_transformer = lambda value, context: read("newton" if value == "PGS" else value, context)
+
+
+def _large_shapes(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
+    for shape in range(start.shape, builder.shape_count):
+        if not (extent := shape_extent(builder, shape)) <= MAX_COORDINATE:
+            name = builder.shape_label[shape].rpartition("/")[2]
+            yield f"shape '{name}': has a size of {extent:g} m; it must be finite and at most {MAX_COORDINATE:g} m"
 
 
 def _massless(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:

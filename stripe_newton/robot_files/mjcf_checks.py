@@ -14,6 +14,7 @@ import mujoco
 from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 from .error import RobotFileError
+from .numbers import MAX_NUMBER
 
 __all__ = ["compile_mjcf"]
 
@@ -104,6 +105,8 @@ def _number_problems(root: Element) -> Iterator[str]:
                 yield f"{_named(element, parent)}: {attribute} is not a number ({text}), must be finite"
             elif attribute not in _MAY_BE_INFINITE and any(math.isinf(v) for v in values):
                 yield f"{_named(element, parent)}: {attribute} is infinite ({text}), must be finite"
+            elif attribute not in _MAY_BE_INFINITE and any(abs(v) > MAX_NUMBER for v in values):
+                yield f"{_named(element, parent)}: {attribute} is {text}, must be at most {MAX_NUMBER:g}"
 
 
 def _unread_problems(root: Element) -> Iterator[str]:

@@ -7,7 +7,10 @@ import math
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-__all__ = ["number_problems", "numbers_of"]
+__all__ = ["MAX_NUMBER", "number_problems", "numbers_of"]
+
+MAX_NUMBER = 1e15
+"""Largest number that is no range: single precision has no room for its square and cube."""
 
 
 def numbers_of(element: Element | None, attribute: str, default: str = "") -> list[float]:
@@ -47,5 +50,7 @@ def number_problems(
         yield f"{name} is not a number (nan), must be {'finite' if size == 1 else f'{size} finite numbers'}"
     elif not infinite and any(math.isinf(v) for v in values):
         yield f"{name} is infinite ({text}), must be finite"
+    elif not infinite and any(abs(v) > MAX_NUMBER for v in values):
+        yield f"{name} is {text}, must be at most {MAX_NUMBER:g}"
     elif any(v < least for v in values):
         yield f"{name} is {text}, must be at least {least:g}"

@@ -12,7 +12,7 @@ from newton import GeoType, JointType
 from .attribute_table import MAX_COORDINATE
 from .stage_access import StageError
 
-__all__ = ["BuilderStart", "check_builder", "group_masses"]
+__all__ = ["BuilderStart", "check_builder", "group_masses", "shape_extent"]
 
 _MUJOCO_JOINTS = {
     JointType.FREE,
@@ -45,8 +45,10 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
             is not finite, a plane on a moving body.
     """
     for shape in range(start.shape, builder.shape_count):
-        if not _extent(builder, shape) <= MAX_COORDINATE:
-            reason = f"has a size of {_extent(builder, shape):g} m; it must be finite and at most {MAX_COORDINATE:g} m"
+        if not shape_extent(builder, shape) <= MAX_COORDINATE:
+            reason = (
+                f"has a size of {shape_extent(builder, shape):g} m; it must be finite and at most {MAX_COORDINATE:g} m"
+            )
             raise StageError(name, builder.shape_label[shape], f"{reason}: are size, scale and units right?")
     _check_bodies(builder, start, name)
     if solver == "mujoco":
@@ -58,7 +60,7 @@ def check_builder(builder: newton.ModelBuilder, start: BuilderStart, solver: str
             raise StageError(name, builder.shape_label[shape], reason)
 
 
-def _extent(builder: newton.ModelBuilder, shape: int) -> float:
+def shape_extent(builder: newton.ModelBuilder, shape: int) -> float:
     """Largest coordinate of a shape in its body's frame [m]; not-a-number or infinite for one beyond float32."""
     scale = np.abs(np.array(builder.shape_scale[shape], dtype=float))
     vertices = getattr(builder.shape_source[shape], "vertices", None)

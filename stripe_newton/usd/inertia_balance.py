@@ -37,7 +37,7 @@ def balance_inertias(builder: newton.ModelBuilder, first: int) -> Iterator[tuple
     corrected = _by_newton(builder, masses[sound], inertias[sound])
     for k, after in zip(sound, corrected, strict=True):
         before = (inertias[k] + inertias[k].T) / 2
-        if np.allclose(after, before, rtol=1e-5, atol=1e-5 * np.abs(before).max()):
+        if not np.isfinite(after).all() or np.allclose(after, before, rtol=1e-5, atol=1e-5 * np.abs(before).max()):
             continue
         body = first + int(k)
         builder.body_inertia[body] = wp.mat33(*after.reshape(-1).tolist())

@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import pytest
 
-from stripe_newton.robot_files import inspect_robot_file
+from stripe_newton.robot_files import RobotFileError, inspect_robot_file
 from stripe_newton.robot_files.importing import import_robot_file
 
 INERTIAL = '<inertial pos="0.1 0 0" mass="2" diaginertia=".02 .03 .04"/>'
@@ -119,3 +119,27 @@ def test_a_collision_with_a_fixed_parent_has_a_row(tmp_path):
     body = f'<body name="base">{geom}<body name="link"><joint name="a" axis="0 1 0"/>{geom}{INERTIAL}</body></body>'
     _, _, rows = imported(tmp_path, body)
     assert "not with its parent 'base'" in rows["link"]
+
+
+@pytest.mark.parametrize("joint", ["axis='0 1e30 0'", "damping='1e20'"])
+def test_numbers_beyond_single_precision_are_refused(tmp_path, joint):
+    with pytest.raises(RobotFileError, match=r"<joint> 'a': .* must be at most 1e\+15"):
+        imported(tmp_path, f'<body name="x"><joint name="a" {joint}/>{INERTIAL}</body>')
+
+
+def test_a_urdf_joint_of_equal_limits_is_locked_and_a_drive_without_effort_does_nothing(tmp_path):
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(f'<link name="{n}"><inertial><mass value="1"/>{inertia}</inertial></link>' for n in "ab")
+    joint = (
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit effort="0" velocity="1"/></joint>'
+    )
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<robot name="r">{links}{joint}</robot>')
+    builder = newton.ModelBuilder()
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    report = import_robot_file(builder, "urdf", path, {"floating": False})
+    assert ("j", "effort limit 0") in {(where, what) for where, what, _ in report.ignored}
+    solver = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"))  # MuJoCo refuses ranges without a width
+    low, high = solver.mj_model.jnt_range[0]
+    assert -1e-4 < low < high < 1e-4
+    assert abs(solver.mj_model.jnt_actfrcrange[0]).max() < 1e-4

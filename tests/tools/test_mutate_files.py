@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tool ``mutate_files.py``: damaged stages load, or are refused by one error; the tool sees what does neither."""
+"""Tool ``mutate_files.py``: damaged files load, or are refused by one error; the tool sees what does neither."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests.helpers.checkout import PYTHONPATH
-from tools.checks import mutate_files as tool
+from tools.checks import mutate_files as tool  # puts its folder on the path
+
+import file_worker  # isort: skip
 
 
 @pytest.fixture(autouse=True)
@@ -34,10 +36,10 @@ def test_crashes_hangs_and_tracebacks_are_seen(tmp_path, monkeypatch):
         "for line in sys.stdin:\n"
         "    if 'crash' in line: os.abort()\n"
         "    if 'hang' in line: time.sleep(600)\n"
-        "    print(json.dumps(['loads', '']), flush=True)\n"
+        "    print(json.dumps(['loads', '', {}]), flush=True)\n"
     )
     monkeypatch.setattr(tool, "__file__", str(worker))
-    monkeypatch.setattr(tool, "START_S", 1.0)
+    monkeypatch.setattr(file_worker, "START_S", 1.0)
     cases = [tool.Case(name, "", "") for name in ("good", "crash", "good", "hang", "good")]
     tool.run_cases(cases, workers=1, timeout=2.0)
     assert [case.outcome for case in cases] == ["loads", "crash", "loads", "hang", "loads"]

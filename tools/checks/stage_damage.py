@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stage damage: valid USD stages, and random changes of their text and bytes that a seed repeats."""
+"""Stage damage: valid USD stages and robots' files, and random changes of their text and bytes that a seed repeats."""
 
 from __future__ import annotations
 
 import os
 import random
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import newton
 from pxr import Sdf, Usd
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from robot_damage import damage_robot, robot_sources
 
 __all__ = ["Case", "damaged_files"]
 
@@ -271,15 +276,26 @@ def change_bytes(draw: random.Random, content: bytes) -> bytes:
 
 
 def damaged_files(folder: Path, count: int, seed: int) -> list[Case]:
-    """Write damaged stages to a folder. The same seed gives the same files."""
+    """Write damaged files to a folder, two of five a robot's. The same seed gives the same files."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "pipe.usda").exists():
         os.mkfifo(folder / "pipe.usda")
     (folder / "noise.bin").write_bytes(bytes(range(256)))
-    texts, cases = sources(), []
+    texts, robots, cases = sources(), robot_sources(), []
     for number in range(count):
         draw = random.Random(f"{seed} {number}")
         source = "world" if draw.random() < 0.4 else draw.choice(sorted(texts))
+        if draw.random() < 0.4:
+            own = draw.choice(("arm.urdf", "machine.xml"))
+            source = own if draw.random() < 0.7 else draw.choice(sorted(robots))
+            text, damage = damage_robot(draw, robots[source])
+            path = folder / f"{number:05d}{Path(source).suffix}"
+            content = text.encode()
+            if draw.random() < 0.1:
+                content, damage = change_bytes(draw, content), "change_bytes"
+            path.write_bytes(content)
+            cases.append(Case(str(path), source, damage))
+            continue
         if draw.random() < 0.15:
             case = Case("", source, "change_bytes")
             content = _as_crate(folder, texts[source]) if draw.random() < 0.5 else texts[source].encode()

@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stage table: write docs/stages.md, the outcome of loading and stepping every USD stage of the installed Newton.
+"""Stage table: write docs/stages.md, the outcome of loading and stepping stages and robots' files.
 
-python tools/documentation/stage_table.py [--output docs/stages.md]
+    python tools/documentation/stage_table.py [--output docs/stages.md]
+    python tools/documentation/stage_table.py --foreign RECORD [--source NAME=FOLDER ...]
+
+The first writes the part on the stages of the installed Newton. The second tries the files of
+``foreign_files.txt`` that lie below the folders, adds what it finds to the record, and writes the part on them.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
 import newton
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from foreign_table import HEADING, foreign_section, try_foreign_files
 
 from stripe_newton.usd.stage_trial import try_stage
 
@@ -19,10 +28,26 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def main() -> None:
-    """Try every stage and write the page."""
+    """Write the part that was asked for; the other stays."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path, default=Path(__file__).parents[2] / "docs" / "stages.md")
-    output = parser.parse_args().output
+    parser.add_argument("--foreign", type=Path, help="record of the files of other projects")
+    parser.add_argument("--source", action="append", default=[], help="folder of a source of the list, NAME=FOLDER")
+    parser.add_argument("--timeout", type=float, default=300.0, help="seconds that a foreign file may take")
+    args = parser.parse_args()
+    own, heading, foreign = (args.output.read_text() if args.output.exists() else "").partition(HEADING)
+    if args.foreign is not None:
+        folders = {name: Path(folder) for name, _, folder in (pair.partition("=") for pair in args.source)}
+        try_foreign_files(folders, args.foreign, args.timeout)
+        foreign = "\n".join(foreign_section(args.foreign))
+    else:
+        own, foreign = "\n".join([*newton_section(), ""]), heading + foreign
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args.output.write_text(f"{own.rstrip()}\n\n{foreign}" if foreign else own)
+
+
+def newton_section() -> list[str]:
+    """Try every stage of Newton; lines of the part on them."""
     package = Path(newton.__file__).parent
     paths = sorted(p for folder in FOLDERS for p in (package / folder).rglob("*") if p.suffix in SUFFIXES)
     rows = []
@@ -48,8 +73,7 @@ def main() -> None:
         *(f"| {' | '.join(row)} |" for row in rows),
         "",
     ]
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text("\n".join(lines))
+    return lines
 
 
 if __name__ == "__main__":
