@@ -186,7 +186,10 @@ ROBOTS: dict[str, RobotEntry] = {
         _menagerie("booster_t1", "t1.xml", "booster_t1"),
         fixed_base=False,
         keyframe="home",
-        drives={"all": Drive(".*", 75.0, 5.0)},
+        drives={
+            "legs": Drive(".*(Hip|Knee|Ankle).*|Waist", 200.0, 5.0),
+            "upper": Drive(".*(Shoulder|Elbow|[Hh]ead).*", 50.0, 2.0),
+        },
     ),
     "cassie": RobotEntry(
         "Agility Cassie, a robot with two legs, springs and closed chains",

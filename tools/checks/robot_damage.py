@@ -18,8 +18,8 @@ NUMBERS = ("nan", "inf", "-inf", "-1", "0", "1e30", "-1e30", "1e-30", "3e38", "x
 MJCF_TAGS = ("body", "geom", "joint", "freejoint", "inertial", "site", "camera", "motor", "position", "tendon", "weld",
              "default", "frame", "include", "nonsense")  # fmt: skip
 URDF_TAGS = ("link", "joint", "inertial", "collision", "visual", "limit", "mimic", "transmission", "nonsense")
-WORDS = ("free", "ball", "slide", "hinge", "mesh", "plane", "hfield", "sdf", "floating", "continuous", "planar", "fixed",
-         "true", "auto", "gone", "")  # fmt: skip
+WORDS = ("free", "ball", "slide", "hinge", "mesh", "plane", "hfield", "sdf", "floating", "continuous", "planar",
+         "fixed",         "true", "auto", "gone", "")  # fmt: skip
 
 ARM = """<robot name="arm">
 <link name="base"><inertial><mass value="3"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stage loading: time and memory of opening generated stages of many meshes as a scene.
+
+    python tools/benchmarks/stage_loading.py [--meshes 100 1000 10000] [--moving] [--profile]
+
+Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. With
+``--moving`` every tenth is a rigid body.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import json
+import pstats
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
+
+
+def write_stage(path: Path, meshes: int, moving: bool) -> None:
+    """Write a stage of meshes on a grid of 2 m."""
+    random = np.random.default_rng(0)
+    directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    faces = _hull(directions)
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    UsdPhysics.Scene.Define(stage, "/World/physics")
+    side = int(np.ceil(np.sqrt(meshes)))
+    for k in range(meshes):
+        mesh = UsdGeom.Mesh.Define(stage, f"/World/rock_{k}")
+        points = (directions * random.uniform(0.2, 0.6, 3)).astype(np.float32)
+        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+        mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+        mesh.CreateFaceVertexIndicesAttr(faces.reshape(-1).tolist())
+        UsdGeom.XformCommonAPI(mesh).SetTranslate(Gf.Vec3d(2.0 * (k % side), 2.0 * (k // side), 1.0))
+        UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
+        UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr("convexHull")
+        if moving and k % 10 == 0:
+            UsdPhysics.RigidBodyAPI.Apply(mesh.GetPrim())
+    stage.GetRootLayer().Export(str(path))
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    """Triangles of the hull of points on a sphere, their normals outwards."""
+    from scipy.spatial import ConvexHull
+
+    faces = ConvexHull(points).simplices
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    inwards = (np.cross(b - a, c - a) * a).sum(axis=1) < 0.0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return faces
+
+
+def measure(path: str, profile: bool) -> dict[str, float]:
+    """Seconds of opening and building, seconds of a first step, and the peak of the memory in MB above the imports'."""
+    from stripe_newton.scene import InteractiveScene
+    from stripe_newton.sim import SimulationCfg
+
+    warnings.simplefilter("ignore")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    profiler = cProfile.Profile()
+    if profile:
+        profiler.enable()
+    start = time.perf_counter()
+    scene = InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
+    loaded = time.perf_counter()
+    profiler.disable()
+    if profile:
+        pstats.Stats(profiler, stream=sys.stderr).sort_stats("cumulative").print_stats(45)
+    if scene.sim.model.joint_count:
+        scene.sim.step()
+    stepped = time.perf_counter()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"load_s": loaded - start, "step_s": stepped - loaded, "memory_mb": (peak - before) / 1024}
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--meshes", type=int, nargs="+", default=[100, 1000, 10000], help="numbers of meshes")
+    parser.add_argument("--moving", action="store_true", help="every tenth mesh is a rigid body")
+    parser.add_argument("--profile", action="store_true", help="print where the time of loading goes")
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.measure:
+        print(json.dumps(measure(args.measure, args.profile)))
+        return
+    print("| meshes | load s | first step s | memory MB |\n| ---: | ---: | ---: | ---: |")
+    with tempfile.TemporaryDirectory() as folder:
+        for meshes in args.meshes:
+            path = Path(folder) / f"{meshes}.usdc"
+            write_stage(path, meshes, args.moving)
+            command = [sys.executable, __file__, "--measure", str(path), *(["--profile"] if args.profile else [])]
+            stderr = None if args.profile else subprocess.DEVNULL
+            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=stderr, text=True, check=True)
+            row = json.loads(done.stdout.strip().splitlines()[-1])
+            print(f"| {meshes} | {row['load_s']:.1f} | {row['step_s']:.1f} | {row['memory_mb']:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
