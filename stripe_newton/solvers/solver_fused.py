@@ -17,8 +17,9 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
+from .contact_pairs import ContactPair, contact_pairs, listed_pairs
 from .mesh_grid import DEPTH, MeshGrids
-from .model_tables import PARAMETERS, ContactPair, ModelTables, contact_pairs, listed_pairs
+from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
 from .per_step import PerStep

@@ -13,8 +13,8 @@ import numpy as np
 import warp as wp
 from newton import GeoType, Model
 
+from .contact_pairs import MESH_KINDS, ContactPair
 from .mesh_grid import TriangleMesh
-from .model_tables import MESH_KINDS, ContactPair
 
 __all__ = ["MAY", "MUST", "add_triangles_attribute", "group_static_meshes", "has_triangles", "mark_triangles"]
 

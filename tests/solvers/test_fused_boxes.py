@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stripe_newton.solvers import SolverFused
-from stripe_newton.solvers.model_tables import contact_pairs
+from stripe_newton.solvers.contact_pairs import contact_pairs
 from tests.helpers.fused_step import STATE, State, compare
 
 SCENE = """<mujoco><option timestep="0.005" integrator="implicitfast" {option}/>

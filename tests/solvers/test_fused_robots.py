@@ -18,7 +18,7 @@ import pytest
 from stripe_newton.assets import AssetBaseCfg
 from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg
 from stripe_newton.solvers import why_unsupported
-from stripe_newton.solvers.model_tables import contact_pairs
+from stripe_newton.solvers.contact_pairs import contact_pairs
 from tests.helpers.fused_step import Robot, compare
 from tests.helpers.robot_files import robot_file
 from tests.helpers.small_scenes import make_scene, sim_cfg
