@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Meshes: contacts of spheres, capsules and boxes with the triangles of meshes that do not move.
 //
-// A solid mesh is closed: a point whose nearest face is seen from behind is inside, and leaves through that face. An open one
-// has two outsides; a ball is on that of its centre, and all of a box on that of the box's centre.
+// A solid mesh is closed: a ball whose nearest face is seen from behind is inside, and leaves through that face. An open one
+// has two outsides; a ball is on that of its centre. All of a box is on the side of the box's centre.
 
 #if HAS_MESHES
 namespace fused {
@@ -74,24 +74,42 @@ FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, 
 
 FN int item(const Search& s, const Grid& g, int i) { return s.first >= 0 ? g.items[s.first + i] : item(g, s.cells, i); }
 
-// Candidates of a ball or a corner: faces. The nearest tells where the centre is: inside of a solid it is the only touch, and
-// outside it may be farther away than what touches.
+#if SEARCHES_BOXES
+// Touch of a corner of a box with a face. Which side of it is outside the box's centre tells: where the centre is behind a face
+// of a solid, another one is nearer to it. A corner on the other side than the centre is inside, and leaves that way.
+FN bool corner_touch(const MeshFace& f, const Search& s, Touch& hit, real& order) {
+    Triangle t{in_mesh(f.a, s.geom), in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)};
+    Vec n = normal_of(t);
+    if (dot(t.a, n) > 0) {
+        if (f.is_solid) return false;
+        n = -1 * n;
+    }
+    real above = dot(s.at - t.a, n);
+    if (above <= -MESH_DEPTH || above >= s.reach) return false;
+    Vec point = closest_on_triangle(s.at, t), offset = s.at - point;
+    real dist = SQRT(dot(offset, offset));
+    hit.pos = point, hit.geom = f.geom;
+    if (above < 0) {
+        if (dist > (real)-1.001 * above + (real)1e-6) return false;  // beside the face
+        hit.dist = above, hit.normal = n, order = -1 - above;  // before those outside, the way out that is shortest first
+        return true;
+    }
+    hit.dist = order = dist, hit.normal = dist <= (real)1e-7 ? n : (1 / dist) * offset;
+    return dist < s.reach;
+}
+#endif
+
+// Candidates of a ball or a corner: faces. That nearest to a ball's centre tells where it is: inside of a solid it is the only
+// touch, and outside it may be farther away than what touches.
 FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
     const Grid& g = s.mesh->faces;
     MeshFace f = ((const MeshFace*)g.things)[item(s, g, i)];
-    real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
-    if (f.is_solid || s.kind == CORNER_PART) reach = larger(reach, depth);
-    if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
 #if SEARCHES_BOXES
-    if (s.kind == CORNER_PART && !f.is_solid) {  // it is behind a face that is between it and the box's centre
-        Vec a = in_mesh(f.a, s.geom), n = normal_of(Triangle{a, in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)});
-        real center = -dot(a, n), above = dot(s.at - a, n);
-        if (center * above < 0) {
-            if (FABS(above) <= (real)0.999 * hit.dist) return false;  // beside it
-            hit.dist = -hit.dist, hit.normal = -1 * hit.normal;
-        }
-    }
+    if (s.kind == CORNER_PART) return corner_touch(f, s, hit, order);
 #endif
+    real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
+    if (f.is_solid) reach = larger(reach, depth);
+    if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
     hit.dist -= s.radius;
     return true;
 }
@@ -157,6 +175,7 @@ FN bool edge_in_box(const Search& s, int i, Touch& hit, real& order) {
 FN bool remains_on_mesh(const Search& s, const Touch& hit, real& order) {
     if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
         return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, hit.pos);
+    if (s.kind == CORNER_PART) return is_above_planes(s, hit.pos);
     if (s.kind == AXIS_PART) return is_apart(s, hit.pos);
     // The deepest touch of a box, then those that are far from the others: on a flat floor all are equally deep, and four
     // hold the box if they are far apart.

@@ -119,7 +119,7 @@ FN Bounds place(Part& s, PartKind kind, int end, real reach, const Mat& axes, co
     if (kind == CORNER_PART) {
         Vec x = geom.size;
         x = Vec{end & 1 ? -x.x : x.x, end & 2 ? -x.y : x.y, end & 4 ? -x.z : x.z};
-        b.center = s.at = axes * (geom.axes * x), s.most = 1;
+        b.center = s.at = axes * (geom.axes * x), s.most = 2;
     }
 #endif
     return b;
