@@ -23,7 +23,10 @@ def attribute_reasons(prim: Usd.Prim) -> Iterator[str]:
     """What is wrong with the authored values of a prim, one sentence for each attribute: type, range, finiteness."""
     for attribute, rule in _read_attributes(prim):
         value = attribute.Get()
-        if value is None:  # blocked, or without a value
+        if value is None:
+            # UsdPhysics reads some number in the place of a value that is blocked.
+            if attribute.GetName().startswith("physics:") and attribute.GetResolveInfo().ValueIsBlocked():
+                yield f"{attribute.GetName()} is blocked (None); it must be {rule.right}, or not authored"
             continue
         reason = _type_reason(attribute, value, rule) or _range_reason(value, rule)
         if reason:

@@ -126,10 +126,11 @@ def _limits(prim: Usd.Prim) -> Iterator[str]:
     """A joint of one axis has no range between limits that are the wrong way round."""
     if not prim.IsA(UsdPhysics.RevoluteJoint) and not prim.IsA(UsdPhysics.PrismaticJoint):
         return
-    lower, upper = (prim.GetAttribute(f"physics:{end}Limit") for end in ("lower", "upper"))
-    if lower.Get() > upper.Get():
+    lower, upper = (prim.GetAttribute(f"physics:{end}Limit").Get() for end in ("lower", "upper"))
+    # One without a value, as it is blocked, has a reason of its own.
+    if lower is not None and upper is not None and lower > upper:
         yield (
-            f"physics:lowerLimit {lower.Get():g} is above physics:upperLimit {upper.Get():g}; swap them, "
+            f"physics:lowerLimit {lower:g} is above physics:upperLimit {upper:g}; swap them, "
             "or use a PhysicsFixedJoint for a joint that does not move"
         )
 

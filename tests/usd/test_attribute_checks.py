@@ -45,6 +45,7 @@ ANGULAR = "drive:angular:physics"
         ("/j", joint_text("float physics:lowerLimit = inf"), "it must be finite, or -inf for none"),
         ("/j", joint_text("float physics:upperLimit = -inf"), "it must be finite, or inf for none"),
         ("/j", joint_text("float physics:lowerLimit = 2\nfloat physics:upperLimit = 1"), "is above physics:upperLimit"),
+        ("/j", joint_text("float physics:upperLimit = None"), "physics:upperLimit is blocked (None)"),
         ("/j", joint_text(f"float {ANGULAR}:stiffness = -5"), "stiffness is -5; it must be finite and 0 or more"),
         ("/j", joint_text(f"float {ANGULAR}:maxForce = -5"), "maxForce is -5; it must be 0 or more, or inf"),
         ("/j", joint_text(f'uniform token {ANGULAR}:type = "fast"'), "it must be force or acceleration"),

@@ -262,6 +262,8 @@ def change_bytes(draw: random.Random, content: bytes) -> bytes:
     """Flip, insert, delete or cut off bytes."""
     data = bytearray(content)
     for _ in range(draw.choice((1, 1, 4, 32))):
+        if not data:  # cut off, and the rest deleted
+            break
         at = draw.randrange(len(data))
         change = draw.choice(("flip", "insert", "delete", "cut"))
         if change == "flip":
