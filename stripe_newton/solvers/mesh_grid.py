@@ -70,11 +70,6 @@ class MeshGrids:
         records = [grid for group in self.groups for grid in self._grids(list(group))]
         self.array = self._keep(np.concatenate(records).view(np.uint8))
 
-    @property
-    def memory(self) -> int:
-        """Memory on the device [bytes]."""
-        return sum(a.capacity for a in self._arrays)
-
     def _grids(self, meshes: list[TriangleMesh]) -> Iterable[np.ndarray]:
         parts = [_faces_and_edges(mesh) for mesh in meshes]
         faces, edges = (np.concatenate([part[i] for part in parts]) for i in range(2))

@@ -13,6 +13,8 @@ import numpy as np
 import warp as wp
 from newton import GeoType, Model
 
+from stripe_newton.shape_mesh import shape_mesh
+
 from .contact_pairs import MESH_KINDS, ContactPair
 from .mesh_grid import TriangleMesh
 
@@ -22,10 +24,6 @@ MAY, MUST = 1, 2
 """Marks of static shapes: of those that may collide by their triangles, and of concave ones, of which the hull is not
 the same."""
 _ROUND = GeoType.CYLINDER, GeoType.CONE, GeoType.ELLIPSOID
-_SAGITTA = 1e-4
-"""Distance of the facets of round shapes from their surface [m]."""
-_FACETS = 12, 256
-"""Least and most facets around a round shape."""
 _MANY = 16
 """Static shapes from which on boxes are taken for their triangles, rather than for pairs with each geom of a robot."""
 _NAMESPACE, _NAME = "stripe", "triangles"
@@ -131,52 +129,17 @@ class _Shapes:
         self.mark = model.stripe.triangles.numpy()
         self.body, self.world, self.type = (a.numpy() for a in (model.shape_body, model.shape_world, model.shape_type))
         self.scale, self.pose = (a.numpy().astype(float) for a in (model.shape_scale, model.shape_transform))
-        self.source = model.shape_source
+        self.source, self.label = model.shape_source, model.shape_label
 
     def in_frame_of(self, model: mujoco.MjModel, frame: int, geom: int, shape: int) -> TriangleMesh:
         """Triangles of a static shape in the frame of a geom of the world."""
-        vertices, faces = self.triangles(shape)
+        vertices, faces = shape_mesh(self.type[shape], self.scale[shape], self.source[shape], self.label[shape])
         x, y, z, w = self.pose[shape, 3:]
         world = vertices @ _matrix(np.array([w, x, y, z])).T + self.pose[shape, :3]
         return TriangleMesh((world - model.geom_pos[frame]) @ _matrix(model.geom_quat[frame]), faces, geom)
-
-    def triangles(self, shape: int) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices [m], shape ``(vertices, 3)``, in the frame of a shape of a marked shape, and triangles."""
-        scale = self.scale[shape]
-        if self.type[shape] == GeoType.BOX:
-            return _CORNERS * scale, _SIDES
-        if self.type[shape] in _ROUND:
-            mesh, scale = _round_mesh(GeoType(int(self.type[shape])), scale)
-        else:
-            mesh = self.source[shape]
-        if self.type[shape] == GeoType.CONVEX_MESH:
-            mesh = mesh.compute_convex_hull()
-        faces = np.array(mesh.indices).reshape(-1, 3)
-        if np.prod(scale) < 0:  # a mirrored mesh is seen from outside the other way round
-            faces = faces[:, ::-1]
-        return np.array(mesh.vertices, dtype=float) * scale, faces
-
-
-def _round_mesh(kind: GeoType, scale: np.ndarray) -> tuple[newton.Mesh, np.ndarray]:
-    """A round shape as a mesh, and the factors on its coordinates."""
-    radius, height = float(scale[0]), float(scale[1])
-    largest = max(float(scale.max()) if kind == GeoType.ELLIPSOID else radius, _SAGITTA)
-    count = int(np.clip(np.ceil(np.pi / np.arccos(1.0 - min(_SAGITTA / largest, 1.0))), *_FACETS))
-    plain = {"compute_normals": False, "compute_uvs": False, "compute_inertia": False}
-    if kind == GeoType.ELLIPSOID:
-        return newton.Mesh.create_sphere(1.0, num_latitudes=count, num_longitudes=count, **plain), scale
-    make = newton.Mesh.create_cylinder if kind == GeoType.CYLINDER else newton.Mesh.create_cone
-    return make(radius, height, up_axis=newton.Axis.Z, segments=count, **plain), np.ones(3)
 
 
 def _matrix(quat: np.ndarray) -> np.ndarray:
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quat / np.linalg.norm(quat))
     return matrix.reshape(3, 3)
-
-
-_CORNERS = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=float)
-_SIDES = np.array(
-    [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2],
-     [1, 3, 7], [1, 7, 5]]
-)  # fmt: skip

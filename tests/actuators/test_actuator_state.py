@@ -32,7 +32,8 @@ from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.robots import CARTPOLE_CFG
 from tests.helpers.actuator_world import GAINS, JOINTS, KINDS, LATE, Drill, actuator_scene, reset_mask
-from tests.helpers.small_scenes import different_arrays, make_scene, sim_cfg
+from tests.helpers.small_scenes import make_scene, sim_cfg
+from tools.checks.model_arrays import different_arrays
 
 
 @pytest.fixture(scope="module")

@@ -11,26 +11,21 @@ import torch
 
 from stripe_newton.assets import Articulation
 from stripe_newton.configclass import configclass
-from stripe_newton.envs import DirectRLEnv, DirectRLEnvCfg, hook_parts
+from stripe_newton.envs import DirectRLEnv, hook_parts
 from stripe_newton.envs.hook_graphs import HookRecorder
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg
 from stripe_newton.scene import InteractiveSceneCfg
-from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
-from stripe_tasks.robots import CARTPOLE_CFG
+from tests.helpers.cart_env import CartCfg
 from tests.helpers.tape_graph import TapeGraph
 
 N = 6
 
 
 @configclass
-class RecordedCartCfg(DirectRLEnvCfg):
-    sim = SimulationCfg(device="cpu", dt=0.01, solver=MuJoCoSolverCfg(disable_contacts=True))
+class RecordedCartCfg(CartCfg):
     scene = InteractiveSceneCfg(num_envs=N, env_spacing=2.0)
-    decimation = 2
     episode_length_s = 0.24
     observation_space = 8
-    action_space = 1
-    robot = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
     scale = 10.0
 
 

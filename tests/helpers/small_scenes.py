@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import torch
-import warp as wp
 
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
@@ -94,26 +93,6 @@ def make_scene(
     scene.clone_environments(copy_from_source=False)
     scene.build()
     return scene
-
-
-def model_arrays(model: Any) -> dict[str, np.ndarray]:
-    """Every plain array of a model, by name."""
-    found = {}
-    for name, value in vars(model).items():
-        if isinstance(value, wp.array) and value.dtype is not wp.uint64 and "bvh" not in name:
-            array = value.numpy()
-            if array.dtype.names is None:
-                found[name] = array
-    return found
-
-
-def different_arrays(one: Any, two: Any) -> list[str]:
-    """Names of the arrays in which two models differ."""
-    first, second = model_arrays(one), model_arrays(two)
-    names = sorted(first.keys() | second.keys())
-    return [
-        n for n in names if n not in first or n not in second or not np.array_equal(first[n], second[n], equal_nan=True)
-    ]
 
 
 def numpy(tensor: torch.Tensor) -> np.ndarray:

@@ -14,8 +14,9 @@ from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import SimulationCfg, UsdFileCfg
-from tests.helpers.small_scenes import different_arrays, make_scene, model_arrays
+from tests.helpers.small_scenes import make_scene
 from tests.helpers.usd_worlds import UNITS, instances, robots
+from tools.checks.model_arrays import different_arrays, model_arrays
 
 PACKAGE = Path(newton.__file__).parent
 # What the stages of Newton leave out is no matter here.

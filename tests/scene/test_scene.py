@@ -31,7 +31,8 @@ from stripe_tasks.cart_double_pole import CartDoublePoleEnvCfg
 from stripe_tasks.cartpole import CartpoleEnvCfg
 from stripe_tasks.locomotion import AntEnvCfg, HumanoidEnvCfg
 from stripe_tasks.robots import CARTPOLE_CFG
-from tests.helpers.small_scenes import DT, MASS, G, different_arrays, make_scene, mjcf_robot, numpy, sim_cfg, sliders
+from tests.helpers.small_scenes import DT, MASS, G, make_scene, mjcf_robot, numpy, sim_cfg, sliders
+from tools.checks.model_arrays import different_arrays
 
 TASKS = {"cartpole": CartpoleEnvCfg, "double": CartDoublePoleEnvCfg, "ant": AntEnvCfg, "humanoid": HumanoidEnvCfg}
 CONTACTS = MuJoCoSolverCfg()

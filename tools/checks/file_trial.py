@@ -15,11 +15,11 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 from file_worker import answer_each_line
+from model_arrays import different_arrays
 from mujoco_trajectory import compare_trajectories
 
 from stripe_newton.assets import AssetBaseCfg, file_spawner
@@ -116,22 +116,9 @@ def _round_trip(scene: InteractiveScene) -> list[str]:
         scene.export(path)
         again = InteractiveScene.from_usd(path, sim_cfg=scene.sim.cfg)
         try:
-            one, two = _arrays(scene.sim.model), _arrays(again.sim.model)
+            return different_arrays(scene.sim.model, again.sim.model)
         finally:
             again.close()
-    names = sorted(one.keys() | two.keys())
-    return [n for n in names if n not in one or n not in two or not np.array_equal(one[n], two[n], equal_nan=True)]
-
-
-def _arrays(model: Any) -> dict[str, np.ndarray]:
-    """Every plain array of a model, by name."""
-    found = {}
-    for name, value in vars(model).items():
-        if isinstance(value, wp.array) and value.dtype is not wp.uint64 and "bvh" not in name:
-            array = value.numpy()
-            if array.dtype.names is None:
-                found[name] = array
-    return found
 
 
 if __name__ == "__main__":

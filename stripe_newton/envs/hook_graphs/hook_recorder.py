@@ -28,8 +28,6 @@ class HookRecorder:
 
     WARM = 3
     """Steps that run as they are."""
-    CHECKS = 2
-    """Steps in which all hooks are compared, after those in which they are watched."""
     NEXT_CHECK, LONGEST = 64, 4096
     """Step after which hooks are compared again. The distance doubles, up to the second number."""
     ATTEMPTS = 5
@@ -103,8 +101,9 @@ class HookRecorder:
             return
         try:
             for hook in self.hooks:
-                if hook.traces and not hook.reason and hook.number_that_changed():
-                    hook.start_again(hook.number_that_changed(), self.ATTEMPTS)
+                changed = hook.number_that_changed() if hook.traces and not hook.reason else ""
+                if changed:
+                    hook.start_again(changed, self.ATTEMPTS)
         except NotSteady as error:
             self.start_again(str(error))
             return

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shape mesh: the triangles of a shape, as contacts, rays and the search for places to start take it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import newton
+import numpy as np
+from newton import GeoType
+
+__all__ = ["shape_mesh"]
+
+_ENDLESS = 1000.0
+"""Half the extent that a plane without a width or a length gets [m]."""
+_SAGITTA = 1e-4
+"""Distance of the facets of round shapes from their surface [m]."""
+_FACETS = 12, 256
+"""Least and most facets around a round shape."""
+_PLAIN = {"compute_normals": False, "compute_uvs": False, "compute_inertia": False}
+
+
+def shape_mesh(kind: int, scale: np.ndarray, source: Any, label: str) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a shape in its frame. Facets of round shapes are within 0.1 mm of them, up to 256 around.
+
+    Args:
+        kind: Its ``GeoType``.
+        scale: Its scale or sizes [m], shape ``(3,)``.
+        source: Its mesh or height field, if it has one.
+        label: Its label, for the error.
+
+    Returns:
+        Vertices [m], shape ``(vertices, 3)``, and indices of three vertices, counterclockwise seen from outside, shape
+        ``(faces, 3)``.
+
+    Raises:
+        ValueError: for a kind of shape that has no mesh.
+    """
+    mesh, factor = _mesh_of(GeoType(int(kind)), np.asarray(scale, dtype=float), source, label)
+    faces = np.asarray(mesh.indices, dtype=int).reshape(-1, 3)
+    if np.prod(np.sign(factor)) < 0.0:  # a mirror turns triangles inside out
+        faces = faces[:, ::-1]
+    return np.asarray(mesh.vertices, dtype=float) * factor, faces
+
+
+def _mesh_of(kind: GeoType, scale: np.ndarray, source: Any, label: str) -> tuple[newton.Mesh, np.ndarray]:
+    """Mesh of a shape, and the factors on its coordinates."""
+    a, b, c = scale.tolist()
+    one, along_z = np.ones(3), newton.Axis.Z
+    if kind == GeoType.MESH:
+        return source, scale
+    if kind == GeoType.CONVEX_MESH:
+        return source.compute_convex_hull(), scale
+    if kind == GeoType.HFIELD:
+        return _field_mesh(source), scale
+    if kind == GeoType.PLANE:
+        return newton.Mesh.create_plane(a or 2.0 * _ENDLESS, b or 2.0 * _ENDLESS, **_PLAIN), one
+    if kind == GeoType.BOX:
+        return newton.Mesh.create_box(a, b, c, **_PLAIN), one
+    count = _facets(max(a, b, c) if kind == GeoType.ELLIPSOID else a)
+    if kind in (GeoType.SPHERE, GeoType.ELLIPSOID):
+        sphere = newton.Mesh.create_sphere(1.0, num_latitudes=count, num_longitudes=count, **_PLAIN)
+        return sphere, scale if kind == GeoType.ELLIPSOID else a * one
+    makers = {GeoType.CAPSULE: newton.Mesh.create_capsule, GeoType.CYLINDER: newton.Mesh.create_cylinder,
+              GeoType.CONE: newton.Mesh.create_cone}  # fmt: skip
+    if kind in makers:
+        return makers[kind](a, b, up_axis=along_z, segments=count, **_PLAIN), one
+    raise ValueError(f"'{label}': is a {kind.name}, which has no triangles")
+
+
+def _facets(radius: float) -> int:
+    """Facets around a circle whose middles are within the sagitta of it."""
+    share = min(_SAGITTA / max(radius, _SAGITTA), 1.0)
+    return int(np.clip(np.ceil(np.pi / np.arccos(1.0 - share)), *_FACETS))
+
+
+def _field_mesh(field: newton.Heightfield) -> newton.Mesh:
+    """The surface of a height field; cells are cut from (row + 1, column) to (row, column + 1), as for contacts."""
+    heights = field.min_z + np.asarray(field.data, dtype=float) * (field.max_z - field.min_z)
+    nrow, ncol = heights.shape
+    x, y = np.meshgrid(np.linspace(-field.hx, field.hx, ncol), np.linspace(-field.hy, field.hy, nrow))
+    first = (np.arange(nrow - 1)[:, None] * ncol + np.arange(ncol - 1)).reshape(-1)
+    faces = np.stack([first, first + 1, first + ncol, first + 1, first + ncol + 1, first + ncol], axis=1)
+    points = np.stack([x, y, heights], axis=-1).reshape(-1, 3).astype(np.float32)
+    return newton.Mesh(points, faces.reshape(-1).astype(np.int32), compute_inertia=False)
