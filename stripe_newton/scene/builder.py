@@ -32,7 +32,7 @@ from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
-from stripe_newton.usd.concave_meshes import concave_meshes, rows_by_triangles
+from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_triangles
 
 from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
@@ -241,7 +241,7 @@ class SceneBuilder:
         )
         # By the stage alone: in a robot's file a mesh means its hull.
         if solver.chooses_contacts:
-            mark_triangles(builder, first, {shape for shape, _ in concave_meshes(builder, first, static=True)})
+            mark_triangles(builder, first, concave_colliders(report.ignored))
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         self.reports.append(report)

@@ -224,15 +224,16 @@ class MuJoCoSolverCfg(SolverCfg):
         meshes = self.chooses_contacts and has_triangles(model)
         concave = meshes and has_triangles(model, MUST)
         solver = self._make(model, observables)
-        fused = isinstance(solver, SolverFused) and not solver.unsupported
-        if isinstance(solver, SolverFused) and not solver.unsupported:
-            solver.triangles, solver.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
-        if concave and (not fused or solver.lacks()):
+        fused = solver if isinstance(solver, SolverFused) and not solver.unsupported else None
+        if fused is not None:
+            fused.triangles, fused.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
+        lacking = fused.lacks() if concave and fused is not None else []
+        if concave and (fused is None or lacking):
             chosen = self.replace(use_mujoco_contacts=False)._make(model, observables)
             if isinstance(chosen, SolverFused):
-                chosen.newton_contacts_for = tuple(solver.lacks()) if fused else ()
+                chosen.newton_contacts_for = tuple(lacking)
             return chosen
-        if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts and not fused:
+        if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts and fused is None:
             use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
         return solver
 

@@ -39,7 +39,7 @@ def add_triangles_attribute(builder: newton.ModelBuilder) -> None:
     )
 
 
-def mark_triangles(builder: newton.ModelBuilder, first: int, concave: Collection[int]) -> None:
+def mark_triangles(builder: newton.ModelBuilder, first: int, concave: Collection[str]) -> None:
     """Mark static shapes from shape ``first`` on that things touch by their triangles.
 
     All meshes are, and round shapes that MuJoCo's general routine for convex shapes would be asked for; boxes if there
@@ -48,14 +48,14 @@ def mark_triangles(builder: newton.ModelBuilder, first: int, concave: Collection
     Args:
         builder: The builder.
         first: First shape.
-        concave: Meshes that are not their hull.
+        concave: Labels of the meshes that are not their hull.
     """
     values = builder.custom_attributes[f"{_NAMESPACE}:{_NAME}"].values
     static = [shape for shape in range(first, builder.shape_count) if builder.shape_body[shape] < 0]
     kinds = {GeoType.MESH, GeoType.CONVEX_MESH, *_ROUND, *([GeoType.BOX] if len(static) >= _MANY else [])}
     for shape in static:
         if builder.shape_type[shape] in kinds:
-            values[shape] = MUST if shape in concave else MAY
+            values[shape] = MUST if builder.shape_label[shape] in concave else MAY
 
 
 def has_triangles(model: newton.Model, least: int = MAY) -> bool:

@@ -11,7 +11,7 @@ from newton import GeoType, ShapeFlags
 
 from .ignored_rows import Ignored
 
-__all__ = ["concave_mesh_rows", "concave_meshes", "hollow_depth", "rows_by_triangles"]
+__all__ = ["concave_colliders", "concave_mesh_rows", "concave_meshes", "hollow_depth", "rows_by_triangles"]
 
 _HOLLOW = 0.01
 """Depth of a hollow below the hull that counts, in extents of the mesh: less is a bevel or a round hole."""
@@ -26,7 +26,7 @@ _WHAT, _HULL = "concave mesh collider", "its convex hull collides"
 _SPLIT = "split it into convex parts, or author physics:approximation = 'convexDecomposition' (pip install coacd)"
 
 
-def concave_meshes(builder: newton.ModelBuilder, first: int = 0, static: bool = False) -> Iterator[tuple[int, float]]:
+def concave_meshes(builder: newton.ModelBuilder, first: int = 0) -> Iterator[tuple[int, float]]:
     """Mesh colliders from shape ``first`` on that are not their convex hull: the shape, and :func:`hollow_depth`.
 
     A mesh that was approximated by a hull as its stage says is none of them.
@@ -34,14 +34,11 @@ def concave_meshes(builder: newton.ModelBuilder, first: int = 0, static: bool = 
     Args:
         builder: The builder.
         first: First shape.
-        static: Of static shapes alone.
     """
     depths: dict[int, float | None] = {}  # instances share a mesh
     for shape in range(first, builder.shape_count):
         mesh = builder.shape_source[shape]
         if builder.shape_type[shape] != GeoType.MESH or not builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
-            continue
-        if static and builder.shape_body[shape] >= 0:
             continue
         if id(mesh) not in depths:
             depths[id(mesh)] = hollow_depth(np.array(mesh.vertices), np.array(mesh.indices).reshape(-1, 3))
@@ -66,6 +63,11 @@ def concave_mesh_rows(
         how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size or more"
         row = builder.shape_label[shape], _WHAT, f"{_HULL}, but it {how}; {_SPLIT}"
         yield _by_triangles(row) if triangles else row
+
+
+def concave_colliders(rows: Ignored) -> set[str]:
+    """Paths of the mesh colliders that are not their hull, by the rows of a report."""
+    return {path for path, what, _ in rows if what == _WHAT}
 
 
 def rows_by_triangles(rows: Ignored) -> Ignored:

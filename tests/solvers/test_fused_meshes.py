@@ -44,7 +44,7 @@ def model_of(mesh: object, add_geom: object, poses: np.ndarray, frame: wp.transf
         builder.add_shape_mesh(-1, xform=frame, mesh=made)
     else:
         mesh(builder, frame)
-    mark_triangles(builder, 0, {0})
+    mark_triangles(builder, 0, set(builder.shape_label))
     body = builder.add_body()
     add_geom(builder, body)
     builder.shape_gap[:] = [0.0] * builder.shape_count

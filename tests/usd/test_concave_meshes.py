@@ -131,7 +131,7 @@ def test_a_mesh_of_a_robot_s_file_means_its_hull(tmp_path):
     robot = ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=MjcfFileCfg(asset_path=str(file)), actuators={})
     scene.builder.build_robot("robot", robot)
     scene.build()
-    assert any(True for _ in concave_meshes(scene.sim.template, static=True))
+    assert any(True for _ in concave_meshes(scene.sim.template))
     assert scene.sim.pipeline is None
 
 
