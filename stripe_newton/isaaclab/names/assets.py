@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of Isaac Lab's actuators, assets and controllers."""
+
+from .entries import Table, refused, same
+
+NAMES: dict[str, Table] = {
+    "isaaclab.actuators": same(
+        "stripe_newton.actuators",
+        """ImplicitActuatorCfg IdealPDActuatorCfg DCMotorCfg DelayedPDActuatorCfg RemotizedPDActuatorCfg
+        ActuatorNetLSTMCfg ActuatorNetMLPCfg ActuatorBaseCfg=ActuatorCfg""",
+    ),
+    "isaaclab.assets": same(
+        "stripe_newton.assets", "Articulation ArticulationCfg RigidObject RigidObjectCfg AssetBase AssetBaseCfg"
+    )
+    | refused("deformable bodies are not simulated", "DeformableObject DeformableObjectCfg DeformableObjectData"),
+}
+
+ALIASES: dict[str, str] = {}
