@@ -7,4 +7,7 @@ NAMES: dict[str, Table] = {
     "isaaclab.utils": same("stripe_newton.configclass", "configclass"),
 }
 
-ALIASES: dict[str, str] = {"isaaclab.utils.noise": "stripe_newton.noise"}
+ALIASES: dict[str, str] = {
+    "isaaclab.utils.math": "stripe_newton.isaaclab.math",
+    "isaaclab.utils.noise": "stripe_newton.noise",
+}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Math: functions on batches of vectors, quaternions and poses, and random samples of them.
+"""Rotations: functions on batches of vectors, quaternions, Euler angles and rotation matrices.
 
 Quaternions are ``(x, y, z, w)`` and of unit length unless a function says otherwise; angles are radians. Shapes are
 written ``(..., n)``: leading dimensions are arbitrary and broadcast. Results have the type and device of the arguments.
@@ -12,21 +12,20 @@ Rotation Vectors", Stanford University, 2006.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import torch
 
 __all__ = [
     "axis_angle_from_quat",
-    "combine_frame_transforms",
-    "compute_heading_and_up",
-    "compute_rot",
     "euler_xyz_from_quat",
+    "matrix_from_euler",
     "matrix_from_quat",
     "normalize",
     "quat_apply",
     "quat_apply_inverse",
     "quat_apply_yaw",
+    "quat_box_minus",
+    "quat_box_plus",
     "quat_conjugate",
     "quat_error_magnitude",
     "quat_from_angle_axis",
@@ -34,21 +33,18 @@ __all__ = [
     "quat_from_matrix",
     "quat_inv",
     "quat_mul",
+    "quat_slerp",
     "quat_unique",
-    "random_orientation",
-    "random_yaw_orientation",
-    "sample_gaussian",
-    "sample_log_uniform",
-    "sample_uniform",
     "saturate",
     "scale_transform",
-    "subtract_frame_transforms",
+    "skew_symmetric_matrix",
     "unscale_transform",
     "wrap_to_pi",
     "yaw_quat",
 ]
 
 Bound = torch.Tensor | float
+"""A number, or a tensor that broadcasts."""
 
 
 # ---- vectors and numbers ---------------------------------------------------------------------------------------------
@@ -106,7 +102,7 @@ def quat_mul(q1: torch.Tensor, q2: torch.Tensor) -> torch.Tensor:
 def quat_apply(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
     """Rotate vectors ``(..., 3)`` by quaternions ``(..., 4)``: from the rotated frame to the frame it is given in."""
     # q v q* with the products of zeros left out: two cross products, no rotation matrix.
-    quat, vec = _broadcast_leading(quat, vec)
+    quat, vec = broadcast_leading(quat, vec)
     xyz = quat[..., :3]
     t = 2.0 * torch.linalg.cross(xyz, vec)
     return vec + quat[..., 3:] * t + torch.linalg.cross(xyz, t)
@@ -254,173 +250,90 @@ def quat_apply_yaw(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
     return quat_apply(yaw_quat(quat), vec)
 
 
-# ---- poses -----------------------------------------------------------------------------------------------------------
+def quat_box_minus(q1: torch.Tensor, q2: torch.Tensor) -> torch.Tensor:
+    """Rotation vectors ``(..., 3)`` [rad] from ``q2`` to ``q1``, both ``(..., 4)``, in the frame they are given in."""
+    return axis_angle_from_quat(quat_mul(q1, quat_conjugate(q2)))
 
 
-def combine_frame_transforms(
-    t01: torch.Tensor, q01: torch.Tensor, t12: torch.Tensor | None = None, q12: torch.Tensor | None = None
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Combine poses: pose of frame 2 in frame 0, from those of 1 in 0 and of 2 in 1.
+def quat_box_plus(q: torch.Tensor, delta: torch.Tensor, eps: float = 1e-6) -> torch.Tensor:
+    """Quaternions ``(..., 4)`` with ``w >= 0``: ``q`` turned by rotation vectors ``delta`` ``(..., 3)`` [rad].
+
+    Vectors shorter than ``eps`` count as of that length, with the direction and length ratio that they have.
+    """
+    angle = torch.linalg.vector_norm(delta, dim=-1).clamp(min=eps)
+    turn = quat_from_angle_axis(angle, delta / angle.unsqueeze(-1))
+    return quat_unique(quat_mul(turn, q))
+
+
+def quat_slerp(q1: torch.Tensor, q2: torch.Tensor, tau: Bound) -> torch.Tensor:
+    """Interpolate between rotations ``(..., 4)`` at constant angular velocity, the shorter way around.
 
     Args:
-        t01: Position of frame 1 in frame 0, ``(..., 3)`` [m].
-        q01: Orientation of frame 1 in frame 0, ``(..., 4)``.
-        t12: Position of frame 2 in frame 1, ``(..., 3)`` [m]; None means zero.
-        q12: Orientation of frame 2 in frame 1, ``(..., 4)``; None means the identity.
+        q1: Rotations at ``tau`` 0.
+        q2: Rotations at ``tau`` 1. Where its product with ``q1`` is negative, ``-q2`` is used: the same rotation.
+        tau: Fraction of the way, a number or ``(..., 1)``.
 
     Returns:
-        Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 0.
+        Quaternions ``(..., 4)``; ``q1`` where the two differ by less than the precision of their type.
+
+    Source: K. Shoemake, "Animating Rotation with Quaternion Curves", SIGGRAPH 1985.
     """
-    t02 = t01 if t12 is None else t01 + quat_apply(q01, t12)
-    q02 = q01 if q12 is None else quat_mul(q01, q12)
-    return t02, q02
+    dot = (q1 * q2).sum(dim=-1, keepdim=True)
+    q2 = torch.where(dot < 0.0, -q2, q2)
+    dot = dot.abs().clamp(max=1.0)
+    angle = torch.acos(dot)
+    near = 1.0 - dot < 4.0 * torch.finfo(q1.dtype).eps
+    sine = torch.where(near, torch.ones_like(angle), torch.sin(angle))
+    mixed = (torch.sin((1.0 - tau) * angle) * q1 + torch.sin(tau * angle) * q2) / sine
+    return torch.where(near, q1, mixed)
 
 
-def subtract_frame_transforms(
-    t01: torch.Tensor, q01: torch.Tensor, t02: torch.Tensor | None = None, q02: torch.Tensor | None = None
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Relative pose: pose of frame 2 in frame 1, from those of 1 and 2 in frame 0.
+def matrix_from_euler(euler_angles: torch.Tensor, convention: str) -> torch.Tensor:
+    """Rotation matrices ``(..., 3, 3)`` of Euler angles ``(..., 3)`` [rad] about axes that turn with the body.
 
     Args:
-        t01: Position of frame 1 in frame 0, ``(..., 3)`` [m].
-        q01: Orientation of frame 1 in frame 0, ``(..., 4)``.
-        t02: Position of frame 2 in frame 0, ``(..., 3)`` [m]; None means zero.
-        q02: Orientation of frame 2 in frame 0, ``(..., 4)``; None means the identity.
+        euler_angles: Angles in the order of ``convention``.
+        convention: Three letters of X, Y and Z, neighbours different: ``"XYZ"`` is ``Rx(a0) Ry(a1) Rz(a2)``.
 
-    Returns:
-        Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 1.
+    Raises:
+        ValueError: if the angles are not ``(..., 3)``, or the convention is not as above.
     """
-    q10 = quat_inv(q01)  # not the conjugate: callers may pass quaternions that drifted from unit length
-    t12 = quat_apply(q10, -t01 if t02 is None else t02 - t01)
-    q12 = q10 if q02 is None else quat_mul(q10, q02)
-    return t12, q12
+    if euler_angles.dim() == 0 or euler_angles.shape[-1] != 3:
+        raise ValueError(f"matrix_from_euler: expected angles (..., 3), got {tuple(euler_angles.shape)}")
+    if len(convention) != 3 or set(convention) - set("XYZ") or convention[1] in (convention[0], convention[2]):
+        raise ValueError(
+            f"matrix_from_euler: convention {convention!r} is not three letters of X, Y and Z with different neighbours"
+        )
+    first, second, third = (
+        _axis_matrix("XYZ".index(letter), euler_angles[..., i]) for i, letter in enumerate(convention)
+    )
+    return first @ second @ third
 
 
-# ---- locomotion ------------------------------------------------------------------------------------------------------
+def skew_symmetric_matrix(vec: torch.Tensor) -> torch.Tensor:
+    """Matrices ``(N, 3, 3)`` of the cross product with vectors ``(N, 3)`` or ``(3,)``, for which ``N`` is 1.
 
-
-def compute_heading_and_up(
-    torso_rotation: torch.Tensor,
-    inv_start_rot: torch.Tensor,
-    to_target: torch.Tensor,
-    vec0: torch.Tensor,
-    vec1: torch.Tensor,
-    up_idx: int,
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Heading and up projections: how upright a torso is, and how well it faces a target.
-
-    Args:
-        torso_rotation: Orientation of the torso in the world, ``(N, 4)``.
-        inv_start_rot: Inverse of its orientation at rest, ``(N, 4)``.
-        to_target: Vector from the torso to the target in the world, ``(N, 3)`` [m].
-        vec0: Forward axis of the torso at rest, ``(N, 3)``.
-        vec1: Up axis of the torso at rest, ``(N, 3)``.
-        up_idx: Index of the world's up axis, 2 for Z up.
-
-    Returns:
-        Orientation relative to rest ``(N, 4)``; component of the torso's up axis along the world's up ``(N,)``, 1 when
-        upright; cosine ``(N,)`` of the angle between forward axis and direction to the target; up axis ``(N, 3)`` and
-        forward axis ``(N, 3)`` in the world.
+    Raises:
+        ValueError: if the vectors are not ``(3,)`` or ``(N, 3)``.
     """
-    torso_quat = quat_mul(torso_rotation, inv_start_rot)
-    up_vec = quat_apply(torso_quat, vec1)
-    heading_vec = quat_apply(torso_quat, vec0)
-    heading_proj = (heading_vec * normalize(to_target)).sum(dim=-1)
-    return torso_quat, up_vec[..., up_idx], heading_proj, up_vec, heading_vec
+    if vec.shape[-1] != 3:
+        raise ValueError(f"skew_symmetric_matrix: expected vectors (N, 3) or (3,), got {list(vec.shape)}")
+    x, y, z = torch.unbind(vec.reshape(-1, 3), dim=-1)
+    zero = torch.zeros_like(x)
+    return torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), dim=-1).reshape(-1, 3, 3)
 
 
-def compute_rot(
-    torso_quat: torch.Tensor,
-    velocity: torch.Tensor,
-    ang_velocity: torch.Tensor,
-    targets: torch.Tensor,
-    torso_positions: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Velocities in a torso's frame, its Euler angles, and the angle to a target.
-
-    Args:
-        torso_quat: Orientation of the torso in the world, ``(N, 4)``.
-        velocity: Linear velocity in the world frame, ``(N, 3)`` [m/s].
-        ang_velocity: Angular velocity in the world frame, ``(N, 3)`` [rad/s].
-        targets: Position of the target in the world, ``(N, 3)`` [m].
-        torso_positions: Position of the torso in the world, ``(N, 3)`` [m].
-
-    Returns:
-        Linear ``(N, 3)`` and angular velocity ``(N, 3)`` in the torso's frame; roll, pitch and yaw, each ``(N,)`` in
-        [-pi, pi]; yaw of the target as seen from the torso, ``(N,)`` in (-pi, pi], 0 when it faces the target.
-    """
-    vel_loc = quat_apply_inverse(torso_quat, velocity)
-    angvel_loc = quat_apply_inverse(torso_quat, ang_velocity)
-    roll, pitch, yaw = euler_xyz_from_quat(torso_quat)
-    to_target = targets - torso_positions
-    angle_to_target = wrap_to_pi(torch.atan2(to_target[..., 1], to_target[..., 0]) - yaw)
-    return vel_loc, angvel_loc, roll, pitch, yaw, angle_to_target
+def _axis_matrix(axis: int, angle: torch.Tensor) -> torch.Tensor:
+    """Rotation matrices ``(..., 3, 3)`` about coordinate axis 0, 1 or 2."""
+    unit = torch.zeros(angle.shape + (3,), dtype=angle.dtype, device=angle.device)
+    unit[..., axis] = 1.0
+    return matrix_from_quat(quat_from_angle_axis(angle, unit))
 
 
-# ---- random samples --------------------------------------------------------------------------------------------------
-
-
-def sample_uniform(
-    lower: Bound,
-    upper: Bound,
-    size: int | Sequence[int],
-    device: str | torch.device,
-    generator: torch.Generator | None = None,
-) -> torch.Tensor:
-    """Uniform samples in [``lower``, ``upper``), of shape ``size``; bounds that are tensors broadcast against it."""
-    return _rand(size, device, generator) * (upper - lower) + lower
-
-
-def sample_log_uniform(
-    lower: Bound,
-    upper: Bound,
-    size: int | Sequence[int],
-    device: str | torch.device,
-    generator: torch.Generator | None = None,
-) -> torch.Tensor:
-    """Log-uniform samples between ``lower`` and ``upper``, both positive, of shape ``size``."""
-    low = torch.log(torch.as_tensor(lower, dtype=torch.float32, device=device))
-    high = torch.log(torch.as_tensor(upper, dtype=torch.float32, device=device))
-    return torch.exp(sample_uniform(low, high, size, device, generator))
-
-
-def sample_gaussian(
-    mean: Bound,
-    std: Bound,
-    size: int | Sequence[int],
-    device: str | torch.device,
-    generator: torch.Generator | None = None,
-) -> torch.Tensor:
-    """Normal samples of shape ``size``; a mean and a standard deviation that are tensors broadcast against it."""
-    return torch.randn(_shape(size), device=device, generator=generator) * std + mean
-
-
-def random_orientation(num: int, device: str | torch.device, generator: torch.Generator | None = None) -> torch.Tensor:
-    """Random orientations: quaternions ``(num, 4)``, uniform over all rotations."""
-    # Normal samples have no preferred direction, so that their normalised vectors are uniform on the sphere.
-    return normalize(torch.randn((num, 4), device=device, generator=generator))
-
-
-def random_yaw_orientation(
-    num: int, device: str | torch.device, generator: torch.Generator | None = None
-) -> torch.Tensor:
-    """Random yaw orientations: quaternions ``(num, 4)`` of rotations about the vertical, uniform in [-pi, pi)."""
-    half = sample_uniform(-0.5 * math.pi, 0.5 * math.pi, num, device, generator)
-    zero = torch.zeros_like(half)
-    return torch.stack((zero, zero, torch.sin(half), torch.cos(half)), dim=-1)
-
-
-def _broadcast_leading(quat: torch.Tensor, vec: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def broadcast_leading(quat: torch.Tensor, vec: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rotations and vectors with the same leading dimensions, those they broadcast to."""
     # torch.linalg.cross broadcasts only tensors of equal rank.
     if quat.shape[:-1] == vec.shape[:-1]:
         return quat, vec
     shape = torch.broadcast_tensors(quat[..., 0], vec[..., 0])[0].shape
     return quat.expand(shape + (4,)), vec.expand(shape + (3,))
-
-
-def _shape(size: int | Sequence[int]) -> tuple[int, ...]:
-    return (size,) if isinstance(size, int) else tuple(size)
-
-
-def _rand(size: int | Sequence[int], device: str | torch.device, generator: torch.Generator | None) -> torch.Tensor:
-    return torch.rand(_shape(size), device=device, generator=generator)

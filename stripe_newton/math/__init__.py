@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Math: functions on batches of vectors, quaternions and poses, and random samples of them.
+
+Quaternions are ``(x, y, z, w)`` and of unit length unless a function says otherwise; angles are radians. Shapes are
+written ``(..., n)``: leading dimensions are arbitrary and broadcast. Results have the type and device of the arguments.
+Functions of tensors alone, but those of pose matrices, can be called from ``@torch.jit.script`` functions.
+
+Source of formulas, where no other is named: J. Diebel, "Representing Attitude: Euler Angles, Unit Quaternions, and
+Rotation Vectors", Stanford University, 2006.
+"""
+
+from .locomotion import (
+    compute_heading_and_up,
+    compute_rot,
+)
+from .pose_matrices import (
+    interpolate_poses,
+    interpolate_rotations,
+    make_pose,
+    pose_in_A_to_pose_in_B,
+    pose_inv,
+    transform_poses_from_frame_A_to_frame_B,
+    unmake_pose,
+)
+from .poses import (
+    apply_delta_pose,
+    combine_frame_transforms,
+    compute_pose_error,
+    rigid_body_twist_transform,
+    subtract_frame_transforms,
+    transform_points,
+)
+from .projection import (
+    convert_camera_frame_orientation_convention,
+    create_rotation_matrix_from_view,
+    orthogonalize_perspective_depth,
+    project_points,
+    unproject_depth,
+)
+from .rotations import (
+    axis_angle_from_quat,
+    euler_xyz_from_quat,
+    matrix_from_euler,
+    matrix_from_quat,
+    normalize,
+    quat_apply,
+    quat_apply_inverse,
+    quat_apply_yaw,
+    quat_box_minus,
+    quat_box_plus,
+    quat_conjugate,
+    quat_error_magnitude,
+    quat_from_angle_axis,
+    quat_from_euler_xyz,
+    quat_from_matrix,
+    quat_inv,
+    quat_mul,
+    quat_slerp,
+    quat_unique,
+    saturate,
+    scale_transform,
+    skew_symmetric_matrix,
+    unscale_transform,
+    wrap_to_pi,
+    yaw_quat,
+)
+from .sampling import (
+    default_orientation,
+    generate_random_rotation,
+    generate_random_transformation_matrix,
+    generate_random_translation,
+    random_orientation,
+    random_yaw_orientation,
+    sample_cylinder,
+    sample_gaussian,
+    sample_log_uniform,
+    sample_triangle,
+    sample_uniform,
+)
+
+__all__ = [
+    "apply_delta_pose",
+    "axis_angle_from_quat",
+    "combine_frame_transforms",
+    "compute_heading_and_up",
+    "compute_pose_error",
+    "compute_rot",
+    "convert_camera_frame_orientation_convention",
+    "create_rotation_matrix_from_view",
+    "default_orientation",
+    "euler_xyz_from_quat",
+    "generate_random_rotation",
+    "generate_random_transformation_matrix",
+    "generate_random_translation",
+    "interpolate_poses",
+    "interpolate_rotations",
+    "make_pose",
+    "matrix_from_euler",
+    "matrix_from_quat",
+    "normalize",
+    "orthogonalize_perspective_depth",
+    "pose_in_A_to_pose_in_B",
+    "pose_inv",
+    "project_points",
+    "quat_apply",
+    "quat_apply_inverse",
+    "quat_apply_yaw",
+    "quat_box_minus",
+    "quat_box_plus",
+    "quat_conjugate",
+    "quat_error_magnitude",
+    "quat_from_angle_axis",
+    "quat_from_euler_xyz",
+    "quat_from_matrix",
+    "quat_inv",
+    "quat_mul",
+    "quat_slerp",
+    "quat_unique",
+    "random_orientation",
+    "random_yaw_orientation",
+    "rigid_body_twist_transform",
+    "sample_cylinder",
+    "sample_gaussian",
+    "sample_log_uniform",
+    "sample_triangle",
+    "sample_uniform",
+    "saturate",
+    "scale_transform",
+    "skew_symmetric_matrix",
+    "subtract_frame_transforms",
+    "transform_points",
+    "transform_poses_from_frame_A_to_frame_B",
+    "unmake_pose",
+    "unproject_depth",
+    "unscale_transform",
+    "wrap_to_pi",
+    "yaw_quat",
+]
