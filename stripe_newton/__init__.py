@@ -7,6 +7,7 @@ Importing this package loads nothing heavy: no torch, no Warp, no GPU. Take what
 * ``stripe_newton.sim``, ``.scene``, ``.assets``, ``.actuators``: from a USD stage to a running simulation
 * ``stripe_newton.envs``: environments in the direct workflow
 * ``stripe_newton.rl``, ``.viewers``, ``.cli``: training, pictures, command line
+* ``stripe_newton.controllers``: inverse kinematics and operational space control
 * ``stripe_newton.math``, ``.noise``: functions that tasks use
 """
 

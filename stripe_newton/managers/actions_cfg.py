@@ -11,6 +11,7 @@ import warp as wp
 
 from stripe_kernels.mdp import ACTIONS, DIFFERENTIAL_IK_METHODS, process_differential_ik
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.controllers import DifferentialIKControllerCfg
 from stripe_newton.noise import NoiseCfg
 
 __all__ = [
@@ -250,55 +251,6 @@ class NonHolonomicActionCfg(JointActionCfg):
     """Factors on forward speed and rate of turn."""
     offset: tuple[float, float] = (0.0, 0.0)
     """Added to forward speed [m/s] and rate of turn [rad/s]."""
-
-
-_IK_PARAMS: dict[str, dict[str, float]] = {
-    "pinv": {"k_val": 1.0},
-    "svd": {"k_val": 1.0, "min_singular_value": 1e-5},
-    "trans": {"k_val": 1.0},
-    "dls": {"lambda_val": 0.01},
-}
-
-
-@configclass
-class DifferentialIKControllerCfg:
-    """Differential inverse kinematics: joint positions that move a body to a commanded pose."""
-
-    command_type: str = MISSING
-    """``"position"``, or ``"pose"`` to command the rotation too."""
-    use_relative_mode: bool = False
-    """Commands are changes of the current pose rather than poses."""
-    ik_method: str = MISSING
-    """``"pinv"`` (pseudo-inverse of the Jacobian), ``"svd"`` (the same without small singular values), ``"trans"``
-    (its transpose) or ``"dls"`` (damped least squares)."""
-    ik_params: dict[str, float] | None = None
-    """Parameters of the method: ``k_val``, the gain of ``pinv``, ``svd`` and ``trans`` (default 1);
-    ``min_singular_value`` of ``svd`` (1e-5); ``lambda_val``, the damping of ``dls`` (0.01)."""
-
-    @property
-    def action_dim(self) -> int:
-        """Size of a command: position [m], and for poses a quaternion (x, y, z, w) or a rotation vector [rad]."""
-        return 3 if self.command_type == "position" else 6 if self.use_relative_mode else 7
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """``ik_params`` completed by the defaults of the method."""
-        return _IK_PARAMS.get(self.ik_method, {}) | (self.ik_params or {})
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        if self.command_type not in ("position", "pose", MISSING):
-            yield "command_type", f"is '{self.command_type}', must be 'position' or 'pose'"
-        if self.ik_method is MISSING:
-            return
-        if self.ik_method not in _IK_PARAMS:
-            yield "ik_method", f"is '{self.ik_method}', must be one of {', '.join(map(repr, _IK_PARAMS))}"
-            return
-        known = _IK_PARAMS[self.ik_method]
-        for name, value in (self.ik_params or {}).items():
-            if name not in known:
-                yield f"ik_params[{name!r}]", f"'{self.ik_method}' has no such number, it takes {', '.join(known)}"
-            elif not (math.isfinite(value) and value > 0.0):
-                yield f"ik_params[{name!r}]", f"is {value}, must be above 0 and finite"
 
 
 @configclass

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Lab's actuators, assets and controllers."""
 
-from .entries import Table, refused, same
+from .entries import Table, dialect, refused, same
 
 NAMES: dict[str, Table] = {
     "isaaclab.actuators": same(
@@ -13,6 +13,8 @@ NAMES: dict[str, Table] = {
         "stripe_newton.assets", "Articulation ArticulationCfg RigidObject RigidObjectCfg AssetBase AssetBaseCfg"
     )
     | refused("deformable bodies are not simulated", "DeformableObject DeformableObjectCfg DeformableObjectData"),
+    "isaaclab.controllers": dialect("controllers", "DifferentialIKController OperationalSpaceController")
+    | same("stripe_newton.controllers", "DifferentialIKControllerCfg OperationalSpaceControllerCfg"),
 }
 
 ALIASES: dict[str, str] = {}
