@@ -89,7 +89,7 @@ class Articulation(BoundAsset):
         """
         cfg = self.cfg
         self.layout = layout = self._find_layout(layouts, cfg.articulation_root_prim_path)
-        layout.place_root(builder, cfg.init_state.pos, cfg.init_state.rot)
+        layout.place_root(builder, cfg.init_state.pos, cfg.init_state.rot_xyzw)
         problems = [*self._write_joint_state(builder), *self._write_actuators(builder)]
         # Targets begin at the initial state: a drive would otherwise pull to zero before the first action. The zip ends
         # with the shorter range, as a ball joint has more coordinates than degrees of freedom.
@@ -153,6 +153,10 @@ class Articulation(BoundAsset):
     @property
     def data(self) -> ArticulationData:
         """State of the articulation."""
+        return self._data
+
+    @property
+    def native_data(self) -> ArticulationData:
         return self._data
 
     @property

@@ -11,20 +11,17 @@ import torch
 
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.matching import match_names
-from stripe_newton.math import quat_apply
 from stripe_newton.sim import SpawnerCfg
 from stripe_newton.sim.scene_context import authored_path, current_scene, is_env_path
 
 from .layout import Layout, select_layout
 from .root_data import RootData
+from .root_writer import EnvIds, RootWriter
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
 __all__ = ["AssetBase", "AssetBaseCfg", "AssetInitialStateCfg", "BoundAsset"]
-
-EnvIds = Sequence[int] | torch.Tensor | slice | None
-"""Environments by index; ``None`` means all."""
 
 
 @configclass
@@ -35,6 +32,11 @@ class AssetInitialStateCfg:
     """Position of the root [m]; ``None`` keeps the file's."""
     rot: tuple[float, float, float, float] | None = (0.0, 0.0, 0.0, 1.0)
     """Orientation of the root, quaternion (x, y, z, w); ``None`` keeps the file's."""
+
+    @property
+    def rot_xyzw(self) -> tuple[float, float, float, float] | None:
+        """:attr:`rot` as the package reads it; a subclass may keep another order in the field."""
+        return self.rot
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.rot is not None and not 0.99 < sum(x * x for x in self.rot) ** 0.5 < 1.01:
@@ -83,7 +85,8 @@ class AssetBase:
         scene = current_scene()
         self.path = authored_path(self.cfg.prim_path)
         if self.cfg.spawn is not None:
-            self.cfg.spawn.func(self.cfg.prim_path, self.cfg.spawn, self.cfg.init_state.pos, self.cfg.init_state.rot)
+            start = self.cfg.init_state
+            self.cfg.spawn.spawn(self.cfg.prim_path, start.pos, start.rot_xyzw)
         elif not scene.stage.GetPrimAtPath(self.path).IsValid():
             raise ValueError(
                 f"{type(self).__name__} at '{self.cfg.prim_path}': no prim there and 'spawn' is None; "
@@ -121,13 +124,8 @@ class AssetBase:
         """Do what follows ``dt`` seconds of physics; nothing by default, and a step then does not call it."""
 
 
-class BoundAsset(AssetBase):
+class BoundAsset(RootWriter, AssetBase):
     """An asset with bodies, bound to its rows in the model's arrays."""
-
-    layout: Layout
-    """Its rows in the arrays of the model, once it is prepared."""
-    _sim: Simulation
-    _data: RootData
 
     @property
     def data(self) -> RootData:
@@ -135,23 +133,17 @@ class BoundAsset(AssetBase):
         return self._data
 
     @property
+    def native_data(self) -> RootData:
+        """State of the asset with quaternions (x, y, z, w), also where a subclass hands out another form as ``data``.
+
+        Code of the package that reads an asset uses this.
+        """
+        return self._data
+
+    @property
     def num_instances(self) -> int:
         """Number of environments."""
         return self._sim.num_envs
-
-    @property
-    def device(self) -> str:
-        """Device of the simulation."""
-        return self._sim.device
-
-    def env_indices(self, env_ids: EnvIds) -> torch.Tensor:
-        """``env_ids`` as an int64 tensor on the device, shape ``(n,)``."""
-        if env_ids is None:
-            return self._ALL_INDICES
-        if isinstance(env_ids, slice):
-            return self._ALL_INDICES[env_ids]
-        ids = torch.as_tensor(env_ids, device=self.device)
-        return ids.nonzero().squeeze(-1) if ids.dtype == torch.bool else ids.long()
 
     def names_of(self, kind: str) -> list[str] | None:
         return list(self.layout.joint_names if kind == "joint" else self.layout.body_names)
@@ -170,48 +162,6 @@ class BoundAsset(AssetBase):
     def initialize(self, sim: Simulation) -> None:
         self._sim = sim
         self._ALL_INDICES = torch.arange(sim.num_envs, device=sim.device)
-
-    # -- root
-
-    def write_root_pose_to_sim(self, root_pose: torch.Tensor, env_ids: EnvIds = None) -> None:
-        """Set the pose of the root link in the world frame.
-
-        Args:
-            root_pose: Position [m] and quaternion (x, y, z, w), shape ``(n, 7)``.
-            env_ids: Environments, default all.
-        """
-        self.layout.write_root_pose(self._sim, root_pose, self.env_indices(env_ids))
-
-    def write_root_velocity_to_sim(self, root_velocity: torch.Tensor, env_ids: EnvIds = None) -> None:
-        """Set the velocity of the root's centre of mass in the world frame.
-
-        Args:
-            root_velocity: Linear [m/s] and angular [rad/s], shape ``(n, 6)``; ignored for a fixed base.
-            env_ids: Environments, default all.
-        """
-        self.layout.write_root_velocity(self._sim, root_velocity, self.env_indices(env_ids))
-
-    def write_root_state_to_sim(self, root_state: torch.Tensor, env_ids: EnvIds = None) -> None:
-        """Set pose and velocity of the root: :meth:`write_root_pose_to_sim`, :meth:`write_root_velocity_to_sim`.
-
-        Args:
-            root_state: Shape ``(n, 13)``.
-            env_ids: Environments, default all.
-        """
-        self.write_root_pose_to_sim(root_state[:, :7], env_ids)
-        self.write_root_velocity_to_sim(root_state[:, 7:], env_ids)
-
-    def write_root_link_velocity_to_sim(self, root_velocity: torch.Tensor, env_ids: EnvIds = None) -> None:
-        """Set the velocity of the root's link origin in the world frame, after its pose.
-
-        Args:
-            root_velocity: Linear [m/s] and angular [rad/s], shape ``(n, 6)``.
-            env_ids: Environments, default all.
-        """
-        ids = self.env_indices(env_ids)
-        offset = quat_apply(self.data.root_quat_w[ids], self.data.root_com_offset_b[ids])
-        linear = root_velocity[:, :3] + torch.linalg.cross(root_velocity[:, 3:], offset)
-        self.write_root_velocity_to_sim(torch.cat((linear, root_velocity[:, 3:]), dim=-1), ids)
 
     # -- bodies
 

@@ -12,6 +12,8 @@ import warp as wp
 import stripe_kernels.data as kernels
 from stripe_newton.math import quat_apply, quat_apply_inverse
 
+from .frame_data import FrameData
+
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
@@ -45,7 +47,7 @@ class WarpView:
         return wp.from_torch(tensor, dtype=kind or wp.dtype_from_torch(tensor.dtype))
 
 
-class RootData:
+class RootData(FrameData):
     """State of an asset as tensors that lead with the environment: ``(num_envs, ...)``.
 
     Those marked *view* share memory with the simulation: writing them writes its state. The others are computed from
@@ -152,25 +154,9 @@ class RootData:
         return self._body_com[:, 0]
 
     @property
-    def root_com_pos_w(self) -> torch.Tensor:
-        """Position of the root's centre of mass [m], shape ``(num_envs, 3)``."""
-        return self.root_pos_w + quat_apply(self.root_quat_w, self.root_com_offset_b)
-
-    @property
-    def root_link_lin_vel_w(self) -> torch.Tensor:
-        """Linear velocity of the root link's origin [m/s], shape ``(num_envs, 3)``."""
-        offset = quat_apply(self.root_quat_w, self.root_com_offset_b)
-        return self.root_lin_vel_w - torch.linalg.cross(self.root_ang_vel_w, offset)
-
-    @property
     def root_lin_vel_b(self) -> torch.Tensor:
         """:attr:`root_lin_vel_w` in the root's frame [m/s], shape ``(num_envs, 3)``."""
         return quat_apply_inverse(self.root_quat_w, self.root_lin_vel_w)
-
-    @property
-    def root_link_lin_vel_b(self) -> torch.Tensor:
-        """:attr:`root_link_lin_vel_w` in the root's frame [m/s], shape ``(num_envs, 3)``."""
-        return quat_apply_inverse(self.root_quat_w, self.root_link_lin_vel_w)
 
     @property
     def root_ang_vel_b(self) -> torch.Tensor:
@@ -224,17 +210,6 @@ class RootData:
     def body_state_w(self) -> torch.Tensor:
         """:attr:`body_pose_w` and :attr:`body_vel_w`, shape ``(num_envs, num_bodies, 13)``."""
         return torch.cat((self._body_q, self._body_qd), dim=-1)
-
-    @property
-    def body_link_lin_vel_w(self) -> torch.Tensor:
-        """Linear velocities of the link origins [m/s], shape ``(num_envs, num_bodies, 3)``."""
-        offset = quat_apply(self.body_quat_w, self._body_com)
-        return self.body_lin_vel_w - torch.linalg.cross(self.body_ang_vel_w, offset)
-
-    @property
-    def body_com_pos_w(self) -> torch.Tensor:
-        """Positions of the centres of mass [m], shape ``(num_envs, num_bodies, 3)``."""
-        return self.body_pos_w + quat_apply(self.body_quat_w, self._body_com)
 
     @property
     def body_com_pos_b(self) -> torch.Tensor:

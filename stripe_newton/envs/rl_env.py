@@ -70,6 +70,9 @@ class RLEnv(VectorEnv):
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
 
+    scene_class: ClassVar[type[InteractiveScene]] = InteractiveScene
+    """Class of the scene."""
+
     cfg: RLEnvCfg
     _renderer: SceneRenderer | None = None
 
@@ -98,7 +101,7 @@ class RLEnv(VectorEnv):
         self.sim = Simulation(self.cfg.sim)
         self.sim.decimation = self.cfg.decimation
         self._prepare_simulation()
-        self.scene = InteractiveScene(self.cfg.scene, self.sim)
+        self.scene = self.scene_class(self.cfg.scene, self.sim)
         with self.scene.construction():
             self._setup_scene()
         self.scene.builder.checks.append(self._name_problems)

@@ -115,7 +115,7 @@ class Safety:
         """Set the targets of all assets to their defaults and remove external wrenches, where an episode begins."""
         context, body = self._context, list[Code]()
         for name in context.entity_names():
-            struct = context.scope.name(name, context.asset(name).data.struct)
+            struct = context.scope.name(name, context.asset(name).native_data.struct)
             body.append(context.scope.call(reset_targets, "env", struct))
             if self._sim.external_wrench is not None:
                 body.append(context.scope.call(clear_wrench, "env", struct))

@@ -56,7 +56,7 @@ class ModelStructs:
         if field == "kind":
             return wp.array([int(t) for t in context.scene.sim.template.shape_type], dtype=int, device=context.device)
         if field == "initial_joint_pos":
-            positions = context.asset(name).data.struct.default_joint_pos
+            positions = context.asset(name).native_data.struct.default_joint_pos
             context.arrays[f"default_joint_pos.{name}"] = positions
             return wp.clone(positions)
         return context.scene.controller.model_array(kind, field, None if name == SCENE else context.asset(name).layout)

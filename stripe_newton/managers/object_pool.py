@@ -181,7 +181,7 @@ class ObjectPool:
         self.active, self.age = wp.to_torch(data.active), wp.to_torch(data.age)
         self.home, self.target = wp.to_torch(data.home_pose), wp.to_torch(data.target_pose)
         self.parking = wp.to_torch(data.parking_pose)
-        defaults = torch.stack([o.data.default_root_state for o in self.objects], dim=1)
+        defaults = torch.stack([o.native_data.default_root_state for o in self.objects], dim=1)
         self.home[:], self.target[:] = defaults[..., :7], defaults[..., :7]
         wp.to_torch(data.home_vel)[:] = defaults[..., 7:]
         context.structs.named(struct_of(data), PoolStructs).add(name, data, {"num_objects": count})

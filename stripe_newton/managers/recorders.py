@@ -32,14 +32,14 @@ class InitialStateRecorder(RecorderTerm):
     """``initial_state``: the state of all assets at the start of the episode, one row."""
 
     def record_post_reset(self, env_ids: torch.Tensor) -> Recorded:
-        return "initial_state", _rows(self._env.scene.get_state(is_relative=True), env_ids)
+        return "initial_state", _rows(self._env.scene.querier.get_state(is_relative=True), env_ids)
 
 
 class PostStepStatesRecorder(RecorderTerm):
     """``states``: the state of all assets after each step."""
 
     def record_post_step(self) -> Recorded:
-        return "states", self._env.scene.get_state(is_relative=True)
+        return "states", self._env.scene.querier.get_state(is_relative=True)
 
 
 class PreStepActionsRecorder(RecorderTerm):

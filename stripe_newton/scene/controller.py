@@ -85,11 +85,11 @@ class SceneController:
             bound: list[BoundAsset] = [*scene.articulations.values(), *scene.rigid_objects.values()]
             for asset in bound:
                 rows = asset.env_indices(ids)
-                state = asset.data.default_root_state[rows].clone()
+                state = asset.native_data.default_root_state[rows].clone()
                 state[:, :3] += scene.env_origins[rows]
-                asset.write_root_state_to_sim(state, rows)
+                asset.write_native_root_state(state[:, :7], state[:, 7:], rows)
                 if isinstance(asset, Articulation):
-                    joints = asset.data.default_joint_pos[rows], asset.data.default_joint_vel[rows]
+                    joints = asset.native_data.default_joint_pos[rows], asset.native_data.default_joint_vel[rows]
                     asset.write_joint_state_to_sim(*joints, env_ids=rows)
         sim.clear_solver(mask)
 

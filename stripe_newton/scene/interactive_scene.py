@@ -233,11 +233,7 @@ class InteractiveScene(SceneContents):
 
     def get_state(self, is_relative: bool = False) -> dict[str, dict[str, dict[str, torch.Tensor]]]:
         """States of all assets: ``{"articulation" | "rigid_object": {name: get_robot_state(name)}}``."""
-        read = self.querier.get_robot_state
-        return {
-            "articulation": {n: read(n, is_relative) for n in self.articulations},
-            "rigid_object": {n: read(n, is_relative) for n in self.rigid_objects},
-        }
+        return self.querier.get_state(is_relative)
 
     def reset_to(
         self, state: dict[str, dict[str, dict[str, torch.Tensor]]], env_ids: EnvIds = None, is_relative: bool = False
@@ -257,8 +253,7 @@ class InteractiveScene(SceneContents):
                 pose = values["root_pose"].clone()
                 if is_relative:
                     pose[:, :3] += self.env_origins[rows]
-                asset.write_root_pose_to_sim(pose, rows)
-                asset.write_root_velocity_to_sim(values["root_velocity"], rows)
+                asset.write_native_root_state(pose, values["root_velocity"], rows)
                 if "joint_position" in values:
                     asset.write_joint_state_to_sim(values["joint_position"], values["joint_velocity"], env_ids=rows)
         self.sim.forward(self.controller.mask(env_ids))

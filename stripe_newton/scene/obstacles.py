@@ -219,7 +219,7 @@ class Obstacles(SensorBase):
         if any(len(array) != self.num_envs for array in targets):
             raise RuntimeError(f"{self._where}: this solver does not keep sizes of geoms for each world")
         with wp.ScopedDevice(self.device):
-            self._make_struct(self._asset.data.struct.root_pose)
+            self._make_struct(self._asset.native_data.struct.root_pose)
             self._seen, self._told = wp.zeros(1, dtype=int), HostFlags(1, self.device)
             self._mask, self._slot_geoms = wp.zeros(self.num_envs, dtype=wp.bool), wp.array(geoms, dtype=int)
             data = sim.solver.mjw_data

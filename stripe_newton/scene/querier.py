@@ -33,15 +33,26 @@ class SceneQuerier:
             ``root_pose`` (num_envs, 7), ``root_velocity`` (num_envs, 6), and for an articulation ``joint_position`` and
             ``joint_velocity`` (num_envs, num_joints); world frame, SI units.
         """
-        data = self._asset(name).data
+        data = self._asset(name).native_data
         state = {"root_pose": data.root_pose_w.clone(), "root_velocity": data.root_vel_w.clone()}
         if is_relative:
             state["root_pose"][:, :3] -= self._scene.env_origins
         if name in self._scene.articulations:
-            joints = self._scene.articulations[name].data
+            joints = self._scene.articulations[name].native_data
             state["joint_position"] = joints.joint_pos.clone()
             state["joint_velocity"] = joints.joint_vel.clone()
         return state
+
+    def get_state(self, is_relative: bool = False) -> dict[str, dict[str, dict[str, torch.Tensor]]]:
+        """States of all assets: ``{"articulation" | "rigid_object": {name: get_robot_state(name)}}``.
+
+        Args:
+            is_relative: Positions relative to the environments' origins.
+        """
+        return {
+            "articulation": {n: self.get_robot_state(n, is_relative) for n in self._scene.articulations},
+            "rigid_object": {n: self.get_robot_state(n, is_relative) for n in self._scene.rigid_objects},
+        }
 
     def get_sensor_data(self, name: str) -> SensorData:
         """Data of a sensor, as the sensor hands it out.

@@ -165,7 +165,7 @@ class Camera(SensorBase):
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
         self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
         offset = self.cfg.offset
-        turn = Rotation.from_quat(offset.rot) * FROM_WORLD[offset.convention].inv()
+        turn = Rotation.from_quat(offset.rot_xyzw) * FROM_WORLD[offset.convention].inv()
         mount = find_mount(template, self.cfg.prim_path, self._where, own_prim=True)
         pose = wp.transform(wp.vec3(*offset.pos), wp.quat(*map(float, turn.as_quat())))
         self._mount = Frame(mount.name, mount.body, mount.pose * pose)

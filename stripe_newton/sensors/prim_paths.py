@@ -35,9 +35,14 @@ class OffsetCfg:
             yield "rot", f"is {self.rot}, must be a unit quaternion in the order (x, y, z, w)"
 
     @property
+    def rot_xyzw(self) -> tuple[float, float, float, float]:
+        """:attr:`rot` as the package reads it; a subclass may keep another order in the field."""
+        return self.rot
+
+    @property
     def transform(self) -> wp.transform:
         """The offset as a Warp transform."""
-        return wp.transform(wp.vec3(*self.pos), wp.normalize(wp.quat(*self.rot)))
+        return wp.transform(wp.vec3(*self.pos), wp.normalize(wp.quat(*self.rot_xyzw)))
 
 
 @dataclass

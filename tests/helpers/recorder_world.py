@@ -31,7 +31,7 @@ class Owner:
         self.env = torch.arange(num_envs, dtype=torch.float32)
         self.episode, self.step = torch.zeros(num_envs), torch.zeros(num_envs)
         self.obs_buf: dict[str, Any] = {}
-        self.scene = self
+        self.scene = self.querier = self
         self.spec = SimpleNamespace(id="Toy-v0")
         self._np_random_seed = 42
         self.success = success

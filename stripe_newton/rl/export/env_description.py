@@ -69,7 +69,7 @@ def articulations(env: TorchVectorEnv) -> dict[str, ArticulationInfo]:
 
 
 def _articulation(env: RLEnv, asset: Articulation) -> ArticulationInfo:
-    data, template = asset.data, env.sim.template
+    data, template = asset.native_data, env.sim.template
     values, varies = _gains_and_limits(env, asset)
     limits = data.joint_pos_limits.median(dim=0).values.cpu().numpy()
     positions, root = data.default_joint_pos, data.default_root_state[0]
@@ -95,7 +95,7 @@ def _articulation(env: RLEnv, asset: Articulation) -> ArticulationInfo:
 
 def _gains_and_limits(env: RLEnv, asset: Articulation) -> tuple[dict[str, object], list[str]]:
     """Values of the joints by name, and the names of those that differ between environments."""
-    data, layout, controller = asset.data, asset.layout, env.scene.controller
+    data, layout, controller = asset.native_data, asset.layout, env.scene.controller
     dofs = slice(layout.dofs.start, layout.dofs.stop)
     values: dict[str, torch.Tensor] = {}
     varies = []

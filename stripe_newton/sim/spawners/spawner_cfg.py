@@ -34,6 +34,16 @@ class SpawnerCfg:
     copy_from_source: bool = True
     """Ignored: Newton replicates the model, prims are never copied."""
 
+    def spawn(self, prim_path: str, translation: Translation = None, orientation: Orientation = None) -> Usd.Prim:
+        """Call :attr:`func`; a subclass may hand it the orientation in another order.
+
+        Args:
+            prim_path: Path of the new prim.
+            translation: Position in the parent's frame [m].
+            orientation: Quaternion (x, y, z, w) in the parent's frame.
+        """
+        return self.func(prim_path, self, translation, orientation)
+
     IGNORED: ClassVar[dict[str, str]] = {"copy_from_source": "Newton replicates the model, prims are never copied"}
 
 
