@@ -9,9 +9,10 @@ NAMES: dict[str, Table] = {
         """ImplicitActuatorCfg IdealPDActuatorCfg DCMotorCfg DelayedPDActuatorCfg RemotizedPDActuatorCfg
         ActuatorNetLSTMCfg ActuatorNetMLPCfg ActuatorBaseCfg=ActuatorCfg""",
     ),
-    "isaaclab.assets": same(
-        "stripe_newton.assets", "Articulation ArticulationCfg RigidObject RigidObjectCfg AssetBase AssetBaseCfg"
+    "isaaclab.assets": dialect(
+        "assets", "Articulation ArticulationCfg RigidObject RigidObjectCfg AssetBase AssetBaseCfg"
     )
+    | dialect("wxyz_data", "ArticulationData=WxyzData RigidObjectData=WxyzData")
     | refused("deformable bodies are not simulated", "DeformableObject DeformableObjectCfg DeformableObjectData"),
     "isaaclab.controllers": dialect("controllers", "DifferentialIKController OperationalSpaceController")
     | same("stripe_newton.controllers", "DifferentialIKControllerCfg OperationalSpaceControllerCfg"),

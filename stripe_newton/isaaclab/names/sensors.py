@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Lab's sensors."""
 
-from .entries import Table, same
+from .entries import Table, dialect, same
 
 NAMES: dict[str, Table] = {
-    "isaaclab.sensors": same(
-        "stripe_newton.sensors",
-        """Camera CameraCfg TiledCamera=Camera TiledCameraCfg ContactSensor ContactSensorCfg FrameTransformer
-        FrameTransformerCfg Imu ImuCfg OffsetCfg RayCaster RayCasterCfg RayCasterData SensorBase SensorBaseCfg""",
-    ),
+    "isaaclab.sensors": dialect(
+        "sensors",
+        """Camera CameraCfg TiledCamera TiledCameraCfg ContactSensor ContactSensorCfg FrameTransformer
+        FrameTransformerCfg Imu ImuCfg OffsetCfg RayCaster RayCasterCfg""",
+    )
+    | dialect(
+        "wxyz_data",
+        """CameraData=WxyzData ContactSensorData=WxyzData FrameTransformerData=WxyzData ImuData=WxyzData
+        RayCasterData=WxyzData""",
+    )
+    | same("stripe_newton.sensors", "SensorBase SensorBaseCfg"),
     "isaaclab.sensors.patterns": same(
         "stripe_newton.sensors",
         "BpearlPatternCfg GridPatternCfg LidarPatternCfg PatternBaseCfg PinholeCameraPatternCfg",

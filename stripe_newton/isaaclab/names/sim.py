@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Lab's simulation, spawners, terrains and markers."""
 
-from .entries import Table, same
+from .entries import Table, dialect, same
 
 NAMES: dict[str, Table] = {
     "isaaclab.sim": same(
         "stripe_newton.sim",
-        """SimulationCfg UsdFileCfg UrdfFileCfg GroundPlaneCfg spawn_ground_plane spawn_from_usd
+        """SimulationCfg PreviewSurfaceCfg RigidBodyMaterialCfg ArticulationRootPropertiesCfg CollisionPropertiesCfg
+        JointDrivePropertiesCfg MassPropertiesCfg RigidBodyPropertiesCfg""",
+    )
+    | dialect(
+        "spawners",
+        """UsdFileCfg UrdfFileCfg GroundPlaneCfg spawn_from_urdf spawn_from_usd spawn_ground_plane spawn_light
         CapsuleCfg ConeCfg CuboidCfg CylinderCfg SphereCfg MeshCapsuleCfg MeshConeCfg MeshCuboidCfg MeshCylinderCfg
-        MeshSphereCfg CylinderLightCfg DiskLightCfg DistantLightCfg DomeLightCfg LightCfg SphereLightCfg
-        PreviewSurfaceCfg RigidBodyMaterialCfg ArticulationRootPropertiesCfg CollisionPropertiesCfg
-        JointDrivePropertiesCfg MassPropertiesCfg RigidBodyPropertiesCfg SpawnerCfg RigidObjectSpawnerCfg""",
+        MeshSphereCfg CylinderLightCfg DiskLightCfg DistantLightCfg DomeLightCfg LightCfg SphereLightCfg SpawnerCfg
+        RigidObjectSpawnerCfg""",
     ),
-    "isaaclab.scene": same("stripe_newton.scene", "InteractiveScene InteractiveSceneCfg"),
+    "isaaclab.scene": dialect("scene", "InteractiveScene") | same("stripe_newton.scene", "InteractiveSceneCfg"),
     "isaaclab.terrains": same("stripe_newton.terrains", "TerrainImporterCfg TerrainGeneratorCfg TerrainImporter"),
     "isaaclab.terrains.config": {},
     "isaaclab.terrains.config.rough": same("stripe_newton.terrains", "ROUGH_TERRAINS_CFG"),

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene of the Isaac Lab dialect: assets and states with quaternions (w, x, y, z)."""
+
+from __future__ import annotations
+
+import torch
+
+from stripe_newton import scene as native
+from stripe_newton.assets.root_writer import EnvIds
+
+from .quaternions import pose_to_wxyz, pose_to_xyzw
+
+__all__ = ["InteractiveScene"]
+
+States = dict[str, dict[str, dict[str, torch.Tensor]]]
+
+
+class InteractiveScene(native.InteractiveScene):
+    """:class:`stripe_newton.scene.InteractiveScene`, whose states have quaternions (w, x, y, z)."""
+
+    def get_state(self, is_relative: bool = False) -> States:
+        states = super().get_state(is_relative)
+        for family in states.values():
+            for values in family.values():
+                values["root_pose"] = pose_to_wxyz(values["root_pose"]).as_subclass(torch.Tensor)  # a copy of its own
+        return states
+
+    def reset_to(self, state: States, env_ids: EnvIds = None, is_relative: bool = False) -> None:
+        converted = {
+            kind: {name: values | {"root_pose": pose_to_xyzw(values["root_pose"])} for name, values in family.items()}
+            for kind, family in state.items()
+        }
+        super().reset_to(converted, env_ids, is_relative)

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors of the Isaac Lab dialect: quaternions (w, x, y, z) in offsets and in data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+from stripe_newton import sensors as native
+from stripe_newton.configclass import MISSING, configclass
+
+from .wxyz_config import WxyzRot
+from .wxyz_data import WxyzData
+
+__all__ = [
+    "Camera",
+    "CameraCfg",
+    "ContactSensor",
+    "ContactSensorCfg",
+    "FrameTransformer",
+    "FrameTransformerCfg",
+    "Imu",
+    "ImuCfg",
+    "OffsetCfg",
+    "RayCaster",
+    "RayCasterCfg",
+    "TiledCamera",
+    "TiledCameraCfg",
+]
+
+Quaternion = tuple[float, float, float, float]
+
+
+class _WxyzSensor:
+    """The boundary of a sensor: the sensor sets its ``data`` once, and hands out a converted form of it."""
+
+    _wxyz: WxyzData | None = None
+
+    @property
+    def data(self) -> Any:  # the type below is of the package: it cannot name what is converted
+        """Data of the sensor, quaternions (w, x, y, z)."""
+        if self._wxyz is None:
+            raise AttributeError(f"{type(self).__name__} has no data before the scene is built")
+        return self._wxyz
+
+    @data.setter
+    def data(self, value: object) -> None:
+        self._wxyz = WxyzData(value)
+
+
+class Camera(_WxyzSensor, native.Camera):
+    """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z)."""
+
+
+class TiledCamera(Camera):
+    """A :class:`Camera` by Isaac Lab's other name."""
+
+
+class ContactSensor(_WxyzSensor, native.ContactSensor):
+    """:class:`stripe_newton.sensors.ContactSensor` with quaternions (w, x, y, z)."""
+
+
+class FrameTransformer(_WxyzSensor, native.FrameTransformer):
+    """:class:`stripe_newton.sensors.FrameTransformer` with quaternions (w, x, y, z)."""
+
+
+class Imu(_WxyzSensor, native.Imu):
+    """:class:`stripe_newton.sensors.Imu` with quaternions (w, x, y, z)."""
+
+
+class RayCaster(_WxyzSensor, native.RayCaster):
+    """:class:`stripe_newton.sensors.RayCaster` with quaternions (w, x, y, z)."""
+
+
+@configclass
+class OffsetCfg(WxyzRot, native.OffsetCfg):
+    """A frame in that of a body; ``rot`` is (w, x, y, z)."""
+
+    rot: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+_Offset = OffsetCfg  # below, OffsetCfg is the attribute of the class
+
+
+@configclass
+class ContactSensorCfg(native.ContactSensorCfg):
+    """:class:`stripe_newton.sensors.ContactSensorCfg`; its sensor hands out (w, x, y, z)."""
+
+    class_type: Callable[..., native.SensorBase] | None = ContactSensor
+
+
+@configclass
+class ImuCfg(native.ImuCfg):
+    """:class:`stripe_newton.sensors.ImuCfg` with quaternions (w, x, y, z)."""
+
+    OffsetCfg: ClassVar[type] = _Offset
+
+    class_type: Callable[..., native.SensorBase] | None = Imu
+    offset: _Offset = _Offset()
+
+
+@configclass
+class FrameTransformerCfg(native.FrameTransformerCfg):
+    """:class:`stripe_newton.sensors.FrameTransformerCfg` with quaternions (w, x, y, z)."""
+
+    @configclass
+    class FrameCfg(native.FrameTransformerCfg.FrameCfg):
+        """A target frame."""
+
+        offset: _Offset = _Offset()
+
+    OffsetCfg: ClassVar[type] = _Offset
+
+    class_type: Callable[..., native.SensorBase] | None = FrameTransformer
+    target_frames: Sequence[Any] = MISSING
+    source_frame_offset: _Offset = _Offset()
+
+
+@configclass
+class RayCasterCfg(native.RayCasterCfg):
+    """:class:`stripe_newton.sensors.RayCasterCfg` with quaternions (w, x, y, z)."""
+
+    @configclass
+    class OffsetCfg(WxyzRot, native.RayCasterCfg.OffsetCfg):
+        """Pose of the sensor in the frame of its body; ``rot`` is (w, x, y, z)."""
+
+        rot: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+    class_type: Callable[..., native.SensorBase] | None = RayCaster
+    offset: OffsetCfg = OffsetCfg()
+
+
+@configclass
+class CameraCfg(native.CameraCfg):
+    """:class:`stripe_newton.sensors.CameraCfg` with quaternions (w, x, y, z)."""
+
+    @configclass
+    class OffsetCfg(WxyzRot, native.CameraCfg.OffsetCfg):
+        """Pose of the camera in the frame of its body; ``rot`` is (w, x, y, z)."""
+
+        rot: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+    class_type: Callable[..., native.SensorBase] | None = Camera
+    offset: OffsetCfg = OffsetCfg()
+
+
+@configclass
+class TiledCameraCfg(CameraCfg):
+    """A :class:`CameraCfg` by Isaac Lab's other name."""
+
+    class_type: Callable[..., native.SensorBase] | None = TiledCamera

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Spawners of the Isaac Lab dialect: their functions take orientations as (w, x, y, z)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from pxr import Usd
+
+from stripe_newton import sim as native
+from stripe_newton.configclass import configclass
+
+__all__ = [
+    "CapsuleCfg",
+    "ConeCfg",
+    "CuboidCfg",
+    "CylinderCfg",
+    "CylinderLightCfg",
+    "DiskLightCfg",
+    "DistantLightCfg",
+    "DomeLightCfg",
+    "GroundPlaneCfg",
+    "LightCfg",
+    "MeshCapsuleCfg",
+    "MeshConeCfg",
+    "MeshCuboidCfg",
+    "MeshCylinderCfg",
+    "MeshSphereCfg",
+    "RigidObjectSpawnerCfg",
+    "SpawnerCfg",
+    "SphereCfg",
+    "SphereLightCfg",
+    "UrdfFileCfg",
+    "UsdFileCfg",
+    "spawn_from_urdf",
+    "spawn_from_usd",
+    "spawn_ground_plane",
+    "spawn_light",
+    "spawn_shape",
+]
+
+Vector = Sequence[float] | None
+"""Position [m] or quaternion (w, x, y, z); ``None`` leaves the prim as it is."""
+Spawn = Callable[..., Usd.Prim]
+
+
+def _xyzw(orientation: Vector) -> Vector:
+    """(w, x, y, z) as (x, y, z, w)."""
+    return None if orientation is None else (*orientation[1:], orientation[0])
+
+
+def _wxyz(orientation: Vector) -> Vector:
+    """(x, y, z, w) as (w, x, y, z)."""
+    return None if orientation is None else (orientation[3], *orientation[:3])
+
+
+def spawn_from_usd(
+    prim_path: str, cfg: native.UsdFileCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_from_usd` with an orientation (w, x, y, z)."""
+    return native.spawn_from_usd(prim_path, cfg, translation, _xyzw(orientation))
+
+
+def spawn_from_urdf(
+    prim_path: str, cfg: native.UrdfFileCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_from_urdf` with an orientation (w, x, y, z)."""
+    return native.spawn_from_urdf(prim_path, cfg, translation, _xyzw(orientation))
+
+
+def spawn_ground_plane(
+    prim_path: str, cfg: native.GroundPlaneCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_ground_plane` with an orientation (w, x, y, z)."""
+    return native.spawn_ground_plane(prim_path, cfg, translation, _xyzw(orientation))
+
+
+def spawn_shape(
+    prim_path: str, cfg: native.ShapeCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_shape` with an orientation (w, x, y, z)."""
+    return native.spawn_shape(prim_path, cfg, translation, _xyzw(orientation))
+
+
+def spawn_light(
+    prim_path: str, cfg: native.LightCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_light` with an orientation (w, x, y, z)."""
+    return native.spawn_light(prim_path, cfg, translation, _xyzw(orientation))
+
+
+class _WxyzFunc:
+    """A spawner whose ``func`` takes (w, x, y, z), also one that the user wrote."""
+
+    func: Spawn
+
+    def spawn(self, prim_path: str, translation: Vector = None, orientation: Vector = None) -> Usd.Prim:
+        return self.func(prim_path, self, translation, _wxyz(orientation))
+
+
+@configclass
+class SpawnerCfg(_WxyzFunc, native.SpawnerCfg):
+    """Base of a user's spawners; ``func`` takes an orientation (w, x, y, z)."""
+
+
+@configclass
+class RigidObjectSpawnerCfg(_WxyzFunc, native.RigidObjectSpawnerCfg):
+    """Base of a user's spawners of rigid bodies; ``func`` takes an orientation (w, x, y, z)."""
+
+
+@configclass
+class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
+    """:class:`stripe_newton.sim.UsdFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_from_usd
+
+
+@configclass
+class UrdfFileCfg(_WxyzFunc, native.UrdfFileCfg):
+    """:class:`stripe_newton.sim.UrdfFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_from_urdf
+
+
+@configclass
+class GroundPlaneCfg(_WxyzFunc, native.GroundPlaneCfg):
+    """:class:`stripe_newton.sim.GroundPlaneCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_ground_plane
+
+
+@configclass
+class CapsuleCfg(_WxyzFunc, native.CapsuleCfg):
+    """:class:`stripe_newton.sim.CapsuleCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class ConeCfg(_WxyzFunc, native.ConeCfg):
+    """:class:`stripe_newton.sim.ConeCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class CuboidCfg(_WxyzFunc, native.CuboidCfg):
+    """:class:`stripe_newton.sim.CuboidCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class CylinderCfg(_WxyzFunc, native.CylinderCfg):
+    """:class:`stripe_newton.sim.CylinderCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class SphereCfg(_WxyzFunc, native.SphereCfg):
+    """:class:`stripe_newton.sim.SphereCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class MeshCapsuleCfg(_WxyzFunc, native.MeshCapsuleCfg):
+    """:class:`stripe_newton.sim.MeshCapsuleCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class MeshConeCfg(_WxyzFunc, native.MeshConeCfg):
+    """:class:`stripe_newton.sim.MeshConeCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class MeshCuboidCfg(_WxyzFunc, native.MeshCuboidCfg):
+    """:class:`stripe_newton.sim.MeshCuboidCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class MeshCylinderCfg(_WxyzFunc, native.MeshCylinderCfg):
+    """:class:`stripe_newton.sim.MeshCylinderCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class MeshSphereCfg(_WxyzFunc, native.MeshSphereCfg):
+    """:class:`stripe_newton.sim.MeshSphereCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_shape
+
+
+@configclass
+class LightCfg(_WxyzFunc, native.LightCfg):
+    """:class:`stripe_newton.sim.LightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_light
+
+
+@configclass
+class CylinderLightCfg(_WxyzFunc, native.CylinderLightCfg):
+    """:class:`stripe_newton.sim.CylinderLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_light
+
+
+@configclass
+class DiskLightCfg(_WxyzFunc, native.DiskLightCfg):
+    """:class:`stripe_newton.sim.DiskLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_light
+
+
+@configclass
+class DistantLightCfg(_WxyzFunc, native.DistantLightCfg):
+    """:class:`stripe_newton.sim.DistantLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_light
+
+
+@configclass
+class DomeLightCfg(_WxyzFunc, native.DomeLightCfg):
+    """:class:`stripe_newton.sim.DomeLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_light
+
+
+@configclass
+class SphereLightCfg(_WxyzFunc, native.SphereLightCfg):
+    """:class:`stripe_newton.sim.SphereLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_light
