@@ -7,10 +7,51 @@ from typing import ClassVar
 
 from stripe_newton import envs as native
 from stripe_newton import scene as native_scene
+from stripe_newton.configclass import configclass
+from stripe_newton.sim import SimulationCfg as NativeSimulationCfg
+from stripe_newton.viewers import ViewerCfg as NativeViewerCfg
 
 from .scene import InteractiveScene
+from .simulation_cfg import SimulationCfg, ViewerCfg
 
-__all__ = ["DirectMARLEnv", "DirectRLEnv"]
+__all__ = ["DirectMARLEnv", "DirectMARLEnvCfg", "DirectRLEnv", "DirectRLEnvCfg"]
+
+_NO_WINDOW = "there is no window of Isaac Sim"
+
+
+@configclass
+class DirectRLEnvCfg(native.DirectRLEnvCfg):
+    """:class:`stripe_newton.envs.DirectRLEnvCfg` with Isaac Lab's other fields."""
+
+    sim: NativeSimulationCfg = SimulationCfg()
+    viewer: NativeViewerCfg = ViewerCfg()
+    ui_window_class_type: object = None
+    num_rerenders_on_reset: int = 0
+    wait_for_textures: bool = True
+    xr: object = None
+    log_dir: str | None = None
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        **dict.fromkeys(("ui_window_class_type", "xr"), _NO_WINDOW),
+        **dict.fromkeys(("num_rerenders_on_reset", "wait_for_textures"), "render() always draws the current state"),
+        "log_dir": "the run has its own folder",
+    }
+
+
+@configclass
+class DirectMARLEnvCfg(native.DirectMARLEnvCfg):
+    """:class:`stripe_newton.envs.DirectMARLEnvCfg` with Isaac Lab's other fields."""
+
+    sim: NativeSimulationCfg = SimulationCfg()
+    viewer: NativeViewerCfg = ViewerCfg()
+    ui_window_class_type: object = None
+    xr: object = None
+    log_dir: str | None = None
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        **dict.fromkeys(("ui_window_class_type", "xr"), _NO_WINDOW),
+        "log_dir": "the run has its own folder",
+    }
 
 
 class DirectRLEnv(native.DirectRLEnv):

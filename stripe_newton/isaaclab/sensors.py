@@ -28,6 +28,7 @@ __all__ = [
     "TiledCameraCfg",
 ]
 
+_NO_MARKERS = {"visualizer_cfg": "sensors draw no markers"}
 Quaternion = tuple[float, float, float, float]
 
 
@@ -87,6 +88,8 @@ class ContactSensorCfg(native.ContactSensorCfg):
     """:class:`stripe_newton.sensors.ContactSensorCfg`; its sensor hands out (w, x, y, z)."""
 
     class_type: Callable[..., native.SensorBase] | None = ContactSensor
+    visualizer_cfg: object = None
+    IGNORED: ClassVar[dict[str, str]] = _NO_MARKERS
 
 
 @configclass
@@ -96,6 +99,8 @@ class ImuCfg(native.ImuCfg):
     OffsetCfg: ClassVar[type] = _Offset
 
     class_type: Callable[..., native.SensorBase] | None = Imu
+    visualizer_cfg: object = None
+    IGNORED: ClassVar[dict[str, str]] = _NO_MARKERS
     offset: _Offset = _Offset()
 
 
@@ -112,6 +117,8 @@ class FrameTransformerCfg(native.FrameTransformerCfg):
     OffsetCfg: ClassVar[type] = _Offset
 
     class_type: Callable[..., native.SensorBase] | None = FrameTransformer
+    visualizer_cfg: object = None
+    IGNORED: ClassVar[dict[str, str]] = _NO_MARKERS
     target_frames: Sequence[Any] = MISSING
     source_frame_offset: _Offset = _Offset()
 
@@ -127,6 +134,8 @@ class RayCasterCfg(native.RayCasterCfg):
         rot: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
     class_type: Callable[..., native.SensorBase] | None = RayCaster
+    visualizer_cfg: object = None
+    IGNORED: ClassVar[dict[str, str]] = _NO_MARKERS
     offset: OffsetCfg = OffsetCfg()
 
 

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import ClassVar
 
 from pxr import Usd
 
@@ -113,6 +114,18 @@ class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
     """:class:`stripe_newton.sim.UsdFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_from_usd
+    fixed_tendons_props: object = None
+    spatial_tendons_props: object = None
+    deformable_props: object = None
+
+    IGNORED: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("fixed_tendons_props", "spatial_tendons_props"), "tendons are those of the file"
+    )
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.UsdFileCfg.problems(self)
+        if self.deformable_props is not None:
+            yield "deformable_props", "is set, but deformable bodies are not simulated; use rigid_props"
 
 
 @configclass

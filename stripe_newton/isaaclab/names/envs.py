@@ -6,10 +6,10 @@ from .entries import Table, dialect, same
 NAMES: dict[str, Table] = {
     "isaaclab.envs": same(
         "stripe_newton.envs",
-        "DirectRLEnvCfg DirectMARLEnvCfg ManagerBasedRLEnv ManagerBasedRLEnvCfg",
+        "ManagerBasedRLEnv ManagerBasedRLEnvCfg",
     )
-    | dialect("direct_envs", "DirectRLEnv DirectMARLEnv")
-    | same("stripe_newton.viewers", "ViewerCfg"),
+    | dialect("direct_envs", "DirectRLEnv DirectRLEnvCfg DirectMARLEnv DirectMARLEnvCfg")
+    | dialect("simulation_cfg", "ViewerCfg"),
     "isaaclab.managers": same(
         "stripe_newton.managers",
         """EventTermCfg SceneEntityCfg ObservationGroupCfg ObservationTermCfg RewardTermCfg TerminationTermCfg

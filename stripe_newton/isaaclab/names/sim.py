@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Lab's simulation, spawners, terrains and markers."""
 
-from .entries import Table, dialect, same
+from .entries import Table, dialect, inert, same
 
 NAMES: dict[str, Table] = {
     "isaaclab.sim": same(
         "stripe_newton.sim",
-        """SimulationCfg PreviewSurfaceCfg RigidBodyMaterialCfg ArticulationRootPropertiesCfg CollisionPropertiesCfg
-        JointDrivePropertiesCfg MassPropertiesCfg RigidBodyPropertiesCfg""",
+        """PreviewSurfaceCfg ArticulationRootPropertiesCfg CollisionPropertiesCfg JointDrivePropertiesCfg
+        MassPropertiesCfg RigidBodyPropertiesCfg""",
     )
+    | dialect("simulation_cfg", "MdlFileCfg PhysxCfg RenderCfg RigidBodyMaterialCfg SimulationCfg")
+    | inert("tendons are those of the file", "FixedTendonPropertiesCfg SpatialTendonPropertiesCfg")
     | dialect(
         "spawners",
         """UsdFileCfg UrdfFileCfg GroundPlaneCfg spawn_from_urdf spawn_from_usd spawn_ground_plane spawn_light
