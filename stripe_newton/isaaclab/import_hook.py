@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from .names import ALIASES, MODULES, NAMES, PACKAGES
+from .real_packages import find_real_package
 from .stand_ins import stand_in
 
 __all__ = ["install", "is_installed", "uninstall"]
@@ -59,7 +60,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         if fullname not in MODULES:
-            return None
+            return find_real_package(fullname)
         return importlib.machinery.ModuleSpec(fullname, self, is_package=True)
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:

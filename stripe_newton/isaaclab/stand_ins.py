@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stand-ins: classes for names of Isaac Lab that have no effect here, or that are not supported."""
+"""Stand-ins: objects for names of Isaac Lab that have no effect here, or that are not supported.
+
+They load, so that the other classes of a file can be used. What they stand for follows from the spelling of the name:
+a class, a function (``lower_case``) or a constant (``UPPER_CASE``).
+"""
 
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NoReturn
 
 __all__ = ["StandIn", "stand_in"]
 
 
+@dataclasses.dataclass(init=False, repr=False, eq=False)
 class StandIn:
-    """Base of stand-ins. It takes any field, and the calls that configs have, so that files which use it load."""
-
-    __is_configclass__ = True
-    __dataclass_fields__: dict[str, Any] = {}
+    """Base of stand-ins. It takes any field, and the calls that configs have. Config classes can be derived from it."""
 
     def __init__(self, *args: Any, **fields: Any):
         vars(self).update(fields)
+
+    def __post_init__(self) -> None:
+        """For configs that are derived from a stand-in and call it."""
 
     def replace(self, **fields: Any) -> Any:
         """A copy with other values in some fields."""
@@ -33,16 +39,42 @@ class StandIn:
         """Nothing: a stand-in has no effect."""
         return {}
 
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """None; stand-ins of what is not supported override it."""
+        yield from ()
 
-def stand_in(name: str, kind: str, reason: str) -> type:
-    """A class of that name that takes any argument.
+
+StandIn.__is_configclass__ = True  # type: ignore[attr-defined]  # after the decorator: it is no field
+
+
+class _AnyFields(StandIn):
+    """A constant, whose fields of any name are stand-ins too: ``FRAME_MARKER_CFG.markers["frame"].scale = ...``."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        value = _AnyFields()
+        vars(self)[name] = value
+        return value
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self, f"item {name}")
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        vars(self)[f"item {name}"] = value
+
+
+def stand_in(name: str, kind: str, reason: str) -> Any:
+    """What stands for a name: a class that takes any argument, a function, or a constant.
 
     Args:
         name: Name in Isaac Lab.
-        kind: ``"inert"`` for what has no effect; ``"refused"`` for what is not supported, so that a config which
-            uses it is refused when it is validated.
+        kind: ``"inert"`` for what has no effect. ``"refused"`` for what is not supported: a config that uses it is
+            refused when it is validated, and a function raises ``NotImplementedError`` when it is called.
         reason: What is missing here, and what to use in its place.
     """
+    if name.islower():
+        return _function(name, kind, reason)
 
     def problems(self: StandIn) -> Iterator[tuple[str, str]]:
         yield "", f"{name} is not supported: {reason}"
@@ -50,4 +82,19 @@ def stand_in(name: str, kind: str, reason: str) -> type:
     body: dict[str, Any] = {"__doc__": f"Stand-in for Isaac Lab's ``{name}``: {reason}.", "__module__": __name__}
     if kind == "refused":
         body["problems"] = problems
+    if name.isupper():
+        return type(name, (_AnyFields,), body)()
     return type(name, (StandIn,), body)
+
+
+def _function(name: str, kind: str, reason: str) -> Any:
+    def inert(*args: object, **kwargs: object) -> None:
+        return None
+
+    def refused(*args: object, **kwargs: object) -> NoReturn:
+        raise NotImplementedError(f"'{name}' is not supported: {reason}")
+
+    function = inert if kind == "inert" else refused
+    function.__name__ = function.__qualname__ = name
+    function.__doc__ = f"Stand-in for Isaac Lab's ``{name}``: {reason}."
+    return function

@@ -1,12 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Sim's own modules, and of Isaac Lab's application."""
 
-from .entries import Table
+from .entries import Table, dialect, inert, refused
+
+_NO_APP = "there is no application of Omniverse"
+_NO_REPLICATOR = "Replicator is part of Omniverse"
+_TORCH_MATH = """get_euler_xyz normalize quat_apply quat_conjugate quat_from_angle_axis quat_from_euler_xyz quat_mul
+    quat_rotate quat_rotate_inverse tf_apply tf_combine tf_inverse tf_vector torch_rand_float"""
 
 NAMES: dict[str, Table] = {
-    "isaacsim": {},
+    "isaaclab.app": dialect("app", "AppLauncher"),
+    "isaacsim": dialect("app", "SimulationApp"),
+    "isaacsim.core.utils.extensions": inert(_NO_APP, "enable_extension"),
+    "isaacsim.core.utils.torch": dialect("torch_rotations", _TORCH_MATH)
+    | {"maths": "stripe_newton.isaaclab.torch_rotations:"},
+    "isaacsim.core.utils.torch.maths": dialect("torch_rotations", "normalize torch_rand_float"),
+    "isaacsim.core.utils.torch.rotations": dialect(
+        "torch_rotations", f"{_TORCH_MATH} compute_heading_and_up compute_rot"
+    ),
+    "isaacsim.core.utils.torch.transformations": dialect("torch_rotations", _TORCH_MATH),
+    "isaacsim.core.utils.stage": {},
+    "isaacsim.core.utils.prims": {},
     "omni": {},
-    "carb": {},
+    "omni.kit.app": inert(_NO_APP, "get_app"),
+    "omni.log": inert(_NO_APP, "error info verbose warn"),
+    "omni.replicator.core": refused(_NO_REPLICATOR, "create distribution get modify randomizer trigger"),
+    "omni.usd": refused(_NO_APP, "get_context get_world_transform_matrix"),
+    "carb": dialect("app", "log_error log_info log_warn settings") | refused(_NO_APP, "Float3 input tokens"),
+    "carb.settings": dialect("app", "get_settings"),
 }
 
 ALIASES: dict[str, str] = {}

@@ -100,6 +100,7 @@ SUBMODULES: dict[str, str] = {
         modifiers.modifier modifiers.modifier_base modifiers.modifier_cfg noise noise.noise_cfg noise.noise_model
         seed sensors string timer types version warp warp.fabric warp.kernels warp.ops wrench_composer
     """,
+    "isaaclab_contrib": "",
     "isaaclab_rl": "",
     "isaaclab_rl.rl_games": "pbt pbt.mutation pbt.pbt pbt.pbt_cfg pbt.pbt_utils rl_games",
     "isaaclab_rl.rsl_rl": "distillation_cfg exporter rl_cfg rnd_cfg symmetry_cfg vecenv_wrapper",

@@ -1,10 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Lab's utilities: configs, math, noise, files."""
 
-from .entries import Table, same
+from .entries import Table, dialect, same
 
 NAMES: dict[str, Table] = {
-    "isaaclab.utils": same("stripe_newton.configclass", "configclass"),
+    "isaaclab.envs.utils.io_descriptors": dialect(
+        "io_descriptors",
+        """generic_io_descriptor record_shape=record_nothing record_dtype=record_nothing
+        record_joint_names=record_nothing record_body_names=record_nothing record_joint_shape=record_nothing
+        record_joint_pos_offsets=record_nothing record_joint_vel_offsets=record_nothing""",
+    ),
+    "isaaclab.utils": same("stripe_newton.configclass", "configclass")
+    | dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
+    "isaaclab.utils.assets": dialect(
+        "files",
+        """ISAACLAB_NUCLEUS_DIR ISAAC_NUCLEUS_DIR NUCLEUS_ASSET_ROOT_DIR NVIDIA_NUCLEUS_DIR check_file_path read_file
+        retrieve_file_path""",
+    ),
+    "isaaclab.utils.dict": dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
+    "isaaclab.utils.io": dialect("files", "load_torchscript_model"),
+    "isaaclab.utils.noise": same(
+        "stripe_newton.noise",
+        """AdditiveUniformNoiseCfg=UniformNoiseCfg AdditiveGaussianNoiseCfg=GaussianNoiseCfg
+        ConstantBiasNoiseCfg=ConstantNoiseCfg""",
+    ),
+    "isaaclab.utils.version": dialect("dictionaries", "get_isaac_sim_version"),
 }
 
 ALIASES: dict[str, str] = {
