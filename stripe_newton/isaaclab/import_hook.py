@@ -14,8 +14,9 @@ from types import ModuleType
 from typing import Any
 
 from .names import ALIASES, MODULES, NAMES, PACKAGES
+from .names.ignored_fields import IGNORED_FIELDS
 from .real_packages import find_real_package
-from .stand_ins import stand_in
+from .stand_ins import stand_in, with_ignored_fields
 
 __all__ = ["install", "is_installed", "uninstall"]
 
@@ -127,4 +128,6 @@ def _resolve(entry: str, name: str) -> Any:
         return stand_in(name, kind, reason)
     module, _, attribute = entry.partition(":")
     target = importlib.import_module(module)
-    return getattr(target, attribute) if attribute else target
+    found = getattr(target, attribute) if attribute else target
+    fields = IGNORED_FIELDS.get(name)
+    return found if fields is None else with_ignored_fields(found, tuple(fields.items()))

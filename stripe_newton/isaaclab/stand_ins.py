@@ -9,14 +9,26 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Iterator
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
-__all__ = ["StandIn", "stand_in"]
+from stripe_newton.configclass import configclass
+
+__all__ = ["StandIn", "stand_in", "with_ignored_fields"]
+
+
+class _Nested(type):
+    """Metaclass of stand-ins: classes within a class, such as ``Cfg.InitialStateCfg``, are stand-ins too."""
+
+    def __getattr__(cls, name: str) -> Any:
+        if not name[0].isupper():
+            raise AttributeError(f"{cls.__name__} has no attribute '{name}'")
+        return _Nested(name, (StandIn,), {"__module__": __name__})
 
 
 @dataclasses.dataclass(init=False, repr=False, eq=False)
-class StandIn:
+class StandIn(metaclass=_Nested):
     """Base of stand-ins. It takes any field, and the calls that configs have. Config classes can be derived from it."""
 
     def __init__(self, *args: Any, **fields: Any):
@@ -98,3 +110,28 @@ def _function(name: str, kind: str, reason: str) -> Any:
     function.__name__ = function.__qualname__ = name
     function.__doc__ = f"Stand-in for Isaac Lab's ``{name}``: {reason}."
     return function
+
+
+@functools.cache
+def with_ignored_fields(cls: type, fields: tuple[tuple[str, str], ...]) -> type:
+    """A config class derived from ``cls`` that takes more fields, which have no effect and warn if they are set.
+
+    Args:
+        cls: The config class.
+        fields: Name and reason of each. Those that ``cls`` has are left out.
+
+    Returns:
+        The class, always the same for equal arguments; ``cls`` itself if it has all fields.
+    """
+    own = getattr(cls, "__dataclass_fields__", {})
+    reasons = {name: reason for name, reason in fields if name not in own}
+    if not reasons:
+        return cls
+    body: dict[str, Any] = dict.fromkeys(reasons) | {
+        "__doc__": cls.__doc__,
+        "__module__": cls.__module__,
+        "__qualname__": cls.__qualname__,
+        "__annotations__": dict.fromkeys(reasons, object) | {"IGNORED": ClassVar[dict[str, str]]},
+        "IGNORED": reasons,
+    }
+    return configclass(type(cls.__name__, (cls,), body))

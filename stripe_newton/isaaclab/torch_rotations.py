@@ -20,6 +20,8 @@ from stripe_newton.math import quat_apply_inverse as _quat_apply_inverse
 from stripe_newton.math import quat_from_angle_axis as _quat_from_angle_axis
 from stripe_newton.math import quat_from_euler_xyz as _quat_from_euler_xyz
 from stripe_newton.math import quat_mul as _quat_mul
+from stripe_newton.math import scale_transform as _scale_transform
+from stripe_newton.math import unscale_transform as _unscale_transform
 
 __all__ = [
     "compute_heading_and_up",
@@ -33,11 +35,13 @@ __all__ = [
     "quat_mul",
     "quat_rotate",
     "quat_rotate_inverse",
+    "scale",
     "tf_apply",
     "tf_combine",
     "tf_inverse",
     "tf_vector",
     "torch_rand_float",
+    "unscale",
 ]
 
 # Plain tensors rather than those of `quaternions`: TorchScript has no tensor subclasses.
@@ -54,6 +58,16 @@ def _wxyz(q: torch.Tensor) -> torch.Tensor:
 def normalize(x: torch.Tensor, eps: float = 1e-9) -> torch.Tensor:
     """Vectors ``(..., n)`` at unit length."""
     return _normalize(x, eps)
+
+
+def scale(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
+    """Numbers of [-1, 1] mapped to [lower, upper]."""
+    return _unscale_transform(x, lower, upper)
+
+
+def unscale(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
+    """Numbers of [lower, upper] mapped to [-1, 1]."""
+    return _scale_transform(x, lower, upper)
 
 
 def quat_conjugate(a: torch.Tensor) -> torch.Tensor:

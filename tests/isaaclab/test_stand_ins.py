@@ -4,7 +4,7 @@
 import pytest
 
 from stripe_newton.configclass import ConfigError, configclass
-from stripe_newton.isaaclab.stand_ins import stand_in
+from stripe_newton.isaaclab.stand_ins import stand_in, with_ignored_fields
 
 
 @configclass
@@ -14,6 +14,7 @@ class _Holder:
 
 def test_an_inert_class_takes_any_field_and_is_valid():
     part = stand_in("PhysxCfg", "inert", "it is of PhysX")(bounce_threshold_velocity=0.2)
+    assert type(part).InitialStateCfg(pos=1).pos == 1
     assert part.replace(a=1).bounce_threshold_velocity == 0.2
     _Holder(part=part).validate()
 
@@ -46,3 +47,12 @@ def test_a_constant_takes_fields_at_any_depth():
     marker = stand_in("FRAME_MARKER_CFG", "inert", "not drawn")
     marker.markers["frame"].scale = (0.1, 0.1, 0.1)
     assert marker.replace(prim_path="/Visuals").markers["frame"].scale == (0.1, 0.1, 0.1)
+
+
+def test_fields_without_effect_load_and_warn():
+    more = with_ignored_fields(_Holder, (("physx", "it is of PhysX"), ("part", "never")))
+    assert more is with_ignored_fields(_Holder, (("physx", "it is of PhysX"), ("part", "never")))
+    more(part=1).validate()
+    with pytest.warns(UserWarning, match="_Holder.physx has no effect: it is of PhysX"):
+        more(part=1, physx=2).validate()
+    assert with_ignored_fields(_Holder, (("part", "never"),)) is _Holder

@@ -70,6 +70,12 @@ def test_scripts_can_call_them():
 rotations_quat_apply = rotations.quat_apply
 
 
+def test_joint_positions_are_scaled_to_their_limits_and_back():
+    lower, upper = torch.tensor([-1.0, 0.0]), torch.tensor([3.0, 0.5])
+    assert rotations.unscale(torch.tensor([3.0, 0.25]), lower, upper).tolist() == [1.0, 0.0]
+    assert rotations.scale(torch.tensor([-1.0, 0.0]), lower, upper).tolist() == [-1.0, 0.25]
+
+
 def test_a_default_of_the_start_is_the_identity():
     identity = torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(2, 1)
     x, z = torch.tensor([[1.0, 0.0, 0.0]] * 2), torch.tensor([[0.0, 0.0, 1.0]] * 2)

@@ -14,7 +14,7 @@ NAMES: dict[str, Table] = {
     "isaacsim.core.utils.extensions": inert(_NO_APP, "enable_extension"),
     "isaacsim.core.utils.torch": dialect("torch_rotations", _TORCH_MATH)
     | {"maths": "stripe_newton.isaaclab.torch_rotations:"},
-    "isaacsim.core.utils.torch.maths": dialect("torch_rotations", "normalize torch_rand_float"),
+    "isaacsim.core.utils.torch.maths": dialect("torch_rotations", "normalize scale torch_rand_float unscale"),
     "isaacsim.core.utils.torch.rotations": dialect(
         "torch_rotations", f"{_TORCH_MATH} compute_heading_and_up compute_rot"
     ),
