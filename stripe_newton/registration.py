@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stripe_newton.envs import RLEnv, RLEnvCfg
     from stripe_newton.specifications.scene_spec import SceneSpec
 
-__all__ = ["register_scene", "register_task", "scene_class", "scene_names"]
+__all__ = ["register_scene", "register_task", "scene_class", "scene_names", "vector_env_creator"]
 
 EntryPoint: TypeAlias = "str | Callable[..., object]"
 """A class or function, or its name as ``"module:name"``."""
@@ -38,6 +38,8 @@ class _EnvCreator:
         rsl_rl_cfg_entry_point: EntryPoint | None = None,
         **kwargs: object,
     ) -> RLEnv:
+        # Configs for other learners are in the kwargs of tasks that were registered for Isaac Lab.
+        kwargs = {name: value for name, value in kwargs.items() if not name.endswith("_cfg_entry_point")}
         make_env = resolve_name(self.env) if isinstance(self.env, str) else self.env
         make_cfg = resolve_name(self.env_cfg) if isinstance(self.env_cfg, str) else self.env_cfg
         chosen = make_cfg() if cfg is None else cfg
@@ -70,6 +72,16 @@ def register_task(
     if rsl_rl_cfg is not None:
         kwargs["rsl_rl_cfg_entry_point"] = rsl_rl_cfg
     gymnasium.register(id=task_id, vector_entry_point=_EnvCreator(env, env_cfg), kwargs=kwargs)
+
+
+def vector_env_creator(env: str | Callable[..., RLEnv], env_cfg: str | Callable[[], RLEnvCfg]) -> Callable[..., RLEnv]:
+    """The vector entry point of a task, for specs of gymnasium that were not made by :func:`register_task`.
+
+    Args:
+        env: ``"module:Class"`` of the environment, or the class.
+        env_cfg: ``"module:Class"`` of its config, or a function that returns one.
+    """
+    return _EnvCreator(env, env_cfg)
 
 
 def register_scene(name: str, spec: str | type[SceneSpec]) -> None:

@@ -77,9 +77,9 @@ def _is_user_error(error: Exception) -> bool:
 
 
 def _dispatch(args: list[str]) -> int:
-    from .tasks import import_extra  # here, as it imports gymnasium
+    from .tasks import use_dialect  # here, as it imports gymnasium
 
-    args = import_extra(args)
+    args = use_dialect(args)
     if not args or args[0] in ("-h", "--help"):
         print(_usage())
         return 0 if args else 2
@@ -101,5 +101,6 @@ def _usage() -> str:
             "",
             "stripe-newton COMMAND --help shows the options of a command; stripe-newton train TASK --help also every",
             "field of that task's configuration. --import MODULE_OR_FILE imports tasks of your own first.",
+            "--isaaclab runs files that are written for Isaac Lab; without --import, its own package isaaclab_tasks.",
         ]
     )

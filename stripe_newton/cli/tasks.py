@@ -32,6 +32,7 @@ __all__ = [
     "make_env",
     "task_argument",
     "task_ids",
+    "use_dialect",
 ]
 
 T = TypeVar("T")
@@ -41,6 +42,12 @@ ENTRY_POINTS = "stripe_newton.tasks"
 
 _imported: list[str] = []
 """Modules and files that ``--import`` named."""
+
+_options: list[str] = []
+"""``--isaaclab``, if it was given."""
+
+_DIALECT = "--isaaclab"
+"""Option: files are written for Isaac Lab."""
 
 _ENV_CFG, _AGENT_CFG = "env_cfg_entry_point", "rsl_rl_cfg_entry_point"
 
@@ -73,9 +80,34 @@ def import_extra(args: Sequence[str]) -> list[str]:
     return rest
 
 
+def use_dialect(args: Sequence[str]) -> list[str]:
+    """Carry out ``--isaaclab`` and ``--import``: with the former, Isaac Lab's own tasks are the default of the latter.
+
+    Returns:
+        The other arguments.
+
+    Raises:
+        UserError: if there is no module or file of that name.
+    """
+    if _DIALECT not in args:
+        return import_extra(args)
+    # Here, since it loads the classes that the dialect translates.
+    from stripe_newton import isaaclab
+    from stripe_newton.isaaclab.registration import adopt_tasks
+
+    isaaclab.install()
+    _options.append(_DIALECT)
+    given = [word for word in args if word != _DIALECT]
+    rest = import_extra(given)
+    if rest == given:
+        _import("isaaclab_tasks")
+    adopt_tasks()
+    return rest
+
+
 def import_options() -> list[str]:
-    """The options ``--import`` that this process was given, for processes that need the same tasks."""
-    return [word for target in _imported for word in ("--import", target)]
+    """The options ``--isaaclab`` and ``--import`` of this process, for processes that need the same tasks."""
+    return [*dict.fromkeys(_options), *(word for target in _imported for word in ("--import", target))]
 
 
 def _import(target: str) -> None:
