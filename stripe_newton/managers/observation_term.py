@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import torch
+
 from stripe_kernels.term_info import Each, observation_size
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Code, Name, TermCall, bind_term, code
+from stripe_newton.fusion import Code, Name, TermCall, bind_term, code, resolve_entities
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 
 from .context import ManagerContext
@@ -33,7 +35,7 @@ class ObservationTermCfg:
     """Further arguments of the function."""
     size: int | Callable[[Mapping[str, int]], int] | None = None
     """Number of values, or a function of the lengths of its index arrays. None where ``@writes`` declares it, as for
-    the terms of ``mdp``."""
+    the terms of ``mdp``, and for a torch term: it is called once, when the environment is made, to find its size."""
     modifiers: Sequence[ModifierCfg] = ()
     """Modifiers of each value, applied first."""
     noise: NoiseCfg | NoiseModelCfg | None = None
@@ -161,6 +163,10 @@ def make_observation_term(
         size = observation_size(cfg.func) if size is None else size
         if callable(size):
             size = size(call.counts)
+    elif size is None:
+        size = _infer_size(context, path, cfg)
+        if size is None:
+            return None
     if not isinstance(size, int) or size < 1:
         context.problems.append(f"{path}.size: is {size!r}, must be the number of values that the term writes")
         return None
@@ -172,6 +178,22 @@ def make_observation_term(
     if history or cfg.delay_max_lag or call is None:
         term.scratch = context.scope.name(f"{path}_now", context.array(f"{path}.now", float, size))
     return term
+
+
+def _infer_size(context: ManagerContext, path: str, cfg: ObservationTermCfg) -> int | None:
+    """Size of a torch term's values, by calling it once; None if a problem has been added to ``context.problems``."""
+    try:
+        values = cfg.func(context.owner, **resolve_entities(cfg.params, context.scene.__getitem__))
+    except Exception as error:  # the term is the user's code, which may raise anything
+        text = f"raised {type(error).__name__}: {error}; it was called once to find its size: fix it, or set 'size'"
+        context.problems.append(f"{path}.func: {text}")
+        return None
+    shape = tuple(values.shape) if isinstance(values, torch.Tensor) else type(values).__name__
+    if not isinstance(shape, tuple) or len(shape) != 2 or shape[0] != context.num_envs or shape[1] < 1:
+        text = f"returned {shape}, must return a tensor of shape (num_envs, size) with num_envs = {context.num_envs}"
+        context.problems.append(f"{path}.func: {text}")
+        return None
+    return shape[1]
 
 
 def _make_picture(

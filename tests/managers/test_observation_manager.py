@@ -72,6 +72,18 @@ def torch_squares(env: Any, asset_cfg: SceneEntityCfg) -> torch.Tensor:
     return env.scene[asset_cfg.name].data.joint_pos[:, asset_cfg.joint_ids] ** 2
 
 
+def torch_flat(env: Any, asset_cfg: SceneEntityCfg) -> torch.Tensor:
+    return torch_squares(env, asset_cfg)[:, 0]
+
+
+def torch_number(env: Any) -> float:
+    return 1.0
+
+
+def torch_fails(env: Any) -> torch.Tensor:
+    return {}["no_such"]
+
+
 def randomise(world: ObservationWorld, seed: int) -> dict[str, Any]:
     """Draw a state of the robot; returns it in float64, as the references take it."""
     robot, draw = world.robot, np.random.default_rng(seed)
@@ -401,7 +413,9 @@ LEG = joints("front_left_leg")
         (Term(mdp.joint_pos, LEG, scale=(1.0, 2.0)), "observations.policy.t.scale", ["2 numbers", "one or 1"]),
         (Term(torch_squares, ALL_LEGS, size=4, scale=[1.0]), "observations.policy.t.scale", ["1 numbers", "or 4"]),
         (Term(first_joint), "observations.policy.t.size", ["None", "the number of values"]),
-        (Term(torch_squares, LEG), "observations.policy.t.size", ["None", "the number of values"]),
+        (Term(torch_flat, LEG), "observations.policy.t.func", ["(2,)", "(num_envs, size)", "num_envs = 2"]),
+        (Term(torch_number), "observations.policy.t.func", ["float", "(num_envs, size)"]),
+        (Term(torch_fails), "observations.policy.t.func", ["KeyError", "no_such", "set 'size'"]),
         (Term(first_joint, size=0), "observations.policy.t.size", ["0", "the number of values"]),
         (Term(squared, {"value": 0.0, "offset": 0.0}, size=1), "observations.policy.t.func", ["squared", "out:"]),
         (
@@ -441,6 +455,7 @@ LEG = joints("front_left_leg")
 )
 def test_problems_say_where_and_what_would_be_right(term, start, parts):
     context = manager_context(2)
+    context.owner = context
     manager = ObservationManager({"policy": group({"t": term}, enable_corruption=True)}, context)
     manager.compute()
     manager.reset()
@@ -448,6 +463,12 @@ def test_problems_say_where_and_what_would_be_right(term, start, parts):
     assert context.problems[0].startswith(f"{start}:")
     for part in parts:
         assert part in context.problems[0]
+
+
+@pytest.mark.parametrize(("params", "size"), [(ONE, 1), (ALL_LEGS, 4), (joints(".*"), J)])
+def test_size_of_a_torch_term_is_that_of_its_values(params, size):
+    world = ObservationWorld({"policy": group({"t": Term(torch_squares, params, history_length=2)})}, num_envs=N)
+    assert world.manager.group_obs_term_dim == {"policy": [(2 * size,)]}
 
 
 def test_problems_of_all_terms_and_groups_are_gathered():
