@@ -34,6 +34,7 @@ def mjcf_rows(
     """
     rows = [
         *_unused(model, options),
+        *_integrator(builder, model),
         *_counts(builder, start, model),
         *_shortened_tendons(builder, start, model),
         *_filtered_collisions(model),
@@ -73,6 +74,19 @@ def _unused(model: mujoco.MjModel, options: dict[str, Any]) -> Iterator[Row]:
         for kind in (mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_BODY):
             if mujoco.mj_name2id(model, kind, name) >= 0:
                 yield name, "left out", "it is in ignore_names: the scene has a ground of its own"
+
+
+def _integrator(builder: newton.ModelBuilder, model: mujoco.MjModel) -> Iterator[Row]:
+    """The integrator where the file's is not the one that Newton reads: a file that names none means Euler."""
+    attribute = builder.custom_attributes.get("mujoco:integrator")
+    if attribute is None:  # the scene's solver is not MuJoCo's
+        return
+    values = attribute.values or {}
+    here, there = (mujoco.mjtIntegrator(v) for v in (int(values.get(0, attribute.default)), model.opt.integrator))
+    if here != there:
+        names = [kind.name.removeprefix("mjINT_").lower() for kind in (here, there)]
+        why = f"MuJoCo reads {names[1]}; MuJoCoSolverCfg(integrator=...) chooses one for the scene"
+        yield "option", f"integrator {names[0]}", why
 
 
 def _counts(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:

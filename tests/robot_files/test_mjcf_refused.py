@@ -101,13 +101,28 @@ def test_what_is_not_read_has_a_row(tmp_path):
     found = {(where, what) for where, what, _ in inspect_robot_file(path).ignored}
     assert found == {
         ("1 sensors", "not read"), ("1 cameras", "not read"), ("keyframes", "not used"), ("option", "timestep 0.004"),
-        ("option", "gravity (0, 0, -1.6)"), ("option", "wind"),
+        ("option", "gravity (0, 0, -1.6)"), ("option", "wind"), ("option", "integrator implicitfast"),
     }  # fmt: skip
     spawn = MjcfFileCfg(asset_path=str(path), keyframe="home")
     scene = make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
     rows = scene.builder.reports[0].ignored
     assert "/World/envs/env_0/Robot/1 sensors" in [row[0] for row in rows]
     assert not [row for row in rows if "keyframes" in row[0]]  # it is used
+
+
+@pytest.mark.parametrize(
+    ("named", "row"),
+    [("", "MuJoCo reads euler"), ("Euler", ""), ("implicitfast", ""), ("RK4", "")],
+)
+def test_a_file_without_an_integrator_gets_another_one_and_a_row(tmp_path, named, row):
+    path = mjcf(tmp_path, rest=f'<option integrator="{named}"/>' if named else "")
+    spawn = MjcfFileCfg(asset_path=str(path))
+    scene = make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
+    rows = [why for _, what, why in scene.builder.reports[0].ignored if what == "integrator implicitfast"]
+    assert [why.partition(";")[0] for why in rows] == ([row] if row else [])
+    # The row is true: these are the integrators that the solver has, and that MuJoCo's own reading has.
+    steps_by = scene.sim.solver.mjw_model.opt.integrator
+    assert (steps_by == compile_mjcf(path).opt.integrator) == (not row)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +146,8 @@ def test_a_joint_that_newton_reads_otherwise_than_mujoco_has_a_row(tmp_path, arr
 @pytest.mark.parametrize("name", [n for n in ROBOTS if n != "quadruped"])
 def test_robots_of_others_are_read_as_mujoco_reads_them(name):
     whats = {what for _, what, _ in inspect_robot_file(robot_file(name)).ignored}
-    assert {what for what in whats if not what.startswith("timestep")} <= {"not read", "not used", "left out", "tendon"}
+    options = ("timestep", "integrator")
+    assert {what for what in whats if not what.startswith(options)} <= {"not read", "not used", "left out", "tendon"}
 
 
 def test_equal_warnings_are_one_row_with_their_number():
