@@ -14,6 +14,7 @@ import torch
 import warp as wp
 
 from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
+from stripe_kernels.actuators import JointDrives
 from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.configclass import configclass
 from stripe_newton.solvers import PerStep, SolverFused
@@ -25,6 +26,7 @@ from .connect_anchors import ConnectAnchors
 from .device import resolve_device
 from .drive_limits import DriveLimits
 from .finite_state import FiniteState
+from .growing_buffers import GrowingBuffers
 from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
@@ -57,9 +59,11 @@ class SimulationCfg:
     observables: Sequence[str] = ()
     """Arrays that the solver reports beyond the state, by Newton's names: ``"body_qdd"`` for accelerations of bodies,
     ``"body_parent_f"`` for the wrenches of their joints."""
-    on_overflow: str = "raise"
-    """Reaction to contacts or constraints that did not fit into the solver's buffers: ``"raise"`` or ``"warn"``, with
-    the size to set. It is reported without host synchronisation, so on a GPU the message may come some steps late."""
+    on_overflow: str = "grow"
+    """Reaction to contacts or constraints that did not fit into the solver's buffers: ``"grow"`` does the step again
+    with larger ones, on the CPU, see :class:`.growing_buffers.GrowingBuffers`; where that is not possible it is as
+    ``"raise"``. ``"raise"`` and ``"warn"`` name the size to set. It is reported without host synchronisation, so on a
+    GPU the message may come some steps late."""
     use_cuda_graph: bool = True
     """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
 
@@ -70,8 +74,8 @@ class SimulationCfg:
             yield "render_interval", f"is {self.render_interval!r}, must be a whole number of steps, 1 or more"
         if self.gravity is not None and not (len(self.gravity) == 3 and all(map(math.isfinite, self.gravity))):
             yield "gravity", f"is {self.gravity!r}, must be three finite numbers [m/s^2] or None"
-        if self.on_overflow not in ("raise", "warn"):
-            yield "on_overflow", f"is '{self.on_overflow}', must be 'raise' or 'warn'"
+        if self.on_overflow not in ("grow", "raise", "warn"):
+            yield "on_overflow", f"is '{self.on_overflow}', must be 'grow', 'raise' or 'warn'"
         if self.device is not None and self.device.split(":")[0] not in ("cpu", "cuda"):
             yield "device", f"is '{self.device}', must be 'cpu', 'cuda' or 'cuda:N'"
 
@@ -153,6 +157,7 @@ class Simulation:
         self._graphs: dict[int, wp.Graph] = {}
         self._limits_velocity = False
         self._finite: FiniteState | None = None
+        self._growing: GrowingBuffers | None = None
         self._forward_is_due = False
 
     @property
@@ -287,7 +292,7 @@ class Simulation:
     def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""
         if self.is_static:
-            self.observables = None
+            self.observables = self._growing = None
             return
         wanted = wanted_observables(self.solver, self.cfg.observables, self.cfg.contact_forces)
         if self.cfg.contact_forces and self.contacts is None:
@@ -296,6 +301,7 @@ class Simulation:
         self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
         if self.observables is not None and "overflow" in wanted:
             self.add_hook(SolverOverflow(self.solver, self.observables))
+        self._growing = GrowingBuffers.of(self)
 
     def add_hook(self, hook: PhysicsHook) -> None:
         """Add a hook to the physics, after those that were added before it.
@@ -441,7 +447,12 @@ class Simulation:
             wrench_in_world=None if self.external_wrench is None else self.wrench_in_world,
             velocity_limit=self.velocity_limit if self._limits_velocity else None,
         )
-        solver.step_many(state, state, self.control, self.physics_dt, substeps, self.observables, before, per_step)
+        self._solve(
+            lambda: solver.step_many(
+                state, state, self.control, self.physics_dt, substeps, self.observables, before, per_step
+            ),
+            per_step.drives,
+        )
         if substeps > 1:  # efforts are those of the last physics step, and so are accelerations
             self.actuation.launch_solver_drives(*before)
         for hook in self._hooks:
@@ -460,7 +471,11 @@ class Simulation:
             self.pipeline.collide(state, self.contacts)
         following = state if self._next is None else self._next
         with self.actuation.solver_gains():  # solvers without drive modes read the gains in every step
-            self.solver.step(state, following, control, self.contacts, self.physics_dt, observables=self.observables)
+            self._solve(
+                lambda: self.solver.step(
+                    state, following, control, self.contacts, self.physics_dt, observables=self.observables
+                )
+            )
         if self._next is not None:
             # The result is copied back rather than the states swapped: views and graphs hold the arrays of one state.
             state.assign(self._next)
@@ -469,6 +484,13 @@ class Simulation:
         if self._limits_velocity:
             wp.launch(clamp_velocity, dim=model.joint_dof_count, inputs=[self.velocity_limit], outputs=[state.joint_qd])
             newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+
+    def _solve(self, launch: Callable[[], None], drives: JointDrives | None = None) -> None:
+        """Launch the solver's part of a step, with buffers that grow where they can."""
+        if self._growing is None:
+            launch()
+        else:
+            self._growing.run(launch, drives)
 
     def recapture(self) -> None:
         """Record the graphs again at the next step; call this after replacing an array that they read."""
@@ -497,7 +519,7 @@ class Simulation:
             RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
         """
         message = "; ".join(filter(None, [hook.report_overflow() for hook in self._hooks]))
-        if message and self.cfg.on_overflow == "raise":
+        if message and self.cfg.on_overflow != "warn":
             raise RuntimeError(message)
         if message:
             warnings.warn(message, stacklevel=2)

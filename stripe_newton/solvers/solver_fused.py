@@ -53,9 +53,12 @@ _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class ContactForces:
-    """Forces of the contacts of the last step. Each world has a row, in which its contacts come first."""
+    """Forces of the contacts of the last step. Each world has a row, in which its contacts come first.
+
+    Other arrays take the place of these when the solver's buffers are enlarged.
+    """
 
     geoms: wp.array
     """The two geoms of MuJoCo's model, ``wp.vec2i``, shape ``(num_worlds, places)``; -1 in the first place without a
@@ -231,12 +234,29 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported:
             return None
         if self._contact_forces is None:
-            shape = self.mjw_data.nworld, self.mjw_data.naconmax // self.mjw_data.nworld
-            with wp.ScopedDevice(self.model.device):
-                geoms = wp.full(shape, value=wp.vec2i(-1, -1), dtype=wp.vec2i)
-                self._contact_forces = ContactForces(geoms, wp.zeros(shape, dtype=wp.vec3))
+            self._contact_forces = ContactForces(*self._contact_places())
             self._remake()
         return self._contact_forces
+
+    def _contact_places(self) -> tuple[wp.array, wp.array]:
+        """Arrays of geoms and forces for as many contacts as fit."""
+        shape, device = (self.mjw_data.nworld, self.mjw_data.naconmax // self.mjw_data.nworld), self.model.device
+        geoms = wp.full(shape, value=wp.vec2i(-1, -1), dtype=wp.vec2i, device=device)
+        return geoms, wp.zeros(shape, dtype=wp.vec3, device=device)
+
+    def notify_buffers_enlarged(self) -> None:
+        """Take other sizes of MuJoCo Warp's buffers from the next step on, in a kernel that is made for them.
+
+        Graphs that were recorded before must not be replayed: see :meth:`Simulation.recapture`.
+        """
+        if self.unsupported:
+            return
+        self._workspace = None
+        if self._fills_contacts:
+            self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
+        if self._contact_forces is not None:
+            self._contact_forces.geoms, self._contact_forces.forces = self._contact_places()
+        self._remake()
 
     def _remake(self) -> None:
         """Make another kernel for the next step, as more is asked of it."""
