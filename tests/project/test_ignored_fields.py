@@ -56,7 +56,7 @@ def warnings_of(cfg: object) -> list[str]:
 
 
 def test_there_is_something_to_check():
-    assert len(CASES) > 5
+    assert len(CASES) > len(NATIVE) > 5
 
 
 @pytest.mark.parametrize(("cls", "name"), CASES, ids=[f"{cls.__name__}.{name}" for cls, name in CASES])
@@ -69,7 +69,11 @@ def test_a_field_without_effect_warns_by_name_when_it_is_set(cls, name):
     assert said in warnings_of(cfg)
 
 
-@pytest.mark.parametrize(("cls", "name"), CASES, ids=[f"{cls.__name__}.{name}" for cls, name in CASES])
+# The dialect's fields are Isaac Lab's and documented there; what they lack here is told by IGNORED alone.
+NATIVE = [(cls, name) for cls, name in CASES if not cls.__module__.startswith("stripe_newton.isaaclab.")]
+
+
+@pytest.mark.parametrize(("cls", "name"), NATIVE, ids=[f"{cls.__name__}.{name}" for cls, name in NATIVE])
 def test_the_docstring_of_a_field_without_effect_says_so(cls, name):
     body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0].body
     fields = [i for i, node in enumerate(body) if isinstance(node, ast.AnnAssign) and node.target.id == name]
