@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
+from stripe_kernels.clearance import measure_clearance
+
 __all__ = ["DEPTH", "MeshGrids", "TriangleMesh"]
 
 DEPTH = 0.05
@@ -24,6 +26,10 @@ _LEAST_CELL = 0.05
 _MANY_ITEMS = 24
 """Faces of a cell on average, of those that have some, from which on cells are made smaller."""
 _MOST_CELLS = 4_000_000
+_CLEAR_CELL, _MOST_CLEAR_CELLS = 0.1, 1_000_000
+"""Size of a cell that has a distance [m], unless there would be more of them."""
+_UNIT = 0.01
+"""Unit of the distances, which are up to 255 of it [m]."""
 _BLOCK = 2_000_000
 """Cells that are looked at at once, for memory."""
 
@@ -32,6 +38,10 @@ _GRID = np.dtype(
      ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("none", "u8")]
 )  # fmt: skip
 """As struct Grid of search.h."""
+_CLEARANCE = np.dtype(
+    [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("unit", "f4"), ("cells", "u8"), ("none", "u8")]
+)
+"""As struct Clearance of search.h."""
 _FACE = np.dtype([("corners", "(3,3)f4"), ("geom", "i4"), ("is_solid", "i4"), ("none", "i4")])
 """As struct MeshFace of meshes.h."""
 _EDGE = np.dtype([("corners", "(4,3)f4"), ("geom", "i4"), ("is_solid", "i4"), ("none", "2i4")])
@@ -63,18 +73,19 @@ class MeshGrids:
     """Distance from a point within which the lists of its cell have all faces [m]."""
     device: str | wp.Device
     array: wp.array = field(init=False)
-    """The grids of faces and of edges of each group, as bytes of two structs ``Grid`` of search.h."""
+    """The grids of faces, of edges and of distances of each group, as bytes of structs ``Mesh`` of search.h."""
 
     def __post_init__(self) -> None:
         self._arrays: list[wp.array] = []
-        records = [grid for group in self.groups for grid in self._grids(list(group))]
-        self.array = self._keep(np.concatenate(records).view(np.uint8))
+        records = [grid.view(np.uint8) for group in self.groups for grid in self._grids(list(group))]
+        self.array = self._keep(np.concatenate(records))
 
     def _grids(self, meshes: list[TriangleMesh]) -> Iterable[np.ndarray]:
         parts = [_faces_and_edges(mesh) for mesh in meshes]
         faces, edges = (np.concatenate([part[i] for part in parts]) for i in range(2))
         yield self._grid(faces, faces["corners"], _CELLS[0], self.reach)
         yield self._grid(edges, edges["corners"][:, :2], _CELLS[1], 0.0)
+        yield self._clearance(faces)
 
     def _grid(self, things: np.ndarray, corners: np.ndarray, cell: float, reach: float) -> np.ndarray:
         """The record of a grid; corners are those of a triangle, or the ends of an edge, of each thing."""
@@ -83,6 +94,28 @@ class MeshGrids:
         record["low"], record["cells_per_metre"], record["size"], record["reach"] = low, 1.0 / cell, size, reach
         for name, array in (("cells", first), ("items", items), ("things", things.view(np.uint8))):
             record[name] = self._keep(array).ptr or 0
+        return record
+
+    def _clearance(self, faces: np.ndarray) -> np.ndarray:
+        """The record of the grid of distances to the nearest face."""
+        points = faces["corners"].reshape(-1, 3).astype(float)
+        low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
+        cell = _CLEAR_CELL
+        while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CLEAR_CELLS:
+            cell *= 1.25
+        size = _cells(low, high, cell)
+        cells = wp.full(int(np.prod(size)), value=wp.uint8(255), dtype=wp.uint8, device=self.device)
+        if len(points):
+            corners = wp.array(points.astype(np.float32), dtype=wp.vec3, device=self.device)
+            indices = wp.array(np.arange(len(points), dtype=np.int32), device=self.device)
+            solid = wp.array(faces["is_solid"].copy(), device=self.device)
+            mesh = wp.Mesh(corners, indices)  # by name, as nothing else keeps it during the launch
+            inputs = [mesh.id, solid, wp.vec3(*low), cell, int(size[0]), int(size[1]), _UNIT]
+            wp.launch(measure_clearance, len(cells), inputs, [cells], device=self.device)
+        self._arrays.append(cells)
+        record = np.zeros(1, _CLEARANCE)
+        record["low"], record["cells_per_metre"], record["size"], record["unit"] = low, 1.0 / cell, size, _UNIT
+        record["cells"] = cells.ptr
         return record
 
     def _keep(self, array: np.ndarray) -> wp.array:

@@ -136,7 +136,7 @@ class ModelTables:
             rows: Constraint rows that lie in the state of a world.
         """
         room = max(self._forces_size, rows * self.row_size - 7 * self.model.nbody - 2) - self._geoms_size - 1
-        return min(32, max(1, room // self._search_size))
+        return min(32, max(1, (room - self._near_size) // self._search_size))
 
     @property
     def _forces_size(self) -> int:
@@ -147,6 +147,11 @@ class ModelTables:
     def _geoms_size(self) -> int:
         """Numbers for the places of geoms."""
         return 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
+
+    @property
+    def _near_size(self) -> int:
+        """Numbers of four bytes for the geoms that are near their ground and their parts, at most."""
+        return len(_searched_geoms(self.pairs)) + sum(map(is_searched, self.pairs)) // 2 + 1
 
     @property
     def _search_size(self) -> int:
@@ -204,7 +209,9 @@ class ModelTables:
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + nu
         kept += _ATTACHMENT_SIZE * len(attached_equalities(model))
-        found = self._geoms_size + 1 + (self.searches(rows) * self._search_size if self.has_searches else 0)
+        found = self._geoms_size + 1
+        if self.has_searches:
+            found += self.searches(rows) * self._search_size + self._near_size
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
 
@@ -239,6 +246,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "HAS_MESHES": int(any(p.kind.startswith("MESH") for p in pairs)),
         "HAS_SEARCHES": int(any(map(is_searched, pairs))),
         "FIRST_SEARCHED_PAIR": sum(not is_searched(p) for p in pairs),
+        "NSEARCHED_GEOMS": len(_searched_geoms(pairs)),
         "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(tree_roots(model)),
     }  # fmt: skip
 
@@ -321,7 +329,10 @@ def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
 def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
     used = _used_geoms(pairs)
     meshes = {"contact_mesh": [p.mesh for p in pairs]} if any(p.kind.startswith("MESH") for p in pairs) else {}
+    searched = _searched_geoms(pairs)
     return meshes | {
+        "searched_geom": [list(searched).index(_on_ground(p)) for p in pairs if is_searched(p)],
+        "searched_geom_pair": list(searched.values()),
         "geom_body": model.geom_bodyid,
         "geom_field": model.geom_dataid,
         "field_start": model.hfield_adr,
@@ -348,6 +359,16 @@ def _coefficients(model: mujoco.MjModel) -> dict[str, list[float]]:
 
 def _used_geoms(pairs: Sequence[ContactPair]) -> list[int]:
     return sorted({g for pair in pairs for g in (pair.geom1, pair.geom2)})
+
+
+def _on_ground(pair: ContactPair) -> tuple[int, int, int]:
+    """Height field or meshes, and geom, of a searched pair: the same for all parts of the geom."""
+    return pair.geom1, pair.mesh, pair.geom2
+
+
+def _searched_geoms(pairs: Sequence[ContactPair]) -> dict[tuple[int, int, int], int]:
+    """Geoms with the ground that their contacts are searched on, and the first pair of each."""
+    return {_on_ground(p): i for i, p in reversed(list(enumerate(pairs))) if is_searched(p)}
 
 
 def _addresses(model: mujoco.MjModel) -> int:

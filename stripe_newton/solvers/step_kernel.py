@@ -27,8 +27,8 @@ __all__ = [
 
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "touches.h", "world.h",
-    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "newton.h", "newton_state.h", "per_step.h",
-    "results.h", "accelerations.h", "step.h",
+    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "ground.h", "newton.h", "newton_state.h",
+    "per_step.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""

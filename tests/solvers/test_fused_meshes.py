@@ -240,7 +240,7 @@ def test_bodies_come_to_rest(add_geom, place, turn, height, solid):
 def test_cells_list_all_faces_that_are_near():
     fine, reach = step_mesh(3), 0.09
     grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], reach, "cpu")
-    first, items, faces, _, _, edges, record = (a.numpy() for a in grids._arrays)
+    first, items, faces, _, _, edges, _, record = (a.numpy() for a in grids._arrays)
     # Edges at which it bends down: those at the five convex corners of its outline, and the outline itself, twice.
     assert (len(faces) // 48, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
@@ -251,6 +251,27 @@ def test_cells_list_all_faces_that_are_near():
         nearest = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
         near = np.flatnonzero(np.linalg.norm(nearest - point, axis=1) < reach)
         assert set(near) <= set(items[first[cell] : first[cell + 1]])
+
+
+@pytest.mark.parametrize("solid", [True, False])
+def test_no_face_is_nearer_to_a_cell_than_it_says(solid):
+    mesh = step_mesh(1, solid)
+    grids = MeshGrids([[TriangleMesh(mesh.vertices, mesh.faces, 3)]], 0.05, "cpu")
+    cells, record = grids._arrays[-2].numpy(), grids._arrays[-1].numpy()[128:]  # behind two grids of 64 bytes
+    low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
+    unit = record[28:32].view(np.float32)[0]
+    points = np.random.default_rng(4).uniform(low, low + size / scale, size=(400, 3))
+    col, row, layer = np.floor((points - low) * scale).astype(int).T
+    clear = unit * cells[(layer * size[1] + row) * size[0] + col]
+    distance = trimesh.proximity.closest_point_naive(mesh, points)[1]
+    within = [(np.abs(points - center) < half).all(axis=1) for center, half in BOXES]
+    inside = (within[0] | within[1]) & solid
+    assert (clear <= distance).all()
+    diagonal = 3**0.5 / scale
+    assert (clear >= distance - diagonal - 2 * unit)[~inside].all()  # and it says much
+    deep = inside & (distance > diagonal)
+    assert (clear[deep] == 0.0).all()
+    assert deep.any() == solid
 
 
 def test_a_mesh_of_faces_that_are_seen_from_inside_is_not_solid():

@@ -55,6 +55,8 @@ FN unsigned own_lanes() { return 0; }
 #define SYNC() __syncwarp(own_lanes())
 // Whether something holds in any lane.
 #define ANY(x) __any_sync(own_lanes(), x)
+// In which lanes something holds: a bit for each.
+#define BALLOT(holds) (__ballot_sync(own_lanes(), holds) >> (LANES == 32 ? 0 : threadIdx.x % 32 / LANES * LANES))
 // What another lane has, by its number in the world.
 FN real from_lane(real x, int lane) { return __shfl_sync(own_lanes(), x, lane, LANES); }
 // Sum of `mine` over the lanes before this one, and over all lanes.
@@ -75,6 +77,7 @@ FN real SUM(real x) {
 #else
 #define SYNC()
 #define ANY(x) (x)
+#define BALLOT(holds) (holds)
 #define BEFORE(mine, before, all)
 FN real SUM(real x) { return x; }
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Collision: the contacts of the pairs that the model lets collide, with their frames and parameters.
+// Collision: the contacts of pairs of primitives that the model lets collide, and the frames and parameters of all contacts.
 
 namespace fused {
 
@@ -177,73 +177,6 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
         ROLLED for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
         count += all;
     }
-    return count;
-}
-
-#if HAS_SEARCHES
-// Prepare the search for touches of the part of a pair.
-FN bool prepare(Part& part, const World& w, const Parameters& P, int p) {
-    enum { SPHERE, HIGH_END, LOW_END, AXIS, BOX, CORNER };
-    const int kind = contact_kind(p), k = kind < MESH_SPHERE ? kind - FIELD_SPHERE : kind - MESH_SPHERE;
-    PairGeoms g = geoms_of(w, P, p);
-    PartKind is = k < AXIS ? BALL_PART : k == AXIS ? AXIS_PART : k == BOX ? BOX_PART : CORNER_PART;
-    int end = k == HIGH_END ? 1 : k == LOW_END ? -1 : k >= CORNER ? k - CORNER : 0;
-#if HAS_MESHES
-    if (kind >= MESH_SPHERE)
-        return prepare(part, is, end, margin_of(P, p), ((const Mesh*)P.m.meshes)[contact_mesh(p)], g.a, g.b);
-#endif
-#if HAS_FIELDS
-    return prepare(part, is, end, margin_of(P, p), field_of(P, contact_geom1(p)), g.a, g.b);
-#else
-    return false;
-#endif
-}
-
-// Contacts with height fields and meshes behind the first `count` ones, in the order of the parts. Returns the number of all.
-FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
-    for (int first = FIRST_SEARCHED_PAIR; first < NCONTACT_PAIRS; first += LANES) {
-        int p = first + lane, near = 0, before = 0, all;
-        Part part;
-        if (p < NCONTACT_PAIRS) near = prepare(part, w, P, p);
-        all = near;
-        BEFORE(near, before, all);
-        for (int done = 0; done < all; done += SEARCHES) {  // as many at once as there is room for
-            int size = all - done < SEARCHES ? all - done : SEARCHES, k = before - done, hits = 0, place = 0, found;
-            SYNC();  // the last ones have been read
-            if (near && k >= 0 && k < size) {
-                Search& s = w.search[k];
-                static_cast<Part&>(s) = part, s.pair = p, s.count = 0, s.ended = false;
-            }
-            SYNC();
-            find_hits(w.search, size, lane);
-            if (lane < size) hits = w.search[lane].count;
-            found = hits;
-            BEFORE(hits, place, found);
-            ROLLED for (int i = 0; i < hits; i++) {
-                const Search& s = w.search[lane];
-                PairGeoms g = geoms_of(w, P, s.pair);
-#if HAS_MESHES
-                const int geom = s.hit[i].geom;
-#else
-                const int geom = -1;
-#endif
-                place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b), geom);
-            }
-            count += found;
-        }
-    }
-    return count;
-}
-#endif
-
-// Contacts of all pairs. Returns their number, which may exceed the room for them.
-FN int collide(World& w, const Parameters& P, int lane) {
-    if (GEOMS_PLACED) place_geoms(w, P, lane);
-    int count = collide_primitives(w, P, lane);
-#if HAS_SEARCHES
-    count = collide_by_search(w, P, count, lane);
-#endif
-    SYNC();
     return count;
 }
 

@@ -31,6 +31,20 @@ FN Cells cells_near(const Grid& g, Vec low, Vec high) {
                  last_cell(to.y, g.size[1]),    first_cell(from.z, g.size[2]), last_cell(to.z, g.size[2])};
 }
 
+// A distance from a point within which there is no face [m]; 0 inside of a solid, or where the point is not a number.
+FN real clearance_at(const Clearance& g, Vec p) {
+    real u[3] = {p.x - g.low[0], p.y - g.low[1], p.z - g.low[2]}, outside = 0;
+    int cell[3];
+    for (int k = 0; k < 3; k++) {
+        cell[k] = (int)smaller(larger(g.cells_per_metre * u[k], 0), (real)(g.size[k] - 1));
+        real beyond = larger(larger(-u[k], u[k] - g.size[k] / g.cells_per_metre), 0);
+        outside += beyond * beyond;
+    }
+    real clear = g.unit * g.cells[(cell[2] * g.size[1] + cell[1]) * g.size[0] + cell[0]];
+    outside = SQRT(outside);
+    return larger(outside, clear - outside);
+}
+
 // Items of cells: those of a row of cells lie one after another. One that reaches into several cells is there several times.
 FN const int* row_of_cells(const Grid& g, int layer, int row) { return g.cells + (layer * g.size[1] + row) * g.size[0]; }
 FN int count_items(const Grid& g, const Cells& c) {

@@ -55,9 +55,18 @@ struct Grid {
     const void* things; // MeshFace or MeshEdge
     const void* none;
 };
+// A grid of distances to the nearest face, as in mesh_grid.py: no point of a cell is nearer to one than the cell says.
+struct Clearance {
+    float low[3], cells_per_metre;
+    int size[3];
+    float unit;                  // of the numbers of the cells [m]
+    const unsigned char* cells;  // inside of a solid they are 0
+    const void* none;
+};
 // Meshes that do not move, together. What can touch an edge is on the outside of a bend.
 struct Mesh {
     Grid faces, edges;
+    Clearance clearance;
 };
 
 // Cells that a box reaches into: the first and the last along each axis; none where the first exceeds the last. Those of a

@@ -107,6 +107,8 @@ struct World {
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
 #if HAS_SEARCHES
                     Search search[SEARCHES];    // for contacts with height fields and meshes
+                    unsigned near_geoms[(NSEARCHED_GEOMS + LANES - 1) / LANES];  // of which geoms: a bit for each lane
+                    unsigned short near_parts[NCONTACT_PAIRS - FIRST_SEARCHED_PAIR];  // and their pairs
 #endif
                 };
             };

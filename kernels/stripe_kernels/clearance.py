@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clearance: distances from the cells of a grid to the nearest face of meshes."""
+
+import warp as wp
+
+__all__ = ["measure_clearance"]
+
+
+@wp.kernel(enable_backward=False)
+def measure_clearance(
+    mesh: wp.uint64,
+    is_solid: wp.array[int],
+    low: wp.vec3,
+    cell: float,
+    columns: int,
+    rows: int,
+    unit: float,
+    clearance: wp.array[wp.uint8],
+):
+    """Write for each cell a distance that no point of it is nearer to a face than; a thread for each cell.
+
+    Args:
+        mesh: The faces.
+        is_solid: Whether each face is one of a solid, shape ``(faces,)``.
+        low: Lowest corner of the grid [m].
+        cell: Size of a cell [m].
+        columns: Cells along x; they are numbered along x, then y, then z.
+        rows: Cells along y.
+        unit: Unit of the distances [m].
+        clearance: Output, in units, at most 255; 0 behind faces of a solid, shape ``(cells,)``.
+    """
+    i = wp.tid()
+    center = low + cell * wp.vec3(
+        float(i % columns) + 0.5, float(i // columns % rows) + 0.5, float(i // (columns * rows)) + 0.5
+    )
+    diagonal = 0.5 * wp.sqrt(3.0) * cell + 1.0e-4
+    found = wp.mesh_query_point_sign_normal(mesh, center, 255.0 * unit + diagonal)
+    if not found.result:
+        return
+    offset = center - wp.mesh_eval_position(mesh, found.face, found.u, found.v)
+    if is_solid[found.face] != 0 and found.sign < 0.0:
+        clearance[i] = wp.uint8(0)
+        return
+    clearance[i] = wp.uint8(wp.clamp(wp.floor((wp.length(offset) - diagonal) / unit), 0.0, 255.0))

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ground: contacts with height fields and meshes. Geoms that are far from their ground are left out first, then parts of the
+// others are searched for touches.
+
+namespace fused {
+
+#if HAS_SEARCHES
+enum GroundPart { SPHERE_OF, HIGH_END_OF, LOW_END_OF, AXIS_OF, BOX_OF, CORNERS_OF };
+// Part of a geom that the routine of a pair searches, or a number of CORNERS_OF and above for a corner of a box.
+FN int ground_part(int pair) {
+    const int kind = contact_kind(pair);
+    return kind < MESH_SPHERE ? kind - FIELD_SPHERE : kind - MESH_SPHERE;
+}
+
+// Balls that hold a geom: along the longest of its axes, so that they are smaller than one around all of it.
+struct Cover {
+    int count;
+    Vec first, step;  // centres relative to that of the geom
+    real radius;
+};
+FN Cover cover(const Geom& geom, int part) {
+    if (part == SPHERE_OF) return Cover{1, {0, 0, 0}, {0, 0, 0}, geom.size.x};
+    Vec h = geom.size;
+    int longest = 2;
+    if (part < BOX_OF) return Cover{3, (real)(-2.0 / 3) * h.y * column(geom.axes, 2), (real)(2.0 / 3) * h.y * column(geom.axes, 2), h.x + h.y / 3};
+    if (h.x >= h.y && h.x >= h.z) longest = 0;
+    else if (h.y >= h.z) longest = 1;
+    real half = longest == 0 ? h.x : longest == 1 ? h.y : h.z, third = half / 3;
+    Vec along = 2 * third * column(geom.axes, longest);
+    return Cover{3, -1 * along, along, SQRT(dot(h, h) - half * half + third * third)};
+}
+
+// Whether a geom may touch its ground: by the distance to the nearest face, or by the highest vertex below it.
+FN bool is_near(const World& w, const Parameters& P, int p) {
+    PairGeoms g = geoms_of(w, P, p);
+    const Mat axes = transposed(g.a.axes);
+    const Vec at = axes * (g.b.pos - g.a.pos);
+    const Cover c = cover(g.b, ground_part(p));
+    const Vec first = at + axes * c.first, step = axes * c.step;
+    const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
+#if HAS_MESHES
+    if (contact_kind(p) >= MESH_SPHERE) {
+        const Clearance& field = ((const Mesh*)P.m.meshes)[contact_mesh(p)].clearance;
+        bool near = false;
+        for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
+        return near;
+    }
+#endif
+#if HAS_FIELDS
+    const Patch patch = patch_at(field_of(P, contact_geom1(p)), at);
+    Vec half = (real)(c.count / 2) * step;
+    half = Vec{FABS(half.x) + reach, FABS(half.y) + reach, FABS(half.z) + reach};
+    return peak(patch, cells_below(patch, -1 * half, half)) >= -half.z;
+#else
+    return true;
+#endif
+}
+
+// List the parts of geoms that are near their ground, in the order of the pairs. Returns their number.
+FN int list_near_parts(World& w, const Parameters& P, int lane) {
+    ROLLED for (int first = 0; first < NSEARCHED_GEOMS; first += LANES) {
+        int k = first + lane;
+        bool near = k < NSEARCHED_GEOMS && is_near(w, P, searched_geom_pair(k));
+        unsigned votes = BALLOT(near);
+        if (lane == 0) w.near_geoms[first / LANES] = votes;
+    }
+    SYNC();
+    int count = 0;
+    ROLLED for (int first = FIRST_SEARCHED_PAIR; first < NCONTACT_PAIRS; first += LANES) {
+        int p = first + lane, near = 0, before = 0, all;
+        if (p < NCONTACT_PAIRS) {
+            int k = searched_geom(p - FIRST_SEARCHED_PAIR);
+            near = w.near_geoms[k / LANES] >> k % LANES & 1;
+        }
+        all = near;
+        BEFORE(near, before, all);
+        if (near) w.near_parts[count + before] = p;
+        count += all;
+    }
+    SYNC();
+    return count;
+}
+
+// Prepare the search for touches of the part of a pair.
+FN bool prepare(Part& part, const World& w, const Parameters& P, int p) {
+    const int k = ground_part(p);
+    PairGeoms g = geoms_of(w, P, p);
+    PartKind is = k < AXIS_OF ? BALL_PART : k == AXIS_OF ? AXIS_PART : k == BOX_OF ? BOX_PART : CORNER_PART;
+    int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
+#if HAS_MESHES
+    if (contact_kind(p) >= MESH_SPHERE)
+        return prepare(part, is, end, margin_of(P, p), ((const Mesh*)P.m.meshes)[contact_mesh(p)], g.a, g.b);
+#endif
+#if HAS_FIELDS
+    return prepare(part, is, end, margin_of(P, p), field_of(P, contact_geom1(p)), g.a, g.b);
+#else
+    return false;
+#endif
+}
+
+// Contacts with height fields and meshes behind the first `count` ones, in the order of the parts. Returns the number of all.
+FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
+    const int parts = list_near_parts(w, P, lane);
+    for (int first = 0; first < parts; first += LANES) {
+        int p = -1, near = 0, before = 0, all;
+        Part part;
+        if (first + lane < parts) p = w.near_parts[first + lane], near = prepare(part, w, P, p);
+        all = near;
+        BEFORE(near, before, all);
+        for (int done = 0; done < all; done += SEARCHES) {  // as many at once as there is room for
+            int size = all - done < SEARCHES ? all - done : SEARCHES, k = before - done, hits = 0, place = 0, found;
+            SYNC();  // the last ones have been read
+            if (near && k >= 0 && k < size) {
+                Search& s = w.search[k];
+                static_cast<Part&>(s) = part, s.pair = p, s.count = 0, s.ended = false;
+            }
+            SYNC();
+            find_hits(w.search, size, lane);
+            if (lane < size) hits = w.search[lane].count;
+            found = hits;
+            BEFORE(hits, place, found);
+            ROLLED for (int i = 0; i < hits; i++) {
+                const Search& s = w.search[lane];
+                PairGeoms g = geoms_of(w, P, s.pair);
+#if HAS_MESHES
+                const int geom = s.hit[i].geom;
+#else
+                const int geom = -1;
+#endif
+                place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b), geom);
+            }
+            count += found;
+        }
+    }
+    return count;
+}
+#endif
+
+// Contacts of all pairs. Returns their number, which may exceed the room for them.
+FN int collide(World& w, const Parameters& P, int lane) {
+    if (GEOMS_PLACED) place_geoms(w, P, lane);
+    int count = collide_primitives(w, P, lane);
+#if HAS_SEARCHES
+    count = collide_by_search(w, P, count, lane);
+#endif
+    SYNC();
+    return count;
+}
+
+}  // namespace fused
