@@ -227,7 +227,7 @@ class DirectRLEnv(RecordingEnv):
         self.reward_buf[:] = torch.where(self._safety.nonfinite, 0.0, rewards)
 
     def _reset_items(self) -> list[Item]:
-        items: list[Item] = []
+        items = self._list_items()
         if self.cfg.compute_final_obs:
             items.append(Eager("final observations", self._keep_final_observations, "torch copies"))
         if not self._hooks.reset.is_warp:

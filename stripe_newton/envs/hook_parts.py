@@ -15,7 +15,7 @@ from stripe_newton.sim.capture import TorchGraph
 
 from .call_counts import warp_waits
 from .env_state import repeats, state_arrays
-from .hook_graphs import HookGraph, HookRecorder, RecordedHook
+from .hook_graphs import EnvRows, HookGraph, HookRecorder, RecordedHook
 from .hook_graphs.host_values import NotRecordable
 from .hook_graphs.reachable import NOTHING, assign, scan, value_at
 
@@ -208,36 +208,96 @@ class PhysicsPart:
 
 
 class ResetPart:
-    """``_reset_idx`` as an item of a step, with graphs for numbers of environments that are reset often.
+    """``_reset_idx`` as an item of a step, with graphs for numbers of environments.
+
+    The graph of a number resets fewer environments, too: its list is filled up with others, whose rows in all arrays
+    are kept and brought back. Where that does not give what the hook gives, such as a mean over the environments in
+    the log, numbers that come often have graphs of their own.
 
     Attributes:
-        env_ids: The environments that are reset, int64, in memory that the graph of their number reads.
+        env_ids: The environments that the hook is called with, int64.
     """
 
     joins = False
     """The host must know their number before it can choose the graph."""
+    LEAST, STEP = 16, 4
+    """Smallest number with a graph that stands for others, and the factor from one such number to the next. More of
+    them would have to be recorded, fewer would reset more environments in vain."""
 
-    def __init__(self, recorder: HookRecorder, hook: RecordedHook, num_envs: int, device: str):
-        self._recorder, self.hook = recorder, hook
-        self._memory = torch.zeros(num_envs, dtype=torch.int64, device=device)
-        self.env_ids = self._memory
+    def __init__(self, env: RecordingEnv, recorder: HookRecorder):
+        """Prepare; the hook is set when the recorder has it."""
+        self._env, self._recorder = env, recorder
+        self._mask = env.context.reset_mask
+        self._mask.listed_in_step = True
+        self._order = wp.to_torch(self._mask.order)
+        self.env_ids = self._order
+        self._padded = 0
+        self._rows: tuple[object, EnvRows] | None = None
+        self.hook: RecordedHook
 
-    def run(self, env_ids: torch.Tensor) -> None:
-        """Run the hook for some environments, in the way of the recorder."""
-        self.env_ids = self._memory[: len(env_ids)]
-        self.env_ids.copy_(env_ids)
-        self._recorder.run(self.hook, len(env_ids))
+    def run(self, number: int) -> None:
+        """Run the hook for the environments of the reset mask, of which there are so many, in the recorder's way."""
+        self.env_ids = self._order[:number]
+        self._padded = self._size_for(number)
+        self._recorder.run(self.hook, number, self._padded if self._size_for(1) else None)
+
+    def _size_for(self, number: int) -> int:
+        """Number with a graph that stands for others, at least as large; 0 if there is none.
+
+        Only up to half of the environments: hooks may do other things where all are reset.
+        """
+        size = self.LEAST
+        while size < number:
+            size *= self.STEP
+        return size if 2 * size <= self._env.num_envs else 0
+
+    @contextlib.contextmanager
+    def as_variant(self, variant: int) -> Iterator[None]:
+        """Context in which the hook gets as many environments as the graph of a number has."""
+        if variant != self._padded:
+            yield
+            return
+        rows, own = self._env_rows(), self.env_ids
+        rows.keep(self._mask.order, self._mask.count, variant)
+        self.env_ids = self._order[:variant]
+        try:
+            yield
+        finally:
+            self.env_ids = own
+        # A hook that binds tensors anew has new memory: what it holds of the others goes where their rows are kept.
+        carried = self._recorder.context.carried
+        assert carried is not None  # before that nothing is recorded
+        carried.settle()
+        rows.restore(self._mask.order, self._mask.count, variant)
+
+    def _env_rows(self) -> EnvRows:
+        carried = self._recorder.context.carried
+        if self._rows is None or self._rows[0] is not carried:
+            places = max(self._size_for(number) for number in range(1, self._env.num_envs + 1))
+            self._rows = carried, EnvRows(_row_tensors(self._env), self._env.num_envs, places, self._env.device)
+        return self._rows[1]
 
     @property
     def how(self) -> str:
         """Way in which it runs, for the description."""
-        if self._recorder.replayed(self.hook):
-            return f"eager: torch hook; graphs for {self.hook.variants} frequent numbers of resets"
+        hook, why = self.hook, self.hook.why_not_padded
+        if self._recorder.replayed(hook) and (why or not self._size_for(1)):
+            frequent = f"eager: torch hook; graphs for {hook.variants} frequent numbers of resets"
+            return f"{frequent}; one for all up to a number is not possible: {why}" if why else frequent
+        if self._recorder.replayed(hook):
+            return f"eager: torch hook; graphs for up to {', '.join(map(str, hook.recorded_variants))} resets"
         return f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Not possible: see :attr:`joins`."""
         raise NotRecordable("the number of environments that are reset is not known beforehand")
+
+
+def _row_tensors(env: RecordingEnv) -> list[torch.Tensor]:
+    """Tensors that hooks may write and that have a row for each environment."""
+    own = [t for t in scan(env, SKIPPED).tensors.values() if t.dim() and t.shape[0] == env.num_envs]
+    memory = _arrays(env)
+    return own + [t for name, t in memory.items() if not name.startswith("outputs ")]
 
 
 def why_eager(hook: RecordedHook) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from stripe_newton.fusion import Eager
+from stripe_newton.fusion import Captured, Eager, Item
 
 from .direct_env_base import DirectEnvBase
 from .hook_graphs import HookRecorder, Launched
@@ -86,19 +86,26 @@ class RecordingEnv(DirectEnvBase):
         """``_reset_idx`` as an item of a step."""
         if self._recorder is None:
             return Eager(name, self._torch_reset, "torch hook")
-        hook = self._recorder.add(name, self._reset_listed, type(self)._reset_idx, joins=False)
-        self._reset_part = ResetPart(self._recorder, hook, self.num_envs, self.device)
-        return Eager(name, self._torch_reset, "torch hook", part=self._reset_part)
+        part = self._reset_part = ResetPart(self, self._recorder)
+        method = type(self)._reset_idx
+        part.hook = self._recorder.add(name, self._reset_listed, method, joins=False, as_variant=part.as_variant)
+        return Eager(name, self._torch_reset, "torch hook", part=part)
 
-    def _reset_envs(self, env_ids: torch.Tensor) -> None:
+    def _list_items(self) -> list[Item]:
+        """Kernels that list the environments of the reset mask, where graphs of torch resets read the list."""
+        if self._recorder is None or self._hooks.reset.is_warp:
+            return []
+        return [Captured("list of resets", self.context.reset_mask.launch_list, fields=frozenset())]
+
+    def _torch_reset(self) -> None:
         if self._recorder is None:
-            super()._reset_envs(env_ids)
-        else:
-            self._reset_part.run(env_ids)
+            super()._torch_reset()
+        elif self.context.reset_mask.number:
+            self._reset_part.run(self.context.reset_mask.number)
 
     def _reset_listed(self) -> None:
         # A copy, as the hook may keep it.
-        super()._reset_envs(self._reset_part.env_ids.clone())
+        self._reset_envs(self._reset_part.env_ids.clone())
 
     def observation_buffers(self) -> dict[str, torch.Tensor]:
         """Memory by group that torch hooks write their observations to, where they may be recorded."""

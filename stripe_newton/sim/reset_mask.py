@@ -6,58 +6,87 @@ from __future__ import annotations
 import torch
 import warp as wp
 
+from stripe_kernels.env_rows import BLOCK, count_masked, list_masked_first
+
 __all__ = ["ResetMask"]
 
 
 class ResetMask:
     """Mask of the environments that begin a new episode, and their indices for torch code.
 
-    Kernels and the solver read the mask. Torch hooks and terms need indices, and computing them waits for the device.
-    The first call in a step computes them; all others share the result.
+    Kernels and the solver read the mask. Torch hooks and terms need indices, and to know their number the host waits
+    for the device. The first call in a step does; all others share the result.
 
     Attributes:
         array: The mask, bool, shape ``(num_envs,)``.
         worlds: The same memory in the form of Newton's solvers, bool, shape ``(num_envs + 1,)``. The last entry, for
             bodies that belong to no world, is always False.
         tensor: :attr:`array` as a tensor.
+        order: The environments of the mask and behind them all others, both ascending, int64, shape ``(num_envs,)``,
+            as of the last :meth:`launch_list`.
+        count: Number of environments in the mask, int32, shape ``(1,)``, likewise.
+        listed_in_step: Whether the step itself launches :meth:`launch_list`, before anybody asks for indices.
     """
 
     def __init__(self, num_envs: int, device: str):
         self.worlds = wp.zeros(num_envs + 1, dtype=wp.bool, device=device)
         self.array = self.worlds[:num_envs]
         self.tensor = wp.to_torch(self.array)
-        self._on_host: torch.Tensor | None = None
+        self.order = wp.zeros(num_envs, dtype=wp.int64, device=device)
+        self.count = wp.zeros(1, dtype=int, device=device)
+        self._counts = wp.zeros(-(-num_envs // int(BLOCK)), dtype=int, device=device)
+        pinned = wp.get_device(device).is_cuda
+        self._count_on_host = wp.zeros(1, dtype=int, device="cpu", pinned=pinned)
+        self.listed_in_step = False
+        self._listed = False
+        self._number: int | None = None
         self._on_device: torch.Tensor | None = None
-        self._pinned: torch.Tensor | None = None
+        self._on_host: torch.Tensor | None = None
 
     def begin_step(self) -> None:
         """Drop the indices of the last step. Call it before the mask is written."""
-        self._on_host = self._on_device = None
+        self._listed = self.listed_in_step
+        self._number = self._on_device = self._on_host = None
 
     def choose(self, env_mask: torch.Tensor) -> None:
         """Set the mask; ``env_mask`` is bool, shape ``(num_envs,)``."""
         self.begin_step()
         self.tensor.copy_(env_mask)
 
-    def indices_on_host(self) -> torch.Tensor:
-        """Indices of the environments, int64, shape ``(n,)``, on the CPU. The first call of a step waits."""
-        if self._on_host is None:
-            # The mask is copied and searched here: ``nonzero`` on a GPU waits, too, and would then have to be copied.
-            self._on_host = self.tensor.cpu().nonzero().squeeze(-1)
-        return self._on_host
+    def launch_list(self) -> None:
+        """Launch the kernels that list the environments. They may be part of a graph."""
+        num_envs, device = len(self.order), self.array.device
+        wp.launch(count_masked, len(self._counts), [self.array], [self._counts], device=device)
+        wp.launch(list_masked_first, num_envs, [self.array, self._counts], [self.order, self.count], device=device)
+
+    @property
+    def number(self) -> int:
+        """Number of environments in the mask. The first call of a step waits for the device."""
+        if self._number is None:
+            self._list()
+            # Warp's stream waits for torch's default stream, so that one wait is for the work of both.
+            wp.copy(self._count_on_host, self.count)
+            if self.array.device.is_cuda:
+                wp.synchronize_stream(self.array.device)
+            self._number = int(self._count_on_host.numpy()[0])
+        return self._number
 
     def indices(self) -> torch.Tensor:
         """Indices of the environments, int64, shape ``(n,)``, on the device. The first call of a step waits for it."""
         if self._on_device is None:
-            self._on_device = self._to_device(self.indices_on_host())
+            number = self.number
+            self._list()
+            self._on_device = wp.to_torch(self.order)[:number].clone()  # whoever asks may keep it
         return self._on_device
 
-    def _to_device(self, indices: torch.Tensor) -> torch.Tensor:
-        if not self.tensor.is_cuda:
-            return indices
-        # From pinned memory: a copy from any other waits for the device once more. The memory is written again when
-        # indices are asked for again, and that waits for the device and so for this copy.
-        if self._pinned is None:
-            self._pinned = torch.empty(len(self.tensor), dtype=torch.int64, pin_memory=True)
-        sent = self._pinned[: len(indices)].copy_(indices)
-        return sent.to(self.tensor.device, non_blocking=True)
+    def indices_on_host(self) -> torch.Tensor:
+        """The same on the CPU."""
+        if self._on_host is None:
+            self._on_host = self.tensor.cpu().nonzero().squeeze(-1)
+            self._number = len(self._on_host)
+        return self._on_host
+
+    def _list(self) -> None:
+        if not self._listed:
+            self.launch_list()
+            self._listed = True

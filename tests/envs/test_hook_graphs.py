@@ -160,3 +160,76 @@ def test_graphs_of_warp_hooks_are_launched_in_every_step(recording, monkeypatch)
     for _ in range(5):
         env.step(torch.zeros(4, 1))
     assert launches == [True] * 5
+
+
+class Patient(RecordedCart):
+    """Reset whose rows do not depend on each other: new tensors, tensors in place, state of the simulation."""
+
+    def __init__(self, cfg: RecordedCartCfg, render_mode: str | None = None, **kwargs: Any):
+        super().__init__(cfg, render_mode, **kwargs)
+        self.starts = torch.linspace(-0.2, 0.2, 2 * self.num_envs).reshape(self.num_envs, 2)
+        self.resets = torch.zeros(self.num_envs, dtype=torch.int16)
+
+    def _reset_idx(self, env_ids: Any) -> None:
+        super(RecordedCart, self)._reset_idx(env_ids)
+        self.resets[env_ids] += 1
+        kept = torch.ones(self.num_envs)
+        kept[env_ids] = 0.0
+        self.actions = self.actions * kept[:, None]  # new memory
+        start = self.starts[env_ids] + 0.01 * self.resets[env_ids].float()[:, None]
+        self.robot.write_joint_state_to_sim(start, torch.zeros_like(start), env_ids=env_ids)
+
+    def _get_observations(self) -> dict[str, torch.Tensor]:
+        data = self.robot.data
+        parts = (data.joint_pos, data.joint_vel, self.previous, self.actions, self.starts)
+        return {"policy": torch.cat(parts, dim=-1)}
+
+
+@pytest.fixture
+def padding(recording, monkeypatch):
+    monkeypatch.setattr("stripe_newton.envs.hook_parts.ResetPart.LEAST", 2)
+    monkeypatch.setattr("stripe_newton.envs.hook_parts.ResetPart.STEP", 2)
+
+
+def both(cls: type[RecordedCart], steps: int, monkeypatch) -> tuple[RecordedCart, str]:
+    """A recorded environment of 12 carts after some steps, and where they differ from those without recordings."""
+    scene = RecordedCartCfg().scene.replace(num_envs=12)
+    with monkeypatch.context() as patch:
+        patch.setattr("stripe_newton.envs.hook_parts.records_on", lambda device: False)
+        plain = make(cls, scene=scene)
+    env = make(cls, scene=scene)
+    found = []
+    for one in (plain, env):
+        one.episode_length_buf = torch.arange(12) % 7  # so that other numbers end in each step
+        torch.manual_seed(4)
+        found.append(run(one, steps))
+    counts = {int((x["terminated"] | x["truncated"]).sum()) for x in found[0]}
+    assert {1, 2, 3} <= counts, counts
+    return env, first_difference(*found)
+
+
+def test_one_graph_resets_up_to_a_number(padding, monkeypatch):
+    env, difference = both(Patient, 150, monkeypatch)
+    assert difference == ""
+    hook = recorder_of(env).hooks[4]
+    assert (hook.why_not_padded, hook.recorded_variants) == ("", [2, 4])
+    assert "graphs for up to 2, 4 resets" in env.describe()
+
+
+class Counting(Patient):
+    """Reset that adds up over the environments."""
+
+    def _reset_idx(self, env_ids: Any) -> None:
+        super()._reset_idx(env_ids)
+        self.extras["log"]["height"] = self.sums["height"][env_ids].mean()
+        self.sums["height"][env_ids] = 0.0
+
+
+def test_a_reset_that_depends_on_their_number_has_a_graph_for_each(padding, monkeypatch):
+    env, difference = both(Counting, 150, monkeypatch)
+    assert difference == ""
+    hook = recorder_of(env).hooks[4]
+    assert not hook.reason
+    assert "gives another 'log/height'" in hook.why_not_padded
+    assert hook.variants >= 2
+    assert f"graphs for {hook.variants} frequent numbers of resets; one for all up to a number" in env.describe()

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
+from contextlib import AbstractContextManager, nullcontext
 
 import torch
 
@@ -37,6 +38,9 @@ class HookRecorder:
     some tens of replays save, so that recording what comes rarely would make training slower."""
     MAX_VARIANTS = 32
     """Largest number of graphs of a hook with variants."""
+    PADDED, PROOFS = 2, 3
+    """A variant that stands for many is recorded once it has come so often. It counts once it has stood for another one
+    so often with the same results: one comparison may agree by chance, such as by a mean of equal numbers."""
 
     def __init__(
         self,
@@ -69,7 +73,12 @@ class HookRecorder:
         self._variants: Counter[int] = Counter()
 
     def add(
-        self, name: str, function: Callable[[], None], method: Callable[..., object], joins: bool = True
+        self,
+        name: str,
+        function: Callable[[], None],
+        method: Callable[..., object],
+        joins: bool = True,
+        as_variant: Callable[[int], AbstractContextManager[None]] = lambda variant: nullcontext(),
     ) -> RecordedHook:
         """Add a hook, in the order in which a step runs them.
 
@@ -78,8 +87,9 @@ class HookRecorder:
             function: Runs it with what the framework does around it.
             method: The method of the class, for reasons.
             joins: Whether its launches may be part of a larger graph.
+            as_variant: Context in which ``function`` does for a variant what its graph is to do.
         """
-        self.hooks.append(RecordedHook(name, function, self.context, method, joins))
+        self.hooks.append(RecordedHook(name, function, self.context, method, joins, as_variant))
         return self.hooks[-1]
 
     # -- a step
@@ -128,51 +138,84 @@ class HookRecorder:
             self._stop()
         self._note_joined()
 
-    def run(self, hook: RecordedHook, variant: int = 0) -> None:
+    def run(self, hook: RecordedHook, variant: int = 0, padded: int | None = None) -> None:
         """Run a hook as it is, watch it, compare it or replay it.
 
         Args:
             hook: The hook.
             variant: Number of a variant that has a graph of its own. The first variant is watched, for reasons. One
                 that comes often is watched, then recorded and compared; all others run as they are.
+            padded: Number of a variant that may stand for this one and for others, while that gives the same; 0 if
+                there is none for this one, None if there is none for any.
         """
         try:
             if not self._watches or hook.reason:
                 hook.run_eagerly()
             elif not hook.joins:
-                self._run_variant(hook, variant)
+                self._run_variant(hook, variant, padded)
             elif hook.traces < hook.TRACES:
                 hook.trace()
             elif self.context.carried is None:
                 hook.run_eagerly()
             elif hook.unchecked or self._checks_all:
-                hook.check()
+                self._check(hook)
             else:
                 hook.replay()
         except NotSteady as error:
             self.start_again(f"{hook.place}: {error}")
 
-    def _run_variant(self, hook: RecordedHook, variant: int) -> None:
+    def _check(self, hook: RecordedHook, variant: int = 0) -> None:
+        difference = hook.check(variant)
+        if difference:
+            hook.reject(difference)
+
+    def _run_variant(self, hook: RecordedHook, variant: int, padded: int | None) -> None:
         if self.context.carried is None:
             hook.run_eagerly()
+        elif padded is not None and not hook.why_not_padded and hook.traces:
+            if padded:
+                self._run_padded(hook, padded, shows=variant != padded)
+            else:
+                hook.run_eagerly()
         elif hook.has_graph(variant):
             if self._checks_all:
-                hook.check(variant)
+                self._check(hook, variant)
             else:
                 hook.replay(variant)
-        elif hook.traces == 0 or (self._comes_often(variant) and hook.variants < self.MAX_VARIANTS):
+        elif hook.traces == 0 or (self._comes_often(variant, self.OFTEN) and hook.variants < self.MAX_VARIANTS):
             if hook.has_constants(variant):
-                hook.check(variant)
+                self._check(hook, variant)
             else:
                 hook.trace(variant)
         else:
             hook.run_eagerly()
 
-    def _comes_often(self, variant: int) -> bool:
+    def _run_padded(self, hook: RecordedHook, variant: int, shows: bool) -> None:
+        """Run a hook by the graph of a variant that stands for many, or bring it nearer to having one.
+
+        Args:
+            hook: The hook.
+            variant: Number of the variant.
+            shows: Whether this run stands for another one, so that a comparison shows that the variant may.
+        """
+        difference = ""
+        if hook.proofs[variant] >= self.PROOFS and not self._checks_all:
+            hook.replay(variant)
+        elif hook.has_constants(variant):
+            difference = hook.check(variant)
+            hook.proofs[variant] += shows
+        elif self._comes_often(variant, self.PADDED):
+            difference = hook.rehearse(variant)
+        else:
+            hook.run_eagerly()
+        if difference:
+            hook.give_up_padding(difference)
+
+    def _comes_often(self, variant: int, often: int) -> bool:
         if self._variants.total() >= self.WINDOW:
             self._variants.clear()
         self._variants[variant] += 1
-        return self._variants[variant] >= self.OFTEN
+        return self._variants[variant] >= often
 
     @property
     def replays(self) -> bool:

@@ -6,7 +6,9 @@ from __future__ import annotations
 import contextlib
 import inspect
 import random
+from collections import Counter
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 import numpy as np
 import torch
@@ -40,6 +42,8 @@ class RecordedHook:
         unchecked: Number of replays that are still to be compared before it counts as recorded.
         moved: Paths that it binds anew.
         joins: Whether its launches may be part of a larger graph.
+        why_not_padded: Reason why no variant may stand for others; empty while one may.
+        proofs: How often a variant has stood for another one and has been compared.
         extras_memory: Memory of the tensors that it adds to the extras when it is replayed.
     """
 
@@ -55,11 +59,24 @@ class RecordedHook:
         context: RecordingContext,
         method: Callable[..., object] | None = None,
         joins: bool = True,
+        as_variant: Callable[[int], AbstractContextManager[None]] = lambda variant: contextlib.nullcontext(),
     ):
+        """Note what it runs.
+
+        Args:
+            name: Its name.
+            function: Runs it with what the framework does around it.
+            context: What it shares with the other hooks.
+            method: The method of the class, for reasons.
+            joins: Whether its launches may be part of a larger graph.
+            as_variant: Context in which ``function`` does for a variant what its graph is to do.
+        """
         self.name, self.joins = name, joins
-        self.reason = ""
+        self._as_variant = as_variant
+        self.reason = self.why_not_padded = ""
         self.traces, self.unchecked = 0, self.CHECKS
         self.moved: set[Path] = set()
+        self.proofs: Counter[int] = Counter()
         self._code = ExecutedCode()
         self._numbers: list[tuple[object, str | int, object, str]] = []
         self._attempts = 0
@@ -99,7 +116,8 @@ class RecordedHook:
         before, dicts = copy_extras(given), {k: v for k, v in given.items() if isinstance(v, dict)}
         bound = scan(env, context.skip)
         try:
-            with HostCalls(torch.device(env.device), self._constants[variant], first=False):
+            calls = HostCalls(torch.device(env.device), self._constants[variant], first=False)
+            with self._as_variant(variant), calls:
                 self._function()
             context.carried.settle()
             # Tensors in homes or in the simulation stay as they are, as a later hook may write them in place.
@@ -139,8 +157,17 @@ class RecordedHook:
         """Drop recordings and traces: the hook is watched again before it is recorded again."""
         self.traces, self.unchecked, self._unsteady = 0, self.CHECKS, 0
         self._numbers.clear()
+        self._drop_graphs()
+
+    def _drop_graphs(self) -> None:
         self._constants.clear()
         self._graphs.clear()
+        self.proofs.clear()
+
+    def give_up_padding(self, reason: str) -> None:
+        """Drop the recordings of variants that stand for many: from now on each variant is recorded on its own."""
+        self.why_not_padded = reason
+        self._drop_graphs()
 
     def reject(self, reason: str) -> None:
         """Keep the hook eager; the first reason is kept."""
@@ -163,6 +190,11 @@ class RecordedHook:
     def variants(self) -> int:
         """Number of variants that have been recorded."""
         return len(self._graphs)
+
+    @property
+    def recorded_variants(self) -> list[int]:
+        """Numbers of the variants that have been recorded, ascending."""
+        return sorted(self._graphs)
 
     # -- watching a run
 
@@ -264,14 +296,45 @@ class RecordedHook:
 
     # -- comparing a replay with the hook itself
 
-    def check(self, variant: int = 0) -> bool:
+    def check(self, variant: int = 0) -> str:
         """Replay the hook and run it as it is, from the same state; the latter counts.
 
-        A hook whose results differ is rejected. Results must be the same bit for bit, unless the hook itself, run
-        twice from the same state, does not repeat its own bits: sums by atomics do not.
+        Returns:
+            Why the replay cannot take the place of the hook; empty if it can.
+        """
+        self.unchecked = max(self.unchecked - 1, 0)
+        return self._compare(lambda: self.replay(variant))
+
+    def rehearse(self, variant: int) -> str:
+        """Run a variant as its graph will do it, watched, and then the hook as it is, from the same state.
 
         Returns:
-            Whether they are the same.
+            Why it cannot be recorded in this form; empty if it can.
+        """
+        context, env = self._context, self._context.env
+        calls = HostCalls(torch.device(env.device))
+
+        def watched() -> None:
+            before, dicts = copy_extras(env.extras), {k: v for k, v in env.extras.items() if isinstance(v, dict)}
+            with self._as_variant(variant), context.waits(), calls:
+                self._function()
+            self.extras_memory.reserve(added_extras(before, dicts, env.extras))
+            if context.carried is not None:
+                context.carried.settle()
+
+        difference = self._compare(watched)
+        if not difference:
+            self._constants[variant] = calls.constants
+        return difference
+
+    def _compare(self, other: Callable[[], None]) -> str:
+        """Run something else and then the hook, from the same state; the hook counts.
+
+        Results must be the same bit for bit, unless the hook itself, run twice from the same state, does not repeat its
+        own bits: sums by atomics do not.
+
+        Returns:
+            Why the results are not the same; empty if they are.
         """
         context = self._context
         given, saved = copy_extras(context.env.extras), context.snapshot()
@@ -284,30 +347,26 @@ class RecordedHook:
             extras = {f"extras: {k}": v for k, v in tensors_of(context.env.extras).items()}
             return saved.results() | extras
 
-        self.unchecked = max(self.unchecked - 1, 0)
         try:
-            replayed = outcome(lambda: self.replay(variant))
+            replayed = outcome(other)
         except Exception as error:  # of the tracer, or what CUDA says of a capture that it cannot hold
             saved.restore()
             said = str(error).strip().partition("\n")[0] or type(error).__name__
-            self.reject(said if isinstance(error, NotRecordable) else f"{error_place(error) or self.place}: {said}")
             outcome(self.run_eagerly)
-            return False
+            return said if isinstance(error, NotRecordable) else f"{error_place(error) or self.place}: {said}"
         saved.restore()
         eager = outcome(self.run_eagerly)
         name = first_difference(replayed, eager)
         if not name:
-            return True
+            return ""
         saved.restore()
         again = outcome(self.run_eagerly)
         # Code that compiles itself in its first runs settles on other bits: those of the replay are then the newer.
         if not first_difference(replayed, again):
-            return True
+            return ""
         if as_close_as_repeats(saved, replayed, eager, again):
-            return True
-        own = _shown(name)
-        self.reject(f"{self.place}: gives another '{own}' when it is replayed from the same state")
-        return False
+            return ""
+        return f"{self.place}: gives another '{_shown(name)}' when it is replayed from the same state"
 
 
 def _name_of(path: Path) -> str:

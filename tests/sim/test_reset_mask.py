@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lists of the environments in a reset mask, and copies of the rows of others, against NumPy."""
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from stripe_newton.envs.hook_graphs import EnvRows
+from stripe_newton.sim import ResetMask
+
+
+@pytest.mark.parametrize("num_envs", [1, 63, 64, 200])
+@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
+def test_environments_of_the_mask_come_first(num_envs, share):
+    chosen = np.random.default_rng(num_envs).random(num_envs) < share
+    mask = ResetMask(num_envs, "cpu")
+    for listed_in_step in (False, True):
+        mask.listed_in_step = listed_in_step
+        mask.choose(torch.from_numpy(chosen))
+        if listed_in_step:
+            mask.launch_list()
+        assert mask.number == chosen.sum()
+        assert mask.indices().tolist() == np.flatnonzero(chosen).tolist() == mask.indices_on_host().tolist()
+        assert mask.order.numpy().tolist() == [*np.flatnonzero(chosen), *np.flatnonzero(~chosen)]
+        assert mask.count.numpy().tolist() == [chosen.sum()]
+
+
+def test_indices_belong_to_whoever_asks():
+    mask = ResetMask(4, "cpu")
+    mask.choose(torch.tensor([True, False, True, False]))
+    first = mask.indices()
+    mask.choose(torch.tensor([False, True, False, False]))
+    assert (first.tolist(), mask.indices().tolist()) == ([0, 2], [1])
+
+
+def test_rows_of_others_are_brought_back():
+    num_envs, places = 5, 4
+    tensors = [
+        torch.rand(num_envs, 3),
+        torch.randint(0, 2, (num_envs,), dtype=torch.bool),
+        torch.rand(num_envs * 6),  # flat, as arrays of Newton
+        torch.randint(0, 99, (num_envs, 2), dtype=torch.int16),
+        torch.rand(num_envs + 2),  # no rows
+    ]
+    before = [t.clone() for t in tensors]
+    rows = EnvRows(tensors, num_envs, places, "cpu")
+    order, count = wp.array([3, 1, 0, 2, 4], dtype=wp.int64), wp.array([2], dtype=int)
+    rows.keep(order, count, places)
+    for tensor in tensors:
+        tensor.copy_(tensor + 1 if tensor.dtype != torch.bool else ~tensor)
+    changed = [t.clone() for t in tensors]
+    rows.restore(order, count, places)
+    for tensor, old, new in zip(tensors[:-1], before[:-1], changed[:-1], strict=True):
+        now, old, new = (t.reshape(num_envs, -1) for t in (tensor, old, new))
+        assert torch.equal(now[[0, 2]], old[[0, 2]])  # kept: the third and fourth of the list
+        assert torch.equal(now[[1, 3, 4]], new[[1, 3, 4]])  # reset, and beyond the places
+    assert torch.equal(tensors[-1], changed[-1])
