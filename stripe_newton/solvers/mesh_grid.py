@@ -25,7 +25,8 @@ _CELLS = 0.1, 0.2
 _LEAST_CELL = 0.05
 _MANY_ITEMS = 24
 """Faces of a cell on average, of those that have some, from which on cells are made smaller."""
-_MOST_CELLS = 4_000_000
+_MOST_CELLS, _MOST_ALONG = 4_000_000, 32_000
+"""Cells of a grid, and of it along an axis: they are numbered by two bytes."""
 _CLEAR_CELL, _MOST_CLEAR_CELLS = 0.1, 1_000_000
 """Size of a cell that has a distance [m], unless there would be more of them."""
 _UNIT = 0.01
@@ -185,13 +186,15 @@ def _sort_into_cells(
     points = corners.reshape(-1, 3)
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
     low, high = low - 1e-3 - reach, high + 1e-3 + reach
-    while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CELLS:
+    while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CELLS or _cells(low, high, cell).max() > _MOST_ALONG:
         cell *= 1.25
     while True:
         size = _cells(low, high, cell)
         cells, items = _overlaps(corners, low, size, cell, reach)
         many = len(items) > _MANY_ITEMS * max(1, len(np.unique(cells)))
         if not many or cell <= _LEAST_CELL or np.prod(_cells(low, high, cell / 2), dtype=float) > _MOST_CELLS:
+            break
+        if _cells(low, high, cell / 2).max() > _MOST_ALONG:
             break
         cell /= 2.0
     order = np.lexsort((items, cells))

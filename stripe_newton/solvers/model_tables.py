@@ -136,7 +136,12 @@ class ModelTables:
             rows: Constraint rows that lie in the state of a world.
         """
         room = max(self._forces_size, rows * self.row_size - 7 * self.model.nbody - 2) - self._geoms_size - 1
-        return min(32, max(1, (room - self._near_size) // self._search_size))
+        with_hits = self._search_size + _HITS * self._touch_size
+        return min(32, max(2, (room - self._near_size) // with_hits))
+
+    def hits(self, rows: int) -> int:
+        """Hits of these searches that there is room for, at least those of one."""
+        return _HITS * self.searches(rows)
 
     @property
     def _forces_size(self) -> int:
@@ -150,15 +155,23 @@ class ModelTables:
 
     @property
     def _near_size(self) -> int:
-        """Numbers of four bytes for the geoms that are near their ground and their parts, at most."""
-        return len(_searched_geoms(self.pairs)) + sum(map(is_searched, self.pairs)) // 2 + 1
+        """Numbers of four bytes for the geoms that are near their ground, their parts and what touches, at most."""
+        parts = sum(map(is_searched, self.pairs))
+        return len(_searched_geoms(self.pairs)) + parts // 2 + 32 + (_PATCH_SIZE if self._has_fields else 0) + 4
 
     @property
     def _search_size(self) -> int:
         """Numbers of four bytes of a search, as in search.h."""
-        fields = any(p.kind.startswith("FIELD") for p in self.pairs)
-        boxes = any(p.kind.endswith("_BOX") for p in self.pairs if is_searched(p))
-        return 48 + 12 * fields + 12 * boxes + 14 * self.has_meshes
+        return 18 if self.has_meshes else 16
+
+    @property
+    def _touch_size(self) -> int:
+        """Numbers of a hit, as in search.h."""
+        return 7 + self.has_meshes
+
+    @property
+    def _has_fields(self) -> bool:
+        return any(p.kind.startswith("FIELD") for p in self.pairs)
 
     @property
     def has_meshes(self) -> bool:
@@ -211,7 +224,7 @@ class ModelTables:
         kept += _ATTACHMENT_SIZE * len(attached_equalities(model))
         found = self._geoms_size + 1
         if self.has_searches:
-            found += self.searches(rows) * self._search_size + self._near_size
+            found += self.searches(rows) * self._search_size + self.hits(rows) * self._touch_size + self._near_size
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
 
@@ -228,12 +241,17 @@ class ModelTables:
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
+_HITS = 2
+"""Hits for each search that there is room for: most have none."""
+_PATCH_SIZE = 14
+"""Numbers of four bytes of a patch of a height field, as in search.h."""
 _ATTACHMENT_SIZE = 24
 """Numbers of an attachment, as in world.h."""
 
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
     couples = sum(len(list(dof_ancestors(model, i))) for i in range(model.nv))
+    fields = sorted({p.geom1 for p in pairs if p.kind.startswith("FIELD")})
     return {
         "NB": model.nbody, "NQ": model.nq, "NV": model.nv, "NJ": model.njnt, "NU": max(model.nu, 1),
         "ACTUATORS": model.nu, "NEQ": model.neq, "EQUALITY_DATA": mujoco.mjNEQDATA,
@@ -247,6 +265,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "HAS_SEARCHES": int(any(map(is_searched, pairs))),
         "FIRST_SEARCHED_PAIR": sum(not is_searched(p) for p in pairs),
         "NSEARCHED_GEOMS": len(_searched_geoms(pairs)),
+        "NFIELDS": len(fields), "FIELD_GEOM": fields[0] if fields else -1,
         "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(tree_roots(model)),
     }  # fmt: skip
 

@@ -26,9 +26,9 @@ __all__ = [
 ]  # fmt: skip
 
 _SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "touches.h", "world.h",
-    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "ground.h", "newton.h", "newton_state.h",
-    "per_step.h", "results.h", "accelerations.h", "step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "world.h",
+    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "touches.h", "ground.h", "newton.h",
+    "newton_state.h", "per_step.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
@@ -241,6 +241,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LD {tables.row_of_matrix(options.in_registers(tables))}",
         f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
+        f"#define HITS {tables.hits(layout.rows)}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",

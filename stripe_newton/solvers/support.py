@@ -11,6 +11,8 @@ import numpy as np
 __all__ = ["why_unsupported"]
 
 _MAX_DOFS = 64
+_MOST_ALONG = 2**15
+"""Rows and columns of a height field, which the kernel numbers by two bytes."""
 _PHYSICS = (
     "CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
     "ACTUATION", "EULERDAMP",
@@ -48,6 +50,8 @@ def _reasons(model: mujoco.MjModel) -> Iterator[str]:
     ):  # fmt: skip
         if count:
             yield f"it has {what}"
+    if max(model.hfield_nrow.max(initial=0), model.hfield_ncol.max(initial=0)) > _MOST_ALONG:
+        yield f"a height field has more than {_MOST_ALONG:,} rows or columns"
     yield from _joint_reasons(model)
     yield from _actuator_reasons(model)
 

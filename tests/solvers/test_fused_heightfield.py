@@ -30,11 +30,14 @@ int count = 0;
 const bool is_box = kind == {BOX};
 const fused::PartKind kinds[] = {{is_box ? fused::BOX_PART : fused::BALL_PART, fused::BALL_PART, fused::AXIS_PART}};
 for (int part = 0; part < (kind == {CAPSULE} ? 3 : 1); part++) {{
-    fused::Search s;
-    s.count = 0, s.ended = false;
-    if (!fused::prepare(s, kinds[part], kind == {CAPSULE} ? 1 - 2 * part : 0, margin, surface, ground, geom)) continue;
-    fused::find_hits(&s, 1, 0);
-    for (int i = 0; i < s.count; i++) hits[count++] = fused::to_world(s.hit[i], ground, geom);
+    const fused::Mat turned = fused::transposed(ground.axes);
+    const fused::Patch patch = fused::patch_at(surface, turned * (geom.pos - ground.pos));
+    fused::World w{{ground, geom, patch}};
+    fused::Search& s = w.search[0];
+    s.pair = 0, s.place = 0, s.count = 0, s.ended = false;
+    if (!fused::prepare(s, kinds[part], kind == {CAPSULE} ? 1 - 2 * part : 0, margin, patch, turned, geom)) continue;
+    fused::find_hits(w, fused::Parameters(), 1, 0);
+    for (int i = 0; i < s.count; i++) hits[count++] = fused::to_world(w.hits[i], ground, geom);
 }}
 real* out = (real*)found.data + {1 + HIT * MAX_HITS} * tid;
 *out++ = count;
@@ -43,16 +46,34 @@ for (int i = 0; i < count; i++, out += {HIT}) {{
 }}
 """
 
+WORLD = """
+namespace fused {
+// A world of one geom on one field, in the place of world.h and collision.h.
+struct World {
+    Geom ground, geom;
+    Patch patch;
+    Search search[1];
+    Touch hits[4];
+};
+struct Parameters {};
+struct PairGeoms {
+    Geom a, b;
+};
+FN World& in_place(World& w) { return w; }
+FN PairGeoms geoms_of(const World& w, const Parameters&, int) { return PairGeoms{w.ground, w.geom}; }
+}  // namespace fused
+"""
+
 
 @cache
 def fused_kernel(double: bool) -> wp.Kernel:
     """Kernel of the C++ source, for geoms that need no model."""
     folder = Path(stripe_kernels.__file__).parent / "fused"
-    names = "algebra.h", "primitives.h", "search.h", "heightfield.h", "touches.h"
-    sources = "".join((folder / name).read_text() for name in names)
+    names = "algebra.h", "primitives.h", "search.h", "heightfield.h"
+    sources = "".join((folder / name).read_text() for name in names) + WORLD + (folder / "touches.h").read_text()
     head = (
         f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
-        "#define HAS_FIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
+        "#define HAS_FIELDS 1\n#define NFIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
     )
     vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
 

@@ -40,14 +40,14 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {
-        const Clearance& field = ((const Mesh*)P.m.meshes)[contact_mesh(p)].clearance;
+        const Clearance& field = mesh_of(P, p).clearance;
         bool near = false;
         for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
         return near;
     }
 #endif
 #if HAS_FIELDS
-    const Patch patch = patch_at(field_of(P, contact_geom1(p)), at);
+    const Patch patch = patch_of(w, P, p, at);
     Vec half = (real)(c.count / 2) * step;
     half = Vec{FABS(half.x) + reach, FABS(half.y) + reach, FABS(half.z) + reach};
     return peak(patch, cells_below(patch, -1 * half, half)) >= -half.z;
@@ -82,17 +82,19 @@ FN int list_near_parts(World& w, const Parameters& P, int lane) {
 }
 
 // Prepare the search for touches of the part of a pair.
-FN bool prepare(Part& part, const World& w, const Parameters& P, int p) {
+FN bool prepare(Search& s, const World& w, const Parameters& P, int p) {
     const int k = ground_part(p);
-    PairGeoms g = geoms_of(w, P, p);
-    PartKind is = k < AXIS_OF ? BALL_PART : k == AXIS_OF ? AXIS_PART : k == BOX_OF ? BOX_PART : CORNER_PART;
-    int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
+    const PairGeoms g = geoms_of(w, P, p);
+    const Mat axes = transposed(g.a.axes);
+    const Vec at = axes * (g.b.pos - g.a.pos);
+    const PartKind is = k < AXIS_OF ? BALL_PART : k == AXIS_OF ? AXIS_PART : k == BOX_OF ? BOX_PART : CORNER_PART;
+    const int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
+    s.pair = p, s.count = 0, s.ended = false;
 #if HAS_MESHES
-    if (contact_kind(p) >= MESH_SPHERE)
-        return prepare(part, is, end, margin_of(P, p), ((const Mesh*)P.m.meshes)[contact_mesh(p)], g.a, g.b);
+    if (contact_kind(p) >= MESH_SPHERE) return prepare(s, is, end, margin_of(P, p), mesh_of(P, p), at, axes, g.b);
 #endif
 #if HAS_FIELDS
-    return prepare(part, is, end, margin_of(P, p), field_of(P, contact_geom1(p)), g.a, g.b);
+    return prepare(s, is, end, margin_of(P, p), patch_of(w, P, p, at), axes, g.b);
 #else
     return false;
 #endif
@@ -100,34 +102,44 @@ FN bool prepare(Part& part, const World& w, const Parameters& P, int p) {
 
 // Contacts with height fields and meshes behind the first `count` ones, in the order of the parts. Returns the number of all.
 FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
+#if NFIELDS == 1
+    if (lane == 0) w.patch = patch_at(field_of(P, FIELD_GEOM), Vec{0, 0, 0});
+    SYNC();
+#endif
     const int parts = list_near_parts(w, P, lane);
     for (int first = 0; first < parts; first += LANES) {
-        int p = -1, near = 0, before = 0, all;
-        Part part;
-        if (first + lane < parts) p = w.near_parts[first + lane], near = prepare(part, w, P, p);
-        all = near;
-        BEFORE(near, before, all);
-        for (int done = 0; done < all; done += SEARCHES) {  // as many at once as there is room for
-            int size = all - done < SEARCHES ? all - done : SEARCHES, k = before - done, hits = 0, place = 0, found;
+        Search own;
+        int near = 0, most = 0, k = 0, place = 0, searches, hits;
+        if (first + lane < parts) near = prepare(own, w, P, w.near_parts[first + lane]);
+        if (near) most = own.most;
+        searches = near, hits = most;
+        BEFORE(near, k, searches);
+        BEFORE(most, place, hits);
+        for (int done = 0, taken_hits = 0; done < searches;) {  // as many at once as there is room for
+            const bool fits = near && k >= done && k - done < SEARCHES && place - taken_hits + most <= HITS;
+            int size = fits, found = 0, at = 0, all;
+            all = fits ? most : 0;
+            const int room = all;
+            BEFORE(fits, at, size);
+            BEFORE(room, at, all);
             SYNC();  // the last ones have been read
-            if (near && k >= 0 && k < size) {
-                Search& s = w.search[k];
-                static_cast<Part&>(s) = part, s.pair = p, s.count = 0, s.ended = false;
-            }
+            if (fits) own.place = place - taken_hits, w.search[k - done] = own;
+            done += size, taken_hits += all;
             SYNC();
-            find_hits(w.search, size, lane);
-            if (lane < size) hits = w.search[lane].count;
-            found = hits;
-            BEFORE(hits, place, found);
-            ROLLED for (int i = 0; i < hits; i++) {
+            find_hits(w, P, size, lane);
+            const int mine = lane < size ? w.search[lane].count : 0;
+            found = mine;
+            BEFORE(mine, at, found);
+            ROLLED for (int i = 0; i < mine; i++) {
                 const Search& s = w.search[lane];
+                const Touch& hit = w.hits[s.place + i];
                 PairGeoms g = geoms_of(w, P, s.pair);
 #if HAS_MESHES
-                const int geom = s.hit[i].geom;
+                const int geom = hit.geom;
 #else
                 const int geom = -1;
 #endif
-                place_contact(w, count + place + i, s.pair, to_world(s.hit[i], g.a, g.b), geom);
+                place_contact(w, count + at + i, s.pair, to_world(hit, g.a, g.b), geom);
             }
             count += found;
         }

@@ -77,13 +77,13 @@ FN bool triangle_touch(const Patch& p, Vec center, bool inside, real reach, int 
 }
 
 // Candidates of a ball: the triangle straight above it, then those of the cells. From below the surface there is one touch.
-FN bool ball_touch(const Search& s, int i, Touch& hit, real& order) {
+FN bool ball_touch(const Search& s, const Patch& p, int i, Touch& hit, real& order) {
     if (i == 0) {
         if (!s.inside) return false;
-        is_below(s.patch, s.at, hit);
+        is_below(p, s.at, hit);
     } else {
         int width = 2 * (s.cells.last_col - s.cells.col + 1), row = (i - 1) / width, k = (i - 1) % width;
-        if (!triangle_touch(s.patch, s.at, s.inside, s.radius + s.reach, s.cells.row + row, s.cells.col + k / 2, k % 2, hit))
+        if (!triangle_touch(p, s.at, s.inside, s.radius + s.reach, s.cells.row + row, s.cells.col + k / 2, k % 2, hit))
             return false;
     }
     order = s.inside ? -hit.dist : hit.dist;
@@ -93,8 +93,7 @@ FN bool ball_touch(const Search& s, int i, Touch& hit, real& order) {
 
 // Candidates of an axis from -half to half, its ends left out: the edges, of which those at which the surface bends down may
 // touch. Each cell has three: its lower, its left and its diagonal one; the others belong to its neighbours.
-FN bool ridge_touch(const Search& s, int i, Touch& hit, real& order) {
-    const Patch& p = s.patch;
+FN bool ridge_touch(const Search& s, const Patch& p, int i, Touch& hit, real& order) {
     int width = 3 * (s.cells.last_col - s.cells.col + 1), row = s.cells.row + i / width, edge = i % width;
     int col = s.cells.col + edge / 3;
     edge %= 3;
@@ -128,11 +127,10 @@ FN bool corner_touch(const Patch& p, Vec corner, real reach, Touch& best) {
 }
 
 // Candidates of a box: its corners, then the vertices of the surface, which touch inside the box.
-FN bool box_touch(const Search& s, int i, Touch& hit, real& order) {
-    const Patch& p = s.patch;
+FN bool box_touch(const Search& s, const Patch& p, const Box& box, int i, Touch& hit, real& order) {
     if (i < 8) {
-        Vec corner = (i & 1 ? -s.half[0] : s.half[0]) * s.axis[0] + (i & 2 ? -s.half[1] : s.half[1]) * s.axis[1] +
-                     (i & 4 ? -s.half[2] : s.half[2]) * s.axis[2];
+        Vec corner = (i & 1 ? -box.half[0] : box.half[0]) * box.axis[0] + (i & 2 ? -box.half[1] : box.half[1]) * box.axis[1] +
+                     (i & 4 ? -box.half[2] : box.half[2]) * box.axis[2];
         if (!corner_touch(p, corner, larger(s.reach, 0) + (real)1e-6, hit)) return false;
     } else {
         int width = s.cells.last_col - s.cells.col + 2;
@@ -142,10 +140,10 @@ FN bool box_touch(const Search& s, int i, Touch& hit, real& order) {
         real depth = (real)1e6;
         bool inside = true;
         for (int k = 0; k < 3; k++) {
-            Vec up = (s.axis[k].z < 0 ? -1 : 1) * s.axis[k];
+            Vec up = (box.axis[k].z < 0 ? -1 : 1) * box.axis[k];
             real x = dot(up, hit.pos);
-            inside = inside && FABS(x) <= s.half[k];
-            if (up.z > (real)0.1 && s.half[k] + x < depth) depth = s.half[k] + x, hit.normal = up;
+            inside = inside && FABS(x) <= box.half[k];
+            if (up.z > (real)0.1 && box.half[k] + x < depth) depth = box.half[k] + x, hit.normal = up;
         }
         if (!inside) return false;
         hit.dist = -depth;
@@ -155,26 +153,23 @@ FN bool box_touch(const Search& s, int i, Touch& hit, real& order) {
 }
 #endif
 
-// Prepare the search for touches of a part of a geom, see `place`. Returns whether it is not above the highest vertex below it.
-FN bool prepare(Part& s, PartKind kind, int end, real margin, const Field& field, const Geom& ground, const Geom& geom) {
-    Mat axes = transposed(ground.axes);  // rows: the axes of the field
-    s.patch = patch_at(field, axes * (geom.pos - ground.pos));
-#if HAS_MESHES
-    s.mesh = nullptr;
-#endif
+// Prepare the search for touches of a part of a geom, see `place`. Returns whether it is not above the highest vertex below
+// it. The rows of `axes` are those of the field.
+FN bool prepare(Search& s, PartKind kind, int end, real margin, const Patch& p, const Mat& axes, const Geom& geom) {
+    s.geom = p.geom;
     Bounds b = place(s, kind, end, margin, axes, geom);
-    s.cells = cells_below(s.patch, b.center - b.half, b.center + b.half);
-    if (peak(s.patch, s.cells) < b.center.z - b.half.z) return false;
+    s.cells = cells_below(p, b.center - b.half, b.center + b.half);
+    if (peak(p, s.cells) < b.center.z - b.half.z) return false;
     if (kind == AXIS_PART) {
         if (!is_long(s)) return false;
         // One more row and column, as each cell has but some of its edges. Those of the field's border have but one triangle
         // and are no ridges.
         s.cells.row = s.cells.row > 1 ? s.cells.row : 1, s.cells.col = s.cells.col > 1 ? s.cells.col : 1;
-        if (s.cells.last_row + 1 <= s.patch.rows - 2) s.cells.last_row++;
-        if (s.cells.last_col + 1 <= s.patch.cols - 2) s.cells.last_col++;
+        if (s.cells.last_row + 1 <= p.rows - 2) s.cells.last_row++;
+        if (s.cells.last_col + 1 <= p.cols - 2) s.cells.last_col++;
     }
     Touch hit;
-    if (kind == BALL_PART) s.inside = is_below(s.patch, s.at, hit);
+    if (kind == BALL_PART) s.inside = is_below(p, s.at, hit);
     int rows = s.cells.last_row - s.cells.row + 1, cols = s.cells.last_col - s.cells.col + 1;
     s.size = rows > 0 && cols > 0 ? rows * cols : 0;
     if (kind == BALL_PART) s.size = 1 + 2 * s.size;

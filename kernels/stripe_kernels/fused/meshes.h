@@ -115,8 +115,7 @@ FN bool corner_touch(const MeshFace& f, const Search& s, Touch& hit, real& order
 
 // Candidates of a ball or a corner: faces. That nearest to a ball's centre tells where it is: inside of a solid it is the only
 // touch, and outside it may be farther away than what touches.
-FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
-    const Grid& g = s.mesh->faces;
+FN bool face_touch(const Search& s, const Grid& g, int i, Touch& hit, real& order) {
     MeshFace f = ((const MeshFace*)g.things)[item(s, g, i)];
 #if SEARCHES_BOXES
     if (s.kind == CORNER_PART) return corner_touch(f, s, hit, order);
@@ -129,8 +128,8 @@ FN bool face_touch(const Search& s, int i, Touch& hit, real& order) {
 }
 
 // Candidates of an axis, its ends left out: edges at which the surface bends down or ends.
-FN bool edge_touch(const Search& s, int i, Touch& hit, real& order) {
-    const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s, s.mesh->edges, i)];
+FN bool edge_touch(const Search& s, const Grid& g, int i, Touch& hit, real& order) {
+    const MeshEdge& e = ((const MeshEdge*)g.things)[item(s, g, i)];
     Triangle t{in_mesh(e.a, s.geom), in_mesh(e.b, s.geom), in_mesh(e.left, s.geom)};
     hit.geom = e.geom;
     return axis_touch(s, t, in_mesh(e.right, s.geom), hit, order);
@@ -139,26 +138,26 @@ FN bool edge_touch(const Search& s, int i, Touch& hit, real& order) {
 #if SEARCHES_BOXES
 // The piece of an edge that is inside a box, as shares of its length from `from`. Returns whether there is one. Source: Ericson,
 // 5.3.3, with the planes of the box's sides.
-FN bool clip(const Search& s, Vec from, Vec along, real& first, real& last) {
+FN bool clip(const Box& box, Vec from, Vec along, real& first, real& last) {
     first = 0, last = 1;
     for (int k = 0; k < 3; k++) {
-        real x = dot(s.axis[k], from), d = dot(s.axis[k], along);
+        real x = dot(box.axis[k], from), d = dot(box.axis[k], along);
         if (FABS(d) < (real)1e-9) {
-            if (FABS(x) > s.half[k]) return false;
+            if (FABS(x) > box.half[k]) return false;
             continue;
         }
-        real u = (-s.half[k] - x) / d, v = (s.half[k] - x) / d;
+        real u = (-box.half[k] - x) / d, v = (box.half[k] - x) / d;
         first = larger(first, smaller(u, v)), last = smaller(last, larger(u, v));
     }
     return first < last;
 }
 
 // Candidates of a box beside its corners: the two ends of what of each edge is inside the box.
-FN bool edge_in_box(const Search& s, int i, Touch& hit, real& order) {
-    const MeshEdge& e = ((const MeshEdge*)s.mesh->edges.things)[item(s, s.mesh->edges, i / 2)];
+FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch& hit, real& order) {
+    const MeshEdge& e = ((const MeshEdge*)g.things)[item(s, g, i / 2)];
     Vec a = in_mesh(e.a, s.geom), b = in_mesh(e.b, s.geom), left = in_mesh(e.left, s.geom), ends[2];
     real first, last;
-    if (!clip(s, a, b - a, first, last)) return false;
+    if (!clip(box, a, b - a, first, last)) return false;
     ends[0] = a + first * (b - a), ends[1] = a + last * (b - a);
     // The surface's normal at the edge. Of two outsides it is that of the box's centre, where a bend must be a ridge.
     Vec n1 = normal_of(Triangle{a, b, left}), n2 = n1, right = in_mesh(e.right, s.geom), across = right - left;
@@ -175,9 +174,9 @@ FN bool edge_in_box(const Search& s, int i, Touch& hit, real& order) {
     // in end on, as that below a corner of a table: the others at its end touch there.
     real least = (real)1e6;
     for (int k = 0; k < 6; k++) {
-        Vec n = (k % 2 ? -1 : 1) * s.axis[k / 2];
-        real depth = s.half[k / 2] + larger(dot(n, ends[0]), dot(n, ends[1]));
-        if (depth < least) least = depth, hit.normal = n, hit.dist = -s.half[k / 2];
+        Vec n = (k % 2 ? -1 : 1) * box.axis[k / 2];
+        real depth = box.half[k / 2] + larger(dot(n, ends[0]), dot(n, ends[1]));
+        if (depth < least) least = depth, hit.normal = n, hit.dist = -box.half[k / 2];
     }
     if (dot(hit.normal, up) <= (real)0.1 * SQRT(dot(up, up))) return false;
     hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom, order = hit.dist;
@@ -186,24 +185,24 @@ FN bool edge_in_box(const Search& s, int i, Touch& hit, real& order) {
 #endif
 
 // Whether a touch remains one beside the hits, see `remains`.
-FN bool remains_on_mesh(const Search& s, const Touch& hit, real& order) {
+FN bool remains_on_mesh(const Search& s, const Touch* hits, const Touch& hit, real& order) {
     if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
-        return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, hit.pos);
-    if (s.kind == CORNER_PART) return is_above_planes(s, hit.pos);
-    if (s.kind == AXIS_PART) return is_apart(s, hit.pos);
+        return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, hits, hit.pos);
+    if (s.kind == CORNER_PART) return is_above_planes(s, hits, hit.pos);
+    if (s.kind == AXIS_PART) return is_apart(s, hits, hit.pos);
     // The deepest touch of a box, then those that are far from the others: on a flat floor all are equally deep, and four
     // hold the box if they are far apart.
     real apart = (real)1e12;
-    for (int k = 0; k < s.count; k++) apart = smaller(apart, dot(hit.pos - s.hit[k].pos, hit.pos - s.hit[k].pos));
+    for (int k = 0; k < s.count; k++) apart = smaller(apart, dot(hit.pos - hits[k].pos, hit.pos - hits[k].pos));
     order = hit.dist - (real)0.02 * SQRT(apart);
     return apart >= (real)1e-6;
 }
 
-// Prepare the search for touches of a part of a geom, see `place`. Returns whether faces or edges are near.
-FN bool prepare(Part& s, PartKind kind, int end, real margin, const Mesh& mesh, const Geom& ground, const Geom& geom) {
-    Mat axes = transposed(ground.axes);  // rows: the axes of the meshes
+// Prepare the search for touches of a part of a geom that is `at` a point, see `place`. Returns whether faces or edges are near.
+// The rows of `axes` are those of the meshes.
+FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh, Vec at, const Mat& axes, const Geom& geom) {
     Bounds b = place(s, kind, end, margin, axes, geom);
-    s.mesh = &mesh, s.geom = axes * (geom.pos - ground.pos), s.first = -1;
+    s.geom = at, s.first = -1;
     if (kind == AXIS_PART && !is_long(s)) return false;
     const bool of_edges = kind == AXIS_PART || kind == BOX_PART;
     const Grid& grid = of_edges ? mesh.edges : mesh.faces;

@@ -7,7 +7,8 @@
 //
 // A search is that of a part of a geom: a ball, the axis of a capsule, or a box. Its candidates, the triangles, edges or
 // vertices that are near the part, are spread over the lanes of a world, all searches together. The best one is the next
-// touch; then those of the rest are candidates again that are not too near to it.
+// touch; then those of the rest are candidates again that are not too near to it. Searches are small, so that there is room
+// for all of a world: what a seldom candidate needs of the geom is computed again.
 
 namespace fused {
 
@@ -72,45 +73,65 @@ struct Mesh {
 // Cells that a box reaches into: the first and the last along each axis; none where the first exceeds the last. Those of a
 // height field are below and above it, in one layer.
 struct Cells {
-    int col, last_col, row, last_row;
+    short col, last_col, row, last_row;
 #if HAS_MESHES
-    int layer, last_layer;
+    short layer, last_layer;
 #endif
 };
 // Of `n` cells along an axis. The bounds come first: casts of what no int holds are undefined. A position that is not a number has no cells.
-FN int first_cell(real u, int n) { return (int)smaller(larger(u, 0), (real)n); }
-FN int last_cell(real u, int n) { return u >= 0 ? (int)smaller(u, (real)(n - 1)) : -1; }
+FN short first_cell(real u, int n) { return (short)smaller(larger(u, 0), (real)n); }
+FN short last_cell(real u, int n) { return u >= 0 ? (short)smaller(u, (real)(n - 1)) : -1; }
 
 enum PartKind { BALL_PART, AXIS_PART, BOX_PART, CORNER_PART };
 
-// A part of a geom that may touch the ground.
-struct Part {
-#if HAS_FIELDS
-    Patch patch;
-#endif
+struct Touch {
+    real dist;
+    Vec pos, normal;
 #if HAS_MESHES
-    const Mesh* mesh;    // null for a height field
-    Vec geom;            // the geom's centre in the frame of the meshes
+    int geom;  // of the meshes, -1 for a height field
+#endif
+};
+
+// The search for touches of a part of a geom.
+struct Search {
+    Vec geom;            // the geom's centre in the frame of the ground
+    Vec at;              // centre of a ball, half of an axis, half of a box's bounding box, a corner
+    real radius, reach;  // of a ball or axis; distance below which it touches
+#if HAS_MESHES
     int first;           // place of its items in the grid's list if they are that of one cell, else -1
 #endif
     Cells cells;
-    Vec at;              // centre of a ball, half of an axis, half of a box's bounding box, a corner
-    real radius, reach;  // of a ball or axis; distance below which it touches
-#if SEARCHES_BOXES
-    Vec axis[3];         // of a box
-    real half[3];        // its half sizes
-#endif
-    int kind, most;      // PartKind; touches that it may have
     int size;            // number of its candidates
-    bool inside;         // whether a ball's centre is inside the ground
+    int start;           // the first of them among those of all searches
+    short pair;
+    unsigned char kind;                // PartKind
+    unsigned char most, count, place;  // hits that it may have and has, and the place of the first one
+    bool inside;                       // whether a ball's centre is inside the ground
+    bool ended;
+#if LANES > 1
+    unsigned long long best;  // order and number of the best candidate
+#else
+    real order;
+    int best;
+#endif
 };
+
+// A box around its centre, in the ground's axes.
+struct Box {
+    Vec axis[3];
+    real half[3];
+};
+FN Box box_in(const Mat& axes, const Geom& geom) {
+    return Box{{axes * column(geom.axes, 0), axes * column(geom.axes, 1), axes * column(geom.axes, 2)},
+               {geom.size.x, geom.size.y, geom.size.z}};
+}
 
 // Place a part of a geom in the ground's axes, the rows of `axes`: its ball at `end` times its half length along its axis z,
 // its axis, the whole box, or its corner `end`. It touches in [center - half, center + half].
 struct Bounds {
     Vec center, half;
 };
-FN Bounds place(Part& s, PartKind kind, int end, real reach, const Mat& axes, const Geom& geom) {
+FN Bounds place(Search& s, PartKind kind, int end, real reach, const Mat& axes, const Geom& geom) {
     s.kind = kind, s.reach = reach, s.radius = kind < BOX_PART ? geom.size.x : 0, s.inside = false;
     Bounds b{{0, 0, 0}, (s.radius + reach) * Vec{1, 1, 1}};
     if (kind < BOX_PART) s.at = (kind == BALL_PART ? end : 1) * geom.size.y * (axes * column(geom.axes, 2));
@@ -118,11 +139,10 @@ FN Bounds place(Part& s, PartKind kind, int end, real reach, const Mat& axes, co
     if (kind == AXIS_PART) b.half = b.half + Vec{FABS(s.at.x), FABS(s.at.y), FABS(s.at.z)}, s.most = 2;
 #if SEARCHES_BOXES
     if (kind == BOX_PART) {
-        s.half[0] = geom.size.x, s.half[1] = geom.size.y, s.half[2] = geom.size.z, s.at = Vec{0, 0, 0}, s.most = 4;
-        for (int i = 0; i < 3; i++) {
-            s.axis[i] = axes * column(geom.axes, i);
-            s.at = s.at + s.half[i] * Vec{FABS(s.axis[i].x), FABS(s.axis[i].y), FABS(s.axis[i].z)};
-        }
+        Box box = box_in(axes, geom);
+        s.at = Vec{0, 0, 0}, s.most = 4;
+        for (int i = 0; i < 3; i++)
+            s.at = s.at + box.half[i] * Vec{FABS(box.axis[i].x), FABS(box.axis[i].y), FABS(box.axis[i].z)};
         b.half = b.half + s.at;
     }
     if (kind == CORNER_PART) {
@@ -134,30 +154,7 @@ FN Bounds place(Part& s, PartKind kind, int end, real reach, const Mat& axes, co
     return b;
 }
 // Whether a capsule's axis is so long that it is more than a ball.
-FN bool is_long(const Part& s) { return 4 * dot(s.at, s.at) > (real)1e-8; }
-
-struct Touch {
-    real dist;
-    Vec pos, normal;
-#if HAS_MESHES
-    int geom;  // of the meshes, -1 for a height field
-#endif
-};
-
-// The search for touches of a part.
-struct Search : Part {
-    int pair;   // the caller's
-    int start;  // its candidates among those of all searches
-    int count;
-    bool ended;
-    Touch hit[4];
-#if LANES > 1
-    unsigned long long best;  // order and number of the best candidate
-#else
-    real order;
-    int best;
-#endif
-};
+FN bool is_long(const Search& s) { return 4 * dot(s.at, s.at) > (real)1e-8; }
 
 // Offer a candidate for the next hit. The one of lowest order is taken; the first of those of equal order, whichever lane
 // comes first.
@@ -179,19 +176,19 @@ FN void offer(Search& s, real order, int candidate) {
 FN int taken(const Search& s) { return s.best; }
 #endif
 
-// Whether a point is above the tangent planes of the hits: those of a smooth surface are one touch.
-FN bool is_above_planes(const Search& s, Vec point) {
+// Whether a point is above the tangent planes of a search's hits: those of a smooth surface are one touch.
+FN bool is_above_planes(const Search& s, const Touch* hits, Vec point) {
 #pragma unroll 1
     for (int i = 0; i < s.count; i++)
-        if (dot(point - s.hit[i].pos, s.hit[i].normal) <= (real)1e-4) return false;
+        if (dot(point - hits[i].pos, hits[i].normal) <= (real)1e-4) return false;
     return true;
 }
 
 // Whether a point is at least 1 mm away from the hits.
-FN bool is_apart(const Search& s, Vec point) {
+FN bool is_apart(const Search& s, const Touch* hits, Vec point) {
 #pragma unroll 1
     for (int i = 0; i < s.count; i++) {
-        Vec d = point - s.hit[i].pos;
+        Vec d = point - hits[i].pos;
         if (dot(d, d) < (real)1e-6) return false;
     }
     return true;

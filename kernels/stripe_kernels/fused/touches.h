@@ -4,98 +4,181 @@
 #if HAS_SEARCHES
 namespace fused {
 
-// The touch of a candidate, if it is one; the first hit is that of lowest order.
-ONE_COPY bool touch(const Search& s, int candidate, Touch& hit, real& order) {
 #if HAS_MESHES
-    if (s.mesh) {
-#if SEARCHES_BOXES
-        if (s.kind == BOX_PART) return edge_in_box(s, candidate, hit, order);
+FN const Mesh& mesh_of(const Parameters& P, int pair) { return ((const Mesh*)P.m.meshes)[contact_mesh(pair)]; }
 #endif
-        return s.kind == AXIS_PART ? edge_touch(s, candidate, hit, order) : face_touch(s, candidate, hit, order);
+#if HAS_FIELDS
+// The field of a pair as seen from a point in its frame. Where there is one field it has been kept.
+FN Patch patch_of(const World& w, const Parameters& P, int pair, Vec at) {
+#if NFIELDS == 1
+    Patch p = w.patch;
+    p.geom = at;
+    return p;
+#else
+    return patch_at(field_of(P, contact_geom1(pair)), at);
+#endif
+}
+#endif
+#if SEARCHES_BOXES
+FN Box box_of(const World& w, const Parameters& P, int pair) {
+    PairGeoms g = geoms_of(w, P, pair);
+    return box_in(transposed(g.a.axes), g.b);
+}
+#endif
+
+// The touch of a candidate, if it is one; the first hit is that of lowest order.
+ONE_COPY bool touch(World& world, const Parameters& P, const Search& s, int candidate, Touch& hit, real& order) {
+    const World& w = in_place(world);
+#if HAS_MESHES
+    if (contact_kind(s.pair) >= MESH_SPHERE) {
+        const Mesh& mesh = mesh_of(P, s.pair);
+#if SEARCHES_BOXES
+        if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box_of(w, P, s.pair), candidate, hit, order);
+#endif
+        return s.kind == AXIS_PART ? edge_touch(s, mesh.edges, candidate, hit, order)
+                                   : face_touch(s, mesh.faces, candidate, hit, order);
     }
     hit.geom = -1;
 #endif
 #if HAS_FIELDS
+    const Patch p = patch_of(w, P, s.pair, s.geom);
 #if SEARCHES_BOXES
-    if (s.kind == BOX_PART) return box_touch(s, candidate, hit, order);
+    if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, P, s.pair), candidate, hit, order);
 #endif
-    return s.kind == BALL_PART ? ball_touch(s, candidate, hit, order) : ridge_touch(s, candidate, hit, order);
+    return s.kind == BALL_PART ? ball_touch(s, p, candidate, hit, order) : ridge_touch(s, p, candidate, hit, order);
 #else
     return false;
 #endif
 }
 
 // Whether a touch is still one beside the hits that there are, and then its order.
-FN bool remains(const Search& s, const Touch& hit, real& order) {
+FN bool remains(const World& w, const Search& s, const Touch& hit, real& order) {
+    const Touch* hits = w.hits + s.place;
     if (s.ended) return false;
     if (!s.count) return true;
 #if HAS_MESHES
-    if (s.mesh) return remains_on_mesh(s, hit, order);
+    if (contact_kind(s.pair) >= MESH_SPHERE) return remains_on_mesh(s, hits, hit, order);
 #endif
-    return s.kind == BALL_PART ? is_above_planes(s, hit.pos) : is_apart(s, hit.pos);
+    return s.kind == BALL_PART ? is_above_planes(s, hits, hit.pos) : is_apart(s, hits, hit.pos);
 }
 
 // Make a touch the next hit.
-FN void accept(Search& s, const Touch& hit) {
+FN void accept(World& w, Search& s, const Touch& hit) {
 #if HAS_MESHES
-    if (s.mesh && s.kind == BALL_PART) s.inside = hit.dist < -s.radius;
-    if (hit.dist >= s.reach) {  // it only told that the centre is outside
-        s.ended = true;
-        return;
+    if (contact_kind(s.pair) >= MESH_SPHERE) {
+        if (s.kind == BALL_PART) s.inside = hit.dist < -s.radius;
+        if (hit.dist >= s.reach) {  // it only told that the centre is outside
+            s.ended = true;
+            return;
+        }
     }
 #endif
-    s.hit[s.count++] = hit;
+    w.hits[s.place + s.count++] = hit;
     s.ended = s.inside || s.count == s.most;
 }
 
-// Hits of the first `count` searches, nearest first; at most as many searches as there are lanes.
-FN void find_hits(Search* searches, int count, int lane) {
-    int all = 0, own = -1, k = 0;
-    Touch hit;
-    real order;
-    for (bool first = true;; first = false) {
-        if (first || all > LANES) {  // candidates, of all searches that have not ended
-            int before = 0, mine = 0;
-            if (lane < count) mine = searches[lane].ended ? 0 : searches[lane].size;
-            all = mine;
-            BEFORE(mine, before, all);
-            if (lane < count) searches[lane].start = before;
-            k = 0;
+// The last search that starts at a candidate or before it, from `k` on: those that start there and are not the last are empty.
+FN int search_of(const World& w, int count, int candidate, int k) {
+    while (k + 1 < count && w.search[k + 1].start <= candidate) k++;
+    return k;
+}
+
+// Candidates of all searches that have not ended: sets where those of each start. Returns their number.
+FN int count_candidates(World& w, int count, int lane) {
+    int mine = lane < count && !w.search[lane].ended ? w.search[lane].size : 0, before = 0, all = mine;
+    BEFORE(mine, before, all);
+    if (lane < count) w.search[lane].start = before;
+    SYNC();
+    return all;
+}
+
+#if LANES > 1
+// Find the candidates that are touches, among more than there are lanes. Returns that of this lane, -1 if it has none, or -2 in
+// all lanes if there are more.
+FN int own_touch(World& w, const Parameters& P, int count, int all, int lane) {
+    int found = 0, k = 0;
+    for (int first = 0; first < all; first += LANES) {
+        const int c = first + lane;
+        bool is_touch = false;
+        if (c < all) {
+            Touch hit;
+            real order;
+            k = search_of(w, count, c, k);
+            is_touch = touch(w, P, w.search[k], c - w.search[k].start, hit, order);
         }
-        if (lane < count) expect(searches[lane]);
-        SYNC();
-        if (all == 0) break;
-        if (all <= LANES) {  // each lane keeps the touch of its candidate
-            if (own < 0 && lane < all) {
-                while (k + 1 < count && searches[k + 1].start <= lane) k++;  // the last that starts there: those before are empty
-                own = lane - searches[k].start;
-                if (!touch(searches[k], own, hit, order)) own = -2;
-            }
-            bool offers = own >= 0 && remains(searches[k], hit, order);
-            if (offers) offer(searches[k], order, own);
-            SYNC();
-            if (offers && taken(searches[k]) == own) accept(searches[k], hit);
-            SYNC();
-            bool goes_on = lane < count && !searches[lane].ended && taken(searches[lane]) >= 0;
-            if (lane < count) searches[lane].ended = !goes_on;
-            if (!ANY(goes_on)) break;
-        } else {
-            for (int c = lane; c < all; c += LANES) {
-                while (k + 1 < count && searches[k + 1].start <= c) k++;
-                const int candidate = c - searches[k].start;
-                if (touch(searches[k], candidate, hit, order) && remains(searches[k], hit, order))
-                    offer(searches[k], order, candidate);
-            }
-            SYNC();
-            if (lane < count && !searches[lane].ended) {
-                Search& s = searches[lane];
-                const int candidate = taken(s);
-                s.ended = candidate < 0;
-                if (candidate >= 0) touch(s, candidate, hit, order), accept(s, hit);
-            }
-            SYNC();
-        }
+        unsigned votes = BALLOT(is_touch);
+        int place = found + __popc(votes & ((1u << lane) - 1));
+        if (is_touch && place < LANES) w.touches[place] = c;
+        found += __popc(votes);
     }
+    SYNC();
+    return found > LANES ? -2 : lane < found ? w.touches[lane] : -1;
+}
+
+// Hits of searches of which each lane has a candidate, -1 for none: it keeps the touch of it.
+FN void take_own_touches(World& w, const Parameters& P, int count, int candidate, int lane) {
+    Touch hit;
+    real order = 0;
+    int k = 0, own = -1;
+    if (candidate >= 0) {
+        k = search_of(w, count, candidate, 0), own = candidate - w.search[k].start;
+        if (!touch(w, P, w.search[k], own, hit, order)) own = -1;
+    }
+    for (;;) {
+        if (lane < count) expect(w.search[lane]);
+        SYNC();
+        bool offers = own >= 0 && remains(w, w.search[k], hit, order);
+        if (offers) offer(w.search[k], order, own);
+        SYNC();
+        if (offers && taken(w.search[k]) == own) accept(w, w.search[k], hit);
+        SYNC();
+        bool goes_on = lane < count && !w.search[lane].ended && taken(w.search[lane]) >= 0;
+        if (lane < count) w.search[lane].ended = !goes_on;
+        if (!ANY(goes_on)) break;
+    }
+}
+#endif
+
+// Hits of searches with more touches than lanes, or of a lane alone: each round computes them again.
+COLD void take_touches(World& world, const Parameters& P, int count, int all, int lane) {
+    World& w = in_place(world);
+    while (all) {
+        if (lane < count) expect(w.search[lane]);
+        SYNC();
+        for (int c = lane, k = 0; c < all; c += LANES) {
+            k = search_of(w, count, c, k);
+            Search& s = w.search[k];
+            Touch hit;
+            real order;
+            const int candidate = c - s.start;
+            if (touch(w, P, s, candidate, hit, order) && remains(w, s, hit, order)) offer(s, order, candidate);
+        }
+        SYNC();
+        if (lane < count && !w.search[lane].ended) {
+            Search& s = w.search[lane];
+            Touch hit;
+            real order;
+            const int candidate = taken(s);
+            s.ended = candidate < 0;
+            if (candidate >= 0) touch(w, P, s, candidate, hit, order), accept(w, s, hit);
+        }
+        SYNC();
+        all = count_candidates(w, count, lane);
+    }
+}
+
+// Hits of the first `count` searches, nearest first; at most as many searches as there are lanes.
+FN void find_hits(World& w, const Parameters& P, int count, int lane) {
+    const int all = count_candidates(w, count, lane);
+#if LANES > 1
+    int candidate = lane < all ? lane : -1;
+    if (all > LANES) candidate = own_touch(w, P, count, all, lane);
+    if (candidate != -2) {
+        take_own_touches(w, P, count, candidate, lane);
+        return;
+    }
+#endif
+    take_touches(w, P, count, all, lane);
 }
 
 // A hit in the axes of the world, halfway between the two surfaces.

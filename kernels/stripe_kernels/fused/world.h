@@ -107,6 +107,11 @@ struct World {
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
 #if HAS_SEARCHES
                     Search search[SEARCHES];    // for contacts with height fields and meshes
+                    Touch hits[HITS];           // of these, those of a search one after another
+                    int touches[LANES];         // candidates that touch
+#if HAS_FIELDS
+                    Patch patch;                // of the field, if there is one only
+#endif
                     unsigned near_geoms[(NSEARCHED_GEOMS + LANES - 1) / LANES];  // of which geoms: a bit for each lane
                     unsigned short near_parts[NCONTACT_PAIRS - FIRST_SEARCHED_PAIR];  // and their pairs
 #endif
