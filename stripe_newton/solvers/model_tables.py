@@ -137,10 +137,10 @@ class ModelTables:
         """
         room = max(self._forces_size, rows * self.row_size - 7 * self.model.nbody - 2) - self._geoms_size - 1
         with_hits = self._search_size + _HITS * self._touch_size
-        return min(32, max(2, (room - self._near_size) // with_hits))
+        return min(32, max(3, (room - self._near_size) // with_hits))
 
     def hits(self, rows: int) -> int:
-        """Hits of these searches that there is room for, at least those of one."""
+        """Hits of these searches that there is room for, at least those of one with its box."""
         return _HITS * self.searches(rows)
 
     @property
@@ -157,7 +157,7 @@ class ModelTables:
     def _near_size(self) -> int:
         """Numbers of four bytes for the geoms that are near their ground, their parts and what touches, at most."""
         parts = sum(map(is_searched, self.pairs))
-        return len(_searched_geoms(self.pairs)) + parts // 2 + 32 + (_PATCH_SIZE if self._has_fields else 0) + 4
+        return len(_searched_geoms(self.pairs)) + parts // 2 + 32 + _PATCH_SIZE * len(_fields(self.pairs)) + 4
 
     @property
     def _search_size(self) -> int:
@@ -168,10 +168,6 @@ class ModelTables:
     def _touch_size(self) -> int:
         """Numbers of a hit, as in search.h."""
         return 7 + self.has_meshes
-
-    @property
-    def _has_fields(self) -> bool:
-        return any(p.kind.startswith("FIELD") for p in self.pairs)
 
     @property
     def has_meshes(self) -> bool:
@@ -251,7 +247,6 @@ _ATTACHMENT_SIZE = 24
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:
     couples = sum(len(list(dof_ancestors(model, i))) for i in range(model.nv))
-    fields = sorted({p.geom1 for p in pairs if p.kind.startswith("FIELD")})
     return {
         "NB": model.nbody, "NQ": model.nq, "NV": model.nv, "NJ": model.njnt, "NU": max(model.nu, 1),
         "ACTUATORS": model.nu, "NEQ": model.neq, "EQUALITY_DATA": mujoco.mjNEQDATA,
@@ -265,7 +260,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "HAS_SEARCHES": int(any(map(is_searched, pairs))),
         "FIRST_SEARCHED_PAIR": sum(not is_searched(p) for p in pairs),
         "NSEARCHED_GEOMS": len(_searched_geoms(pairs)),
-        "NFIELDS": len(fields), "FIELD_GEOM": fields[0] if fields else -1,
+        "NFIELDS": len(_fields(pairs)),
         "NADDRESSES": _addresses(model), "GEOMS_PLACED": int(_places_geoms(pairs)), "NTREES": len(tree_roots(model)),
     }  # fmt: skip
 
@@ -348,10 +343,12 @@ def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
 def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
     used = _used_geoms(pairs)
     meshes = {"contact_mesh": [p.mesh for p in pairs]} if any(p.kind.startswith("MESH") for p in pairs) else {}
-    searched = _searched_geoms(pairs)
+    searched, fields = _searched_geoms(pairs), _fields(pairs)
     return meshes | {
         "searched_geom": [list(searched).index(_on_ground(p)) for p in pairs if is_searched(p)],
         "searched_geom_pair": list(searched.values()),
+        "ground_geom": fields,
+        "ground_number": [fields.index(p.geom1) if p.geom1 in fields else 0 for p in pairs] if len(fields) > 1 else [],
         "geom_body": model.geom_bodyid,
         "geom_field": model.geom_dataid,
         "field_start": model.hfield_adr,
@@ -388,6 +385,11 @@ def _on_ground(pair: ContactPair) -> tuple[int, int, int]:
 def _searched_geoms(pairs: Sequence[ContactPair]) -> dict[tuple[int, int, int], int]:
     """Geoms with the ground that their contacts are searched on, and the first pair of each."""
     return {_on_ground(p): i for i, p in reversed(list(enumerate(pairs))) if is_searched(p)}
+
+
+def _fields(pairs: Sequence[ContactPair]) -> list[int]:
+    """Geoms that are height fields with searched contacts."""
+    return sorted({p.geom1 for p in pairs if p.kind.startswith("FIELD")})
 
 
 def _addresses(model: mujoco.MjModel) -> int:

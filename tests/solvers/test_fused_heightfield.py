@@ -32,11 +32,12 @@ const fused::PartKind kinds[] = {{is_box ? fused::BOX_PART : fused::BALL_PART, f
 for (int part = 0; part < (kind == {CAPSULE} ? 3 : 1); part++) {{
     const fused::Mat turned = fused::transposed(ground.axes);
     const fused::Patch patch = fused::patch_at(surface, turned * (geom.pos - ground.pos));
-    fused::World w{{ground, geom, patch}};
+    fused::World w{{patch}};
     fused::Search& s = w.search[0];
     s.pair = 0, s.place = 0, s.count = 0, s.ended = false;
     if (!fused::prepare(s, kinds[part], kind == {CAPSULE} ? 1 - 2 * part : 0, margin, patch, turned, geom)) continue;
-    fused::find_hits(w, fused::Parameters(), 1, 0);
+    if (is_box) fused::box_of(w, s) = fused::box_in(turned, geom);
+    fused::find_hits(w, nullptr, 1, 0);
     for (int i = 0; i < s.count; i++) hits[count++] = fused::to_world(w.hits[i], ground, geom);
 }}
 real* out = (real*)found.data + {1 + HIT * MAX_HITS} * tid;
@@ -48,19 +49,14 @@ for (int i = 0; i < count; i++, out += {HIT}) {{
 
 WORLD = """
 namespace fused {
-// A world of one geom on one field, in the place of world.h and collision.h.
+// A world of one geom on one field, in the place of world.h.
 struct World {
-    Geom ground, geom;
     Patch patch;
     Search search[1];
-    Touch hits[4];
-};
-struct Parameters {};
-struct PairGeoms {
-    Geom a, b;
+    Touch hits[6];
 };
 FN World& in_place(World& w) { return w; }
-FN PairGeoms geoms_of(const World& w, const Parameters&, int) { return PairGeoms{w.ground, w.geom}; }
+FN Patch patch_of(const World& w, int, Vec) { return w.patch; }
 }  // namespace fused
 """
 

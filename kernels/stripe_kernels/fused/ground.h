@@ -5,6 +5,14 @@
 namespace fused {
 
 #if HAS_SEARCHES
+FN const Mesh* meshes_of(const Parameters& P) {
+#if HAS_MESHES
+    return (const Mesh*)P.m.meshes;
+#else
+    return nullptr;
+#endif
+}
+
 enum GroundPart { SPHERE_OF, HIGH_END_OF, LOW_END_OF, AXIS_OF, BOX_OF, CORNERS_OF };
 // Part of a geom that the routine of a pair searches, or a number of CORNERS_OF and above for a corner of a box.
 FN int ground_part(int pair) {
@@ -40,14 +48,14 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {
-        const Clearance& field = mesh_of(P, p).clearance;
+        const Clearance& field = meshes_of(P)[contact_mesh(p)].clearance;
         bool near = false;
         for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
         return near;
     }
 #endif
 #if HAS_FIELDS
-    const Patch patch = patch_of(w, P, p, at);
+    const Patch patch = patch_of(w, p, at);
     Vec half = (real)(c.count / 2) * step;
     half = Vec{FABS(half.x) + reach, FABS(half.y) + reach, FABS(half.z) + reach};
     return peak(patch, cells_below(patch, -1 * half, half)) >= -half.z;
@@ -91,10 +99,10 @@ FN bool prepare(Search& s, const World& w, const Parameters& P, int p) {
     const int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
     s.pair = p, s.count = 0, s.ended = false;
 #if HAS_MESHES
-    if (contact_kind(p) >= MESH_SPHERE) return prepare(s, is, end, margin_of(P, p), mesh_of(P, p), at, axes, g.b);
+    if (contact_kind(p) >= MESH_SPHERE) return prepare(s, is, end, margin_of(P, p), meshes_of(P)[contact_mesh(p)], at, axes, g.b);
 #endif
 #if HAS_FIELDS
-    return prepare(s, is, end, margin_of(P, p), patch_of(w, P, p, at), axes, g.b);
+    return prepare(s, is, end, margin_of(P, p), patch_of(w, p, at), axes, g.b);
 #else
     return false;
 #endif
@@ -102,8 +110,8 @@ FN bool prepare(Search& s, const World& w, const Parameters& P, int p) {
 
 // Contacts with height fields and meshes behind the first `count` ones, in the order of the parts. Returns the number of all.
 FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
-#if NFIELDS == 1
-    if (lane == 0) w.patch = patch_at(field_of(P, FIELD_GEOM), Vec{0, 0, 0});
+#if HAS_FIELDS
+    EACH(f, NFIELDS) w.patches[f] = patch_at(field_of(P, ground_geom(f)), Vec{0, 0, 0});
     SYNC();
 #endif
     const int parts = list_near_parts(w, P, lane);
@@ -111,7 +119,7 @@ FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
         Search own;
         int near = 0, most = 0, k = 0, place = 0, searches, hits;
         if (first + lane < parts) near = prepare(own, w, P, w.near_parts[first + lane]);
-        if (near) most = own.most;
+        if (near) most = own.most + (own.kind == BOX_PART ? BOX_PLACES : 0);
         searches = near, hits = most;
         BEFORE(near, k, searches);
         BEFORE(most, place, hits);
@@ -123,10 +131,18 @@ FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
             BEFORE(fits, at, size);
             BEFORE(room, at, all);
             SYNC();  // the last ones have been read
-            if (fits) own.place = place - taken_hits, w.search[k - done] = own;
+            if (fits) {
+                own.place = place - taken_hits, w.search[k - done] = own;
+#if SEARCHES_BOXES
+                if (own.kind == BOX_PART) {
+                    PairGeoms g = geoms_of(w, P, own.pair);
+                    box_of(w, own) = box_in(transposed(g.a.axes), g.b);
+                }
+#endif
+            }
             done += size, taken_hits += all;
             SYNC();
-            find_hits(w, P, size, lane);
+            find_hits(w, meshes_of(P), size, lane);
             const int mine = lane < size ? w.search[lane].count : 0;
             found = mine;
             BEFORE(mine, at, found);

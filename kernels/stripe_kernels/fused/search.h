@@ -121,6 +121,7 @@ struct Box {
     Vec axis[3];
     real half[3];
 };
+enum { BOX_PLACES = (sizeof(Box) + sizeof(Touch) - 1) / sizeof(Touch) };  // places of hits that it takes
 FN Box box_in(const Mat& axes, const Geom& geom) {
     return Box{{axes * column(geom.axes, 0), axes * column(geom.axes, 1), axes * column(geom.axes, 2)},
                {geom.size.x, geom.size.y, geom.size.z}};

@@ -4,36 +4,21 @@
 #if HAS_SEARCHES
 namespace fused {
 
-#if HAS_MESHES
-FN const Mesh& mesh_of(const Parameters& P, int pair) { return ((const Mesh*)P.m.meshes)[contact_mesh(pair)]; }
-#endif
-#if HAS_FIELDS
-// The field of a pair as seen from a point in its frame. Where there is one field it has been kept.
-FN Patch patch_of(const World& w, const Parameters& P, int pair, Vec at) {
-#if NFIELDS == 1
-    Patch p = w.patch;
-    p.geom = at;
-    return p;
-#else
-    return patch_at(field_of(P, contact_geom1(pair)), at);
-#endif
-}
-#endif
 #if SEARCHES_BOXES
-FN Box box_of(const World& w, const Parameters& P, int pair) {
-    PairGeoms g = geoms_of(w, P, pair);
-    return box_in(transposed(g.a.axes), g.b);
-}
+// The box of a search for touches of one, behind its hits.
+FN Box& box_of(World& w, const Search& s) { return *(Box*)(w.hits + s.place + s.most); }
+FN const Box& box_of(const World& w, const Search& s) { return *(const Box*)(w.hits + s.place + s.most); }
 #endif
 
-// The touch of a candidate, if it is one; the first hit is that of lowest order.
-ONE_COPY bool touch(World& world, const Parameters& P, const Search& s, int candidate, Touch& hit, real& order) {
+// The touch of a candidate, if it is one; the first hit is that of lowest order. Of the parameters it gets one address: all of
+// them would have to lie in memory for a function that is not inlined.
+ONE_COPY bool touch(World& world, const Mesh* meshes, const Search& s, int candidate, Touch& hit, real& order) {
     const World& w = in_place(world);
 #if HAS_MESHES
     if (contact_kind(s.pair) >= MESH_SPHERE) {
-        const Mesh& mesh = mesh_of(P, s.pair);
+        const Mesh& mesh = meshes[contact_mesh(s.pair)];
 #if SEARCHES_BOXES
-        if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box_of(w, P, s.pair), candidate, hit, order);
+        if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box_of(w, s), candidate, hit, order);
 #endif
         return s.kind == AXIS_PART ? edge_touch(s, mesh.edges, candidate, hit, order)
                                    : face_touch(s, mesh.faces, candidate, hit, order);
@@ -41,9 +26,9 @@ ONE_COPY bool touch(World& world, const Parameters& P, const Search& s, int cand
     hit.geom = -1;
 #endif
 #if HAS_FIELDS
-    const Patch p = patch_of(w, P, s.pair, s.geom);
+    const Patch p = patch_of(w, s.pair, s.geom);
 #if SEARCHES_BOXES
-    if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, P, s.pair), candidate, hit, order);
+    if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, s), candidate, hit, order);
 #endif
     return s.kind == BALL_PART ? ball_touch(s, p, candidate, hit, order) : ridge_touch(s, p, candidate, hit, order);
 #else
@@ -95,7 +80,7 @@ FN int count_candidates(World& w, int count, int lane) {
 #if LANES > 1
 // Find the candidates that are touches, among more than there are lanes. Returns that of this lane, -1 if it has none, or -2 in
 // all lanes if there are more.
-FN int own_touch(World& w, const Parameters& P, int count, int all, int lane) {
+FN int own_touch(World& w, const Mesh* meshes, int count, int all, int lane) {
     int found = 0, k = 0;
     for (int first = 0; first < all; first += LANES) {
         const int c = first + lane;
@@ -104,7 +89,7 @@ FN int own_touch(World& w, const Parameters& P, int count, int all, int lane) {
             Touch hit;
             real order;
             k = search_of(w, count, c, k);
-            is_touch = touch(w, P, w.search[k], c - w.search[k].start, hit, order);
+            is_touch = touch(w, meshes, w.search[k], c - w.search[k].start, hit, order);
         }
         unsigned votes = BALLOT(is_touch);
         int place = found + __popc(votes & ((1u << lane) - 1));
@@ -116,13 +101,13 @@ FN int own_touch(World& w, const Parameters& P, int count, int all, int lane) {
 }
 
 // Hits of searches of which each lane has a candidate, -1 for none: it keeps the touch of it.
-FN void take_own_touches(World& w, const Parameters& P, int count, int candidate, int lane) {
+FN void take_own_touches(World& w, const Mesh* meshes, int count, int candidate, int lane) {
     Touch hit;
     real order = 0;
     int k = 0, own = -1;
     if (candidate >= 0) {
         k = search_of(w, count, candidate, 0), own = candidate - w.search[k].start;
-        if (!touch(w, P, w.search[k], own, hit, order)) own = -1;
+        if (!touch(w, meshes, w.search[k], own, hit, order)) own = -1;
     }
     for (;;) {
         if (lane < count) expect(w.search[lane]);
@@ -140,7 +125,7 @@ FN void take_own_touches(World& w, const Parameters& P, int count, int candidate
 #endif
 
 // Hits of searches with more touches than lanes, or of a lane alone: each round computes them again.
-COLD void take_touches(World& world, const Parameters& P, int count, int all, int lane) {
+COLD void take_touches(World& world, const Mesh* meshes, int count, int all, int lane) {
     World& w = in_place(world);
     while (all) {
         if (lane < count) expect(w.search[lane]);
@@ -151,7 +136,7 @@ COLD void take_touches(World& world, const Parameters& P, int count, int all, in
             Touch hit;
             real order;
             const int candidate = c - s.start;
-            if (touch(w, P, s, candidate, hit, order) && remains(w, s, hit, order)) offer(s, order, candidate);
+            if (touch(w, meshes, s, candidate, hit, order) && remains(w, s, hit, order)) offer(s, order, candidate);
         }
         SYNC();
         if (lane < count && !w.search[lane].ended) {
@@ -160,7 +145,7 @@ COLD void take_touches(World& world, const Parameters& P, int count, int all, in
             real order;
             const int candidate = taken(s);
             s.ended = candidate < 0;
-            if (candidate >= 0) touch(w, P, s, candidate, hit, order), accept(w, s, hit);
+            if (candidate >= 0) touch(w, meshes, s, candidate, hit, order), accept(w, s, hit);
         }
         SYNC();
         all = count_candidates(w, count, lane);
@@ -168,17 +153,17 @@ COLD void take_touches(World& world, const Parameters& P, int count, int all, in
 }
 
 // Hits of the first `count` searches, nearest first; at most as many searches as there are lanes.
-FN void find_hits(World& w, const Parameters& P, int count, int lane) {
+FN void find_hits(World& w, const Mesh* meshes, int count, int lane) {
     const int all = count_candidates(w, count, lane);
 #if LANES > 1
     int candidate = lane < all ? lane : -1;
-    if (all > LANES) candidate = own_touch(w, P, count, all, lane);
+    if (all > LANES) candidate = own_touch(w, meshes, count, all, lane);
     if (candidate != -2) {
-        take_own_touches(w, P, count, candidate, lane);
+        take_own_touches(w, meshes, count, candidate, lane);
         return;
     }
 #endif
-    take_touches(w, P, count, all, lane);
+    take_touches(w, meshes, count, all, lane);
 }
 
 // A hit in the axes of the world, halfway between the two surfaces.

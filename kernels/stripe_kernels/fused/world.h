@@ -107,10 +107,10 @@ struct World {
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
 #if HAS_SEARCHES
                     Search search[SEARCHES];    // for contacts with height fields and meshes
-                    Touch hits[HITS];           // of these, those of a search one after another
+                    Touch hits[HITS];           // of these, those of a search one after another, and its box
                     int touches[LANES];         // candidates that touch
 #if HAS_FIELDS
-                    Patch patch;                // of the field, if there is one only
+                    Patch patches[NFIELDS];     // of the fields, as seen from their centres
 #endif
                     unsigned near_geoms[(NSEARCHED_GEOMS + LANES - 1) / LANES];  // of which geoms: a bit for each lane
                     unsigned short near_parts[NCONTACT_PAIRS - FIRST_SEARCHED_PAIR];  // and their pairs
@@ -167,6 +167,15 @@ FN real mass_matrix(const World& w, int i, int j) { return w.M[i * LD + j]; }
 FN Vec origin_of(const World& w, int body) { return load(w.origin + 3 * body_tree(body)); }
 // Point that a contact of two bodies is relative to: the origin of a tree that moves.
 FN Vec origin_of(const World& w, int body1, int body2) { return origin_of(w, body2 ? body2 : body1); }
+
+#if HAS_FIELDS
+// The field of a pair as seen from a point in its frame.
+FN Patch patch_of(const World& w, int pair, Vec at) {
+    Patch p = w.patches[NFIELDS > 1 ? ground_number(pair) : 0];
+    p.geom = at;
+    return p;
+}
+#endif
 
 // Rows and contacts. `FITS` says that all are in the state, rather than some in the spill memory.
 template <bool FITS>

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lane emulator: the fused step as a GPU computes it, by lanes that share a world, on a CPU.
+
+A lane is a context of its own that runs until it waits for the others; then the next one goes on. So a barrier is one
+turn of all lanes, and what they tell each other goes through memory between two turns. This shows errors of the code
+for lanes that a thread a world does not have, but no race: lanes always take their turns in the same order.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import hashlib
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from stripe_newton.solvers import SolverFused, solver_fused, step_kernel
+from stripe_newton.solvers.model_tables import ModelTables
+from stripe_newton.solvers.newton_layout import NewtonLayout
+from stripe_newton.solvers.step_kernel import KernelOptions, Layout
+
+_PRELUDE = """
+#include <cstring>
+#include <math.h>
+#include <ucontext.h>
+#define __CUDA_ARCH__ 900
+#define __device__
+#define __noinline__ __attribute__((noinline))
+#define __fdividef(a, b) ((a) / (b))
+#define __popc __builtin_popcount
+enum { EMULATED = %d };
+struct Index { int x; };
+static Index threadIdx, blockIdx = {1 << 20};
+static void __syncthreads() {}
+static ucontext_t contexts[EMULATED], caller;
+static void take_turns() {
+    int own = threadIdx.x, next = (own + 1) %% EMULATED;
+    threadIdx.x = next;
+    swapcontext(&contexts[own], &contexts[next]);
+}
+static void __syncwarp(unsigned) { take_turns(); }
+static unsigned char told[EMULATED][8];
+template <class T> static T hear(T own, int from) {
+    T heard;
+    memcpy(told[threadIdx.x], &own, sizeof(T));
+    take_turns();
+    memcpy(&heard, told[from], sizeof(T));
+    take_turns();
+    return heard;
+}
+template <class T> static T __shfl_sync(unsigned, T x, int from, int) { return hear(x, from %% EMULATED); }
+template <class T> static T __shfl_xor_sync(unsigned, T x, int mask, int) { return hear(x, threadIdx.x ^ mask); }
+template <class T> static T __shfl_up_sync(unsigned, T x, int by, int) {
+    return hear(x, threadIdx.x >= by ? threadIdx.x - by : threadIdx.x);
+}
+static unsigned __ballot_sync(unsigned, int holds) {
+    unsigned votes = 0;
+    told[threadIdx.x][0] = holds != 0;
+    take_turns();
+    for (int i = 0; i < EMULATED; i++) votes |= (unsigned)told[i][0] << i;
+    take_turns();
+    return votes;
+}
+static int __any_sync(unsigned, int holds) { return __ballot_sync(0, holds) != 0; }
+static unsigned __float_as_uint(float x) { unsigned bits; memcpy(&bits, &x, 4); return bits; }
+static void atomicMin(unsigned long long* to, unsigned long long x) { if (x < *to) *to = x; }
+"""
+_RUN = """
+static fused::World* world;
+static const Arguments* arguments;
+static int world_id, num_worlds, steps, given_count;
+static char stacks[EMULATED][1 << 18];
+static void lane_of_world() {
+    const int lane = threadIdx.x;
+    const fused::Parameters P{*arguments, world_id, num_worlds};
+    fused::begin_steps(*world, P, lane);
+    for (int s = 0; s < steps; s++) fused::step(*world, P, 0, 0, s == steps - 1, lane);
+    fused::end_steps(*world, P, lane);
+    threadIdx.x = (lane + 1) % EMULATED;
+}
+extern "C" void run(const Arguments* m, int worlds, int count, real* spill, int spill_size) {
+    world = new fused::World;
+    arguments = m, num_worlds = worlds, steps = count;
+    for (world_id = 0; world_id < worlds; world_id++) {
+        world->spill = spill + (long long)world_id * spill_size;
+        for (int i = 0; i < EMULATED; i++) {
+            getcontext(&contexts[i]);
+            contexts[i].uc_stack.ss_sp = stacks[i], contexts[i].uc_stack.ss_size = sizeof(stacks[i]);
+            contexts[i].uc_link = i + 1 < EMULATED ? &contexts[i + 1] : &caller;
+            makecontext(&contexts[i], lane_of_world, 0);
+        }
+        threadIdx.x = 0;
+        swapcontext(&caller, &contexts[0]);
+    }
+    delete world;
+}
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class EmulatedStep:
+    """The fused step of a solver's model by some lanes."""
+
+    solver: SolverFused
+    layout: Layout
+    run: Callable[..., None]
+    struct: type[ctypes.Structure]
+
+    def __call__(self, steps: int) -> None:
+        """Advance the worlds of the solver, in MuJoCo's arrays, as one launch does."""
+        given = self.solver._arguments(first=True, last=True)
+        m = self.struct(**{name: int(getattr(given, name)) for name, _ in self.struct._fields_})
+        worlds = self.solver.mjw_data.nworld
+        spill = np.zeros(worlds * max(1, self.layout.spill_size), dtype=np.float32)
+        memory = spill.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
+        self.run(ctypes.byref(m), worlds, steps, memory, self.layout.spill_size)
+
+
+def emulate(solver: SolverFused, lanes: int) -> EmulatedStep:
+    """The step of a solver on the CPU by lanes that share a world; skips the test where there is no compiler.
+
+    Args:
+        solver: The solver, on the CPU, whose contacts are all found in the kernel.
+        lanes: Number of lanes, a power of two.
+    """
+    made: list[tuple[ModelTables, KernelOptions, NewtonLayout | None]] = []
+
+    def keep(tables: ModelTables, options: KernelOptions, layout: NewtonLayout | None = None) -> step_kernel.StepKernel:
+        made.append((tables, options, layout))
+        return step_kernel.step_kernel(tables, options, layout)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solver_fused, "step_kernel", keep)
+        solver._remake()
+        assert solver.one_launch
+    tables, options, newton = made[-1]
+    options = dataclasses.replace(options, lanes=lanes)
+    layout = dataclasses.replace(Layout.of(tables, options), in_shared=False)
+    source = step_kernel._library(tables, options, layout, newton).replace(step_kernel._STRUCT, "Arguments")
+    fields = [f"unsigned long long {n}; int {n}_stride;" for n in step_kernel._ARRAYS]
+    fields += [f"unsigned long long {n};" for n in step_kernel._ADDRESSES]
+    arguments = "struct Arguments {" + "\n".join(fields) + "};\n"
+    library = _compiled(_PRELUDE % lanes + arguments + source + _RUN)
+    members: list[tuple[str, type]] = []
+    for name in step_kernel._ARRAYS:
+        members += [(name, ctypes.c_uint64), (f"{name}_stride", ctypes.c_int)]
+    members += [(name, ctypes.c_uint64) for name in step_kernel._ADDRESSES]
+    struct = type("Arguments", (ctypes.Structure,), {"_fields_": members})
+    return EmulatedStep(solver, layout, library.run, struct)
+
+
+@cache
+def _compiled(source: str) -> ctypes.CDLL:
+    compiler = shutil.which("g++") or shutil.which("clang++")
+    if compiler is None:
+        pytest.skip("no C++ compiler")
+    name = hashlib.sha256(source.encode()).hexdigest()[:16]
+    folder = Path(wp.config.kernel_cache_dir or tempfile.gettempdir()) / "stripe_lanes"
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{name}.so"
+    if not target.exists():
+        made = folder / f"{name}.cpp"
+        made.write_text(source)
+        command = [compiler, "-O1", "-std=c++17", "-fPIC", "-shared", "-w", "-ffp-contract=off"]
+        done = subprocess.run([*command, str(made), "-o", str(target)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[:3000]
+    return ctypes.CDLL(str(target))

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The fused step by lanes that share a world, as on a GPU, against that of a thread a world."""
+
+from __future__ import annotations
+
+import newton
+import numpy as np
+import pytest
+import torch
+
+import stripe_tasks  # noqa: F401 - registers the tasks
+from stripe_newton.cli.tasks import load_cfg, make_env
+from stripe_newton.solvers import SolverFused
+from tests.helpers.lane_emulator import emulate
+from tests.solvers.test_fused_meshes import FRAMES, model_of, random_poses, step_mesh
+
+STATE = "qpos", "qvel", "qacc_warmstart"
+
+
+def both(solver: SolverFused, lanes: int, steps: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """State and numbers of constraint rows after some steps from now on, by a thread a world and by lanes."""
+    emulated, data = emulate(solver, lanes), solver.mjw_data
+    before = {name: getattr(data, name).numpy().copy() for name in STATE}
+    found = []
+    for is_emulated in (False, True):
+        for name, value in before.items():
+            getattr(data, name).assign(value)
+        if is_emulated:
+            emulated(steps)
+        else:
+            solver.fused.launch(solver._arguments(first=True, last=True), data.nworld, "cpu", steps)
+        found.append({name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc")})
+    return found[0], found[1]
+
+
+def assert_same(one: dict[str, np.ndarray], two: dict[str, np.ndarray], tolerance: float) -> None:
+    assert np.array_equal(one["nefc"], two["nefc"])
+    for name in ("qpos", "qvel"):
+        scale = np.abs(one[name]).max(axis=1, keepdims=True) + 1e-3
+        assert np.abs((one[name] - two[name]) / scale).max() < tolerance, name
+
+
+@pytest.mark.parametrize(
+    ("task", "lanes"),
+    [
+        ("Stripe-Velocity-Flat-Quadruped-v0", 32),
+        ("Stripe-Velocity-Rough-Quadruped-v0", 32),
+        ("Stripe-Cartpole-v0", 8),
+    ],
+)
+def test_tasks(task, lanes):
+    cfg = load_cfg(task, "env")
+    cfg.scene.num_envs, cfg.sim.device, cfg.seed = 6, "cpu", 3
+    env = make_env(task, cfg).unwrapped
+    env.reset(seed=3)
+    generator = torch.Generator().manual_seed(0)
+    rows = 0
+    for _ in range(5):
+        for _ in range(4):
+            env.step(2.0 * torch.rand((6, *env.single_action_space.shape), generator=generator) - 1.0)
+        one, two = both(env.sim.solver, lanes, 2)
+        assert_same(one, two, 2e-3)
+        rows += int(one["nefc"].sum())
+    assert rows or "Cartpole" in task
+    env.close()
+
+
+SHAPES = {
+    "sphere": lambda b, body: b.add_shape_sphere(body, radius=0.1),
+    "capsule": lambda b, body: b.add_shape_capsule(body, radius=0.05, half_height=0.1),
+    "box": lambda b, body: b.add_shape_box(body, hx=0.1, hy=0.08, hz=0.05),
+}
+
+
+@pytest.mark.parametrize(
+    ("lanes", "fineness", "solid"),
+    [
+        (32, 4, True),  # many more candidates than lanes
+        (8, 4, False),
+        pytest.param(32, 0, True, marks=pytest.mark.slow),
+        pytest.param(32, 4, False, marks=pytest.mark.slow),
+        pytest.param(8, 0, True, marks=pytest.mark.slow),
+    ],
+)
+def test_shapes_on_a_mesh(lanes, fineness, solid):
+    rng = np.random.default_rng(1)
+    points = rng.uniform([0.8, 0.2, 0.9], [1.3, 0.8, 1.15], size=(20, 3))
+
+    def add(builder: newton.ModelBuilder, body: int) -> None:
+        for at, shape in enumerate(SHAPES.values()):
+            other = builder.add_body() if at else body
+            shape(builder, other)
+
+    poses = random_poses(rng, points)
+    model = model_of(step_mesh(fineness, solid), add, poses, FRAMES[0])
+    joint_q = model.joint_q.numpy().reshape(20, 3, 7)
+    joint_q[:, 1:] = random_poses(rng, points[rng.permutation(20)]).reshape(20, 1, 7)
+    joint_q[:, 2, 2] += 0.05
+    model.joint_q.assign(joint_q.reshape(-1))
+    solver = SolverFused(model, nconmax=60, njmax=240, kinematic_switchable_roots=False)
+    solver.static_triangles = True
+    assert solver.lacks() == []
+    state = model.state()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    solver.step(state, state, model.control(), None, 1e-4)
+    one, two = both(solver, lanes, 1)
+    assert one["nefc"].sum() > 100
+    assert_same(one, two, 2e-3)
