@@ -27,7 +27,7 @@ from .topology import (
     tree_roots,
 )
 
-__all__ = ["PARAMETERS", "ModelTables"]
+__all__ = ["PARAMETERS", "TOUCHES", "ModelTables"]
 
 PARAMETERS: dict[str, str] = {
     "timestep": "opt.timestep",
@@ -136,12 +136,7 @@ class ModelTables:
             rows: Constraint rows that lie in the state of a world.
         """
         room = max(self._forces_size, rows * self.row_size - 7 * self.model.nbody - 2) - self._geoms_size - 1
-        with_hits = self._search_size + _HITS * self._touch_size
-        return min(32, max(3, (room - self._near_size) // with_hits))
-
-    def hits(self, rows: int) -> int:
-        """Hits of these searches that there is room for, at least those of one with its box."""
-        return _HITS * self.searches(rows)
+        return min(32, max(1, (room - self._listed_size) // self._search_size))
 
     @property
     def _forces_size(self) -> int:
@@ -154,20 +149,15 @@ class ModelTables:
         return 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
 
     @property
-    def _near_size(self) -> int:
+    def _listed_size(self) -> int:
         """Numbers of four bytes for the geoms that are near their ground, their parts and what touches, at most."""
-        parts = sum(map(is_searched, self.pairs))
-        return len(_searched_geoms(self.pairs)) + parts // 2 + 32 + _PATCH_SIZE * len(_fields(self.pairs)) + 4
+        near = len(_searched_geoms(self.pairs)) + sum(map(is_searched, self.pairs)) // 2
+        return near + TOUCHES * (9 + self.has_meshes) + _PATCH_SIZE * len(_fields(self.pairs)) + 6
 
     @property
     def _search_size(self) -> int:
         """Numbers of four bytes of a search, as in search.h."""
-        return 18 if self.has_meshes else 16
-
-    @property
-    def _touch_size(self) -> int:
-        """Numbers of a hit, as in search.h."""
-        return 7 + self.has_meshes
+        return 20 if self.has_meshes else 18
 
     @property
     def has_meshes(self) -> bool:
@@ -220,7 +210,7 @@ class ModelTables:
         kept += _ATTACHMENT_SIZE * len(attached_equalities(model))
         found = self._geoms_size + 1
         if self.has_searches:
-            found += self.searches(rows) * self._search_size + self.hits(rows) * self._touch_size + self._near_size
+            found += self.searches(rows) * self._search_size + self._listed_size
         shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
         return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
 
@@ -237,8 +227,8 @@ class ModelTables:
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
-_HITS = 2
-"""Hits for each search that there is room for: most have none."""
+TOUCHES = 24
+"""Touches of all searches of a world that there is room for; where there are more, searches go one by one."""
 _PATCH_SIZE = 14
 """Numbers of four bytes of a patch of a height field, as in search.h."""
 _ATTACHMENT_SIZE = 24
@@ -399,5 +389,7 @@ def _addresses(model: mujoco.MjModel) -> int:
 
 
 def _places_geoms(pairs: Sequence[ContactPair]) -> bool:
-    """Whether all geoms are placed before pairs are looked at: it pays where a geom is in several."""
-    return len({(p.geom1, p.geom2) for p in pairs}) > 1.5 * len(_used_geoms(pairs))
+    """Whether all geoms are placed before pairs are looked at: it pays where a geom is in several, and searches for
+    touches of boxes rely on it."""
+    searches_boxes = any(is_searched(p) and p.kind.endswith("_BOX") for p in pairs)
+    return searches_boxes or len({(p.geom1, p.geom2) for p in pairs}) > 1.5 * len(_used_geoms(pairs))

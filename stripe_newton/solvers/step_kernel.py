@@ -17,7 +17,7 @@ import stripe_kernels
 from stripe_kernels.actuators import JointDrives, drive_explicit_joint
 from stripe_newton.generated_files import write_generated
 
-from .model_tables import PARAMETERS, ModelTables
+from .model_tables import PARAMETERS, TOUCHES, ModelTables
 from .newton_layout import NewtonLayout
 
 __all__ = [
@@ -241,7 +241,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LD {tables.row_of_matrix(options.in_registers(tables))}",
         f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
-        f"#define HITS {tables.hits(layout.rows)}",
+        f"#define TOUCHES {TOUCHES}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
         f"#define MAX_ITERATIONS {options.iterations}",
         f"#define LINE_STEPS {options.ls_iterations}",

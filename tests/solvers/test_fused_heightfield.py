@@ -32,13 +32,12 @@ const fused::PartKind kinds[] = {{is_box ? fused::BOX_PART : fused::BALL_PART, f
 for (int part = 0; part < (kind == {CAPSULE} ? 3 : 1); part++) {{
     const fused::Mat turned = fused::transposed(ground.axes);
     const fused::Patch patch = fused::patch_at(surface, turned * (geom.pos - ground.pos));
-    fused::World w{{patch}};
+    fused::World w{{patch, fused::box_in(turned, geom)}};
     fused::Search& s = w.search[0];
-    s.pair = 0, s.place = 0, s.count = 0, s.ended = false;
+    s.pair = 0, s.count = 0, s.ended = false;
     if (!fused::prepare(s, kinds[part], kind == {CAPSULE} ? 1 - 2 * part : 0, margin, patch, turned, geom)) continue;
-    if (is_box) fused::box_of(w, s) = fused::box_in(turned, geom);
-    fused::find_hits(w, nullptr, 1, 0);
-    for (int i = 0; i < s.count; i++) hits[count++] = fused::to_world(w.hits[i], ground, geom);
+    fused::find_hits(w, fused::Sources(), 0, 1, 0);
+    for (int i = 0; i < s.count; i++) hits[count++] = fused::to_world(w.found[s.hit[i]].touch, ground, geom);
 }}
 real* out = (real*)found.data + {1 + HIT * MAX_HITS} * tid;
 *out++ = count;
@@ -52,11 +51,14 @@ namespace fused {
 // A world of one geom on one field, in the place of world.h.
 struct World {
     Patch patch;
+    Box box;
     Search search[1];
-    Touch hits[6];
+    Found found[TOUCHES];
 };
+struct Sources {};
 FN World& in_place(World& w) { return w; }
 FN Patch patch_of(const World& w, int, Vec) { return w.patch; }
+FN Box box_of(const World& w, const Sources&, int) { return w.box; }
 }  // namespace fused
 """
 
@@ -66,10 +68,14 @@ def fused_kernel(double: bool) -> wp.Kernel:
     """Kernel of the C++ source, for geoms that need no model."""
     folder = Path(stripe_kernels.__file__).parent / "fused"
     names = "algebra.h", "primitives.h", "search.h", "heightfield.h"
-    sources = "".join((folder / name).read_text() for name in names) + WORLD + (folder / "touches.h").read_text()
+    touches = (folder / "touches.h").read_text()
+    search = "\n#if HAS_SEARCHES\nnamespace fused {\n" + touches[touches.index("// The touch of a candidate") :]
+    sources = "".join((folder / name).read_text() for name in names) + WORLD + search
     head = (
         f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
-        "#define HAS_FIELDS 1\n#define NFIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
+        "#define HAS_FIELDS 1\n#define TOUCHES 24\n#define NFIELDS 1\n#define HAS_MESHES 0\n"
+        + "#define FUSED_DOUBLE\n"
+        * double
     )
     vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
 

@@ -70,6 +70,12 @@ FN real from_lane(real x, int lane) { return __shfl_sync(own_lanes(), x, lane, L
         before = sum_ - mine;                                             \
         all = __shfl_sync(own_lanes(), sum_, LANES - 1, LANES);           \
     }
+// Number of lanes before this one, and of all, in which something holds.
+#define RANK(holds, before, all)                                              \
+    {                                                                         \
+        unsigned votes_ = BALLOT(holds);                                      \
+        before = __popc(votes_ & ((1u << lane) - 1)), all = __popc(votes_);   \
+    }
 FN real SUM(real x) {
     for (int o = LANES / 2; o; o >>= 1) x += __shfl_xor_sync(own_lanes(), x, o, LANES);
     return x;
@@ -79,6 +85,7 @@ FN real SUM(real x) {
 #define ANY(x) (x)
 #define BALLOT(holds) (holds)
 #define BEFORE(mine, before, all)
+#define RANK(holds, before, all) before = 0, all = holds
 FN real SUM(real x) { return x; }
 #endif
 

@@ -5,14 +5,6 @@
 namespace fused {
 
 #if HAS_SEARCHES
-FN const Mesh* meshes_of(const Parameters& P) {
-#if HAS_MESHES
-    return (const Mesh*)P.m.meshes;
-#else
-    return nullptr;
-#endif
-}
-
 enum GroundPart { SPHERE_OF, HIGH_END_OF, LOW_END_OF, AXIS_OF, BOX_OF, CORNERS_OF };
 // Part of a geom that the routine of a pair searches, or a number of CORNERS_OF and above for a corner of a box.
 FN int ground_part(int pair) {
@@ -48,7 +40,7 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {
-        const Clearance& field = meshes_of(P)[contact_mesh(p)].clearance;
+        const Clearance& field = sources_of(P).meshes[contact_mesh(p)].clearance;
         bool near = false;
         for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
         return near;
@@ -64,6 +56,21 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
 #endif
 }
 
+#if HAS_MESHES
+// Whether a ball or a corner of a geom that is near a mesh is near it itself; other parts are.
+FN bool is_part_near(const World& w, const Parameters& P, int p) {
+    const int k = ground_part(p);
+    if (contact_kind(p) < MESH_SPHERE || k == SPHERE_OF || k == AXIS_OF || k == BOX_OF) return true;
+    PairGeoms g = geoms_of(w, P, p);
+    Vec h = g.b.size, at;
+    if (k < AXIS_OF) at = Vec{0, 0, k == HIGH_END_OF ? h.y : -h.y};
+    else at = Vec{k - CORNERS_OF & 1 ? -h.x : h.x, k - CORNERS_OF & 2 ? -h.y : h.y, k - CORNERS_OF & 4 ? -h.z : h.z};
+    at = transposed(g.a.axes) * (g.b.pos + g.b.axes * at - g.a.pos);
+    const real reach = (k < AXIS_OF ? h.x : 0) + larger(margin_of(P, p), 0) + (real)1e-5;
+    return clearance_at(sources_of(P).meshes[contact_mesh(p)].clearance, at) <= reach;
+}
+#endif
+
 // List the parts of geoms that are near their ground, in the order of the pairs. Returns their number.
 FN int list_near_parts(World& w, const Parameters& P, int lane) {
     ROLLED for (int first = 0; first < NSEARCHED_GEOMS; first += LANES) {
@@ -75,22 +82,25 @@ FN int list_near_parts(World& w, const Parameters& P, int lane) {
     SYNC();
     int count = 0;
     ROLLED for (int first = FIRST_SEARCHED_PAIR; first < NCONTACT_PAIRS; first += LANES) {
-        int p = first + lane, near = 0, before = 0, all;
+        int p = first + lane, before, more;
+        bool near = false;
         if (p < NCONTACT_PAIRS) {
             int k = searched_geom(p - FIRST_SEARCHED_PAIR);
             near = w.near_geoms[k / LANES] >> k % LANES & 1;
+#if HAS_MESHES
+            near = near && is_part_near(w, P, p);
+#endif
         }
-        all = near;
-        BEFORE(near, before, all);
+        RANK(near, before, more);
         if (near) w.near_parts[count + before] = p;
-        count += all;
+        count += more;
     }
     SYNC();
     return count;
 }
 
-// Prepare the search for touches of the part of a pair.
-FN bool prepare(Search& s, const World& w, const Parameters& P, int p) {
+// Prepare the search for touches of the part of a pair; it has no candidates if nothing is near.
+FN void prepare(Search& s, const World& w, const Parameters& P, int p) {
     const int k = ground_part(p);
     const PairGeoms g = geoms_of(w, P, p);
     const Mat axes = transposed(g.a.axes);
@@ -99,12 +109,13 @@ FN bool prepare(Search& s, const World& w, const Parameters& P, int p) {
     const int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
     s.pair = p, s.count = 0, s.ended = false;
 #if HAS_MESHES
-    if (contact_kind(p) >= MESH_SPHERE) return prepare(s, is, end, margin_of(P, p), meshes_of(P)[contact_mesh(p)], at, axes, g.b);
+    if (contact_kind(p) >= MESH_SPHERE) {
+        prepare(s, is, end, margin_of(P, p), sources_of(P).meshes[contact_mesh(p)], at, axes, g.b);
+        return;
+    }
 #endif
 #if HAS_FIELDS
-    return prepare(s, is, end, margin_of(P, p), patch_of(w, p, at), axes, g.b);
-#else
-    return false;
+    prepare(s, is, end, margin_of(P, p), patch_of(w, p, at), axes, g.b);
 #endif
 }
 
@@ -115,49 +126,29 @@ FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
     SYNC();
 #endif
     const int parts = list_near_parts(w, P, lane);
-    for (int first = 0; first < parts; first += LANES) {
-        Search own;
-        int near = 0, most = 0, k = 0, place = 0, searches, hits;
-        if (first + lane < parts) near = prepare(own, w, P, w.near_parts[first + lane]);
-        if (near) most = own.most + (own.kind == BOX_PART ? BOX_PLACES : 0);
-        searches = near, hits = most;
-        BEFORE(near, k, searches);
-        BEFORE(most, place, hits);
-        for (int done = 0, taken_hits = 0; done < searches;) {  // as many at once as there is room for
-            const bool fits = near && k >= done && k - done < SEARCHES && place - taken_hits + most <= HITS;
-            int size = fits, found = 0, at = 0, all;
-            all = fits ? most : 0;
-            const int room = all;
-            BEFORE(fits, at, size);
-            BEFORE(room, at, all);
-            SYNC();  // the last ones have been read
-            if (fits) {
-                own.place = place - taken_hits, w.search[k - done] = own;
-#if SEARCHES_BOXES
-                if (own.kind == BOX_PART) {
-                    PairGeoms g = geoms_of(w, P, own.pair);
-                    box_of(w, own) = box_in(transposed(g.a.axes), g.b);
-                }
-#endif
-            }
-            done += size, taken_hits += all;
-            SYNC();
-            find_hits(w, meshes_of(P), size, lane);
-            const int mine = lane < size ? w.search[lane].count : 0;
-            found = mine;
-            BEFORE(mine, at, found);
+    ROLLED for (int first = 0; first < parts; first += SEARCHES) {
+        const int size = parts - first < SEARCHES ? parts - first : SEARCHES;
+        SYNC();  // the last ones have been read
+        if (lane < size) prepare(w.search[lane], w, P, w.near_parts[first + lane]);
+        SYNC();
+        for (int done = 0, some; done < size; done += some) {
+            some = find_hits(w, sources_of(P), done, size - done, lane);
+            const int mine = lane < some ? w.search[done + lane].count : 0;
+            int before = 0, all = mine;
+            BEFORE(mine, before, all);
             ROLLED for (int i = 0; i < mine; i++) {
-                const Search& s = w.search[lane];
-                const Touch& hit = w.hits[s.place + i];
+                const Search& s = w.search[done + lane];
+                const Touch& hit = w.found[s.hit[i]].touch;
                 PairGeoms g = geoms_of(w, P, s.pair);
 #if HAS_MESHES
                 const int geom = hit.geom;
 #else
                 const int geom = -1;
 #endif
-                place_contact(w, count + at + i, s.pair, to_world(hit, g.a, g.b), geom);
+                place_contact(w, count + before + i, s.pair, to_world(hit, g.a, g.b), geom);
             }
-            count += found;
+            count += all;
+            SYNC();
         }
     }
     return count;

@@ -156,7 +156,7 @@ FN bool box_touch(const Search& s, const Patch& p, const Box& box, int i, Touch&
 // Prepare the search for touches of a part of a geom, see `place`. Returns whether it is not above the highest vertex below
 // it. The rows of `axes` are those of the field.
 FN bool prepare(Search& s, PartKind kind, int end, real margin, const Patch& p, const Mat& axes, const Geom& geom) {
-    s.geom = p.geom;
+    s.geom = p.geom, s.size = 0;
     Bounds b = place(s, kind, end, margin, axes, geom);
     s.cells = cells_below(p, b.center - b.half, b.center + b.half);
     if (peak(p, s.cells) < b.center.z - b.half.z) return false;

@@ -185,15 +185,18 @@ FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch
 #endif
 
 // Whether a touch remains one beside the hits, see `remains`.
-FN bool remains_on_mesh(const Search& s, const Touch* hits, const Touch& hit, real& order) {
+FN bool remains_on_mesh(const Search& s, const Found* found, const Touch& hit, real& order) {
     if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
-        return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, hits, hit.pos);
-    if (s.kind == CORNER_PART) return is_above_planes(s, hits, hit.pos);
-    if (s.kind == AXIS_PART) return is_apart(s, hits, hit.pos);
+        return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, found, hit.pos);
+    if (s.kind == CORNER_PART) return is_above_planes(s, found, hit.pos);
+    if (s.kind == AXIS_PART) return is_apart(s, found, hit.pos);
     // The deepest touch of a box, then those that are far from the others: on a flat floor all are equally deep, and four
     // hold the box if they are far apart.
     real apart = (real)1e12;
-    for (int k = 0; k < s.count; k++) apart = smaller(apart, dot(hit.pos - hits[k].pos, hit.pos - hits[k].pos));
+    for (int k = 0; k < s.count; k++) {
+        Vec d = hit.pos - found[s.hit[k]].touch.pos;
+        apart = smaller(apart, dot(d, d));
+    }
     order = hit.dist - (real)0.02 * SQRT(apart);
     return apart >= (real)1e-6;
 }
@@ -203,6 +206,7 @@ FN bool remains_on_mesh(const Search& s, const Touch* hits, const Touch& hit, re
 FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh, Vec at, const Mat& axes, const Geom& geom) {
     Bounds b = place(s, kind, end, margin, axes, geom);
     s.geom = at, s.first = -1;
+    s.size = 0;
     if (kind == AXIS_PART && !is_long(s)) return false;
     const bool of_edges = kind == AXIS_PART || kind == BOX_PART;
     const Grid& grid = of_edges ? mesh.edges : mesh.faces;

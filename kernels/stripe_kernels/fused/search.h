@@ -104,10 +104,11 @@ struct Search {
     int size;            // number of its candidates
     int start;           // the first of them among those of all searches
     short pair;
-    unsigned char kind;                // PartKind
-    unsigned char most, count, place;  // hits that it may have and has, and the place of the first one
-    bool inside;                       // whether a ball's centre is inside the ground
+    unsigned char kind;         // PartKind
+    unsigned char most, count;  // hits that it may have and has
+    bool inside;                // whether a ball's centre is inside the ground
     bool ended;
+    unsigned char hit[4];       // their numbers among the touches that were found
 #if LANES > 1
     unsigned long long best;  // order and number of the best candidate
 #else
@@ -116,12 +117,18 @@ struct Search {
 #endif
 };
 
+// A touch that was found, of one of the searches; its order is that before there are hits.
+struct Found {
+    Touch touch;
+    real order;
+    int search;
+};
+
 // A box around its centre, in the ground's axes.
 struct Box {
     Vec axis[3];
     real half[3];
 };
-enum { BOX_PLACES = (sizeof(Box) + sizeof(Touch) - 1) / sizeof(Touch) };  // places of hits that it takes
 FN Box box_in(const Mat& axes, const Geom& geom) {
     return Box{{axes * column(geom.axes, 0), axes * column(geom.axes, 1), axes * column(geom.axes, 2)},
                {geom.size.x, geom.size.y, geom.size.z}};
@@ -178,18 +185,18 @@ FN int taken(const Search& s) { return s.best; }
 #endif
 
 // Whether a point is above the tangent planes of a search's hits: those of a smooth surface are one touch.
-FN bool is_above_planes(const Search& s, const Touch* hits, Vec point) {
+FN bool is_above_planes(const Search& s, const Found* found, Vec point) {
 #pragma unroll 1
     for (int i = 0; i < s.count; i++)
-        if (dot(point - hits[i].pos, hits[i].normal) <= (real)1e-4) return false;
+        if (dot(point - found[s.hit[i]].touch.pos, found[s.hit[i]].touch.normal) <= (real)1e-4) return false;
     return true;
 }
 
 // Whether a point is at least 1 mm away from the hits.
-FN bool is_apart(const Search& s, const Touch* hits, Vec point) {
+FN bool is_apart(const Search& s, const Found* found, Vec point) {
 #pragma unroll 1
     for (int i = 0; i < s.count; i++) {
-        Vec d = point - hits[i].pos;
+        Vec d = point - found[s.hit[i]].touch.pos;
         if (dot(d, d) < (real)1e-6) return false;
     }
     return true;

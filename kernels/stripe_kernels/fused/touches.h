@@ -4,21 +4,36 @@
 #if HAS_SEARCHES
 namespace fused {
 
+// What a search reads beside the world. It is no part of the parameters, all of which the compiler would keep in memory for a
+// function that is not inlined.
+struct Sources {
+    const Mesh* meshes;
+    const real* geom_size;
+};
+FN Sources sources_of(const Parameters& P) {
+#if HAS_MESHES
+    return Sources{(const Mesh*)P.m.meshes, P.geom_size()};
+#else
+    return Sources{nullptr, P.geom_size()};
+#endif
+}
+
 #if SEARCHES_BOXES
-// The box of a search for touches of one, behind its hits.
-FN Box& box_of(World& w, const Search& s) { return *(Box*)(w.hits + s.place + s.most); }
-FN const Box& box_of(const World& w, const Search& s) { return *(const Box*)(w.hits + s.place + s.most); }
+// The box of a search; geoms have been placed.
+FN Box box_of(const World& w, const Sources& from, int pair) {
+    const real *ground = w.geoms + 12 * contact_geoms(2 * pair), *geom = w.geoms + 12 * contact_geoms(2 * pair + 1);
+    const Vec size = load(from.geom_size + 3 * contact_geom2(pair));
+    return box_in(transposed(load_matrix(ground + 3)), Geom{{0, 0, 0}, load_matrix(geom + 3), size});
+}
 #endif
 
-// The touch of a candidate, if it is one; the first hit is that of lowest order. Of the parameters it gets one address: all of
-// them would have to lie in memory for a function that is not inlined.
-ONE_COPY bool touch(World& world, const Mesh* meshes, const Search& s, int candidate, Touch& hit, real& order) {
-    const World& w = in_place(world);
+// The touch of a candidate, if it is one; the first hit is that of lowest order.
+FN bool touch(const World& w, const Sources& from, const Search& s, int candidate, Touch& hit, real& order) {
 #if HAS_MESHES
     if (contact_kind(s.pair) >= MESH_SPHERE) {
-        const Mesh& mesh = meshes[contact_mesh(s.pair)];
+        const Mesh& mesh = from.meshes[contact_mesh(s.pair)];
 #if SEARCHES_BOXES
-        if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box_of(w, s), candidate, hit, order);
+        if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box_of(w, from, s.pair), candidate, hit, order);
 #endif
         return s.kind == AXIS_PART ? edge_touch(s, mesh.edges, candidate, hit, order)
                                    : face_touch(s, mesh.faces, candidate, hit, order);
@@ -28,7 +43,7 @@ ONE_COPY bool touch(World& world, const Mesh* meshes, const Search& s, int candi
 #if HAS_FIELDS
     const Patch p = patch_of(w, s.pair, s.geom);
 #if SEARCHES_BOXES
-    if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, s), candidate, hit, order);
+    if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, from, s.pair), candidate, hit, order);
 #endif
     return s.kind == BALL_PART ? ball_touch(s, p, candidate, hit, order) : ridge_touch(s, p, candidate, hit, order);
 #else
@@ -37,18 +52,17 @@ ONE_COPY bool touch(World& world, const Mesh* meshes, const Search& s, int candi
 }
 
 // Whether a touch is still one beside the hits that there are, and then its order.
-FN bool remains(const World& w, const Search& s, const Touch& hit, real& order) {
-    const Touch* hits = w.hits + s.place;
+FN bool remains(const Search& s, const Found* found, const Touch& hit, real& order) {
     if (s.ended) return false;
     if (!s.count) return true;
 #if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) return remains_on_mesh(s, hits, hit, order);
+    if (contact_kind(s.pair) >= MESH_SPHERE) return remains_on_mesh(s, found, hit, order);
 #endif
-    return s.kind == BALL_PART ? is_above_planes(s, hits, hit.pos) : is_apart(s, hits, hit.pos);
+    return s.kind == BALL_PART ? is_above_planes(s, found, hit.pos) : is_apart(s, found, hit.pos);
 }
 
 // Make a touch the next hit.
-FN void accept(World& w, Search& s, const Touch& hit) {
+FN void accept(Search& s, int number, const Touch& hit) {
 #if HAS_MESHES
     if (contact_kind(s.pair) >= MESH_SPHERE) {
         if (s.kind == BALL_PART) s.inside = hit.dist < -s.radius;
@@ -58,112 +72,103 @@ FN void accept(World& w, Search& s, const Touch& hit) {
         }
     }
 #endif
-    w.hits[s.place + s.count++] = hit;
+    s.hit[s.count++] = number;
     s.ended = s.inside || s.count == s.most;
 }
 
-// The last search that starts at a candidate or before it, from `k` on: those that start there and are not the last are empty.
-FN int search_of(const World& w, int count, int candidate, int k) {
-    while (k + 1 < count && w.search[k + 1].start <= candidate) k++;
-    return k;
-}
-
-// Candidates of all searches that have not ended: sets where those of each start. Returns their number.
-FN int count_candidates(World& w, int count, int lane) {
-    int mine = lane < count && !w.search[lane].ended ? w.search[lane].size : 0, before = 0, all = mine;
-    BEFORE(mine, before, all);
-    if (lane < count) w.search[lane].start = before;
-    SYNC();
-    return all;
-}
-
-#if LANES > 1
-// Find the candidates that are touches, among more than there are lanes. Returns that of this lane, -1 if it has none, or -2 in
-// all lanes if there are more.
-FN int own_touch(World& w, const Mesh* meshes, int count, int all, int lane) {
+// List the candidates of some searches that touch, in order. Returns their number, which may exceed the room for them.
+FN int list_touches(World& w, const Sources& from, const Search* searches, int count, int all, int lane) {
     int found = 0, k = 0;
-    for (int first = 0; first < all; first += LANES) {
+    ROLLED for (int first = 0; first < all; first += LANES) {
         const int c = first + lane;
         bool is_touch = false;
+        int before, more;
+        Found own;
         if (c < all) {
-            Touch hit;
-            real order;
-            k = search_of(w, count, c, k);
-            is_touch = touch(w, meshes, w.search[k], c - w.search[k].start, hit, order);
+            while (k + 1 < count && searches[k + 1].start <= c) k++;  // the last that starts there: those before are empty
+            own.search = k;
+            is_touch = touch(w, from, searches[k], c - searches[k].start, own.touch, own.order);
         }
-        unsigned votes = BALLOT(is_touch);
-        int place = found + __popc(votes & ((1u << lane) - 1));
-        if (is_touch && place < LANES) w.touches[place] = c;
-        found += __popc(votes);
+        RANK(is_touch, before, more);
+        if (is_touch && found + before < TOUCHES) w.found[found + before] = own;
+        found += more;
     }
     SYNC();
-    return found > LANES ? -2 : lane < found ? w.touches[lane] : -1;
+    return found;
 }
 
-// Hits of searches of which each lane has a candidate, -1 for none: it keeps the touch of it.
-FN void take_own_touches(World& w, const Mesh* meshes, int count, int candidate, int lane) {
-    Touch hit;
-    real order = 0;
-    int k = 0, own = -1;
-    if (candidate >= 0) {
-        k = search_of(w, count, candidate, 0), own = candidate - w.search[k].start;
-        if (!touch(w, meshes, w.search[k], own, hit, order)) own = -1;
-    }
+// Hits of some searches, of which all touches have been found, nearest first; a search for each lane at most.
+FN void take_hits(World& w, Search* searches, int count, int found, int lane) {
     for (;;) {
-        if (lane < count) expect(w.search[lane]);
+        if (lane < count) expect(searches[lane]);
         SYNC();
-        bool offers = own >= 0 && remains(w, w.search[k], hit, order);
-        if (offers) offer(w.search[k], order, own);
+        EACH(i, found) {
+            const Found& f = w.found[i];
+            Search& s = searches[f.search];
+            real order = f.order;
+            if (remains(s, w.found, f.touch, order)) offer(s, order, i);
+        }
         SYNC();
-        if (offers && taken(w.search[k]) == own) accept(w, w.search[k], hit);
+        bool goes_on = false;
+        if (lane < count && !searches[lane].ended) {
+            Search& s = searches[lane];
+            const int best = taken(s);
+            if (best < 0) s.ended = true;
+            else accept(s, best, w.found[best].touch);
+            goes_on = !s.ended;
+        }
         SYNC();
-        bool goes_on = lane < count && !w.search[lane].ended && taken(w.search[lane]) >= 0;
-        if (lane < count) w.search[lane].ended = !goes_on;
         if (!ANY(goes_on)) break;
     }
 }
-#endif
 
-// Hits of searches with more touches than lanes, or of a lane alone: each round computes them again.
-COLD void take_touches(World& world, const Mesh* meshes, int count, int all, int lane) {
+// Hits of a search with more touches than there is room for: each round computes them again.
+COLD void take_hits_of_many(World& world, Sources from, int number, int lane) {
     World& w = in_place(world);
-    while (all) {
-        if (lane < count) expect(w.search[lane]);
+    Search& s = w.search[number];
+    while (!s.ended) {
         SYNC();
-        for (int c = lane, k = 0; c < all; c += LANES) {
-            k = search_of(w, count, c, k);
-            Search& s = w.search[k];
+        if (lane == 0) expect(s);
+        SYNC();
+        EACH(c, s.size) {
             Touch hit;
             real order;
-            const int candidate = c - s.start;
-            if (touch(w, meshes, s, candidate, hit, order) && remains(w, s, hit, order)) offer(s, order, candidate);
+            if (touch(w, from, s, c, hit, order) && remains(s, w.found, hit, order)) offer(s, order, c);
         }
         SYNC();
-        if (lane < count && !w.search[lane].ended) {
-            Search& s = w.search[lane];
-            Touch hit;
-            real order;
-            const int candidate = taken(s);
-            s.ended = candidate < 0;
-            if (candidate >= 0) touch(w, meshes, s, candidate, hit, order), accept(w, s, hit);
+        if (lane == 0) {
+            const int best = taken(s), number = s.count;
+            if (best < 0) s.ended = true;
+            else {
+                touch(w, from, s, best, w.found[number].touch, w.found[number].order);
+                accept(s, number, w.found[number].touch);
+            }
         }
         SYNC();
-        all = count_candidates(w, count, lane);
     }
 }
 
-// Hits of the first `count` searches, nearest first; at most as many searches as there are lanes.
-FN void find_hits(World& w, const Mesh* meshes, int count, int lane) {
-    const int all = count_candidates(w, count, lane);
-#if LANES > 1
-    int candidate = lane < all ? lane : -1;
-    if (all > LANES) candidate = own_touch(w, meshes, count, all, lane);
-    if (candidate != -2) {
-        take_own_touches(w, meshes, count, candidate, lane);
-        return;
+// Find the hits of some searches, from number `first` on. Returns how many have them now: all, or one if there is no room for
+// the touches of all.
+FN int find_hits(World& w, const Sources& from, int first, int count, int lane) {
+    Search* searches = w.search + first;
+    for (;;) {
+        int mine = lane < count ? searches[lane].size : 0, before = 0, all = mine;
+        BEFORE(mine, before, all);
+        if (lane < count) searches[lane].start = before;
+        SYNC();
+        const int found = list_touches(w, from, searches, count, all, lane);
+        if (found <= TOUCHES) {
+            take_hits(w, searches, count, found, lane);
+            return count;
+        }
+        SYNC();
+        if (count == 1) {
+            take_hits_of_many(w, from, first, lane);
+            return 1;
+        }
+        count = 1;
     }
-#endif
-    take_touches(w, meshes, count, all, lane);
 }
 
 // A hit in the axes of the world, halfway between the two surfaces.

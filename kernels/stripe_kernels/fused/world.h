@@ -107,8 +107,7 @@ struct World {
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
 #if HAS_SEARCHES
                     Search search[SEARCHES];    // for contacts with height fields and meshes
-                    Touch hits[HITS];           // of these, those of a search one after another, and its box
-                    int touches[LANES];         // candidates that touch
+                    Found found[TOUCHES];       // their candidates that touch
 #if HAS_FIELDS
                     Patch patches[NFIELDS];     // of the fields, as seen from their centres
 #endif
