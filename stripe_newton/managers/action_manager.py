@@ -142,7 +142,7 @@ class ActionManager(ManagerBase):
 
     # -- items
 
-    def process(self) -> list[Item]:
+    def process_items(self) -> list[Item]:
         """Items that read the actions, process them, and set the targets that hold for the whole step."""
         if self._may_be_spread():
             return self._process_side_by_side()
@@ -186,7 +186,7 @@ class ActionManager(ManagerBase):
         return bool(terms)
 
     def _process_side_by_side(self) -> list[Item]:
-        """:meth:`process` with a thread for each number."""
+        """:meth:`process_items` with a thread for each number."""
         number, body = "part:part + 1", self._take_in("part")
         for name, term in self._terms.items():
             span = f"part - {term.first}:part - {term.first} + 1" if term.first else number
@@ -199,7 +199,7 @@ class ActionManager(ManagerBase):
             body += block(mine, lines)
         return [Section("actions_process", body, self.active_terms, parts=self.total_action_dim)]
 
-    def apply(self) -> list[Section]:
+    def apply_items(self) -> list[Section]:
         """Sections that set targets before each physics step, for terms whose targets depend on the state."""
         body, names = list[Code](), list[str]()
         for name, term in self._terms.items():
@@ -208,7 +208,7 @@ class ActionManager(ManagerBase):
                 names.append(name)
         return [Section("actions_apply", body, names)] if body else []
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that set the actions to zero where an episode begins."""
         body = block(
             code("for i in range({}.shape[1]):", self._action),

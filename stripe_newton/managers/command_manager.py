@@ -73,7 +73,7 @@ class CommandManager(ManagerBase):
 
     All bounds are parameters that a curriculum may change, such as ``commands.base_velocity.ranges.lin_vel_x``.
 
-    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which :meth:`compute` ran in the episode.
+    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps of the episode in which commands were updated.
     Isaac Lab divides the sum of a velocity's errors by the largest number of steps that a command may last, and logs
     the last error of a pose.
     """
@@ -224,7 +224,7 @@ class CommandManager(ManagerBase):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that run in every step: clocks, resampling where it is due, updates, metrics."""
         context, metric = self.context, 0
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)] if self._terms else []
@@ -240,7 +240,7 @@ class CommandManager(ManagerBase):
                 metric += 1
         return [Section("commands", body, self.active_terms)] if body else []
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log the metrics, as means over the steps of the episode, and sample the first command."""
         context, steps, metric = self.context, self._steps_name, 0
         body = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]

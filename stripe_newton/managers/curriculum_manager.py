@@ -53,7 +53,7 @@ class CurriculumManager(ManagerBase):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that run terms with ``env``, and torch terms, for environments whose episodes ended."""
         items: list[Item] = []
         for name, term in self._terms.items():
@@ -66,7 +66,7 @@ class CurriculumManager(ManagerBase):
                 items.append(Section("curriculum", [line], [name]).only(self.context.is_reset))
         return items
 
-    def update(self) -> list[Item]:
+    def update_items(self) -> list[Item]:
         """The item that runs the terms without ``env`` in one thread.
 
         It belongs at the end of the step, before the log is finished. Make it after the items of all other managers, so

@@ -149,9 +149,7 @@ def test_compute_observations_answers_at_any_moment(lab):
         now = lab.compute_observations()
         assert torch.equal(now["critic"], observations["critic"])
         observations = lab.step(REST)[0]
-    lab.scene["robot"].write_root_pose_to_sim(
-        torch.tensor([[0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0]]).repeat(N, 1)
-    )
+    lab.scene["robot"].write_root_pose_to_sim(torch.tensor([[0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0]]).repeat(N, 1))
     height = lab.compute_observations()["critic"][:, 2] + lab.scene.env_origins[:, 2]
     torch.testing.assert_close(height, torch.full((N,), 3.0))
 
@@ -232,9 +230,10 @@ def test_the_controller_randomizes_dynamics_as_the_events_say(lab):
 
 
 def test_without_events_randomize_dynamics_says_so():
-    with LabScene(
-        LabSceneCfg(num_envs=1, env_spacing=0.0, robot=CARTPOLE_CFG), sim=SimulationCfg(device="cpu")
-    ) as lab, pytest.raises(ValueError, match="no event"):
+    with (
+        LabScene(LabSceneCfg(num_envs=1, env_spacing=0.0, robot=CARTPOLE_CFG), sim=SimulationCfg(device="cpu")) as lab,
+        pytest.raises(ValueError, match="no event"),
+    ):
         lab.controller.randomize_dynamics()
 
 
@@ -258,7 +257,9 @@ def test_the_querier_reads_contact_forces_on_demand(lab):
     assert not lab.cfg.sim.contact_forces
     forces = lab.querier.get_contact_forces()
     assert forces.shape == (N, lab.scene["robot"].num_bodies, 3)
-    torch.testing.assert_close(forces.sum(1), lab.querier.get_sensor_data("contacts")["net_forces_w"].sum(1), atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(
+        forces.sum(1), lab.querier.get_sensor_data("contacts")["net_forces_w"].sum(1), atol=1e-3, rtol=1e-3
+    )
 
 
 # -- observation manager
