@@ -33,6 +33,7 @@ from stripe_newton.managers import (
 from stripe_newton.managers.manager_base import terms_of
 
 from .env_state import EnvState
+from .manager_fields import manager_field_problems
 from .name_checks import name_problems
 from .rl_env import Extras, Observations, RLEnv
 from .rl_env_cfg import RLEnvCfg
@@ -93,6 +94,7 @@ class ManagerBasedRLEnvCfg(RLEnvCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)
+        yield from manager_field_problems(self)
 
 
 class ManagerBasedRLEnv(RLEnv):

@@ -73,7 +73,7 @@ class CommandManager(ManagerBase):
 
     All bounds are parameters that a curriculum may change, such as ``commands.base_velocity.ranges.lin_vel_x``.
 
-    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps of the episode in which commands were updated.
+    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps of the episode so far.
     Isaac Lab divides the sum of a velocity's errors by the largest number of steps that a command may last, and logs
     the last error of a pose.
     """

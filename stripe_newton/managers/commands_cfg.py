@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from stripe_newton.configclass import MISSING, configclass
 
 __all__ = [
+    "CommandManagerCfg",
     "CommandTermCfg",
     "NormalVelocityCommandCfg",
     "NullCommandCfg",
@@ -68,6 +69,16 @@ class CommandTermCfg:
         bounds = self.resampling_time_range
         if bounds is not MISSING and not 0 < bounds[0] <= bounds[1]:
             yield "resampling_time_range", f"is {bounds}, must be (low, high) with 0 < low <= high [s]"
+
+
+@configclass
+class CommandManagerCfg:
+    """Config of the command manager: a field for each term.
+
+    Subclass it, or name them: ``CommandManagerCfg(NAME=CommandTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (CommandTermCfg,)
 
 
 @configclass

@@ -17,7 +17,7 @@ from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
 from .terrain_checks import check_terrain
 
-__all__ = ["CurriculumManager", "CurriculumTermCfg"]
+__all__ = ["CurriculumManager", "CurriculumManagerCfg", "CurriculumTermCfg"]
 
 
 @configclass
@@ -30,6 +30,16 @@ class CurriculumTermCfg:
     dict of numbers or None."""
     params: dict[str, Any] = {}
     """Further arguments of the function."""
+
+
+@configclass
+class CurriculumManagerCfg:
+    """Config of the curriculum manager: a field for each term.
+
+    Subclass it, or name them: ``CurriculumManagerCfg(NAME=CurriculumTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (CurriculumTermCfg,)
 
 
 class CurriculumManager(ManagerBase):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Eager, Item, Section, bind_term, code
@@ -12,7 +12,7 @@ from stripe_newton.fusion import Eager, Item, Section, bind_term, code
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
 
-__all__ = ["MetricTermCfg", "MetricsManager"]
+__all__ = ["MetricTermCfg", "MetricsManager", "MetricsManagerCfg"]
 
 
 @configclass
@@ -23,6 +23,16 @@ class MetricTermCfg:
     """Warp function ``(env, ...) -> float``, or torch function ``(env, **params)`` that returns ``(num_envs,)``."""
     params: dict[str, Any] = {}
     """Further arguments of the function."""
+
+
+@configclass
+class MetricsManagerCfg:
+    """Config of the metrics manager: a field for each term.
+
+    Subclass it, or name them: ``MetricsManagerCfg(NAME=MetricTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (MetricTermCfg,)
 
 
 class MetricsManager(ManagerBase):

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 import warp as wp
 
+from stripe_newton.configclass import config_with
 from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, only
 
 from .context import ManagerContext
 from .image import image_writer
-from .manager_base import ManagerBase
+from .manager_base import ManagerBase, terms_of
 from .normalization import running_normalization
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
 from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
@@ -43,7 +44,7 @@ class ObservationManager(ManagerBase):
             allocate: ``allocate(name, size)`` makes the array ``(num_envs, size)`` of ``GROUP`` or ``GROUP.TERM``.
         """
         super().__init__(cfg, context)
-        self._groups = self.terms(cfg, ObservationGroupCfg)
+        self._groups = self.terms(_grouped(cfg), ObservationGroupCfg)
         self._terms = {group: self._make_terms(group, group_cfg) for group, group_cfg in self._groups.items()}
         self.buffers: dict[str, wp.array | dict[str, wp.array]] = {}
         self._raw: dict[str, wp.array] = {}
@@ -184,6 +185,15 @@ class ObservationManager(ManagerBase):
     def __str__(self) -> str:
         rows = [(g, i, n, t.width) for g, terms in self._terms.items() for i, (n, t) in enumerate(terms.items())]
         return self.table("Observation terms", ("Group", "Index", "Name", "Size"), rows)
+
+
+def _grouped(cfg: object) -> dict[str, object]:
+    """Groups by name; terms without a group are those of the policy."""
+    groups = terms_of(cfg)
+    loose = {name: groups.pop(name) for name in list(groups) if isinstance(groups[name], ObservationTermCfg)}
+    if not loose or "policy" in groups:  # both are an error, as the groups that remain show
+        return {**loose, **groups}
+    return {"policy": config_with(ObservationGroupCfg(enable_corruption=True), loose), **groups}
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -20,7 +20,13 @@ from .manager_base import is_warp_term
 from .modifiers import ModifierCfg
 from .normalization import RunningNormCfg
 
-__all__ = ["ObservationGroupCfg", "ObservationTerm", "ObservationTermCfg", "make_observation_term"]
+__all__ = [
+    "ObservationGroupCfg",
+    "ObservationManagerCfg",
+    "ObservationTerm",
+    "ObservationTermCfg",
+    "make_observation_term",
+]
 
 _FLAT = "is False, but histories are always flat; reshape them in the network"
 
@@ -67,7 +73,12 @@ class ObservationTermCfg:
 
 @configclass
 class ObservationGroupCfg:
-    """Config of a group of observations, such as those of the policy; the fields of a subclass are its terms."""
+    """Config of a group of observations, such as those of the policy: settings, and a field for each term.
+
+    Subclass it, or name the terms: ``ObservationGroupCfg(height=ObservationTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (ObservationTermCfg,)
 
     concatenate_terms: bool = True
     """Join the terms in one tensor; False gives a dict of tensors by term."""
@@ -91,6 +102,24 @@ class ObservationGroupCfg:
             yield "history_length", f"is {self.history_length}, must be 0 or more"
         if not self.flatten_history_dim:
             yield "flatten_history_dim", _FLAT
+
+
+@configclass
+class ObservationManagerCfg:
+    """Config of the observation manager: a field for each group.
+
+    Subclass it, or name the groups: ``ObservationManagerCfg(policy=ObservationGroupCfg(...))``. Terms without a group
+    are those of the group ``policy``, with their noise::
+
+        ObservationManagerCfg(height=ObservationTermCfg(func=mdp.base_pos_z))
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (ObservationGroupCfg, ObservationTermCfg)
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        loose = [n for n in type(self).__dataclass_fields__ if isinstance(getattr(self, n), ObservationTermCfg)]
+        if loose and isinstance(getattr(self, "policy", None), ObservationGroupCfg):
+            yield loose[0], "is a term without a group, and there is a group 'policy'; move it into a group"
 
 
 @dataclass

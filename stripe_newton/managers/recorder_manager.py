@@ -8,7 +8,7 @@ import importlib.util
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -74,6 +74,8 @@ class RecorderManagerBaseCfg:
         stem = Path(self.dataset_export_dir_path) / self.dataset_filename.removesuffix(".hdf5")
         both = mode == kinds.EXPORT_SUCCEEDED_FAILED_IN_SEPARATE_FILES
         return [stem.with_name(f"{stem.name}{end}.hdf5") for end in (["", "_failed"] if both else [""])]
+
+    OPEN: ClassVar[tuple[type, ...]] = (RecorderTermCfg,)
 
     def problems(self) -> Iterator[tuple[str, str]]:
         for name, known in _CHOICES.items():

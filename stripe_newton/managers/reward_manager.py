@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 import warp as wp
@@ -16,7 +16,7 @@ from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, block, c
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
 
-__all__ = ["RewardManager", "RewardTermCfg"]
+__all__ = ["RewardManager", "RewardManagerCfg", "RewardTermCfg"]
 
 
 @configclass
@@ -37,6 +37,16 @@ class RewardTermCfg:
             yield "weight", f"is {self.weight}, must be finite"
         if self.clip is not None and not self.clip[0] <= self.clip[1]:
             yield "clip", f"is {self.clip}, must be (low, high) with low <= high"
+
+
+@configclass
+class RewardManagerCfg:
+    """Config of the reward manager: a field for each term.
+
+    Subclass it, or name them: ``RewardManagerCfg(NAME=RewardTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (RewardTermCfg,)
 
 
 class RewardManager(ManagerBase):

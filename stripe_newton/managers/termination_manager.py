@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -14,7 +14,7 @@ from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, code
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term
 
-__all__ = ["TerminationManager", "TerminationTermCfg"]
+__all__ = ["TerminationManager", "TerminationManagerCfg", "TerminationTermCfg"]
 
 
 @configclass
@@ -27,6 +27,16 @@ class TerminationTermCfg:
     """Further arguments of the function."""
     time_out: bool = False
     """The term truncates the episode, as a time limit does, rather than terminates it."""
+
+
+@configclass
+class TerminationManagerCfg:
+    """Config of the termination manager: a field for each term.
+
+    Subclass it, or name them: ``TerminationManagerCfg(NAME=TerminationTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (TerminationTermCfg,)
 
 
 class TerminationManager(ManagerBase):

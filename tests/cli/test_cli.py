@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -21,6 +23,7 @@ import yaml
 from stripe_newton.cli import main, tasks
 from stripe_newton.cli.field_options import apply_options, apply_saved, options_of
 from stripe_newton.cli.shell_command import command, program
+from stripe_newton.cli.tasks import load_cfg, task_ids
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
@@ -404,3 +407,14 @@ def test_the_commands_to_run_next_start_in_the_callers_shell(tmp_path, monkeypat
     assert program() == "stripe-newton"
     monkeypatch.setattr(tasks, "_imported", ["my task.py"])
     assert command("play", "My-v0") == "stripe-newton play My-v0 --import 'my task.py'"
+
+
+def test_configs_of_every_task_are_copied_and_pickled():
+    """Sweeps and other processes need that; Warp functions and generated scenes are among the values."""
+    for task in (name for name in task_ids() if name.startswith("Stripe-")):
+        for kind in ("env", "agent"):
+            cfg = load_cfg(task, kind)
+            names = cfg.to_dict() if "Forest" not in task else {}  # a specification has no name that would compare
+            for other in (copy.deepcopy(cfg), pickle.loads(pickle.dumps(cfg))):
+                assert type(other) is type(cfg)
+                assert not names or other.to_dict() == names

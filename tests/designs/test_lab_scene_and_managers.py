@@ -594,7 +594,7 @@ def test_a_subclass_without_configclass_is_refused_by_name():
     class Forgotten(WalkCfg):
         extra: int = 1
 
-    with pytest.raises(TypeError, match="'Forgotten'.*@configclass"):
+    with pytest.raises(TypeError, match=r"'Forgotten'.*@configclass"):
         Forgotten()
 
 
@@ -605,7 +605,7 @@ def test_a_dataclass_is_refused_by_name():
     class Wrong(WalkCfg):
         extra: int = 1
 
-    with pytest.raises(TypeError, match="'Wrong'.*@dataclass.*@configclass"):
+    with pytest.raises(TypeError, match=r"'Wrong'.*@dataclass.*@configclass"):
         Wrong()
 
 
@@ -615,7 +615,7 @@ def test_a_dataclass_is_refused_by_name():
 def test_gymnasium_resets_and_steps(env):
     observations, info = env.reset(seed=1)
     assert observations["policy"].shape[0] == N
-    observations, rewards, terminated, truncated, info = env.step(REST)
+    observations, rewards, _, _, info = env.step(REST)
     assert isinstance(rewards, torch.Tensor)
     assert isinstance(info, dict)
 
