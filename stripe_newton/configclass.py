@@ -233,7 +233,7 @@ def _extended(base: type, names: tuple[str, ...]) -> type:
     """A subclass of a config class with further fields; the same one for the same names."""
     body: dict[str, object] = {"__annotations__": dict.fromkeys(names, Any), **dict.fromkeys(names)}
     body |= {"__module__": base.__module__, "__qualname__": base.__qualname__, "__doc__": base.__doc__}
-    made = configclass(type(base.__name__, (base,), body))
+    made: type = configclass(type(base.__name__, (base,), body))
     setattr(made, "_EXTENDS", (base, names))  # noqa: B010  (by which its instances are pickled)
     return made
 
@@ -245,7 +245,7 @@ def _reduce(self: Config, protocol: int) -> tuple[object, ...]:
 
 def _restore(base: type, names: tuple[str, ...], state: dict[str, object]) -> object:
     """A config from what :func:`_reduce` gave."""
-    new = object.__new__(_extended(base, names) if names else base)
+    new: object = object.__new__(_extended(base, names) if names else base)
     for name, value in state.items():
         object.__setattr__(new, name, _found(value))
     return new
