@@ -4,8 +4,10 @@
 from stripe_newton.fusion import SceneEntityCfg, TermState
 
 from .action_manager import ActionManager
+from .action_term import ActionTerm, KernelActionTerm
 from .actions_cfg import ActionTermCfg
 from .command_manager import CommandManager
+from .command_term import CommandTerm, KernelCommandTerm
 from .commands_cfg import CommandTermCfg
 from .context import ManagerContext
 from .curriculum_manager import CurriculumManager, CurriculumTermCfg
@@ -24,13 +26,18 @@ from .recorder_manager import DatasetExportMode, RecorderManager, RecorderManage
 from .recorder_term import RecorderTerm, RecorderTermCfg
 from .recorders import ActionStateRecorderManagerCfg
 from .reward_manager import RewardManager, RewardTermCfg
+from .term_class import ManagerTermBase, TermEnv
+from .term_evaluation import TermEvaluation
+from .term_manager import TermManager
 from .termination_manager import TerminationManager, TerminationTermCfg
 
 __all__ = [
     "ActionManager",
     "ActionStateRecorderManagerCfg",
+    "ActionTerm",
     "ActionTermCfg",
     "CommandManager",
+    "CommandTerm",
     "CommandTermCfg",
     "CurriculumManager",
     "CurriculumTermCfg",
@@ -40,8 +47,11 @@ __all__ = [
     "EventManager",
     "EventTermCfg",
     "IntegratorCfg",
+    "KernelActionTerm",
+    "KernelCommandTerm",
     "ManagerBase",
     "ManagerContext",
+    "ManagerTermBase",
     "MetricTermCfg",
     "MetricsManager",
     "ModifierCfg",
@@ -59,6 +69,9 @@ __all__ = [
     "RewardTermCfg",
     "RunningNormCfg",
     "SceneEntityCfg",
+    "TermEnv",
+    "TermEvaluation",
+    "TermManager",
     "TermState",
     "TerminationManager",
     "TerminationTermCfg",

@@ -12,11 +12,12 @@ from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, onl
 
 from .context import ManagerContext
 from .image import image_writer
-from .manager_base import ManagerBase
+from .manager_base import ManagerBase, with_terms
 from .normalization import running_normalization
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
 from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
 from .shared_observation import SharedObservation
+from .term_manager import TorchCall
 
 __all__ = ["ObservationManager"]
 
@@ -45,6 +46,8 @@ class ObservationManager(ManagerBase):
         super().__init__(cfg, context)
         self._groups = self.terms(cfg, ObservationGroupCfg)
         self._terms = {group: self._make_terms(group, group_cfg) for group, group_cfg in self._groups.items()}
+        shown = {g: with_terms(c, {n: t.cfg for n, t in self._terms[g].items()}) for g, c in self._groups.items()}
+        self.cfg = with_terms(cfg, shown)
         self.buffers: dict[str, wp.array | dict[str, wp.array]] = {}
         self._raw: dict[str, wp.array] = {}
         """Arrays of the groups before normalisation."""
@@ -168,7 +171,7 @@ class ObservationManager(ManagerBase):
         return [Section("observations_reset", body).only(self.context.is_reset)] if body else []
 
     def _torch(self, term: ObservationTerm) -> Callable[[], None]:
-        call, shape = self.torch_term(term.cfg.func, term.cfg.params), (self.context.num_envs, term.size)
+        call, shape = TorchCall(self.context, term.cfg), (self.context.num_envs, term.size)
         target, first = (term.scratch, 0) if term.scratch else (term.target, term.first)
 
         def evaluate() -> None:
