@@ -203,7 +203,7 @@ class ManagerBasedRLEnv(RLEnv):
         self._action_input = wp.to_torch(self.action_manager.input)
 
     def _startup(self) -> None:
-        items = self.event_manager.startup()
+        items = self.event_manager.startup_items()
         if items:
             context = self.context
             plan = Plan("startup", [Stage("startup", items)], context.scope, self.num_envs, self.device, False)
@@ -217,57 +217,57 @@ class ManagerBasedRLEnv(RLEnv):
     def _stages(self) -> list[Stage]:
         context, safety, record = self.context, self._safety, self.recorder_manager
         in_step = context.within_step
-        apply, process = self.action_manager.apply(), self.action_manager.process()
+        apply, process = self.action_manager.apply_items(), self.action_manager.process_items()
         # Actions may be processed by one thread for each number. The count then takes part in that kernel's layout
         # (one of its threads does it), so that the two are not cut into two kernels.
         parts = int(any(isinstance(item, Section) and item.parts for item in process))
-        actions = [self._count_section(parts), *process, *record.pre_step()]
+        actions = [self._count_section(parts), *process, *record.pre_step_items()]
         measured = self._measure("launch_measured")
         # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
         # read which episodes end.
-        outcome = [safety.after_physics(), *self.termination_manager.compute()]
-        rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
+        outcome = [safety.after_physics(), *self.termination_manager.compute_items()]
+        rewards = [*self.reward_manager.compute_items(), *self.metrics_manager.compute_items()]
         # The curriculum reads sums and states of the episode that ended, so it runs before the reset clears them.
-        curriculum = only(self.curriculum_manager.compute(), in_step, context.is_finite)
+        curriculum = only(self.curriculum_manager.compute_items(), in_step, context.is_finite)
         reset: list[Item] = [
-            *record.pre_reset(),
-            *self.reward_manager.reset(),
-            *self.metrics_manager.reset(),
+            *record.pre_reset_items(),
+            *self.reward_manager.reset_items(),
+            *self.metrics_manager.reset_items(),
             safety.begin_reset(),
             *self._scenery_items(),
-            *self.event_manager.reset(),
+            *self.event_manager.reset_items(),
             # After the events, as spawned objects keep a distance from the positions that robots are reset to.
-            *self.object_manager.reset(),
-            *self.action_manager.reset(),
-            *self.command_manager.reset(),
-            *self.observation_manager.reset(),
+            *self.object_manager.reset_items(),
+            *self.action_manager.reset_items(),
+            *self.command_manager.reset_items(),
+            *self.observation_manager.reset_items(),
             # Class terms read the states that the events have set, and the length of the episode that ended.
             *self._reset_classes(),
             safety.end_reset(),
             *self._measure("launch_reset"),
         ]
-        events = [*self.event_manager.interval(), *self.event_manager.step()]
-        objects = self.object_manager.update()
+        events = [*self.event_manager.interval_items(), *self.event_manager.step_items()]
+        objects = self.object_manager.update_items()
         # Commands, observed sensors and observations follow forward kinematics: they read the bodies of new episodes.
-        commands = only(self.command_manager.compute(), in_step)
-        observe = only(self.observation_manager.compute(), context.within_step_or_reset)
+        commands = only(self.command_manager.compute_items(), in_step)
+        observe = only(self.observation_manager.compute_items(), context.within_step_or_reset)
         observed = self._measure("launch_observed")
         final = self._final_observations()
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
         # of this step reads it.
-        end = self.curriculum_manager.update()
+        end = self.curriculum_manager.update_items()
         log = Captured("log", context.log.finish, beside=True, fields=frozenset())
-        readers = [*record.post_reset(), *commands, *end, *observed, *observe, *actions, *apply]
+        readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
         self._bodies_later = self._may_leave_bodies(readers)
         after_physics = [
             *([Stage("measurements", measured)] if measured else []),
             Stage("outcome", only(outcome, in_step)),
-            Stage("rewards", [*only(rewards, in_step), *record.post_step()]),
-            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset(), in_step)]),
+            Stage("rewards", [*only(rewards, in_step), *record.post_step_items()]),
+            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset_items(), in_step)]),
             Stage("reset", reset),
             Stage("events", only(events, in_step)),
             Stage("objects", only(objects, in_step)),
-            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset()]),
+            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset_items()]),
             Stage("commands", commands),
             Stage("log", [*end, log]),
             Stage("sensors", observed),
@@ -301,7 +301,7 @@ class ManagerBasedRLEnv(RLEnv):
             self.event_manager,
             self.termination_manager,
         )
-        return [item for manager in managers for item in manager.reset_instances()]
+        return [item for manager in managers for item in manager.reset_instance_items()]
 
     def _may_leave_bodies(self, readers: list[Item]) -> bool:
         """Whether nothing needs the bodies between the reset and the next physics step, which computes them anyway.
@@ -351,7 +351,7 @@ class ManagerBasedRLEnv(RLEnv):
         if not self.cfg.compute_final_obs:
             return []
         copies, scope = [], self.context.scope
-        compute = self.observation_manager.compute(where_reset=True)
+        compute = self.observation_manager.compute_items(where_reset=True)
         for name, buffer in self.observation_manager.flat_buffers().items():
             source = scope.name(f"obs_{name}", buffer)
             target = scope.name(f"final_{name}", self.outputs.array(f"final.{name}"))

@@ -161,7 +161,7 @@ class ActionManager(ManagerBase):
 
     # -- items
 
-    def process(self) -> list[Item]:
+    def process_items(self) -> list[Item]:
         """Items that read the actions, process them, and set the targets that hold for the whole step."""
         if self._may_be_spread():
             body = self._take_in("part")
@@ -204,7 +204,7 @@ class ActionManager(ManagerBase):
                 return False
         return bool(terms)
 
-    def apply(self) -> list[Section | Eager]:
+    def apply_items(self) -> list[Section | Eager]:
         """Items that set targets before each physics step, for terms whose targets depend on the state."""
         items: list[Section | Eager] = []
         for name, term in self._terms.items():
@@ -218,7 +218,7 @@ class ActionManager(ManagerBase):
                     items.append(section)
         return items
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that set the actions to zero where an episode begins."""
         zero = [code("{}[env, i] = 0.0", self._action), code("{}[env, i] = 0.0", self._actions.field("prev_action"))]
         body = block(code("for i in range({}.shape[1]):", self._action), zero)

@@ -77,7 +77,7 @@ class CommandManager(ManagerBase):
 
     All bounds are parameters that a curriculum may change, such as ``commands.base_velocity.ranges.lin_vel_x``.
 
-    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which :meth:`compute` ran in the episode.
+    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which commands were updated.
     Isaac Lab divides the sum of a velocity's errors by the largest number of steps that a command may last, and logs
     the last error of a pose.
     """
@@ -147,8 +147,8 @@ class CommandManager(ManagerBase):
         """Attributes of class terms, and their metrics."""
         return [*super().instance_states(), *(term.metrics for term in self._torch.values())]
 
-    def reset_instances(self) -> list[Item]:
-        """None: :meth:`reset` resets the terms and logs their metrics."""
+    def reset_instance_items(self) -> list[Item]:
+        """None: :meth:`reset_items` resets the terms and logs their metrics."""
         return []
 
     def _copy_torch(self, name: str) -> None:
@@ -275,7 +275,7 @@ class CommandManager(ManagerBase):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that run in every step: clocks, resampling where it is due, updates, metrics."""
         context, metric = self.context, 0
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)] if self._terms else []
@@ -307,7 +307,7 @@ class CommandManager(ManagerBase):
             self.context.log_now(f"Metrics/{name}/{metric}", value)
         self._copy_torch(name)
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log the metrics, as means over the steps of the episode, and sample the first command."""
         context, steps, metric = self.context, self._steps_name, 0
         body = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]

@@ -47,7 +47,7 @@ class CurriculumManager(TermManager[CurriculumTermCfg]):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that run terms with ``env``, and torch terms, for environments whose episodes ended."""
         items: list[Item] = []
         for name, term in self._terms.items():
@@ -60,7 +60,7 @@ class CurriculumManager(TermManager[CurriculumTermCfg]):
                 items.append(Section("curriculum", [line], [name]).only(self.context.is_reset))
         return items
 
-    def update(self) -> list[Item]:
+    def update_items(self) -> list[Item]:
         """The item that runs the terms without ``env`` in one thread.
 
         It belongs at the end of the step, before the log is finished. Make it after the items of all other managers, so

@@ -47,15 +47,15 @@ class EventManager(TermManager[EventTermCfg]):
 
     # -- items
 
-    def startup(self) -> list[Item]:
+    def startup_items(self) -> list[Item]:
         """Items that run once, before the first reset, in all environments."""
         return self._everywhere("startup")
 
-    def step(self) -> list[Item]:
+    def step_items(self) -> list[Item]:
         """Items that run in every step, in all environments. They set ``moved``."""
         return self._everywhere("step")
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that run in the environments whose episode ended, and restart their interval clocks."""
         items: list[Item] = []
         ended = self.context.is_reset
@@ -73,7 +73,7 @@ class EventManager(TermManager[EventTermCfg]):
             _append(items, Section("events_clocks", [code("{}[env] = 0", c) for c in own_clocks]).only(ended))
         return self._model.complete("reset", items, last=not self._changes_model("interval", "step"))
 
-    def interval(self) -> list[Item]:
+    def interval_items(self) -> list[Item]:
         """Items that advance the clocks by a step and run the terms whose time is up. They set ``moved`` there."""
         items: list[Item] = []
         ticks = {name: source.tick() for name, term, source in self._of_mode("interval") if term.is_global_time}

@@ -115,7 +115,7 @@ class ManagerBase:
         """Attributes of class terms, of which the tensors are part of the environment's state."""
         return [vars(term) for term in self._instances.values()]
 
-    def reset_instances(self) -> list[Item]:
+    def reset_instance_items(self) -> list[Item]:
         """The item that resets class terms where an episode begins; none where no class has a ``reset``."""
         own = [term for term in self._instances.values() if type(term).reset is not ManagerTermBase.reset]
         indices = self.context.reset_mask.indices

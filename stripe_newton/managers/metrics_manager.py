@@ -39,7 +39,7 @@ class MetricsManager(TermManager[MetricTermCfg]):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that add the values of this step to the sums."""
         items: list[Item] = []
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)]
@@ -52,7 +52,7 @@ class MetricsManager(TermManager[MetricTermCfg]):
                 body.append(code("{}[env, {}] += {}  # {}", self._sums_name, index, call.expression(), name))
         return [*items, Section("metrics", body, self.active_terms)] if self._terms else []
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log the means and clear the sums, where an episode ended."""
         steps = self._steps_name
         lines = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]

@@ -120,7 +120,7 @@ class ObservationManager(ManagerBase):
 
     # -- items
 
-    def compute(self, where_reset: bool = False) -> list[Item]:
+    def compute_items(self, where_reset: bool = False) -> list[Item]:
         """Items that write all groups.
 
         Args:
@@ -161,7 +161,7 @@ class ObservationManager(ManagerBase):
             made.last.append(running_normalization(self.context, group, norm, *arrays, gather=gather))
         return made
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that draw biases and lags where an episode begins, and mark histories for refilling."""
         body: list[Code] = []
         for group, terms in self._terms.items():

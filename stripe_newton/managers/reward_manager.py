@@ -66,7 +66,7 @@ class RewardManager(TermManager[RewardTermCfg]):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
         scale = self.context.parameters.add("rewards.dt", self._dt, float)
         body, eager = list[Code](), list[Item]()
@@ -105,7 +105,7 @@ class RewardManager(TermManager[RewardTermCfg]):
         clip = self.context.parameters.add(f"rewards.{name}.clip", term.clip, wp.vec2)
         return code("wp.clamp({value}, ({clip})[0], ({clip})[1])", value=value, clip=clip)
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log the sums, divided by the longest duration of an episode, and clear them."""
         per_second = self.context.parameters.add("rewards.per_second", 1.0 / self.context.max_episode_length_s, float)
         lines = []

@@ -61,7 +61,7 @@ class TerminationManager(TermManager[TerminationTermCfg]):
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
         line, eager = self.context.code, list[Item]()
         body = [line("terminated = wp.bool({nonfinite}[env])"), line("truncated = wp.bool(False)")]
@@ -93,7 +93,7 @@ class TerminationManager(TermManager[TerminationTermCfg]):
         body += [code("{} = {}  # {}", value, call.expression(), name), code("{} = {}", kept, value)]
         return value
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log how often each term ended an episode."""
         log, line = self.context.log, self.context.code
         lines = []

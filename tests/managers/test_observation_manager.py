@@ -457,8 +457,8 @@ def test_problems_say_where_and_what_would_be_right(term, start, parts):
     context = manager_context(2)
     context.owner = context
     manager = ObservationManager({"policy": group({"t": term}, enable_corruption=True)}, context)
-    manager.compute()
-    manager.reset()
+    manager.compute_items()
+    manager.reset_items()
     assert len(context.problems) == 1, context.problems
     assert context.problems[0].startswith(f"{start}:")
     for part in parts:
