@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -111,13 +112,15 @@ class ManagerBasedRLEnv(RLEnv):
     """
 
     cfg: ManagerBasedRLEnvCfg
+    needs_policy: ClassVar[bool] = True
+    """Whether there must be a group of observations for a policy."""
 
     def __init__(self, cfg: ManagerBasedRLEnvCfg, render_mode: str | None = None, **kwargs: object):
         super().__init__(cfg, render_mode, **kwargs)
         self._make_managers()
         stages = self._stages()
         problems = self.context.problems
-        if "policy" not in self.observation_manager.buffers:
+        if self.needs_policy and "policy" not in self.observation_manager.buffers:
             problems.append("observations: has no group 'policy'; the learner needs it")
         if problems:
             raise ConfigError(problems)

@@ -16,7 +16,7 @@ from .event_cfg import EventTermCfg
 from .event_manager import EventManager, prestartup_events
 from .manager_base import ManagerBase
 from .metrics_manager import MetricsManager, MetricTermCfg
-from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierCfg
+from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierBase, ModifierCfg
 from .normalization import RunningNormCfg
 from .object_manager import ObjectManager
 from .object_pool import ObjectPool, ObjectPoolCfg, spawn_object_pools
@@ -54,6 +54,7 @@ __all__ = [
     "ManagerTermBase",
     "MetricTermCfg",
     "MetricsManager",
+    "ModifierBase",
     "ModifierCfg",
     "ObjectManager",
     "ObjectPool",

@@ -14,7 +14,7 @@ from stripe_newton.configclass import MISSING, is_config
 from stripe_newton.fusion import Eager, Item, resolve_entities
 
 from .context import ManagerContext
-from .term_class import ManagerTermBase, make_instance
+from .term_class import HasReset, ManagerTermBase, has_own_reset, make_instance
 
 __all__ = ["ManagerBase", "TermFunction", "is_warp_term", "terms_of", "with_terms"]
 
@@ -62,8 +62,8 @@ class ManagerBase:
 
     def __init__(self, cfg: object, context: ManagerContext):
         self.cfg, self.context = cfg, context
-        self._instances: dict[str, ManagerTermBase] = {}
-        """Instances of class terms by path."""
+        self._instances: dict[str, HasReset] = {}
+        """Instances of class terms, and of other classes of the user that begin anew with each episode, by path."""
 
     @property
     def active_terms(self) -> Sequence[str] | Mapping[str, list[str]]:
@@ -108,7 +108,7 @@ class ManagerBase:
         params = resolve_entities(term.params, self.context.scene.__getitem__)
         made = copy.copy(term)
         made.params = params
-        made.func = self._instances[path] = make_instance(f"{path}.func", func, made, self.context.env)
+        made.func = self._instances[f"{path}.func"] = make_instance(f"{path}.func", func, made, self.context.env)
         return made
 
     def instance_states(self) -> list[dict[str, Any]]:
@@ -117,7 +117,7 @@ class ManagerBase:
 
     def reset_instance_items(self) -> list[Item]:
         """The item that resets class terms where an episode begins; none where no class has a ``reset``."""
-        own = [term for term in self._instances.values() if type(term).reset is not ManagerTermBase.reset]
+        own = [term for term in self._instances.values() if has_own_reset(term)]
         indices = self.context.reset_mask.indices
 
         def run() -> None:

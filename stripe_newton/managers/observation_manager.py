@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import torch
 import warp as wp
 
 from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, only
@@ -17,7 +18,6 @@ from .normalization import running_normalization
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
 from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
 from .shared_observation import SharedObservation
-from .term_manager import TorchCall
 
 __all__ = ["ObservationManager"]
 
@@ -62,6 +62,7 @@ class ObservationManager(ManagerBase):
             one = make_observation_term(self.context, f"observations.{group}.{name}", term, cfg)
             if one is not None:
                 made[name] = one
+                self._instances |= one.processing.instances if one.processing is not None else {}
         return made
 
     def _allocate(self, group: str, allocate: Allocate) -> None:
@@ -142,8 +143,8 @@ class ObservationManager(ManagerBase):
                 write = image_writer(term.picture, array, term.first)
                 made.first.append(Captured(name, write, [name], fields=frozenset()))
                 continue
-            if term.call is None:
-                made.first.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
+            if term.values is not None:
+                made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
             source = ObservationSource(self.context, term, corrupt)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):
@@ -170,8 +171,8 @@ class ObservationManager(ManagerBase):
                 body += ObservationSource(self.context, term, corrupt).reset()
         return [Section("observations_reset", body).only(self.context.is_reset)] if body else []
 
-    def _torch(self, term: ObservationTerm) -> Callable[[], None]:
-        call, shape = TorchCall(self.context, term.cfg), (self.context.num_envs, term.size)
+    def _torch(self, term: ObservationTerm, call: Callable[[], torch.Tensor]) -> Callable[[], None]:
+        shape = self.context.num_envs, term.size
         target, first = (term.scratch, 0) if term.scratch else (term.target, term.first)
 
         def evaluate() -> None:
@@ -180,6 +181,8 @@ class ObservationManager(ManagerBase):
                 raise ValueError(
                     f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"
                 )
+            if term.processing is not None:
+                values = term.processing(values)
             self.context.torch(self.context.scope.values[target.text])[:, first : first + term.size] = values
 
         return evaluate

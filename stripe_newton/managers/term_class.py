@@ -13,7 +13,7 @@ from stripe_newton.scene import InteractiveScene
 if TYPE_CHECKING:
     from .context import ManagerContext
 
-__all__ = ["ManagerTermBase", "TermEnv", "make_instance"]
+__all__ = ["HasReset", "ManagerTermBase", "TermEnv", "has_own_reset", "make_instance"]
 
 
 class TermEnv(Protocol):
@@ -94,6 +94,19 @@ class ManagerTermBase:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Compute the term, as a torch function of its manager does."""
         raise NotImplementedError(f"{type(self).__name__} has no __call__, by which a manager computes it")
+
+
+class HasReset(Protocol):
+    """An object with a state that begins anew with each episode."""
+
+    def reset(self, env_ids: torch.Tensor | None = None) -> object:
+        """Begin new episodes in the environments ``env_ids``."""
+        ...
+
+
+def has_own_reset(instance: HasReset) -> bool:
+    """Whether the reset of an object does anything."""
+    return not isinstance(instance, ManagerTermBase) or type(instance).reset is not ManagerTermBase.reset
 
 
 Instance = TypeVar("Instance", bound=ManagerTermBase)

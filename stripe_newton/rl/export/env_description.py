@@ -233,7 +233,7 @@ def _group(env: ManagerBasedRLEnv, group: str) -> dict[str, object]:
                 "clip": term.clip,
                 "history_length": history,
                 "history_order": "oldest first" if history else None,
-                "modifiers": list(term.modifiers),
+                "modifiers": list(term.modifiers or ()),
                 "noise": _noise(term.noise if cfg.enable_corruption else None),
                 "delay_steps": [term.delay_min_lag, term.delay_max_lag],
             }
