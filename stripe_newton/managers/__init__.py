@@ -4,8 +4,10 @@
 from stripe_newton.fusion import SceneEntityCfg, TermState
 
 from .action_manager import ActionManager
+from .action_term import ActionTerm, KernelActionTerm
 from .actions_cfg import ActionManagerCfg, ActionTermCfg
 from .command_manager import CommandManager
+from .command_term import CommandTerm, KernelCommandTerm
 from .commands_cfg import CommandManagerCfg, CommandTermCfg
 from .context import ManagerContext
 from .curriculum_manager import CurriculumManager, CurriculumManagerCfg, CurriculumTermCfg
@@ -14,7 +16,7 @@ from .event_cfg import EventManagerCfg, EventTermCfg
 from .event_manager import EventManager, prestartup_events
 from .manager_base import ManagerBase
 from .metrics_manager import MetricsManager, MetricsManagerCfg, MetricTermCfg
-from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierCfg
+from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierBase, ModifierCfg
 from .normalization import RunningNormCfg
 from .object_manager import ObjectManager
 from .object_pool import ObjectManagerCfg, ObjectPool, ObjectPoolCfg, spawn_object_pools
@@ -24,15 +26,20 @@ from .recorder_manager import DatasetExportMode, RecorderManager, RecorderManage
 from .recorder_term import RecorderTerm, RecorderTermCfg
 from .recorders import ActionStateRecorderManagerCfg
 from .reward_manager import RewardManager, RewardManagerCfg, RewardTermCfg
+from .term_class import ManagerTermBase, TermEnv
+from .term_evaluation import TermEvaluation
+from .term_manager import TermManager
 from .termination_manager import TerminationManager, TerminationManagerCfg, TerminationTermCfg
 
 __all__ = [
     "ActionManager",
     "ActionManagerCfg",
     "ActionStateRecorderManagerCfg",
+    "ActionTerm",
     "ActionTermCfg",
     "CommandManager",
     "CommandManagerCfg",
+    "CommandTerm",
     "CommandTermCfg",
     "CurriculumManager",
     "CurriculumManagerCfg",
@@ -44,11 +51,15 @@ __all__ = [
     "EventManagerCfg",
     "EventTermCfg",
     "IntegratorCfg",
+    "KernelActionTerm",
+    "KernelCommandTerm",
     "ManagerBase",
     "ManagerContext",
+    "ManagerTermBase",
     "MetricTermCfg",
     "MetricsManager",
     "MetricsManagerCfg",
+    "ModifierBase",
     "ModifierCfg",
     "ObjectManager",
     "ObjectManagerCfg",
@@ -67,6 +78,9 @@ __all__ = [
     "RewardTermCfg",
     "RunningNormCfg",
     "SceneEntityCfg",
+    "TermEnv",
+    "TermEvaluation",
+    "TermManager",
     "TermState",
     "TerminationManager",
     "TerminationManagerCfg",

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import torch
 import warp as wp
 
 from stripe_newton.configclass import config_with
@@ -13,7 +14,7 @@ from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, onl
 
 from .context import ManagerContext
 from .image import image_writer
-from .manager_base import ManagerBase, terms_of
+from .manager_base import ManagerBase, terms_of, with_terms
 from .normalization import running_normalization
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
 from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
@@ -44,8 +45,11 @@ class ObservationManager(ManagerBase):
             allocate: ``allocate(name, size)`` makes the array ``(num_envs, size)`` of ``GROUP`` or ``GROUP.TERM``.
         """
         super().__init__(cfg, context)
-        self._groups = self.terms(_grouped(cfg), ObservationGroupCfg)
+        cfg = _grouped(cfg)
+        self._groups = self.terms(cfg, ObservationGroupCfg)
         self._terms = {group: self._make_terms(group, group_cfg) for group, group_cfg in self._groups.items()}
+        shown = {g: with_terms(c, {n: t.cfg for n, t in self._terms[g].items()}) for g, c in self._groups.items()}
+        self.cfg = with_terms(cfg, shown)
         self.buffers: dict[str, wp.array | dict[str, wp.array]] = {}
         self._raw: dict[str, wp.array] = {}
         """Arrays of the groups before normalisation."""
@@ -60,6 +64,7 @@ class ObservationManager(ManagerBase):
             one = make_observation_term(self.context, f"observations.{group}.{name}", term, cfg)
             if one is not None:
                 made[name] = one
+                self._instances |= one.processing.instances if one.processing is not None else {}
         return made
 
     def _allocate(self, group: str, allocate: Allocate) -> None:
@@ -140,8 +145,8 @@ class ObservationManager(ManagerBase):
                 write = image_writer(term.picture, array, term.first)
                 made.first.append(Captured(name, write, [name], fields=frozenset()))
                 continue
-            if term.call is None:
-                made.first.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
+            if term.values is not None:
+                made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
             source = ObservationSource(self.context, term, corrupt)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):
@@ -168,8 +173,8 @@ class ObservationManager(ManagerBase):
                 body += ObservationSource(self.context, term, corrupt).reset()
         return [Section("observations_reset", body).only(self.context.is_reset)] if body else []
 
-    def _torch(self, term: ObservationTerm) -> Callable[[], None]:
-        call, shape = self.torch_term(term.cfg.func, term.cfg.params), (self.context.num_envs, term.size)
+    def _torch(self, term: ObservationTerm, call: Callable[[], torch.Tensor]) -> Callable[[], None]:
+        shape = self.context.num_envs, term.size
         target, first = (term.scratch, 0) if term.scratch else (term.target, term.first)
 
         def evaluate() -> None:
@@ -178,6 +183,8 @@ class ObservationManager(ManagerBase):
                 raise ValueError(
                     f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"
                 )
+            if term.processing is not None:
+                values = term.processing(values)
             self.context.torch(self.context.scope.values[target.text])[:, first : first + term.size] = values
 
         return evaluate
@@ -187,13 +194,14 @@ class ObservationManager(ManagerBase):
         return self.table("Observation terms", ("Group", "Index", "Name", "Size"), rows)
 
 
-def _grouped(cfg: object) -> dict[str, object]:
-    """Groups by name; terms without a group are those of the policy."""
+def _grouped(cfg: object) -> object:
+    """The config; where it has terms without a group, a dict in which these are the group of the policy."""
     groups = terms_of(cfg)
-    loose = {name: groups.pop(name) for name in list(groups) if isinstance(groups[name], ObservationTermCfg)}
-    if not loose or "policy" in groups:  # both are an error, as the groups that remain show
-        return {**loose, **groups}
-    return {"policy": config_with(ObservationGroupCfg(enable_corruption=True), loose), **groups}
+    loose = {name: term for name, term in groups.items() if isinstance(term, ObservationTermCfg)}
+    if not loose or "policy" in groups:  # both of them are an error, which the terms in place of groups will be
+        return cfg
+    policy = config_with(ObservationGroupCfg(enable_corruption=True), loose)
+    return {"policy": policy, **{name: group for name, group in groups.items() if name not in loose}}
 
 
 @dataclass

@@ -14,7 +14,8 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, block, code
 
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import is_warp_term
+from .term_manager import TermManager
 
 __all__ = ["RewardManager", "RewardManagerCfg", "RewardTermCfg"]
 
@@ -49,24 +50,18 @@ class RewardManagerCfg:
     OPEN: ClassVar[tuple[type, ...]] = (RewardTermCfg,)
 
 
-class RewardManager(ManagerBase):
+class RewardManager(TermManager[RewardTermCfg]):
     """Weighted sum of terms, times the time step if ``scale_by_dt``; keeps the sum of each over the episode."""
 
     name = "rewards"
 
     def __init__(self, cfg: object, context: ManagerContext, scale_by_dt: bool = True):
-        super().__init__(cfg, context)
-        self._terms = self.terms(cfg, RewardTermCfg)
+        super().__init__(cfg, context, RewardTermCfg)
         self._dt = context.step_dt if scale_by_dt else 1.0
         self._sums = context.array("rewards.sums", float, len(self._terms))
         self._values = context.array("rewards.values", float, len(self._terms))
         self._sums_name = context.scope.name("reward_sums", self._sums)
         self._values_name = context.scope.name("reward_terms", self._values)
-
-    @property
-    def active_terms(self) -> list[str]:
-        """Names of the terms."""
-        return list(self._terms)
 
     @property
     def episode_sums(self) -> dict[str, torch.Tensor]:
@@ -113,7 +108,7 @@ class RewardManager(ManagerBase):
                 return None
             value = call.expression()
         else:
-            eager.append(Eager("rewards", self._torch(index, term), f"torch term '{name}'", [name]))
+            eager.append(Eager("rewards", self._torch(index, name), f"torch term '{name}'", [name]))
             value = code("{}[env, {}]", self._values_name, index)
         if term.clip is None:
             return value
@@ -130,8 +125,8 @@ class RewardManager(ManagerBase):
             lines.append(code("{} = 0.0", sum_))
         return [Section("rewards_log", lines).only(self.context.is_reset)] if lines else []
 
-    def _torch(self, index: int, term: RewardTermCfg) -> Callable[[], None]:
-        call = self.torch_term(term.func, term.params)
+    def _torch(self, index: int, name: str) -> Callable[[], None]:
+        call = self.call(name)
 
         def evaluate() -> None:
             self.step_reward[:, index] = call()

@@ -12,7 +12,8 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, code
 
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import is_warp_term
+from .term_manager import TermManager
 
 __all__ = ["TerminationManager", "TerminationManagerCfg", "TerminationTermCfg"]
 
@@ -39,20 +40,15 @@ class TerminationManagerCfg:
     OPEN: ClassVar[tuple[type, ...]] = (TerminationTermCfg,)
 
 
-class TerminationManager(ManagerBase):
+class TerminationManager(TermManager[TerminationTermCfg]):
     """Computes ``terminated``, ``truncated`` and their union ``reset``, and counts the causes."""
 
     name = "terminations"
+    FIXED = ("time_out",)
 
     def __init__(self, cfg: object, context: ManagerContext):
-        super().__init__(cfg, context)
-        self._terms = self.terms(cfg, TerminationTermCfg)
+        super().__init__(cfg, context, TerminationTermCfg)
         context.termination_names = list(self._terms)
-
-    @property
-    def active_terms(self) -> list[str]:
-        """Names of the terms."""
-        return list(self._terms)
 
     @property
     def terminated(self) -> torch.Tensor:
@@ -98,7 +94,7 @@ class TerminationManager(ManagerBase):
         """Source code of a term's value; None after problems. Its computation is added to ``body`` or ``eager``."""
         kept = self.context.code("{episode.term_terminated}[env, {}]", index)
         if not is_warp_term(term.func):
-            eager.append(Eager("terminations", self._torch(index, term), f"torch term '{name}'", [name]))
+            eager.append(Eager("terminations", self._torch(index, name), f"torch term '{name}'", [name]))
             return kept
         call = bind_term(self.context, term.func, term.params, f"{self.name}.{name}", "termination")
         if call is None:
@@ -117,8 +113,8 @@ class TerminationManager(ManagerBase):
         lines.append(log.line("Episode_Termination/non_finite", line("wp.where({nonfinite}[env], 1.0, 0.0)"), "count"))
         return [Section("terminations_log", lines).only(self.context.is_reset)]
 
-    def _torch(self, index: int, term: TerminationTermCfg) -> Callable[[], None]:
-        call = self.torch_term(term.func, term.params)
+    def _torch(self, index: int, name: str) -> Callable[[], None]:
+        call = self.call(name)
         out = self.context.torch(self.context.episode.term_terminated)
 
         def evaluate() -> None:

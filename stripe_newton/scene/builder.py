@@ -24,10 +24,11 @@ from stripe_newton.assets import (
 )
 from stripe_newton.assets.terrain_base import GroundAsset
 from stripe_newton.configclass import ConfigError
-from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file
+from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
+from stripe_newton.sim.spawners.model_names import NAMES_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
@@ -229,7 +230,7 @@ class SceneBuilder:
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
         stage = self._scene.stage
-        files, first = self._file_prims(stage, root, ignore), builder.shape_count
+        files, first = self._keyed_prims(FILE_KEY, root, ignore), builder.shape_count
         solver = self._scene.sim.cfg.solver
         report = load_stage(
             builder,
@@ -244,6 +245,8 @@ class SceneBuilder:
             mark_triangles(builder, first, concave_colliders(report.ignored))
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
+        for prim, names in self._keyed_prims(NAMES_KEY, root, ignore):
+            rename_model(builder, str(prim.GetPath()), names)
         self.reports.append(report)
 
     def _use_mujoco_contacts(self, value: bool) -> None:
@@ -251,13 +254,12 @@ class SceneBuilder:
         sim = self._scene.sim
         sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=value))
 
-    def _file_prims(
-        self, stage: Usd.Stage, root: str, ignore: tuple[str, ...]
-    ) -> list[tuple[Usd.Prim, dict[str, Any]]]:
-        prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(FILE_KEY))
+    def _keyed_prims(self, key: str, root: str, ignore: tuple[str, ...]) -> list[tuple[Usd.Prim, dict[str, Any]]]:
+        """Prims below ``root`` with custom data of a key, and these data."""
+        prims = (p for p in Usd.PrimRange(self._scene.stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
         # Where something is ignored it is what lies in the environments: they are loaded with their own root.
         inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
-        return [(p, json.loads(p.GetCustomDataByKey(FILE_KEY))) for p in inside]
+        return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
 
     def _adopt(self, layouts: list[Layout]) -> None:
         """Make assets of the articulations and free bodies that an imported stage brings."""
@@ -282,13 +284,15 @@ def _unique(name: str, taken: list[str]) -> str:
 
 def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> StageReport:
     """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
-    own = dict(options)
+    own, names = dict(options), json.loads(prim.GetCustomDataByKey(NAMES_KEY) or "{}")
     kind, path = own.pop("format"), own.pop("path")
     pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
     position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
     xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
     try:
-        return import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
+        report = import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
+        split_links(builder, str(prim.GetPath()), names.get("links", {}))
+        return report
     except RobotFileError as error:
         raise ValueError(f"{kind.upper()} file at '{prim.GetPath()}': {error}") from error
 

@@ -392,7 +392,7 @@ def test_terms_read_commands_by_name_and_kind():
 
 def test_null_command_has_no_numbers():
     world = World({"nothing": cfgs.NullCommandCfg(), "off": None, "walk": velocity()})
-    assert world.manager.active_terms == ["walk", "nothing"]
+    assert world.manager.active_terms == ["nothing", "walk"]
     with pytest.raises(KeyError, match="'nothing' is a NullCommand"):
         world.manager.get_command("nothing")
     with pytest.raises(KeyError, match="no command 'run'; there is walk"):

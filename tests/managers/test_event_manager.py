@@ -499,9 +499,9 @@ def test_torch_events_get_their_joints_as_indices():
     assert seen == [([1], [1])]
 
 
-def test_a_class_is_no_term():
+def test_a_class_of_another_kind_is_no_term():
     context = manager_context(num_envs=2, robot="cartpole")
     EventManager({"mine": EventTermCfg(func=dict, mode="reset")}, context)
     assert context.problems == [
-        "events.mine.func: is the class 'dict', must be a function, such as a method of an instance of it"
+        "events.mine.func: is the class 'dict', must be a function, or a class derived from ManagerTermBase"
     ]

@@ -429,9 +429,14 @@ LEG = joints("front_left_leg")
             ["2 numbers", "one or 8"],
         ),
         (
-            Term(mdp.joint_pos, noise=NoiseCfg(func=torch_squares)),
-            "observations.policy.t.noise",
-            ["NoiseCfg", "UniformNoiseCfg"],
+            Term(mdp.joint_pos, modifiers=[IntegratorCfg(dt=0.1)], noise=NoiseCfg(func=torch_squares)),
+            "observations.policy.t.modifiers.0",
+            ["computed by kernels", "torch"],
+        ),
+        (
+            Term(mdp.joint_pos, modifiers=[ModifierCfg(func=dict)]),
+            "observations.policy.t.modifiers.0.func",
+            ["dict", "ModifierBase"],
         ),
         (
             Term(mdp.joint_pos, modifiers=[ModifierCfg()]),
