@@ -51,7 +51,9 @@ def configclass(cls: type[T]) -> type[T]:
 
     Instances get ``replace(**changes)``, ``copy()``, ``to_dict()``, ``from_dict(data)`` (in place) and
     ``validate()``. A class adds checks of its own by a method ``problems(self)`` that yields
-    ``(field, message)`` pairs, and derived defaults by ``__post_init__``, as a dataclass does.
+    ``(field, message)`` pairs, and derived defaults by ``__post_init__``, as a dataclass does. Fields that follow from
+    others only when the config is used are filled by a method ``completed(self)`` that returns a copy; the copy is
+    what is checked.
 
     Fields without effect are declared with their reason, and a value other than the default is a warning::
 
@@ -341,6 +343,7 @@ def _warn_of_ignored(config: Config) -> None:
 
 def _walk(value: object, path: str) -> Iterator[str]:
     if is_config(value):
+        value = value.completed() if hasattr(value, "completed") else value
         _warn_of_ignored(value)
         missing = [name for name in field_names(value) if getattr(value, name) is MISSING]
         yield from (f"{path}{name}: is missing, {type(value).__name__} needs a value" for name in missing)

@@ -9,13 +9,11 @@ import torch
 
 from stripe_newton.configclass import configclass
 
-from .manager_based_rl_env import ManagerBasedRLEnv, ManagerBasedRLEnvCfg
+from .manager_based_rl_env import ManagerBasedRLEnv
+from .manager_based_rl_env_cfg import MAX_STEPS, ManagerBasedRLEnvCfg
 from .rl_env import Extras, Observations
 
 __all__ = ["ManagerBasedEnv", "ManagerBasedEnvCfg"]
-
-_MAX_STEPS = 2**31 - 2
-"""Steps of an episode without end: the largest count of the environment's clocks, less one."""
 
 
 @configclass
@@ -30,7 +28,7 @@ class ManagerBasedEnvCfg(ManagerBasedRLEnvCfg):
     def complete(self) -> None:
         """Let an episode last for ever."""
         ManagerBasedRLEnvCfg.complete(self)
-        self.episode_length_s = _MAX_STEPS * self.decimation * self.sim.dt
+        self.episode_length_s = MAX_STEPS * self.decimation * self.sim.dt
 
 
 class ManagerBasedEnv(ManagerBasedRLEnv):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, overload
 
 import newton
 import warp as wp
@@ -39,6 +39,7 @@ from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
+from .scene_parts import Part, part_kind
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
 from .scenery_stage import paths_pattern
 
@@ -66,23 +67,78 @@ class SceneBuilder:
         self.checks: list[Callable[[], Iterable[str]]] = []
         self.authored_joints: AuthoredJoints | None = None
         self.template_labels: list[str] = []
+        self._authored: set[str] = set()
+        """Names of the config's parts that have been added."""
 
     # -- adding
 
-    def build_terrain(self, cfg: TerrainBaseCfg | AssetBaseCfg, name: str = "terrain") -> TerrainBase:
-        """Add the ground of the environments; it becomes ``scene.terrain``."""
+    def author(self) -> None:
+        """Add all that the config names and that is not there yet, in the order of the config."""
+        for name, cfg in self._configured():
+            self._add(name, cfg)
+
+    def _configured(self, kind: str | None = None) -> list[tuple[str, Part]]:
+        """What the config names and that is not there yet, of one kind or of all, by name.
+
+        Raises:
+            ValueError: for a field that is no asset and no sensor, or a name that a field and a dict both have.
+        """
+        parts = self._scene.cfg.parts()
+        names = [name for name, _ in parts]
+        for name, cfg in parts:
+            if names.count(name) > 1:
+                raise ValueError(f"scene.{name}: two parts have this name; give each its own")
+            if part_kind(name, cfg) is None:
+                raise ValueError(f"scene.{name}: {type(cfg).__name__} is no asset or sensor config")
+        return [(n, c) for n, c in parts if n not in self._authored and kind in (None, part_kind(n, c))]
+
+    def _add(self, name: str, cfg: Part) -> None:
+        self._authored.add(name)
+        kind = part_kind(name, cfg)
+        if kind == "terrain":
+            self.build_terrain(cfg)
+        elif kind == "robot":
+            self.build_robot(name, cfg)
+        elif kind == "object":
+            self.build_objects({name: cfg})
+        else:
+            self.build_sensors({name: cfg})
+
+    def build_terrain(self, cfg: TerrainBaseCfg | AssetBaseCfg | None = None) -> TerrainBase | None:
+        """Add the ground of the environments; it becomes ``scene.terrain``. By default it is that of the config."""
+        if cfg is None:
+            for name, own in self._configured("terrain"):
+                self._add(name, own)
+            return self._scene.terrain
         make: Callable[..., Any] = cfg.class_type or GroundAsset
         with self._scene.construction():
             self._scene.terrain = make(cfg)
         return self._scene.terrain
 
-    def build_robot(self, name: str, cfg: ArticulationCfg) -> Articulation:
-        """Add an articulation; it becomes ``scene.articulations[name]``."""
+    @overload
+    def build_robot(self, name: str, cfg: ArticulationCfg) -> Articulation: ...
+
+    @overload
+    def build_robot(self) -> dict[str, Articulation]: ...
+
+    def build_robot(
+        self, name: str | None = None, cfg: ArticulationCfg | None = None
+    ) -> Articulation | dict[str, Articulation]:
+        """Add an articulation; it becomes ``scene.articulations[name]``. By default all those of the config."""
+        if name is None:
+            names = [n for n, own in self._configured("robot") if self._add(n, own) is None]
+            return {n: self._scene.articulations[n] for n in names}
         self._scene.articulations[name] = self._make(cfg)
         return self._scene.articulations[name]
 
-    def build_objects(self, objects: Mapping[str, AssetBaseCfg]) -> dict[str, Any]:
-        """Add rigid objects and static assets by name; they become ``scene.rigid_objects`` and ``scene.extras``."""
+    def build_objects(self, objects: Mapping[str, AssetBaseCfg] | None = None) -> dict[str, Any]:
+        """Add rigid objects and static assets by name; they become ``scene.rigid_objects`` and ``scene.extras``.
+
+        By default all those of the config.
+        """
+        if objects is None:
+            names = [n for n, own in self._configured("object") if self._add(n, own) is None]
+            return {n: self._scene[n] for n in names}
         made = {name: self._make(cfg) for name, cfg in objects.items()}
         for name, asset in made.items():
             if isinstance(asset, RigidObject):
@@ -91,8 +147,14 @@ class SceneBuilder:
                 self._scene.extras[name] = asset
         return made
 
-    def build_sensors(self, sensors: Mapping[str, SensorCfg]) -> dict[str, SensorBase]:
-        """Add sensors by name; they become ``scene.sensors``. They bind to the model after the assets."""
+    def build_sensors(self, sensors: Mapping[str, SensorCfg] | None = None) -> dict[str, SensorBase]:
+        """Add sensors by name; they become ``scene.sensors``. They bind to the model after the assets.
+
+        By default all those of the config.
+        """
+        if sensors is None:
+            names = [n for n, own in self._configured("sensor") if self._add(n, own) is None]
+            return {n: self._scene.sensors[n] for n in names}
         made = {name: self._make(cfg) for name, cfg in sensors.items()}
         self._scene.sensors.update(made)
         return made

@@ -55,7 +55,7 @@ class SimulationCfg:
     solver: SolverCfg = MuJoCoSolverCfg()
     """The solver and its options."""
     contact_forces: bool = False
-    """Export contact forces in every step, for :meth:`SceneQuerier.get_contact_forces`."""
+    """Export contact forces in every step; :meth:`SceneQuerier.get_contact_forces` then does not compute them anew."""
     observables: Sequence[str] = ()
     """Arrays that the solver reports beyond the state, by Newton's names: ``"body_qdd"`` for accelerations of bodies,
     ``"body_parent_f"`` for the wrenches of their joints."""
