@@ -18,6 +18,7 @@ from stripe_newton.managers import (
     ActionManager,
     CommandManager,
     CurriculumManager,
+    CustomManagerCfg,
     EventManager,
     ManagerBase,
     MetricsManager,
@@ -29,7 +30,10 @@ from stripe_newton.managers import (
     prestartup_events,
     spawn_object_pools,
 )
+from stripe_newton.managers.custom_manager import make_custom_managers
+from stripe_newton.managers.default_reset import default_reset_items
 from stripe_newton.managers.manager_base import terms_of
+from stripe_newton.managers.outside_step import OutsideStep
 from stripe_newton.scene import InteractiveSceneCfg, SceneBuilder, SceneController, SceneQuerier
 from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import SimulationCfg
@@ -87,6 +91,7 @@ class LabScene(SteppedScene):
     Attributes:
         action_manager, observation_manager, reward_manager, termination_manager, event_manager, command_manager,
         curriculum_manager, object_manager, metrics_manager, recorder_manager: The managers.
+        custom_managers: Managers of your own, by name.
     """
 
     cfg: ManagerBasedRLEnvCfg
@@ -158,6 +163,8 @@ class LabScene(SteppedScene):
         if self._reads("external_wrench"):
             self.sim.enable_external_wrench()
         self._provide_structs()
+        # First, as terms of the others may read structs that they offer.
+        self.custom_managers = make_custom_managers(cfg.managers, context)
         self.event_manager = EventManager(cfg.events, context)
         self.object_manager = ObjectManager(cfg.objects, context)
         self.action_manager = ActionManager(cfg.actions, context)
@@ -168,6 +175,11 @@ class LabScene(SteppedScene):
         self.observation_manager = ObservationManager(cfg.observations, context, self._reserve_observations)
         self.curriculum_manager = CurriculumManager(cfg.curriculum, context)
         self.recorder_manager = RecorderManager(cfg.recorders, context)
+        self._outside = OutsideStep(context)
+        if self.action_manager.total_action_dim:
+            self.controller.process_actions = self.action_manager.process
+        if self.event_manager.dynamics_terms:
+            self.controller.randomize_by_events = self.event_manager.randomize_dynamics
 
     def _provide_structs(self) -> None:
         """Offer structs of a subclass to its terms, by ``self.context.provide(struct, name)``. The default offers none.
@@ -177,7 +189,7 @@ class LabScene(SteppedScene):
 
     def _terms(self) -> Iterator[wp.Function]:
         """Warp functions of all terms in the config."""
-        todo: list[object] = [getattr(self.cfg, name) for name in _FIELDS]
+        todo: list[object] = [getattr(self.cfg, name) for name in (*_FIELDS, "managers")]
         while todo:
             cfg = todo.pop()
             for value in cfg.values() if isinstance(cfg, dict) else vars(cfg).values() if is_config(cfg) else ():
@@ -185,6 +197,8 @@ class LabScene(SteppedScene):
                     yield value
                 elif isinstance(value, dict) or is_config(value):
                     todo.append(value)
+                if isinstance(value, CustomManagerCfg):
+                    yield from value.class_type.functions
 
     def _reads(self, field: str) -> bool:
         """Whether a Warp term reads or writes a field, or cannot be known not to."""
@@ -214,11 +228,32 @@ class LabScene(SteppedScene):
             self.outputs.reserve(f"final.{name}", wp.float32, shape)
         return array
 
+    # -- answers between steps
+
+    def compute_observations(self) -> Observations:
+        """Observations of the present state by group; see :meth:`ObservationManager.compute`."""
+        return self.observation_manager.compute()
+
+    def compute_rewards(self) -> torch.Tensor:
+        """Reward of the present state, and of the ends of episodes that it means, float, shape ``(num_envs,)``.
+
+        Sums of the episode and states of terms stay as they are.
+        """
+        managers = self.termination_manager, self.reward_manager
+        states = [state for manager in managers for state in manager.instance_states()]
+        with self._outside.computed("rewards", lambda: [i for m in managers for i in m.compute_items()], states):
+            return self.reward_buf.clone()
+
+    def compute_terminations(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Terminated and truncated by the present state, bool, shape ``(num_envs,)`` each. Nothing is reset."""
+        return self.termination_manager.compute()
+
     def _make_spaces(self) -> None:
         """Make spaces of observations and actions. A lab scene has none; startup events may ask for them."""
 
     def _startup(self) -> None:
         items = self.event_manager.startup_items()
+        items += [item for manager in self.custom_managers.values() for item in manager.startup_items()]
         if items:
             context = self.context
             plan = Plan("startup", [Stage("startup", items)], context.scope, self.num_envs, self.device, False)
@@ -229,6 +264,20 @@ class LabScene(SteppedScene):
 
     # -- the step
 
+    def step(
+        self, action: torch.Tensor | None = None
+    ) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
+        """See :meth:`SteppedScene.step`. A scene without action terms takes no actions.
+
+        Raises:
+            ValueError: also if there are no actions for the action terms.
+        """
+        if action is None:
+            action = torch.empty(self._action_shape, device=self.device)
+            if action.numel():
+                raise ValueError(f"step needs actions of shape {tuple(action.shape)}")
+        return super().step(action)
+
     def _stages(self) -> list[Stage]:
         context, safety, record = self.context, self._safety, self.recorder_manager
         in_step = context.within_step
@@ -236,26 +285,35 @@ class LabScene(SteppedScene):
         # Actions may be processed by one thread for each number. The count then takes part in that kernel's layout
         # (one of its threads does it), so that the two are not cut into two kernels.
         parts = int(any(isinstance(item, Section) and item.parts for item in process))
+        own = list(self.custom_managers.values())
+        apply += [item for m in own for item in m.substep_items()]
+        process += [item for m in own for item in m.action_items()]
         actions = [self._count_section(parts), *process, *record.pre_step_items()]
         measured = self._measure("launch_measured")
         # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
         # read which episodes end.
-        outcome = [safety.after_physics(), *self.termination_manager.compute_items()]
+        after = [item for m in own for item in m.physics_items()]
+        outcome = [safety.after_physics(), *after, *self.termination_manager.compute_items()]
         rewards = [*self.reward_manager.compute_items(), *self.metrics_manager.compute_items()]
+        rewards += [item for m in own for item in m.reward_items()]
         # The curriculum reads sums and states of the episode that ended, so it runs before the reset clears them.
         curriculum = only(self.curriculum_manager.compute_items(), in_step, context.is_finite)
+        curriculum += only([item for m in own for item in m.log_items()], in_step, context.is_reset)
         reset: list[Item] = [
             *record.pre_reset_items(),
             *self.reward_manager.reset_items(),
             *self.metrics_manager.reset_items(),
             safety.begin_reset(),
             *self._scenery_items(),
+            # Before the events, which override it: what nobody resets must not go on from the last episode.
+            *self._default_reset_items(),
             *self.event_manager.reset_items(),
             # After the events, as spawned objects keep a distance from the positions that robots are reset to.
             *self.object_manager.reset_items(),
             *self.action_manager.reset_items(),
             *self.command_manager.reset_items(),
             *self.observation_manager.reset_items(),
+            *only([item for m in own for item in m.reset_items()], context.is_reset),
             # Class terms read the states that the events have set, and the length of the episode that ended.
             *self._reset_classes(),
             safety.end_reset(),
@@ -265,7 +323,8 @@ class LabScene(SteppedScene):
         objects = self.object_manager.update_items()
         # Commands, observed sensors and observations follow forward kinematics: they read the bodies of new episodes.
         commands = only(self.command_manager.compute_items(), in_step)
-        observe = only(self.observation_manager.compute_items(), context.within_step_or_reset)
+        before = [item for m in own for item in m.observation_items()]
+        observe = only([*before, *self.observation_manager.compute_items()], context.within_step_or_reset)
         observed = self._measure("launch_observed")
         final = self._final_observations()
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
@@ -289,6 +348,12 @@ class LabScene(SteppedScene):
             Stage("observations", observe),
         ]
         return [Stage("actions", actions), Stage("physics", [self._physics(apply)]), *self._counting(after_physics)]
+
+    def _default_reset_items(self) -> list[Item]:
+        """The item that brings assets to their default state that neither an event nor a pool resets."""
+        events = [term for _, term in self.event_manager.items()]
+        pooled = [name for pool in self.object_manager.pools.values() for name in pool.names]
+        return default_reset_items(self.context, events, pooled, self.cfg.keep_at_reset)
 
     def _counting(self, stages: list[Stage]) -> list[Stage]:
         """Let the first host function after the physics count the step: torch terms see a count that includes it."""
@@ -407,7 +472,7 @@ class LabScene(SteppedScene):
     def managers(self) -> list[ManagerBase]:
         """All managers that have terms."""
         every = [v for v in vars(self).values() if isinstance(v, ManagerBase)]
-        return [m for m in every if m.active_terms]
+        return [m for m in every if m.active_terms] + list(self.custom_managers.values())
 
     @property
     def actions(self) -> torch.Tensor:
@@ -435,6 +500,7 @@ class LabScene(SteppedScene):
     def state_parts(self) -> list[dict[str, torch.Tensor]]:
         """Tensors of class terms; see :meth:`SteppedScene.state_parts`."""
         every = [v for v in vars(self).values() if isinstance(v, ManagerBase)]
+        every += self.custom_managers.values()
         return [part for manager in every for part in manager.instance_states()]
 
     def close_extras(self, **kwargs: object) -> None:

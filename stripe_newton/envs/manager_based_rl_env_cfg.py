@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from stripe_kernels import mdp
 from stripe_newton.configclass import MISSING, configclass
@@ -40,7 +40,9 @@ class ManagerBasedRLEnvCfg(RLEnvCfg):
     terminations: object = MISSING
     """Termination terms: :class:`TerminationTermCfg`."""
     events: object = DefaultEventsCfg()
-    """Events: :class:`EventTermCfg`; by default a reset brings everything to its default state."""
+    """Events: :class:`EventTermCfg`. An asset whose root or joints no event resets begins in its default state."""
+    keep_at_reset: Sequence[str] = ()
+    """Expressions for the names of assets that stay as they are where an episode begins, unless events reset them."""
     commands: object = None
     """Command terms."""
     curriculum: object = None
@@ -49,6 +51,8 @@ class ManagerBasedRLEnvCfg(RLEnvCfg):
     """Pools of rigid objects: :class:`ObjectPoolCfg`."""
     metrics: object = None
     """Metric terms: :class:`MetricTermCfg`."""
+    managers: object = None
+    """Managers of your own by name: :class:`CustomManagerCfg`."""
     recorders: object = None
     """Recorder terms and the file they write to: :class:`RecorderManagerBaseCfg`."""
     scale_rewards_by_dt: bool = True

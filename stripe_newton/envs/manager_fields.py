@@ -12,6 +12,7 @@ from stripe_newton.managers import (
     ActionTermCfg,
     CommandTermCfg,
     CurriculumTermCfg,
+    CustomManagerCfg,
     EventTermCfg,
     MetricTermCfg,
     ObjectPoolCfg,
@@ -36,6 +37,7 @@ MANAGER_FIELDS: dict[str, tuple[type, ...]] = {
     "objects": (ObjectPoolCfg,),
     "metrics": (MetricTermCfg,),
     "recorders": (RecorderTermCfg,),
+    "managers": (CustomManagerCfg,),
 }
 """Classes of the terms, by the field of the config that has them."""
 _TERMS = tuple(kind for kinds in MANAGER_FIELDS.values() for kind in kinds)

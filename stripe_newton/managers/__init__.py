@@ -11,6 +11,7 @@ from .command_term import CommandTerm, KernelCommandTerm
 from .commands_cfg import CommandManagerCfg, CommandTermCfg
 from .context import ManagerContext
 from .curriculum_manager import CurriculumManager, CurriculumManagerCfg, CurriculumTermCfg
+from .custom_manager import CustomManager, CustomManagerCfg
 from .episode_file import EpisodeFile
 from .event_cfg import EventManagerCfg, EventTermCfg
 from .event_manager import EventManager, prestartup_events
@@ -44,6 +45,8 @@ __all__ = [
     "CurriculumManager",
     "CurriculumManagerCfg",
     "CurriculumTermCfg",
+    "CustomManager",
+    "CustomManagerCfg",
     "DatasetExportMode",
     "DigitalFilterCfg",
     "EpisodeFile",

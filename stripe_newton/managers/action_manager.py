@@ -152,12 +152,39 @@ class ActionManager(ManagerBase):
     @property
     def processed_actions(self) -> torch.Tensor:
         """Processed actions of all terms, joined, shape ``(num_envs, n)``."""
+        if not self._terms:
+            return self.action
         return torch.cat([self._processed(name) for name in self._terms], dim=-1)
 
     def _processed(self, name: str) -> torch.Tensor:
         if name in self._torch:
             return self._torch[name].processed_actions
         return self.context.torch(self._sources[name].processed_array)
+
+    # -- between steps
+
+    def process(self, actions: torch.Tensor) -> torch.Tensor:
+        """Take actions as a step does: process them, and set the targets that hold for the whole step.
+
+        Args:
+            actions: Shape ``(num_envs, total_action_dim)``.
+
+        Returns:
+            A copy of :attr:`processed_actions`.
+
+        Raises:
+            ValueError: for another shape.
+        """
+        expected = self.context.num_envs, self.total_action_dim
+        if tuple(actions.shape) != expected:
+            raise ValueError(f"actions have shape {tuple(actions.shape)}, expected {expected}")
+        self.context.torch(self.input).copy_(actions)
+        self._outside.run("actions", self.process_items)
+        return self.processed_actions.clone()
+
+    def apply(self) -> None:
+        """Set the targets that depend on the state, as before each physics step of a step."""
+        self._outside.run("actions_apply", self.apply_items)
 
     # -- items
 

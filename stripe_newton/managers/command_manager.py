@@ -273,6 +273,12 @@ class CommandManager(ManagerBase):
             self._views[name] = KernelCommandTerm(term.cfg, self.context, term.data)
         return self._views[name]
 
+    # -- between steps
+
+    def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Sample new commands in some environments; None means all of them."""
+        self._outside.run_in("commands", self.reset_items, env_ids)
+
     # -- items
 
     def compute_items(self) -> list[Item]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -44,6 +44,50 @@ class EventManager(TermManager[EventTermCfg]):
             context.problems += problems
             if problems:
                 del self._terms[name]
+
+    def items(self) -> list[tuple[str, EventTermCfg]]:
+        """Names and configs of the terms, in order."""
+        return list(self._terms.items())
+
+    # -- between steps
+
+    def apply(self, mode: str, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Run the terms of a mode in some environments, whatever their clocks and step counts say.
+
+        Args:
+            mode: ``"startup"``, ``"reset"``, ``"interval"`` or ``"step"``.
+            env_ids: The environments; None for all.
+
+        Raises:
+            ValueError: if there is no term of this mode.
+        """
+        terms = [name for name, term in self._terms.items() if term.mode == mode]
+        if not terms:
+            there = ", ".join(dict.fromkeys(term.mode for term in self._terms.values())) or "none"
+            raise ValueError(f"events: there is no term of mode '{mode}'; there are {there}")
+        self._outside.run_in(f"events_{mode}", lambda: self._chosen_items(terms), env_ids)
+
+    @property
+    def dynamics_terms(self) -> list[str]:
+        """Names of the terms that change the model, such as masses and gains."""
+        return [name for name, term in self._terms.items() if self._model.concerns(term.func)]
+
+    def randomize_dynamics(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Run the terms that change the model, of all modes, in some environments; None means all of them."""
+        self._outside.run_in("dynamics", lambda: self._chosen_items(self.dynamics_terms), env_ids)
+
+    def _chosen_items(self, names: Sequence[str]) -> list[Item]:
+        """Items that run terms in the environments of the reset mask."""
+        items: list[Item] = []
+        for name in names:
+            term = self._terms[name]
+            if is_warp_term(term.func):
+                lines = EventSource(self.context, self._model, name, term).calls(term.func)
+                lines = [code("# {}", name), *lines, self.context.code("{moved}[env] = True")]
+                _append(items, Section("events_chosen", lines, [name]).only(self.context.is_reset))
+            else:
+                items.append(self._eager(term.mode, name, self.context.reset_mask.indices))
+        return self._model.complete("chosen", items, last=True)
 
     # -- items
 

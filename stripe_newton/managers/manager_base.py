@@ -14,6 +14,7 @@ from stripe_newton.configclass import MISSING, is_config
 from stripe_newton.fusion import Eager, Item, resolve_entities
 
 from .context import ManagerContext
+from .outside_step import OutsideStep
 from .term_class import HasReset, ManagerTermBase, has_own_reset, make_instance
 
 __all__ = ["ManagerBase", "TermFunction", "is_warp_term", "terms_of", "with_terms"]
@@ -50,7 +51,9 @@ def with_terms(cfg: object, terms: Mapping[str, object]) -> object:
 
 
 class ManagerBase:
-    """Base of managers: terms of one kind, turned into the items of a step. It computes nothing on the host.
+    """Base of managers: terms of one kind, turned into the items of a step.
+
+    Methods that end in ``_items`` give the items of a step. The others answer and act between steps.
 
     Attributes:
         cfg: Config or dict of the terms; of a class term it has the instance.
@@ -62,6 +65,7 @@ class ManagerBase:
 
     def __init__(self, cfg: object, context: ManagerContext):
         self.cfg, self.context = cfg, context
+        self._outside = OutsideStep(context)
         self._instances: dict[str, HasReset] = {}
         """Instances of class terms, and of other classes of the user that begin anew with each episode, by path."""
 

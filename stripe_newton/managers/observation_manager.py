@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import torch
 import warp as wp
@@ -121,22 +122,41 @@ class ObservationManager(ManagerBase):
             flat |= {f"{group}.{n}": b for n, b in buffer.items()} if isinstance(buffer, dict) else {group: buffer}
         return flat
 
+    # -- between steps
+
+    def compute(self) -> dict[str, torch.Tensor | dict[str, torch.Tensor]]:
+        """Observations of the present state by group; a dict by term where the terms are not concatenated.
+
+        In histories and delays the present values take the place of the last ones. So right after a step they are those
+        of the step, but for noise, which is drawn anew, and for modifiers, which go on from their state. Histories,
+        statistics, random streams and states of terms stay as they are.
+        """
+        with self._outside.computed("observations", partial(self.compute_items, again=True), self.instance_states()):
+            return {group: self._copied(group, buffer) for group, buffer in self.buffers.items()}
+
+    def _copied(self, group: str, buffer: wp.array | dict[str, wp.array]) -> torch.Tensor | dict[str, torch.Tensor]:
+        if isinstance(buffer, dict):
+            return {k: self.context.torch(v).clone().view(-1, *self.shape(group, k)) for k, v in buffer.items()}
+        return self.context.torch(buffer).clone().view(-1, *self.shape(group))
+
     # -- items
 
-    def compute_items(self, where_reset: bool = False) -> list[Item]:
+    def compute_items(self, where_reset: bool = False, again: bool = False) -> list[Item]:
         """Items that write all groups.
 
         Args:
             where_reset: Write them only where an episode just ended, before these environments are reset.
+            again: Replace the last values in delays and histories, and leave the statistics of normalisation.
         """
         # A term that several groups share is written with the first group that has it. So all groups are read before
         # their sections are made.
         shared: list[SharedObservation] = []
-        groups = [self._group_items(group, shared, gather=not where_reset) for group in self._terms]
+        gather = not where_reset and not again
+        groups = [self._group_items(group, shared, gather, again) for group in self._terms]
         items = [item for group in groups for item in group.items()]
         return only(items, self.context.is_reset) if where_reset else items
 
-    def _group_items(self, group: str, shared: list[SharedObservation], gather: bool) -> _GroupItems:
+    def _group_items(self, group: str, shared: list[SharedObservation], gather: bool, again: bool) -> _GroupItems:
         """Items of one group. Wide terms join an equal one in ``shared``, or are added to it for later groups."""
         corrupt, made, parts = self._groups[group].enable_corruption, _GroupItems(group), 0
         for name, term in self._terms[group].items():
@@ -147,7 +167,7 @@ class ObservationManager(ManagerBase):
                 continue
             if term.values is not None:
                 made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
-            source = ObservationSource(self.context, term, corrupt)
+            source = ObservationSource(self.context, term, corrupt, again)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):
                     made.shared.append(SharedObservation(group, name, term, source))

@@ -113,11 +113,17 @@ class Delay:
     filled: Code
     bounds: Code
 
-    def step(self, target: Code) -> list[Code]:
-        """Lines that push each value ``i`` of ``target`` into the ring and replace it by the delayed one."""
+    def step(self, target: Code, again: bool = False) -> list[Code]:
+        """Lines that push each value ``i`` of ``target`` into the ring and replace it by the delayed one.
+
+        Args:
+            target: The value of index ``i``.
+            again: Replace the last value that was pushed instead.
+        """
         ring, head, depth = self.ring, self.head, self.depth
+        advance = [] if again else [code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth)]
         return [
-            code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth),
+            *advance,
             code("past = ({}[env] - {}[env] + {}) % {}", head, self.lag, depth, depth),
             code("fresh = wp.bool({}[env] == 0)", self.filled),
             *block(

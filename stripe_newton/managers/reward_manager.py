@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
 import torch
@@ -73,6 +74,24 @@ class RewardManager(TermManager[RewardTermCfg]):
     def step_reward(self) -> torch.Tensor:
         """Weighted terms of the last step, per second where they are scaled by dt, shape ``(num_envs, num_terms)``."""
         return self.context.torch(self._values)
+
+    # -- between steps
+
+    def compute(self) -> torch.Tensor:
+        """Reward of the present state, float, shape ``(num_envs,)``. Sums of the episode and states of terms stay.
+
+        Terms about ends of episodes read those of the last step.
+        """
+        with self._computed():
+            return self.context.torch(self.context.reward).clone()
+
+    def compute_terms(self) -> torch.Tensor:
+        """Weighted terms of the present state, as :attr:`step_reward` has them, shape ``(num_envs, num_terms)``."""
+        with self._computed():
+            return self.step_reward.clone()
+
+    def _computed(self) -> AbstractContextManager[None]:
+        return self._outside.computed("rewards", self.compute_items, self.instance_states())
 
     # -- items
 

@@ -69,6 +69,13 @@ class TerminationManager(TermManager[TerminationTermCfg]):
         """Values of a term in the last step, bool, shape ``(num_envs,)``."""
         return self.context.torch(self.context.episode.term_terminated)[:, self.active_terms.index(name)]
 
+    # -- between steps
+
+    def compute(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Terminated and truncated by the present state, bool, shape ``(num_envs,)`` each. Nothing is reset."""
+        with self._outside.computed("terminations", self.compute_items, self.instance_states()):
+            return self.terminated.clone(), self.time_outs.clone()
+
     # -- items
 
     def compute_items(self) -> list[Item]:
