@@ -512,6 +512,14 @@ class LabScene(SteppedScene):
 
 def _without_task(scene: InteractiveSceneCfg, sim: SimulationCfg, decimation: int) -> ManagerBasedRLEnvCfg:
     """Config of a scene without a task: no terms, and episodes that only a reset ends."""
-    none = {name: {} for name in ("observations", "actions", "rewards", "terminations", "events")}
-    length = MAX_STEPS * decimation * sim.dt
-    return ManagerBasedRLEnvCfg(scene=scene, sim=sim, decimation=decimation, episode_length_s=length, **none)
+    return ManagerBasedRLEnvCfg(
+        scene=scene,
+        sim=sim,
+        decimation=decimation,
+        episode_length_s=MAX_STEPS * decimation * sim.dt,
+        observations={},
+        actions={},
+        rewards={},
+        terminations={},
+        events={},
+    )

@@ -32,7 +32,7 @@ class ManagerBasedRLEnv(LabScene, RLEnv):
             ConfigError: all problems of the config at once.
             TypeError: for an unknown argument.
         """
-        super().__init__(cfg, render_mode, **kwargs)
+        super().__init__(cfg, render_mode, **kwargs)  # type: ignore[arg-type]  # which are refused
 
     def _make_spaces(self) -> None:
         def box(*shape: int) -> spaces.Box:

@@ -89,7 +89,8 @@ class OutsideStep:
     def _plan(self, key: str, make: Make) -> Plan:
         if key not in self._plans:
             context, before = self._context, len(self._context.problems)
-            items = list(make())
+            with self._keeping_arrays():
+                items = list(make())
             problems = context.problems[before:]
             del context.problems[before:]
             if problems:
@@ -98,3 +99,15 @@ class OutsideStep:
             stages, scope = [Stage(key, items)], context.scope
             self._plans[key] = Plan(name, stages, scope, context.num_envs, context.device, use_graph=False)
         return self._plans[key]
+
+    @contextmanager
+    def _keeping_arrays(self) -> Iterator[None]:
+        """Keep values that were changed since the step was made: making items writes those of the config again."""
+        context = self._context
+        own = {"parameters", "int_parameters"}  # which get new entries
+        tensors = [wp.to_torch(array) for name, array in context.arrays.items() if name not in own and array.size]
+        before = [tensor.clone() for tensor in tensors]
+        with context.parameters.keeping_values():
+            yield
+        for tensor, old in zip(tensors, before, strict=True):
+            tensor.copy_(old)

@@ -92,6 +92,13 @@ class SceneBuilder:
                 raise ValueError(f"scene.{name}: {type(cfg).__name__} is no asset or sensor config")
         return [(n, c) for n, c in parts if n not in self._authored and kind in (None, part_kind(n, c))]
 
+    def _add_kind(self, kind: str) -> list[str]:
+        """Add what the config names of a kind; returns its names."""
+        parts = self._configured(kind)
+        for name, cfg in parts:
+            self._add(name, cfg)
+        return [name for name, _ in parts]
+
     def _add(self, name: str, cfg: Part) -> None:
         self._authored.add(name)
         kind = part_kind(name, cfg)
@@ -107,8 +114,7 @@ class SceneBuilder:
     def build_terrain(self, cfg: TerrainBaseCfg | AssetBaseCfg | None = None) -> TerrainBase | None:
         """Add the ground of the environments; it becomes ``scene.terrain``. By default it is that of the config."""
         if cfg is None:
-            for name, own in self._configured("terrain"):
-                self._add(name, own)
+            self._add_kind("terrain")
             return self._scene.terrain
         make: Callable[..., Any] = cfg.class_type or GroundAsset
         with self._scene.construction():
@@ -126,8 +132,8 @@ class SceneBuilder:
     ) -> Articulation | dict[str, Articulation]:
         """Add an articulation; it becomes ``scene.articulations[name]``. By default all those of the config."""
         if name is None:
-            names = [n for n, own in self._configured("robot") if self._add(n, own) is None]
-            return {n: self._scene.articulations[n] for n in names}
+            return {n: self._scene.articulations[n] for n in self._add_kind("robot")}
+        assert cfg is not None
         self._scene.articulations[name] = self._make(cfg)
         return self._scene.articulations[name]
 
@@ -137,8 +143,7 @@ class SceneBuilder:
         By default all those of the config.
         """
         if objects is None:
-            names = [n for n, own in self._configured("object") if self._add(n, own) is None]
-            return {n: self._scene[n] for n in names}
+            return {n: self._scene[n] for n in self._add_kind("object")}
         made = {name: self._make(cfg) for name, cfg in objects.items()}
         for name, asset in made.items():
             if isinstance(asset, RigidObject):
@@ -153,8 +158,7 @@ class SceneBuilder:
         By default all those of the config.
         """
         if sensors is None:
-            names = [n for n, own in self._configured("sensor") if self._add(n, own) is None]
-            return {n: self._scene.sensors[n] for n in names}
+            return {n: self._scene.sensors[n] for n in self._add_kind("sensor")}
         made = {name: self._make(cfg) for name, cfg in sensors.items()}
         self._scene.sensors.update(made)
         return made

@@ -44,7 +44,7 @@ class SceneController:
         self._defaults: dict[str, torch.Tensor] = {}
         self.process_actions: Callable[[torch.Tensor], object] | None = None
         """Function that sets targets from a policy's actions: that of the scene's action manager, if it has one."""
-        self.randomize_by_events: Callable[[EnvIds], None] | None = None
+        self.randomize_by_events: Callable[[Sequence[int] | torch.Tensor | None], None] | None = None
         """Function that runs the events that change the dynamics, if the scene has an event manager with such terms."""
 
     def apply_actions(
@@ -172,7 +172,7 @@ class SceneController:
             if self.randomize_by_events is None:
                 text = f"no event of the scene changes dynamics; give a range: {', '.join(ranges)}"
                 raise ValueError(f"randomize_dynamics: {text}")
-            self.randomize_by_events(env_ids)
+            self.randomize_by_events(None if env_ids is None else self._indices(env_ids))
             return
         sim = self._scene.sim
         with wp.ScopedDevice(sim.device):

@@ -59,7 +59,7 @@ def measure_energy(
     step_dt: float,
     regeneration: float,
     heat: float,
-):
+) -> None:
     """Add what the motors took in a step.
 
     Formula: ``P = sum_i max(tau_i qd_i, 0) - regeneration max(-tau_i qd_i, 0) + heat tau_i^2`` [W] at the end of the
@@ -78,7 +78,7 @@ def measure_energy(
 
 
 @wp.func
-def clear_energy(env: int, energy: EnergyData):
+def clear_energy(env: int, energy: EnergyData) -> None:
     """Begin an episode with a full battery."""
     energy.power[env] = 0.0
     energy.used[env] = 0.0
@@ -106,7 +106,7 @@ def cost_of_transport(env: int, energy: EnergyData, robot: ArticulationData, lea
 
 @writes(1)
 @wp.func
-def energy_left(env: int, energy: EnergyData, out: wp.array[float]):
+def energy_left(env: int, energy: EnergyData, out: wp.array[float]) -> None:
     """Observation: charge of the battery, from 1 to 0."""
     out[0] = wp.max(1.0 - energy.used[env] / energy.budget[0], 0.0)
 
