@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 from typing_extensions import TypeIs
 
-__all__ = ["MISSING", "Config", "ConfigError", "field_names", "is_config", "unknown_field"]
+__all__ = ["MISSING", "Config", "ConfigError", "NoConfigClassError", "field_names", "is_config", "unknown_field"]
 
 MISSING: Any = dataclasses.MISSING
 """The value of a field that the user must set."""
@@ -30,6 +30,10 @@ class ConfigError(ValueError):
 
     def __reduce__(self) -> tuple[type, tuple[list[str]]]:
         return type(self), (self.problems,)
+
+
+class NoConfigClassError(TypeError):
+    """A subclass of a config class without the decorator, or with ``@dataclass`` in its place."""
 
 
 class Config(Protocol):

@@ -23,13 +23,14 @@ from typing import Any, TypeVar
 
 from typing_extensions import dataclass_transform
 
-from .config_base import MISSING, Config, ConfigError, field_names, is_config, unknown_field
+from .config_base import MISSING, Config, ConfigError, NoConfigClassError, field_names, is_config, unknown_field
 from .config_dicts import from_dict, resolve_name, to_dict
 
 __all__ = [
     "MISSING",
     "Config",
     "ConfigError",
+    "NoConfigClassError",
     "config_with",
     "configclass",
     "from_dict",
@@ -151,14 +152,14 @@ def _check_decorated(cls: type) -> None:
     """Check that a subclass of a config class has the decorator itself.
 
     Raises:
-        TypeError: with the name of the class.
+        NoConfigClassError: with the name of the class.
     """
     if _is_checked(vars(cls).get("__init__")):
         return
     base = next((b.__name__ for b in cls.__mro__[1:] if _is_checked(vars(b).get("__init__"))), None)
     if base is not None:
         wrong = "has @dataclass in place of" if "__dataclass_params__" in vars(cls) else "has no"
-        raise TypeError(
+        raise NoConfigClassError(
             f"class '{cls.__name__}' of {cls.__module__}, a subclass of {base}, {wrong} @configclass; "
             "write @configclass above it"
         )

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from stripe_newton.configclass import ConfigError
+from stripe_newton.configclass import ConfigError, NoConfigClassError
 from stripe_newton.rl.errors import CheckpointError, ExportError
 
 from .user_error import UserError
@@ -34,7 +34,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Module and line of help of each command."""
 
-USER_ERRORS = (UserError, ConfigError, CheckpointError, ExportError)
+USER_ERRORS = (UserError, ConfigError, NoConfigClassError, CheckpointError, ExportError)
 """Errors that the user can fix: shown as one message without a traceback."""
 
 

@@ -154,14 +154,16 @@ class SceneCfgFactory:
         """Add a sensor; see :meth:`add_asset`."""
         self.add_asset(name, cfg)
 
-    def get_scene(self, robot: ArticulationCfg) -> InteractiveSceneCfg:
+    def get_scene(self, robot: ArticulationCfg | None = None) -> InteractiveSceneCfg:
         """The config, with a field for each asset and sensor. The generated scene is the field ``scenery``.
 
         Args:
-            robot: The robot, with the field ``robot``. Its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``.
+            robot: The robot, with the field ``robot``; its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``. None for a
+                scene without one.
         """
         # The terrain is found at this path once the stage is authored: see found_terrain().
         scenery = AssetBaseCfg(prim_path="/World/ground", spawn=self.spawn)
-        fields = {"scenery": scenery, "robot": robot.replace(prim_path="{ENV_REGEX_NS}/Robot"), **self._fields}
+        robots = {} if robot is None else {"robot": robot.replace(prim_path="{ENV_REGEX_NS}/Robot")}
+        fields = {"scenery": scenery, **robots, **self._fields}
         cfg = InteractiveSceneCfg(num_envs=self.num_envs, env_spacing=self.env_spacing)
         return config_with(cfg, fields)
