@@ -87,6 +87,9 @@ def _dispatch(args: list[str]) -> int:
         near = difflib.get_close_matches(args[0], COMMANDS, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
         raise UserError(f"no command '{args[0]}'; {hint}")
+    from .early_checks import check_early  # likewise, and tyro
+
+    check_early(args[0], args[1:])
     return importlib.import_module(COMMANDS[args[0]][0]).run(args[1:])
 
 

@@ -147,7 +147,7 @@ class Simulation:
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
-        if wp.config.log_level == wp.LOG_INFO:
+        if wp.config.log_level == wp.LOG_INFO and type(wp.get_logger()).__module__.startswith("warp"):
             wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
