@@ -118,7 +118,8 @@ def _draw(
             continue
         if len(curve.runs) > 1:
             for place, values in curve.runs:
-                axes.plot(place, values, linewidth=0.7, alpha=0.35, zorder=2, color=colors[number])
+                mark = "." if len(values) == 1 else None
+                axes.plot(place, values, linewidth=0.7, alpha=0.35, zorder=2, color=colors[number], marker=mark)
             low, high = curve.mean - curve.half, curve.mean + curve.half
             axes.fill_between(curve.x, low, high, color=colors[number], alpha=0.14, linewidth=0, zorder=1)
         axes.plot(
@@ -129,6 +130,7 @@ def _draw(
             solid_capstyle="round",
             color=colors[number],
             linestyle=_dash(number),
+            marker="o" if len(curve.x) == 1 else None,  # a run of one iteration is a point, which has no line
         )
     limits = _limits([curve for curve in curves if curve is not None])
     if limits is not None:

@@ -39,12 +39,19 @@ def _aligned(column: Sequence[str]) -> list[str]:
     return [text.rjust(width) if is_number else text.ljust(width) for text in column]
 
 
+_GENERAL = frozenset({"weight", "scale", "std", "func", "clip", "noise", "params", "size", "count"})
+"""Last parts of paths that say nothing alone."""
+
+
 def short_names(paths: Iterable[str]) -> dict[str, str]:
-    """Short name of each dotted path: its last parts, as few as tell it apart from the others."""
+    """Short name of each dotted path: its last parts, as few as tell it apart from the others and say what it is.
+
+    The weight of a reward or the damping of a drive needs the name of the term or the drive.
+    """
     parts = {path: path.split(".") for path in dict.fromkeys(paths)}
     names = {}
     for path, words in parts.items():
-        count = 1
+        count = 2 if len(words) > 2 and (words[-1] in _GENERAL or "actuators" in words) else 1
         while count < len(words) and any(
             other != path and others[-count:] == words[-count:] for other, others in parts.items()
         ):

@@ -386,7 +386,7 @@ def comparison() -> Comparison:
         for name, top in (("low", 4.0), ("high", 9.0))
         for seed in range(3)
     ]
-    groups = group_runs(runs)
+    groups = group_runs(runs, ["gamma", "kind"])
     metrics = pick_metrics(groups)
     return Comparison(groups, metrics, summarize(groups, metrics[0]), "steps", ["a <note>"])
 
@@ -434,6 +434,29 @@ def test_the_text_report(comparison):
     assert lines[4].startswith("gamma 9, kind <high>")
     assert ["agent.algorithm.gamma", "4", "9"] in [line.split() for line in lines]
     assert lines[-1] == "note: a <note>"
+
+
+def test_names_have_as_few_fields_as_tell_the_groups_apart():
+    def run(number: int, rate: float, damping: float, length: int) -> LoadedRun:
+        env = {
+            "rewards": {"alive": {"weight": damping}},
+            "scene": {"robot": {"actuators": {"cart": {"damping": damping}}}},
+        }
+        agent = {"algorithm": {"learning_rate": rate}, "max_iterations": length}
+        return load_run(write_run(f"run_{number}", [1.0], env=env, agent=agent))
+
+    runs = [run(0, 0.001, 5.0, 1), run(1, 0.001, 10.0, 2), run(2, 0.003, 10.0, 2), run(3, 0.01, 10.0, 9)]
+    assert sorted(group.name for group in group_runs(runs)) == [
+        "cart.damping 10, learning_rate 0.001",
+        "cart.damping 10, learning_rate 0.003",
+        "cart.damping 10, learning_rate 0.01",
+        "cart.damping 5, learning_rate 0.001",
+    ]
+
+
+def test_a_run_of_one_iteration_is_a_point():
+    svg = chart_svg([Group("one", [loaded([3.0])]), Group("two", [loaded([1.0, 2.0])])], REWARD, "iterations")
+    assert "<use" in svg  # a marker
 
 
 def test_long_names_are_numbered_in_a_terminal():
