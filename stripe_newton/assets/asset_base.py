@@ -103,6 +103,9 @@ class AssetBase:
         """Names among which terms choose joints (``kind="joint"``) or bodies (``"body"``); None if it has no such."""
         return None
 
+    def arrange(self, builder: newton.ModelBuilder) -> None:
+        """Change which rows of the builder of one environment things have, before anything refers to them."""
+
     def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
         """Write the config onto the builder of one environment, before it is replicated.
 

@@ -7,7 +7,7 @@ the dialect work side by side, and none is converted twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -17,7 +17,7 @@ from stripe_newton.assets.asset_base import AssetInitialStateCfg as NativeInitia
 from stripe_newton.assets.root_writer import EnvIds, RootWriter
 from stripe_newton.configclass import configclass
 
-from .nucleus import actuator_for
+from .nucleus import actuator_for, joint_order_for
 from .quaternions import pose_to_xyzw
 from .wxyz_config import WxyzOptionalRot
 from .wxyz_data import WxyzData
@@ -63,6 +63,8 @@ class Articulation(_WxyzAsset, native.Articulation):
 
     def __init__(self, cfg: native.ArticulationCfg):
         super().__init__(cfg)
+        if (order := joint_order_for(self.cfg.spawn)) is not None and self.cfg.joint_order == "breadth_first":
+            self.cfg.joint_order = order
         self.cfg.actuators = {group: actuator_for(actuator) for group, actuator in self.cfg.actuators.items()}
 
 
@@ -109,3 +111,4 @@ class ArticulationCfg(native.ArticulationCfg):
 
     class_type: Callable[..., native.AssetBase] | None = Articulation
     init_state: InitialStateCfg = InitialStateCfg()
+    joint_order: str | Sequence[str] = "breadth_first"

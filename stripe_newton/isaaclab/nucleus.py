@@ -24,7 +24,7 @@ from stripe_newton.configclass import resolve_name
 from .files import ASSETS_VARIABLE, ISAAC_NUCLEUS_DIR, NUCLEUS_ASSET_ROOT_DIR, is_on_server, local_copy
 from .names.nucleus import ABSENT, ACTUATOR_NETS, PROPS, ROBOTS, Prop, Robot
 
-__all__ = ["actuator_for", "problem_of", "spawner_for"]
+__all__ = ["actuator_for", "joint_order_for", "problem_of", "spawner_for"]
 
 _log = logging.getLogger(__name__)
 _BY_PATH: dict[str, Robot | Prop] = {path: entry for entry in (*ROBOTS, *PROPS) for path in entry.paths}
@@ -80,6 +80,13 @@ def actuator_for(cfg: ActuatorCfg) -> ActuatorCfg:
     _say(path, f"a PD law with stiffness {stiffness:g} and damping {damping:g} and the network's limits")
     own = {f.name: getattr(cfg, f.name) for f in dataclasses.fields(DCMotorCfg)}  # type: ignore[arg-type]
     return DCMotorCfg(**own | {"stiffness": stiffness, "damping": damping})
+
+
+def joint_order_for(spawn: native.SpawnerCfg | None) -> tuple[str, ...] | None:
+    """Names of the joints in the order of NVIDIA's file where that is not by depth and name; else None."""
+    path = getattr(spawn, "usd_path", "")
+    entry = _BY_PATH.get(_inside(path)) if is_on_server(path) else None
+    return entry.order if isinstance(entry, Robot) and entry.order else None
 
 
 def _inside(path: str) -> str:

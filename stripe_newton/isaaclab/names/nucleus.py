@@ -36,6 +36,8 @@ class Robot:
     """NVIDIA's names of bodies."""
     links: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """NVIDIA's bodies that are shapes in the other file: name and expression for the shapes, by that for the body."""
+    order: tuple[str, ...] = ()
+    """NVIDIA's order of the joints where it is not by depth in the tree and by name."""
     density: float | None = None
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
@@ -98,6 +100,21 @@ ROBOTS = (
             "(left|right)_elbow": r"\1_lower_arm",
             "(left|right)_knee": r"\1_shin",
         },
+        # Isaac Lab's task lists the gears of the joints in this order.
+        order=(
+            "lower_waist",
+            "right_upper_arm",
+            "left_upper_arm",
+            "pelvis",
+            "right_lower_arm",
+            "left_lower_arm",
+            "right_thigh",
+            "left_thigh",
+            "right_shin",
+            "left_shin",
+            "right_foot",
+            "left_foot",
+        ),
         note="Newton's humanoid",
     ),
     # -- quadrupeds
