@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import newton
@@ -16,6 +17,7 @@ from stripe_newton.matching import match_names, match_values
 
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
+from .dynamics import ArticulationDynamics
 from .joint_order import JointOrder, order_joints
 from .layout import Layout
 from .rigid_object import RigidObjectCfg
@@ -166,6 +168,11 @@ class Articulation(BoundAsset):
     @property
     def native_data(self) -> ArticulationData:
         return self._data
+
+    @cached_property
+    def dynamics(self) -> ArticulationDynamics:
+        """Jacobians, mass matrices, gravity compensation and joint wrenches."""
+        return ArticulationDynamics(self._sim, self.layout)
 
     @property
     def is_fixed_base(self) -> bool:

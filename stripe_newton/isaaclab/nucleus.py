@@ -121,7 +121,7 @@ def _robot(entry: Robot, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
         own = {name: getattr(cfg, name) for name in ("scale", "collision_props", "joint_drive_props")}
         return native.UsdFileCfg(usd_path=path, mass_props=cfg.mass_props or mass, **own, **shared)
     # Drives are those of the config alone, as in a file of NVIDIA's.
-    own = {"actuators": False, "root_at_prim": True} if path.endswith(".xml") else {}
+    own = {"actuators": False, "root_pose": entry.root} if path.endswith(".xml") else {}
     return file_spawner(path, scale=_uniform(cfg), **own, **shared)
 
 

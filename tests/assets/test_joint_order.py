@@ -164,7 +164,7 @@ def test_names_that_do_not_fit_are_refused(tree, names, message):
 
 
 def test_a_file_without_its_actuators_and_root_pose(tree):
-    scene = build(tree, actuators=False, root_at_prim=True)
+    scene = build(tree, actuators=False, root_pose=(0, 0, 0, 0, 0, 0, 1))
     robot = scene["robot"]
     start = robot.data.root_pos_w - torch.as_tensor(scene.env_origins)
     assert torch.allclose(start, torch.zeros(2, 3), atol=1e-6)
