@@ -5,6 +5,7 @@ from stripe_newton.managers import EventTermCfg
 
 from .direct_marl_env import DirectMARLEnv, DirectMARLEnvCfg
 from .direct_rl_env import DirectRLEnv, DirectRLEnvCfg
+from .manager_based_env import ManagerBasedEnv, ManagerBasedEnvCfg
 from .manager_based_rl_env import DefaultEventsCfg, ManagerBasedRLEnv, ManagerBasedRLEnvCfg
 from .multi_agent import ParallelEnvView, SingleAgentView, multi_agent_to_single_agent
 from .rl_env import RLEnv
@@ -18,6 +19,8 @@ __all__ = [
     "DirectRLEnv",
     "DirectRLEnvCfg",
     "EventTermCfg",
+    "ManagerBasedEnv",
+    "ManagerBasedEnvCfg",
     "ManagerBasedRLEnv",
     "ManagerBasedRLEnvCfg",
     "ParallelEnvView",

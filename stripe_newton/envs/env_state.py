@@ -60,7 +60,7 @@ def restore_state(env: RLEnv, state: EnvState) -> None:
     _restore_buffers(env, state["buffers"])  # type: ignore[arg-type]
     parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
     for mine, part in zip(env.state_parts(), parts, strict=False):
-        mine.update({k: v.to(env.device).clone() for k, v in part.items()})
+        _restore_tensors(mine, part, env.device)
     # The solver has not seen these writes: floating roots were moved, and randomised parts of the model may have been.
     env.sim.roots_moved = True
     if dynamics:
@@ -104,6 +104,16 @@ def _restore_buffers(env: RLEnv, saved: dict[str, torch.Tensor]) -> None:
             mine.copy_(value)  # in place, as a recorded hook reads it there
         else:  # a hook that makes it has not run here yet, or it cannot be written in place
             setattr(env, name, value.to(env.device).clone())
+
+
+def _restore_tensors(mine: dict[str, torch.Tensor], saved: Mapping[str, torch.Tensor], device: str) -> None:
+    """Restore the tensors of a dict: in place where they can be written, as others may hold views of them."""
+    for name, value in saved.items():
+        there = mine.get(name)
+        if there is not None and there.shape == value.shape and not repeats(there) and not there.is_inference():
+            there.copy_(value)
+        else:
+            mine[name] = value.to(device).clone()
 
 
 def repeats(tensor: torch.Tensor) -> bool:

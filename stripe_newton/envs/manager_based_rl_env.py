@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -12,7 +15,7 @@ from gymnasium import spaces
 
 from stripe_kernels import mdp
 from stripe_newton.configclass import MISSING, ConfigError, configclass, is_config
-from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
+from stripe_newton.fusion import Captured, Eager, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
 from stripe_newton.managers import (
     ActionManager,
     CommandManager,
@@ -109,13 +112,15 @@ class ManagerBasedRLEnv(RLEnv):
     """
 
     cfg: ManagerBasedRLEnvCfg
+    needs_policy: ClassVar[bool] = True
+    """Whether there must be a group of observations for a policy."""
 
     def __init__(self, cfg: ManagerBasedRLEnvCfg, render_mode: str | None = None, **kwargs: object):
         super().__init__(cfg, render_mode, **kwargs)
         self._make_managers()
         stages = self._stages()
         problems = self.context.problems
-        if "policy" not in self.observation_manager.buffers:
+        if self.needs_policy and "policy" not in self.observation_manager.buffers:
             problems.append("observations: has no group 'policy'; the learner needs it")
         if problems:
             raise ConfigError(problems)
@@ -201,7 +206,7 @@ class ManagerBasedRLEnv(RLEnv):
         self._action_input = wp.to_torch(self.action_manager.input)
 
     def _startup(self) -> None:
-        items = self.event_manager.startup()
+        items = self.event_manager.startup_items()
         if items:
             context = self.context
             plan = Plan("startup", [Stage("startup", items)], context.scope, self.num_envs, self.device, False)
@@ -215,62 +220,91 @@ class ManagerBasedRLEnv(RLEnv):
     def _stages(self) -> list[Stage]:
         context, safety, record = self.context, self._safety, self.recorder_manager
         in_step = context.within_step
-        apply, process = self.action_manager.apply(), self.action_manager.process()
+        apply, process = self.action_manager.apply_items(), self.action_manager.process_items()
         # Actions may be processed by one thread for each number. The count then takes part in that kernel's layout
         # (one of its threads does it), so that the two are not cut into two kernels.
         parts = int(any(isinstance(item, Section) and item.parts for item in process))
-        actions = [self._count_section(parts), *process, *record.pre_step()]
+        actions = [self._count_section(parts), *process, *record.pre_step_items()]
         measured = self._measure("launch_measured")
         # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
         # read which episodes end.
-        outcome = [safety.after_physics(), *self.termination_manager.compute()]
-        rewards = [*self.reward_manager.compute(), *self.metrics_manager.compute()]
+        outcome = [safety.after_physics(), *self.termination_manager.compute_items()]
+        rewards = [*self.reward_manager.compute_items(), *self.metrics_manager.compute_items()]
         # The curriculum reads sums and states of the episode that ended, so it runs before the reset clears them.
-        curriculum = only(self.curriculum_manager.compute(), in_step, context.is_finite)
+        curriculum = only(self.curriculum_manager.compute_items(), in_step, context.is_finite)
         reset: list[Item] = [
-            *record.pre_reset(),
-            *self.reward_manager.reset(),
-            *self.metrics_manager.reset(),
+            *record.pre_reset_items(),
+            *self.reward_manager.reset_items(),
+            *self.metrics_manager.reset_items(),
             safety.begin_reset(),
             *self._scenery_items(),
-            *self.event_manager.reset(),
+            *self.event_manager.reset_items(),
             # After the events, as spawned objects keep a distance from the positions that robots are reset to.
-            *self.object_manager.reset(),
-            *self.action_manager.reset(),
-            *self.command_manager.reset(),
-            *self.observation_manager.reset(),
+            *self.object_manager.reset_items(),
+            *self.action_manager.reset_items(),
+            *self.command_manager.reset_items(),
+            *self.observation_manager.reset_items(),
+            # Class terms read the states that the events have set, and the length of the episode that ended.
+            *self._reset_classes(),
             safety.end_reset(),
             *self._measure("launch_reset"),
         ]
-        events = [*self.event_manager.interval(), *self.event_manager.step()]
-        objects = self.object_manager.update()
+        events = [*self.event_manager.interval_items(), *self.event_manager.step_items()]
+        objects = self.object_manager.update_items()
         # Commands, observed sensors and observations follow forward kinematics: they read the bodies of new episodes.
-        commands = only(self.command_manager.compute(), in_step)
-        observe = only(self.observation_manager.compute(), context.within_step_or_reset)
+        commands = only(self.command_manager.compute_items(), in_step)
+        observe = only(self.observation_manager.compute_items(), context.within_step_or_reset)
         observed = self._measure("launch_observed")
         final = self._final_observations()
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
         # of this step reads it.
-        end = self.curriculum_manager.update()
+        end = self.curriculum_manager.update_items()
         log = Captured("log", context.log.finish, beside=True, fields=frozenset())
-        readers = [*record.post_reset(), *commands, *end, *observed, *observe, *actions, *apply]
+        readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
         self._bodies_later = self._may_leave_bodies(readers)
-        return [
-            Stage("actions", actions),
-            Stage("physics", [self._physics(apply)]),
+        after_physics = [
             *([Stage("measurements", measured)] if measured else []),
             Stage("outcome", only(outcome, in_step)),
-            Stage("rewards", [*only(rewards, in_step), *record.post_step()]),
-            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset(), in_step)]),
+            Stage("rewards", [*only(rewards, in_step), *record.post_step_items()]),
+            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset_items(), in_step)]),
             Stage("reset", reset),
             Stage("events", only(events, in_step)),
             Stage("objects", only(objects, in_step)),
-            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset()]),
+            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset_items()]),
             Stage("commands", commands),
             Stage("log", [*end, log]),
             Stage("sensors", observed),
             Stage("observations", observe),
         ]
+        return [Stage("actions", actions), Stage("physics", [self._physics(apply)]), *self._counting(after_physics)]
+
+    def _counting(self, stages: list[Stage]) -> list[Stage]:
+        """Let the first host function after the physics count the step: torch terms see a count that includes it."""
+        for index, stage in enumerate(stages):
+            for place, item in enumerate(stage.items):
+                if isinstance(item, Eager):
+                    first = dataclasses.replace(item, function=partial(self._count_and_run, item.function))
+                    items = [*stage.items[:place], first, *stage.items[place + 1 :]]
+                    return [*stages[:index], Stage(stage.name, items), *stages[index + 1 :]]
+        return stages
+
+    def _count_and_run(self, function: Callable[[], None]) -> None:
+        self.count_step()
+        function()
+
+    def _reset_classes(self) -> list[Item]:
+        """Items that reset class terms and torch action terms, manager by manager."""
+        managers = (
+            self.observation_manager,
+            self.action_manager,
+            self.reward_manager,
+            self.metrics_manager,
+            self.curriculum_manager,
+            self.command_manager,
+            self.event_manager,
+            self.termination_manager,
+        )
+        return [item for manager in managers for item in manager.reset_instance_items()]
 
     def _may_leave_bodies(self, readers: list[Item]) -> bool:
         """Whether nothing needs the bodies between the reset and the next physics step, which computes them anyway.
@@ -288,22 +322,39 @@ class ManagerBasedRLEnv(RLEnv):
         fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
         return not any(may_use(item, fields, self.context.scope.functions) for item in readers)
 
-    def _physics(self, apply: list[Section]) -> Captured:
+    def _physics(self, apply: Sequence[Section | Eager]) -> Captured | Eager:
         """The physics steps, each after the action terms that compute targets from the state."""
         steps, sim = self.cfg.decimation, self.sim
         what = f"{type(sim.solver).__name__}, {steps} physics steps"
         if not apply:
             return Captured(what, lambda: sim.launch(steps))
-        kernel = fuse("step_apply", apply, self.context.scope, self.num_envs, self.device)
-        names = ", ".join(t for section in apply for t in section.terms)
-        return Captured(f"{what}, before each: {names}", lambda: sim.launch(steps, kernel.launch))
+        parts = [self._apply_part(index, item) for index, item in enumerate(apply)]
+        what = f"{what}, before each: {', '.join(t for item in apply for t in item.terms)}"
+        if all(isinstance(item, Section) for item in apply):
+            return Captured(what, lambda: sim.launch(steps, parts[0]))
+
+        def run() -> None:
+            for _ in range(steps):
+                for part in parts:
+                    part()
+                sim.step(1)
+
+        classes = ", ".join(t for item in apply if isinstance(item, Eager) for t in item.terms)
+        return Eager(what, run, f"torch action terms: {classes}", [t for item in apply for t in item.terms])
+
+    def _apply_part(self, index: int, item: Section | Eager) -> Callable[[], None]:
+        if isinstance(item, Eager):
+            return item.function
+        return fuse(
+            f"step_apply_{index}" if index else "step_apply", [item], self.context.scope, self.num_envs, self.device
+        ).launch
 
     def _final_observations(self) -> list[Item]:
         """Items that copy the last observations of episodes that end, where ``compute_final_obs`` is set."""
         if not self.cfg.compute_final_obs:
             return []
         copies, scope = [], self.context.scope
-        compute = self.observation_manager.compute(where_reset=True)
+        compute = self.observation_manager.compute_items(where_reset=True)
         for name, buffer in self.observation_manager.flat_buffers().items():
             source = scope.name(f"obs_{name}", buffer)
             target = scope.name(f"final_{name}", self.outputs.array(f"final.{name}"))
@@ -364,6 +415,11 @@ class ManagerBasedRLEnv(RLEnv):
         """See :meth:`RLEnv.set_state`. Recordings of the episodes under way are dropped."""
         super().set_state(state)
         self.recorder_manager.clear()
+
+    def state_parts(self) -> list[dict[str, torch.Tensor]]:
+        """Tensors of class terms; see :meth:`RLEnv.state_parts`."""
+        every = [v for v in vars(self).values() if isinstance(v, ManagerBase)]
+        return [part for manager in every for part in manager.instance_states()]
 
     def close_extras(self, **kwargs: object) -> None:
         """Release the recorder's file, renderer and simulation."""

@@ -19,7 +19,7 @@ from gymnasium.vector.utils import batch_space
 
 from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
-from stripe_newton.managers import ManagerContext
+from stripe_newton.managers import ManagerContext, TermEvaluation
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation
 
@@ -229,6 +229,7 @@ class RLEnv(VectorEnv):
             self.seed(seed)
         mask = (options or {}).get("reset_mask")
         self._begin_extras()
+        self._steps_before = self.common_step_counter - 1  # a reset is no step: count_step() does nothing within it
         # The mask stands where a step's terminations would have written it, so that the reset below is a step's.
         self.context.reset_mask.begin_step()
         self.reset_buf[:] = True if mask is None else torch.as_tensor(mask, dtype=torch.bool, device=self.device)
@@ -545,6 +546,43 @@ class RLEnv(VectorEnv):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    # -- Warp terms from torch code
+
+    @torch.no_grad()
+    def evaluate(self, term: wp.Function, **params: object) -> torch.Tensor:
+        """Value of a Warp term on the present state, for torch hooks and terms.
+
+        Args:
+            term: An observation, reward or termination term, such as ``mdp.joint_pos_rel``.
+            params: Its parameters, as in the config of a term.
+
+        Returns:
+            A new tensor: ``(num_envs, size)`` for an observation, ``(num_envs,)`` for rewards and terminations.
+
+        Raises:
+            ConfigError: parameters that do not fit.
+        """
+        return self._evaluation.value(term, params)
+
+    @torch.no_grad()
+    def apply_event(
+        self, event: wp.Function, env_ids: Sequence[int] | torch.Tensor | None = None, **params: object
+    ) -> None:
+        """Run a Warp event, such as ``mdp.randomize_rigid_body_mass``, in some environments; None means all of them.
+
+        Raises:
+            ConfigError: parameters that do not fit.
+        """
+        self._evaluation.apply(event, env_ids, params)
+
+    @property
+    def _evaluation(self) -> TermEvaluation:
+        if self._evaluates is None:
+            self._evaluates = TermEvaluation(self.context)
+        return self._evaluates
+
+    _evaluates: TermEvaluation | None = None
 
     # -- saving and restoring
 

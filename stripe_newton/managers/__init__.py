@@ -4,8 +4,10 @@
 from stripe_newton.fusion import SceneEntityCfg, TermState
 
 from .action_manager import ActionManager
+from .action_term import ActionTerm, KernelActionTerm
 from .actions_cfg import ActionTermCfg
 from .command_manager import CommandManager
+from .command_term import CommandTerm, KernelCommandTerm
 from .commands_cfg import CommandTermCfg
 from .context import ManagerContext
 from .curriculum_manager import CurriculumManager, CurriculumTermCfg
@@ -14,7 +16,7 @@ from .event_cfg import EventTermCfg
 from .event_manager import EventManager, prestartup_events
 from .manager_base import ManagerBase
 from .metrics_manager import MetricsManager, MetricTermCfg
-from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierCfg
+from .modifiers import DigitalFilterCfg, IntegratorCfg, ModifierBase, ModifierCfg
 from .normalization import RunningNormCfg
 from .object_manager import ObjectManager
 from .object_pool import ObjectPool, ObjectPoolCfg, spawn_object_pools
@@ -24,13 +26,18 @@ from .recorder_manager import DatasetExportMode, RecorderManager, RecorderManage
 from .recorder_term import RecorderTerm, RecorderTermCfg
 from .recorders import ActionStateRecorderManagerCfg
 from .reward_manager import RewardManager, RewardTermCfg
+from .term_class import ManagerTermBase, TermEnv
+from .term_evaluation import TermEvaluation
+from .term_manager import TermManager
 from .termination_manager import TerminationManager, TerminationTermCfg
 
 __all__ = [
     "ActionManager",
     "ActionStateRecorderManagerCfg",
+    "ActionTerm",
     "ActionTermCfg",
     "CommandManager",
+    "CommandTerm",
     "CommandTermCfg",
     "CurriculumManager",
     "CurriculumTermCfg",
@@ -40,10 +47,14 @@ __all__ = [
     "EventManager",
     "EventTermCfg",
     "IntegratorCfg",
+    "KernelActionTerm",
+    "KernelCommandTerm",
     "ManagerBase",
     "ManagerContext",
+    "ManagerTermBase",
     "MetricTermCfg",
     "MetricsManager",
+    "ModifierBase",
     "ModifierCfg",
     "ObjectManager",
     "ObjectPool",
@@ -59,6 +70,9 @@ __all__ = [
     "RewardTermCfg",
     "RunningNormCfg",
     "SceneEntityCfg",
+    "TermEnv",
+    "TermEvaluation",
+    "TermManager",
     "TermState",
     "TerminationManager",
     "TerminationTermCfg",

@@ -46,6 +46,9 @@ class ActionTermCfg:
     whose slices ``action`` and ``processed`` have ``action_size`` and ``processed_size`` numbers.
     """
 
+    class_type: type | None = None
+    """Class of a torch term, derived from :class:`ActionTerm`, made as ``class_type(cfg, env)``; the fields below, but
+    for ``asset_name``, are then without effect. None for a term of Warp functions."""
     asset_name: str = "robot"
     """Asset that it moves."""
     joint_names: Sequence[str] = (".*",)

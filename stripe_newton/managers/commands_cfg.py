@@ -46,6 +46,9 @@ class CommandTermCfg:
     Other arguments are taken from ``params`` and from fields of the config, which a subclass may add.
     """
 
+    class_type: type | None = None
+    """Class of a torch term, derived from :class:`CommandTerm`, made as ``class_type(cfg, env)``; ``resample``,
+    ``update``, ``size`` and ``metrics`` are then without effect. None for a term of Warp functions."""
     asset_name: str = "robot"
     """Asset that is commanded."""
     resampling_time_range: Range = MISSING

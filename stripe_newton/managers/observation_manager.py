@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import torch
 import warp as wp
 
 from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, only
 
 from .context import ManagerContext
 from .image import image_writer
-from .manager_base import ManagerBase
+from .manager_base import ManagerBase, with_terms
 from .normalization import running_normalization
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
 from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
@@ -45,6 +46,8 @@ class ObservationManager(ManagerBase):
         super().__init__(cfg, context)
         self._groups = self.terms(cfg, ObservationGroupCfg)
         self._terms = {group: self._make_terms(group, group_cfg) for group, group_cfg in self._groups.items()}
+        shown = {g: with_terms(c, {n: t.cfg for n, t in self._terms[g].items()}) for g, c in self._groups.items()}
+        self.cfg = with_terms(cfg, shown)
         self.buffers: dict[str, wp.array | dict[str, wp.array]] = {}
         self._raw: dict[str, wp.array] = {}
         """Arrays of the groups before normalisation."""
@@ -59,6 +62,7 @@ class ObservationManager(ManagerBase):
             one = make_observation_term(self.context, f"observations.{group}.{name}", term, cfg)
             if one is not None:
                 made[name] = one
+                self._instances |= one.processing.instances if one.processing is not None else {}
         return made
 
     def _allocate(self, group: str, allocate: Allocate) -> None:
@@ -117,7 +121,7 @@ class ObservationManager(ManagerBase):
 
     # -- items
 
-    def compute(self, where_reset: bool = False) -> list[Item]:
+    def compute_items(self, where_reset: bool = False) -> list[Item]:
         """Items that write all groups.
 
         Args:
@@ -139,8 +143,8 @@ class ObservationManager(ManagerBase):
                 write = image_writer(term.picture, array, term.first)
                 made.first.append(Captured(name, write, [name], fields=frozenset()))
                 continue
-            if term.call is None:
-                made.first.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
+            if term.values is not None:
+                made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
             source = ObservationSource(self.context, term, corrupt)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):
@@ -158,7 +162,7 @@ class ObservationManager(ManagerBase):
             made.last.append(running_normalization(self.context, group, norm, *arrays, gather=gather))
         return made
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that draw biases and lags where an episode begins, and mark histories for refilling."""
         body: list[Code] = []
         for group, terms in self._terms.items():
@@ -167,8 +171,8 @@ class ObservationManager(ManagerBase):
                 body += ObservationSource(self.context, term, corrupt).reset()
         return [Section("observations_reset", body).only(self.context.is_reset)] if body else []
 
-    def _torch(self, term: ObservationTerm) -> Callable[[], None]:
-        call, shape = self.torch_term(term.cfg.func, term.cfg.params), (self.context.num_envs, term.size)
+    def _torch(self, term: ObservationTerm, call: Callable[[], torch.Tensor]) -> Callable[[], None]:
+        shape = self.context.num_envs, term.size
         target, first = (term.scratch, 0) if term.scratch else (term.target, term.first)
 
         def evaluate() -> None:
@@ -177,6 +181,8 @@ class ObservationManager(ManagerBase):
                 raise ValueError(
                     f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"
                 )
+            if term.processing is not None:
+                values = term.processing(values)
             self.context.torch(self.context.scope.values[target.text])[:, first : first + term.size] = values
 
         return evaluate

@@ -31,7 +31,10 @@ class ObservationSource:
 
     def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool):
         """``corrupt``: whether the noise of the term is applied."""
-        self._context, self._term, self._corrupt = context, term, corrupt
+        self._context, self._term = context, term
+        # Noise and modifiers in torch have been applied before.
+        self._corrupt = corrupt and term.processing is None
+        self._modifiers = term.cfg.modifiers or () if term.processing is None else ()
 
     @property
     def parts(self) -> int:
@@ -84,13 +87,13 @@ class ObservationSource:
         elif term.scratch:
             copy = code("{}[env, {} + i] = {}", term.target, term.first, element)
             lines += block(code("for i in range({}):", term.size), [copy])
-        if cfg.modifiers and not term.history:
+        if self._modifiers and not term.history:
             lines.append(code("{}[env] = 0", self._fresh()))
         return lines
 
     def _modify(self) -> list[Code]:
         term, lines = self._term, list[Code]()
-        for index, cfg in enumerate(term.cfg.modifiers):
+        for index, cfg in enumerate(self._modifiers):
             path = f"{term.path}.modifiers.{index}"
             lines += modifier_lines(self._context, path, cfg, term.size, term.element, self._fresh())
         return lines
@@ -151,7 +154,7 @@ class ObservationSource:
         term, lines = self._term, list[Code]()
         if term.cfg.delay_max_lag:
             lines += delay_of(self._context, term.path, term.size, term.cfg).reset()
-        if term.history or term.cfg.modifiers:
+        if term.history or self._modifiers:
             lines.append(code("{}[env] = 1", self._fresh()))
         if isinstance(term.cfg.noise, NoiseModelWithAdditiveBiasCfg) and self._corrupt:
             lines += self._draw_bias(term.cfg.noise)

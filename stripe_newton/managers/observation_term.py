@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import torch
@@ -19,6 +20,9 @@ from .image import Picture, find_picture, image
 from .manager_base import is_warp_term
 from .modifiers import ModifierCfg
 from .normalization import RunningNormCfg
+from .term_evaluation import TermEvaluation
+from .term_manager import TorchCall
+from .torch_processing import TorchProcessing, needs_torch
 
 __all__ = ["ObservationGroupCfg", "ObservationTerm", "ObservationTermCfg", "make_observation_term"]
 
@@ -36,8 +40,8 @@ class ObservationTermCfg:
     size: int | Callable[[Mapping[str, int]], int] | None = None
     """Number of values, or a function of the lengths of its index arrays. None where ``@writes`` declares it, as for
     the terms of ``mdp``, and for a torch term: it is called once, when the environment is made, to find its size."""
-    modifiers: Sequence[ModifierCfg] = ()
-    """Modifiers of each value, applied first."""
+    modifiers: Sequence[ModifierCfg] | None = ()
+    """Modifiers of the values, applied first."""
     noise: NoiseCfg | NoiseModelCfg | None = None
     """Noise; a model with bias draws the bias at the start of an episode."""
     clip: tuple[float, float] | None = None
@@ -101,6 +105,8 @@ class ObservationTerm:
         path: Path of its config.
         cfg: The config.
         call: Call of its Warp function; None for a torch term or a picture.
+        values: Function that returns its values to the host, for a torch term and for torch modifiers and noise.
+        processing: Its modifiers and noise, where these are torch.
         size: Number of values in a step.
         history: Number of steps in the observation; 0 for the current one alone.
         picture: The picture of a camera that it observes, if it is an image term.
@@ -113,6 +119,8 @@ class ObservationTerm:
     cfg: ObservationTermCfg
     call: TermCall | None
     size: int
+    values: Callable[[], torch.Tensor] | None = None
+    processing: TorchProcessing | None = None
     history: int = 0
     picture: Picture | None = None
     scratch: Name | None = None
@@ -174,8 +182,14 @@ def make_observation_term(
         context.problems.append(f"{path}.scale: has {len(cfg.scale)} numbers, the term {size}; give one or {size}")
         return None
     history = cfg.history_length if group.history_length is None else group.history_length
-    term = ObservationTerm(path, cfg, call, size, history)
-    if history or cfg.delay_max_lag or call is None:
+    term = ObservationTerm(path, cfg, call, size, history=history)
+    if needs_torch(cfg, group.enable_corruption):
+        term.processing = TorchProcessing(context, path, cfg, size, group.enable_corruption)
+    if call is None:
+        term.values = TorchCall(context, cfg)
+    elif term.processing is not None:
+        term.call, term.values = None, partial(TermEvaluation(context).value, cfg.func, cfg.params)
+    if history or cfg.delay_max_lag or term.values is not None:
         term.scratch = context.scope.name(f"{path}_now", context.array(f"{path}.now", float, size))
     return term
 

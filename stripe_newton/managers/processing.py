@@ -24,13 +24,15 @@ from stripe_newton.noise import ConstantNoiseCfg, GaussianNoiseCfg, NoiseCfg, Un
 
 from .context import ManagerContext
 
-__all__ = ["Delay", "DelayCfg", "NoiseSource", "delay_of"]
+__all__ = ["KINDS_OF_NOISE", "Delay", "DelayCfg", "NoiseSource", "delay_of"]
 
 _KINDS: dict[type, tuple[wp.Function, str, str | None]] = {
     ConstantNoiseCfg: (sample_constant, "bias", None),
     UniformNoiseCfg: (sample_uniform, "n_min", "n_max"),
     GaussianNoiseCfg: (sample_gaussian, "mean", "std"),
 }
+KINDS_OF_NOISE = tuple(_KINDS)
+"""Configs of noise that kernels draw; other noise is the user's, in torch."""
 _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOISE_ABS)}
 
 
