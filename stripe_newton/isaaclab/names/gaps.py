@@ -8,7 +8,6 @@ is called raises. An entry for the same name in another table overrides the entr
 from .entries import Table, inert, refused
 
 _CONTROLLER = "the controller is not translated by the dialect"
-_MARKER = "markers are not drawn by the dialect"
 _MANAGER = "the dialect does not translate this class of the manager-based workflow"
 _MATH = "the dialect does not translate this function to (w, x, y, z)"
 _SENSOR = "the dialect does not translate this part of the sensors"
@@ -78,13 +77,6 @@ NAMES: dict[str, Table] = {
         DatasetExportMode EventManager ManagerTermBase ManagerTermBaseCfg ObservationManager RewardManager
         TerminationManager""",
     ),
-    "isaaclab.markers": inert(_MARKER, "VisualizationMarkers VisualizationMarkersCfg")
-    | inert(
-        _MARKER,
-        """BLUE_ARROW_X_MARKER_CFG CONTACT_SENSOR_MARKER_CFG CUBOID_MARKER_CFG DEFORMABLE_TARGET_MARKER_CFG
-        FRAME_MARKER_CFG GREEN_ARROW_X_MARKER_CFG POSITION_GOAL_MARKER_CFG RAY_CASTER_MARKER_CFG
-        RED_ARROW_X_MARKER_CFG SPHERE_MARKER_CFG""",
-    ),
     "isaaclab.sensors": refused(
         _SENSOR,
         """CameraData ContactSensorData FrameTransformerData ImuData MultiMeshRayCasterCameraCfg
@@ -96,8 +88,7 @@ NAMES: dict[str, Table] = {
     | inert("materials of MDL are not drawn", "MdlFileCfg GlassMdlCfg")
     | refused(
         _SIM,
-        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg PinholeCameraCfg
-        SimulationContext build_simulation_context get_all_matching_child_prims get_current_stage""",
+        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg""",
     ),
     "isaaclab.terrains": refused(
         "the dialect does not translate this terrain",
