@@ -136,7 +136,8 @@ class ActionManager(ManagerBase):
         if name in self._torch:
             return self._torch[name]
         if name not in self._views:
-            self._views[name] = KernelActionTerm(self._terms[name].cfg, self.context.env, self._sources[name])
+            cfg = self._terms[name].cfg
+            self._views[name] = (cfg.class_type or KernelActionTerm)(cfg, self.context.env, self._sources[name])
         return self._views[name]
 
     @property

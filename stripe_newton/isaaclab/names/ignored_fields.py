@@ -18,7 +18,6 @@ IGNORED_FIELDS: dict[str, dict[str, str]] = {
     "RayCasterCfg": _VISUALIZER,
     "ContactSensorCfg": _VISUALIZER,
     "ImuCfg": _VISUALIZER,
-    "SceneEntityCfg": {"fixed_tendon_names": "tendons are not selected by name"},
     "SimulationCfg": {
         "physx": _PHYSX,
         "render": "it is an option of Omniverse's renderer",
