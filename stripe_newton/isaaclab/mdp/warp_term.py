@@ -18,6 +18,8 @@ import warp as wp
 from stripe_newton.configclass import is_config
 from stripe_newton.envs import RLEnv
 
+from ..stand_ins import StandIn
+
 __all__ = ["SettledTerm", "WarpEvent", "WarpTerm", "event_of", "term_of", "use_warp_functions"]
 
 
@@ -122,8 +124,8 @@ def use_warp_functions(cfg: object) -> None:
         parts: Sequence[object] = list(cfg.values())
     elif isinstance(cfg, (list, tuple)):
         parts = cfg
-    elif is_config(cfg):
-        func = getattr(cfg, "func", None)
+    elif is_config(cfg) and not isinstance(cfg, StandIn):
+        func = vars(cfg).get("func")
         if isinstance(func, SettledTerm):
             func.settle(cfg)
         parts = list(vars(cfg).values())
