@@ -24,7 +24,7 @@ from stripe_newton.configclass import resolve_name
 from .files import ASSETS_VARIABLE, ISAAC_NUCLEUS_DIR, NUCLEUS_ASSET_ROOT_DIR, is_on_server, local_copy
 from .names.nucleus import ABSENT, ACTUATOR_NETS, PROPS, ROBOTS, Prop, Robot
 
-__all__ = ["actuator_for", "problem_of", "spawner_for"]
+__all__ = ["actuator_for", "joint_order_for", "problem_of", "spawner_for"]
 
 _log = logging.getLogger(__name__)
 _BY_PATH: dict[str, Robot | Prop] = {path: entry for entry in (*ROBOTS, *PROPS) for path in entry.paths}
@@ -82,6 +82,13 @@ def actuator_for(cfg: ActuatorCfg) -> ActuatorCfg:
     return DCMotorCfg(**own | {"stiffness": stiffness, "damping": damping})
 
 
+def joint_order_for(spawn: native.SpawnerCfg | None) -> tuple[str, ...] | None:
+    """Names of the joints in the order of NVIDIA's file where that is not by depth and name; else None."""
+    path = getattr(spawn, "usd_path", "")
+    entry = _BY_PATH.get(_inside(path)) if is_on_server(path) else None
+    return entry.order if isinstance(entry, Robot) and entry.order else None
+
+
 def _inside(path: str) -> str:
     """The path below the folder of Isaac Sim's files."""
     return path.removeprefix(ISAAC_NUCLEUS_DIR).removeprefix(NUCLEUS_ASSET_ROOT_DIR).lstrip("/")
@@ -114,7 +121,7 @@ def _robot(entry: Robot, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
         own = {name: getattr(cfg, name) for name in ("scale", "collision_props", "joint_drive_props")}
         return native.UsdFileCfg(usd_path=path, mass_props=cfg.mass_props or mass, **own, **shared)
     # Drives are those of the config alone, as in a file of NVIDIA's.
-    own = {"actuators": False, "root_at_prim": True} if path.endswith(".xml") else {}
+    own = {"actuators": False, "root_pose": entry.root} if path.endswith(".xml") else {}
     return file_spawner(path, scale=_uniform(cfg), **own, **shared)
 
 

@@ -149,8 +149,9 @@ def _add_mjcf(
     own, start = dict(options), MjcfStart(builder)
     keyframe, model = own.pop("keyframe", None), compile_mjcf(path)
     actuators = own.pop("actuators", True)
-    if own.pop("root_at_prim", False):
-        xform = _without_root_pose(model, wp.transform_identity() if xform is None else xform, own.get("scale", 1.0))
+    if (root_pose := own.pop("root_pose", None)) is not None:
+        wanted = (wp.transform_identity() if xform is None else xform) * wp.transform(*root_pose)
+        xform = _without_root_pose(model, wanted, own.get("scale", 1.0))
     shapes, friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
     _replace_pgs(builder)
     try:
@@ -183,11 +184,11 @@ def _readable(path: Path, actuators: bool) -> str:
     return ElementTree.tostring(root, encoding="unicode") if changes else str(path)
 
 
-def _without_root_pose(model: mujoco.MjModel, xform: wp.transform, scale: float) -> wp.transform:
-    """Pose of the file's world that puts its first body at ``xform``."""
+def _without_root_pose(model: mujoco.MjModel, wanted: wp.transform, scale: float) -> wp.transform:
+    """Pose of the file's world that puts its first body at ``wanted``."""
     w, x, y, z = (float(v) for v in model.body_quat[1])
     root = wp.transform(wp.vec3(*(float(v) * scale for v in model.body_pos[1])), wp.quat(x, y, z, w))
-    return xform * wp.transform_inverse(root)
+    return wanted * wp.transform_inverse(root)
 
 
 def _replace_pgs(builder: newton.ModelBuilder) -> None:

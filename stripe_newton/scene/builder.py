@@ -125,6 +125,8 @@ class SceneBuilder:
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
         if self.template_root == "/":  # somebody else's stage, of which nothing may move
             check_content(template, self.reports[0])
+        for asset in scene.assets:
+            asset.arrange(template)
         self.authored_joints = AuthoredJoints(template)
         self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
         self._prepare_assets(template)

@@ -36,6 +36,10 @@ class Robot:
     """NVIDIA's names of bodies."""
     links: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """NVIDIA's bodies that are shapes in the other file: name and expression for the shapes, by that for the body."""
+    order: tuple[str, ...] = ()
+    """NVIDIA's order of the joints where it is not by depth in the tree and by name."""
+    root: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    """Pose of the other file's root body in the frame of NVIDIA's file: position [m], quaternion (x, y, z, w)."""
     density: float | None = None
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
@@ -98,6 +102,21 @@ ROBOTS = (
             "(left|right)_elbow": r"\1_lower_arm",
             "(left|right)_knee": r"\1_shin",
         },
+        # Isaac Lab's task lists the gears of the joints in this order.
+        order=(
+            "lower_waist",
+            "right_upper_arm",
+            "left_upper_arm",
+            "pelvis",
+            "right_lower_arm",
+            "left_lower_arm",
+            "right_thigh",
+            "left_thigh",
+            "right_shin",
+            "left_shin",
+            "right_foot",
+            "left_foot",
+        ),
         note="Newton's humanoid",
     ),
     # -- quadrupeds
@@ -162,6 +181,8 @@ ROBOTS = (
         joints={rf"{old}j(\d)": rf"{new}_joint_\1" for old, new in _FINGERS.items()},
         bodies={"palm": "palm_link"}
         | {f"{f}_{p}": f"{new}_link_{k}" for f, new in _FINGERS.items() for p, k in _PHALANGES.items()},
+        # NVIDIA's file begins at the mount below the palm, as the description of Kuka's arm with this hand.
+        root=(0.0111, -0.0076, 0.1339, 0.0, 0.0, -0.9238795, 0.3826834),
     ),
     Robot(
         ("Robots/ShadowRobot/ShadowHand/shadow_hand_instanceable.usd",),
@@ -170,6 +191,9 @@ ROBOTS = (
         # Shadow's names count joints from 1, those of NVIDIA's file from 0.
         joints={rf"rh_(..J){k + 1}": rf"robot0_\g<1>{k}" for k in range(5)},
         bodies={r"rh_(\w+)": r"robot0_\1"},
+        # NVIDIA's file has the hand lying on its back, fingers along -y.
+        root=(0.0, 0.0, 0.0, 0.0, -0.70710678, 0.70710678, 0.0),
+        note="the joint at the tip of the thumb, THJ0, turns from -0.26 to 1.57 rad, NVIDIA's from -1.57 to 0",
     ),
     # -- wings
     Robot(

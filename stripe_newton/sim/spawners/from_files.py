@@ -258,11 +258,17 @@ class MjcfFileCfg(_ImporterCfg):
     """Keyframe of the file for what ``init_state`` leaves ``None``: positions of the joints, pose of a free root."""
     actuators: bool = True
     """Read the actuators of the file; without them only the drives of the config's actuator groups act."""
-    root_at_prim: bool = False
-    """Put the root body at the prim, and so at ``init_state``, also if the file has it elsewhere in its world."""
+    root_pose: tuple[float, ...] | None = None
+    """Pose of the root body in the frame of the prim: position [m] and quaternion (x, y, z, w). Default: the file's in
+    its world. With the identity the root body begins at ``init_state``."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if self.root_pose is not None and len(self.root_pose) != 7:
+            yield "root_pose", f"has {len(self.root_pose)} numbers, must have 7: position, quaternion (x, y, z, w)"
 
     def importer_options(self) -> dict[str, object]:
-        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "root_at_prim")}
+        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "root_pose")}
         return {**super().importer_options(), **own}
 
 
