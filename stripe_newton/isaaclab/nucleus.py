@@ -173,6 +173,7 @@ class _CenteredShape:
         if any(self.center):
             from pxr import UsdGeom  # with the first scene, not with the configs of a task
 
-            geometry = prim.GetStage().GetPrimAtPath(f"{prim.GetPath()}/geometry")
-            UsdGeom.XformCommonAPI(geometry).SetTranslate(self.center)
+            geometry = prim.GetStage().GetPrimAtPath(f"{prim.GetPath()}/geometry/mesh")
+            if not UsdGeom.XformCommonAPI(geometry).SetTranslate(self.center):
+                raise RuntimeError(f"the shape at '{geometry.GetPath()}' cannot be moved")
         return prim

@@ -77,6 +77,11 @@ class ActionTermCfg:
     """Largest delay [steps]; each episode draws one within the bounds."""
 
     @property
+    def is_users(self) -> bool:
+        """Whether a class of the user computes it, rather than Warp functions."""
+        return self.class_type is not None and not getattr(self.class_type, "is_fused", bool)()
+
+    @property
     def known_functions(self) -> dict[str, wp.Function | None]:
         """Functions of the package for its kind, used where the config names none."""
         return {}

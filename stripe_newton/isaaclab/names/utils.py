@@ -10,7 +10,7 @@ NAMES: dict[str, Table] = {
         record_joint_names=record_nothing record_body_names=record_nothing record_joint_shape=record_nothing
         record_joint_pos_offsets=record_nothing record_joint_vel_offsets=record_nothing""",
     ),
-    "isaaclab.utils": same("stripe_newton.configclass", "configclass")
+    "isaaclab.utils": dialect("configclass", "configclass")
     | dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
     "isaaclab.utils.assets": dialect(
         "files",
