@@ -15,6 +15,7 @@ from stripe_newton.envs.rl_env import Extras, Observations, ResetOptions
 from stripe_newton.sim import SimulationCfg as NativeSimulationCfg
 from stripe_newton.viewers import ViewerCfg as NativeViewerCfg
 
+from .absent_joints import leave_out_absent_joints
 from .mdp.warp_term import use_warp_functions
 from .scene import InteractiveScene
 from .simulation_cfg import SimulationCfg, ViewerCfg
@@ -46,8 +47,9 @@ class ManagerBasedEnvCfg(native.ManagerBasedEnvCfg):
     IGNORED: ClassVar[dict[str, str]] = _IGNORED
 
     def complete(self) -> None:
-        """Let terms be the package's."""
+        """Let terms be the package's, and leave out joints that a robot in the place of NVIDIA's does not have."""
         use_warp_functions(self)
+        leave_out_absent_joints(self, self.scene)
         native.ManagerBasedEnvCfg.complete(self)
 
 
@@ -67,8 +69,9 @@ class ManagerBasedRLEnvCfg(native.ManagerBasedRLEnvCfg):
     IGNORED: ClassVar[dict[str, str]] = _IGNORED
 
     def complete(self) -> None:
-        """Let terms be the package's."""
+        """Let terms be the package's, and leave out joints that a robot in the place of NVIDIA's does not have."""
         use_warp_functions(self)
+        leave_out_absent_joints(self, self.scene)
         native.ManagerBasedRLEnvCfg.complete(self)
 
 
