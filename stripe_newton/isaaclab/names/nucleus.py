@@ -72,7 +72,9 @@ class Prop:
 
 _UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision)?")}
 _GO2_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1")}
-_ANYMAL_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
+_ANYMAL_B_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_2")}
+_ANYMAL_C_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
+_SPOT_FEET = {f"{leg}_lleg": (f"{leg}_foot", leg.upper()) for leg in ("fl", "fr", "hl", "hr")}
 _SIDES = ("left", "right")
 _G1_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elbow_roll")
 _G1_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
@@ -145,9 +147,9 @@ ROBOTS = (
             "Robots/ANYbotics/anymal_instanceable.usd",
         ),
         "anymal_c",
-        links=_ANYMAL_FEET,
+        links=_ANYMAL_C_FEET,
     ),
-    Robot(("IsaacLab/Robots/ANYbotics/ANYmal-B/anymal_b.usd",), "anymal_b", links=_ANYMAL_FEET),
+    Robot(("IsaacLab/Robots/ANYbotics/ANYmal-B/anymal_b.usd",), "anymal_b", links=_ANYMAL_B_FEET),
     Robot(
         (
             "IsaacLab/Robots/ANYbotics/ANYmal-D/anymal_d.usd",
@@ -155,7 +157,7 @@ ROBOTS = (
         ),
         "anymal_d",
     ),
-    Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot"),
+    Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot", links=_SPOT_FEET),
     # -- robots with two legs
     Robot(("IsaacLab/Robots/Unitree/H1/h1.usd", "IsaacLab/Robots/Unitree/H1/h1_minimal.usd"), "h1"),
     Robot(
