@@ -16,6 +16,7 @@ from stripe_newton.sim import SimulationCfg as NativeSimulationCfg
 from stripe_newton.viewers import ViewerCfg as NativeViewerCfg
 
 from .absent_joints import leave_out_absent_joints
+from .force_sensors import add_force_sensors
 from .mdp.warp_term import use_warp_functions
 from .scene import InteractiveScene
 from .simulation_cfg import SimulationCfg, ViewerCfg
@@ -47,9 +48,10 @@ class ManagerBasedEnvCfg(native.ManagerBasedEnvCfg):
     IGNORED: ClassVar[dict[str, str]] = _IGNORED
 
     def complete(self) -> None:
-        """Let terms be the package's, and leave out joints that a robot in the place of NVIDIA's does not have."""
+        """Let terms be the package's, leave out joints that a stand-in does not have, add sensors of actions."""
         use_warp_functions(self)
         leave_out_absent_joints(self, self.scene)
+        add_force_sensors(self.actions, self.scene)
         native.ManagerBasedEnvCfg.complete(self)
 
 
@@ -69,9 +71,10 @@ class ManagerBasedRLEnvCfg(native.ManagerBasedRLEnvCfg):
     IGNORED: ClassVar[dict[str, str]] = _IGNORED
 
     def complete(self) -> None:
-        """Let terms be the package's, and leave out joints that a robot in the place of NVIDIA's does not have."""
+        """Let terms be the package's, leave out joints that a stand-in does not have, add sensors of actions."""
         use_warp_functions(self)
         leave_out_absent_joints(self, self.scene)
+        add_force_sensors(self.actions, self.scene)
         native.ManagerBasedRLEnvCfg.complete(self)
 
 

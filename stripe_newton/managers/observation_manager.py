@@ -179,6 +179,8 @@ class ObservationManager(ManagerBase):
 
         def evaluate() -> None:
             values = call()
+            if term.size == 1 and values.dim() == 1:
+                values = values.unsqueeze(-1)
             if tuple(values.shape) != shape:
                 raise ValueError(
                     f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"

@@ -49,7 +49,7 @@ __all__ = [
     "RelativeJointPositionActionCfg",
 ]
 
-_NOT_DRAWN = {"debug_vis": "actions are not drawn"}
+NOT_DRAWN = {"debug_vis": "actions are not drawn"}
 Quaternion = tuple[float, float, float, float]
 
 
@@ -140,7 +140,7 @@ class JointActionCfg(native.JointActionCfg):
     asset_name: str = MISSING
     joint_names: Sequence[str] = MISSING
     debug_vis: bool = False
-    IGNORED: ClassVar[dict[str, str]] = _NOT_DRAWN
+    IGNORED: ClassVar[dict[str, str]] = NOT_DRAWN
 
 
 @configclass
@@ -232,22 +232,24 @@ class NonHolonomicActionCfg(native.NonHolonomicActionCfg, JointActionCfg):
 
 
 @configclass
+class BodyOffsetCfg(WxyzRot, native.DifferentialInverseKinematicsActionCfg.OffsetCfg):
+    """Frame fixed to a body; ``rot`` is (w, x, y, z)."""
+
+    rot: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+@configclass
 class DifferentialInverseKinematicsActionCfg(native.DifferentialInverseKinematicsActionCfg):
     """:class:`stripe_newton.envs.mdp.DifferentialInverseKinematicsActionCfg` with quaternions (w, x, y, z)."""
 
-    @configclass
-    class OffsetCfg(WxyzRot, native.DifferentialInverseKinematicsActionCfg.OffsetCfg):
-        """Frame fixed to the body; ``rot`` is (w, x, y, z)."""
-
-        rot: Quaternion = (1.0, 0.0, 0.0, 0.0)
-
+    OffsetCfg: ClassVar[type] = BodyOffsetCfg
     scalar_first: ClassVar[bool] = True
     class_type: type | None = DifferentialInverseKinematicsAction
     asset_name: str = MISSING
     joint_names: Sequence[str] = MISSING
     debug_vis: bool = False
     clip: dict[str, tuple[float, float]] | None = None
-    IGNORED: ClassVar[dict[str, str]] = _NOT_DRAWN | {"clip": "commands of poses are not clipped"}
+    IGNORED: ClassVar[dict[str, str]] = NOT_DRAWN | {"clip": "commands of poses are not clipped"}
 
 
 # -- a gripper that follows a threshold
