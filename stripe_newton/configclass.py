@@ -201,9 +201,12 @@ def _unknown(obj: Config, name: str) -> str:
 
 def _setattr(self: Config, name: str, value: object) -> None:
     known = name.startswith("_") or name in type(self).__dataclass_fields__
-    if not known and not isinstance(getattr(type(self), name, None), property):
+    if known or isinstance(getattr(type(self), name, None), property):
+        object.__setattr__(self, name, value)
+    elif (adopt := getattr(self, "adopt_field", None)) is not None:  # a class whose instances take new fields
+        adopt(name, value)
+    else:
         raise AttributeError(_unknown(self, name))
-    object.__setattr__(self, name, value)
 
 
 def _replace(self: AnyConfig, **changes: object) -> AnyConfig:

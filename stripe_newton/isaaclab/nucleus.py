@@ -24,7 +24,7 @@ from stripe_newton.configclass import resolve_name
 from .files import ASSETS_VARIABLE, ISAAC_NUCLEUS_DIR, NUCLEUS_ASSET_ROOT_DIR, is_on_server, local_copy
 from .names.nucleus import ABSENT, ACTUATOR_NETS, POINTERS, PROPS, ROBOTS, Pointer, Prop, Robot
 
-__all__ = ["actuator_for", "joint_order_for", "problem_of", "spawner_for"]
+__all__ = ["actuator_for", "joint_order_for", "problem_of", "robot_for", "spawner_for"]
 
 _log = logging.getLogger(__name__)
 _BY_PATH: dict[str, Robot | Prop | Pointer] = {
@@ -91,6 +91,15 @@ def joint_order_for(spawn: native.SpawnerCfg | None) -> tuple[str, ...] | None:
     path = getattr(spawn, "usd_path", "")
     entry = _BY_PATH.get(_inside(path)) if is_on_server(path) else None
     return entry.order if isinstance(entry, Robot) and entry.order else None
+
+
+def robot_for(spawn: object) -> Robot | None:
+    """The entry of the robot that stands for the file of a spawner; None for other spawners and files."""
+    path = getattr(spawn, "usd_path", "")
+    if not isinstance(path, str) or not is_on_server(path) or local_copy(path) is not None:
+        return None
+    entry = _BY_PATH.get(_inside(path))
+    return entry if isinstance(entry, Robot) else None
 
 
 def _inside(path: str) -> str:
@@ -184,6 +193,7 @@ class _CenteredShape:
         if any(self.center):
             from pxr import UsdGeom  # with the first scene, not with the configs of a task
 
-            geometry = prim.GetStage().GetPrimAtPath(f"{prim.GetPath()}/geometry")
-            UsdGeom.XformCommonAPI(geometry).SetTranslate(self.center)
+            geometry = prim.GetStage().GetPrimAtPath(f"{prim.GetPath()}/geometry/mesh")
+            if not UsdGeom.XformCommonAPI(geometry).SetTranslate(self.center):
+                raise RuntimeError(f"the shape at '{geometry.GetPath()}' cannot be moved")
         return prim

@@ -195,7 +195,10 @@ class CommandManager(ManagerBase):
     def _add_pose(self, path: str, name: str, term: _Term) -> None:
         context, cfg, pose = self.context, term.cfg, PoseCommandData()
         assert isinstance(cfg, UniformPoseCommandCfg)
-        pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
+        if cfg.update is None:
+            pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
+        else:  # its own functions say how the numbers of the command follow from the pose
+            pose.pose = context.array(f"{path}.pose", wp.transform)
         self._provide(pose, name, term.data)
         if cfg.asset_name in context.entity_names():
             names = context.asset(cfg.asset_name).data.body_names
@@ -245,6 +248,11 @@ class CommandManager(ManagerBase):
         """Names of the terms."""
         there = {*self._terms, *self._torch, *self._null}
         return [name for name in terms_of(self.cfg) if name in there]
+
+    @property
+    def torch_terms(self) -> list[str]:
+        """Names of the terms that are a user's classes."""
+        return list(self._torch)
 
     def get_command(self, name: str) -> torch.Tensor:
         """The current command of a term, shape ``(num_envs, n)``.

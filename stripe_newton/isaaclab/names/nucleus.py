@@ -40,6 +40,12 @@ class Robot:
     """NVIDIA's order of the joints where it is not by depth in the tree and by name."""
     root: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     """Pose of the other file's root body in the frame of NVIDIA's file: position [m], quaternion (x, y, z, w)."""
+    absent: tuple[str, ...] = ()
+    """NVIDIA's joints that the other file lacks. What a config says of these alone is left out."""
+    present: tuple[str, ...] = ()
+    """NVIDIA's other joints, where some are absent."""
+    driven_like: Mapping[str, str] = field(default_factory=dict)
+    """Joints that NVIDIA's file lacks, by expression: they are driven like this joint of NVIDIA's."""
     density: float | None = None
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
@@ -76,7 +82,13 @@ class Prop:
 
 _UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision)?")}
 _GO2_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1")}
-_ANYMAL_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
+_ANYMAL_B_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_2")}
+_ANYMAL_C_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
+_SPOT_FEET = {f"{leg}_lleg": (f"{leg}_foot", leg.upper()) for leg in ("fl", "fr", "hl", "hr")}
+_SIDES = ("left", "right")
+_G1_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elbow_roll")
+_G1_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+_G1_FINGERS = ("zero", "one", "two", "three", "four", "five", "six")
 _FINGERS = {"ff": "index", "mf": "middle", "rf": "ring", "th": "thumb"}
 _PHALANGES = {"base": "0", "proximal": "1", "medial": "2", "distal": "3"}
 
@@ -145,9 +157,9 @@ ROBOTS = (
             "Robots/ANYbotics/anymal_instanceable.usd",
         ),
         "anymal_c",
-        links=_ANYMAL_FEET,
+        links=_ANYMAL_C_FEET,
     ),
-    Robot(("IsaacLab/Robots/ANYbotics/ANYmal-B/anymal_b.usd",), "anymal_b", links=_ANYMAL_FEET),
+    Robot(("IsaacLab/Robots/ANYbotics/ANYmal-B/anymal_b.usd",), "anymal_b", links=_ANYMAL_B_FEET),
     Robot(
         (
             "IsaacLab/Robots/ANYbotics/ANYmal-D/anymal_d.usd",
@@ -155,13 +167,29 @@ ROBOTS = (
         ),
         "anymal_d",
     ),
-    Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot"),
+    Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot", links=_SPOT_FEET),
     # -- robots with two legs
     Robot(("IsaacLab/Robots/Unitree/H1/h1.usd", "IsaacLab/Robots/Unitree/H1/h1_minimal.usd"), "h1"),
     Robot(
         ("IsaacLab/Robots/Unitree/G1/g1.usd", "IsaacLab/Robots/Unitree/G1/g1_minimal.usd", "Robots/Unitree/G1/g1.usd"),
         "g1",
-        note="a G1 with 29 joints and without fingers, NVIDIA's has 37 with fingers",
+        joints={
+            "waist_yaw_joint": "torso_joint",
+            "(left|right)_elbow_joint": r"\1_elbow_pitch_joint",
+            "(left|right)_wrist_roll_joint": r"\1_elbow_roll_joint",
+        },
+        bodies={
+            "(left|right)_elbow_link": r"\1_elbow_pitch_link",
+            "(left|right)_wrist_roll_link": r"\1_elbow_roll_link",
+        },
+        absent=tuple(f"{side}_{finger}_joint" for side in _SIDES for finger in _G1_FINGERS),
+        present=("torso_joint", *(f"{side}_{part}_joint" for side in _SIDES for part in (*_G1_LEG, *_G1_ARM))),
+        driven_like={
+            "waist_(roll|pitch)_joint": "torso_joint",
+            "left_wrist_(pitch|yaw)_joint": "left_elbow_roll_joint",
+            "right_wrist_(pitch|yaw)_joint": "right_elbow_roll_joint",
+        },
+        note="a G1 with 29 joints: three in the waist and in each wrist, no fingers; NVIDIA's has 37, with fingers",
     ),
     Robot(("IsaacLab/Robots/Agility/Cassie/cassie.usd",), "cassie"),
     Robot(("Robots/Agility/Digit/digit_v4.usd",), "digit"),

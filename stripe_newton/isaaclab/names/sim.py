@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of Isaac Lab's simulation, spawners, terrains and markers."""
+"""Names of Isaac Lab's simulation, spawners and markers."""
 
 from .entries import Table, dialect, inert, same
 
@@ -31,9 +31,6 @@ NAMES: dict[str, Table] = {
         RigidObjectSpawnerCfg""",
     ),
     "isaaclab.scene": dialect("scene", "InteractiveScene") | same("stripe_newton.scene", "InteractiveSceneCfg"),
-    "isaaclab.terrains": same("stripe_newton.terrains", "TerrainImporterCfg TerrainGeneratorCfg TerrainImporter"),
-    "isaaclab.terrains.config": {},
-    "isaaclab.terrains.config.rough": same("stripe_newton.terrains", "ROUGH_TERRAINS_CFG"),
 }
 
 ALIASES: dict[str, str] = {}
