@@ -5,6 +5,7 @@ from .articulation import Articulation, ArticulationCfg
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg, BoundAsset
 from .dynamics import ArticulationDynamics
+from .fixed_tendons import FixedTendons
 from .layout import Layout, articulation_layouts
 from .rigid_object import RigidObject, RigidObjectCfg
 from .robot_library import ROBOT_SOURCES, ROBOTS, file_spawner, find_robot, robot_cfg
@@ -21,6 +22,7 @@ __all__ = [
     "AssetBase",
     "AssetBaseCfg",
     "BoundAsset",
+    "FixedTendons",
     "Layout",
     "RigidObject",
     "RigidObjectCfg",

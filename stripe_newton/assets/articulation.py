@@ -18,6 +18,7 @@ from stripe_newton.matching import match_names, match_values
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
 from .dynamics import ArticulationDynamics
+from .fixed_tendons import FixedTendons
 from .joint_order import JointOrder, order_joints
 from .layout import Layout
 from .rigid_object import RigidObjectCfg
@@ -173,6 +174,11 @@ class Articulation(BoundAsset):
     def dynamics(self) -> ArticulationDynamics:
         """Jacobians, mass matrices, gravity compensation and joint wrenches."""
         return ArticulationDynamics(self._sim, self.layout)
+
+    @cached_property
+    def fixed_tendons(self) -> FixedTendons:
+        """Fixed tendons of its file."""
+        return FixedTendons(self._sim, self.layout)
 
     @property
     def is_fixed_base(self) -> bool:

@@ -36,7 +36,7 @@ class DirectRLEnvCfg(RLEnvCfg):
     """Space of the group ``"policy"``, as :func:`to_space` reads it; a dict with the key ``"policy"`` names the spaces
     of all groups."""
     state_space: SpaceSpec = 0
-    """Space of the group ``"critic"``, which ``_get_states`` fills; 0 for none."""
+    """Space of the group ``"critic"``, which ``_get_observations`` or ``_get_states`` fills; 0 for none."""
     action_space: SpaceSpec = MISSING
     """Space of the actions."""
     observation_noise_model: NoiseModelCfg | None = None
@@ -300,7 +300,7 @@ class DirectRLEnv(RecordingEnv):
 
     def _torch_groups(self) -> dict[str, torch.Tensor]:
         groups: Observations = dict(self._get_observations())
-        if self.cfg.state_space:
+        if self.cfg.state_space and "critic" not in groups:
             groups["critic"] = self._get_states()
         if not self._checked:
             self._check_observations(groups)

@@ -21,6 +21,7 @@ from stripe_newton.configclass import configclass
 from .nucleus import actuator_for, joint_order_for
 from .physx_view import ArticulationView, RigidBodyView
 from .quaternions import pose_to_xyzw
+from .tendon_methods import TendonMethods
 from .wrench_composer import AssetWrenches, WrenchComposer
 from .wxyz_config import WxyzOptionalRot
 from .wxyz_data import WxyzData
@@ -97,7 +98,7 @@ class _WxyzAsset(native.BoundAsset):
         super().write_root_com_state_to_sim(pose_to_xyzw(root_state), env_ids)
 
 
-class Articulation(_WxyzAsset, native.Articulation):
+class Articulation(_WxyzAsset, TendonMethods):
     """:class:`stripe_newton.assets.Articulation` with quaternions (w, x, y, z)."""
 
     @cached_property

@@ -27,6 +27,7 @@ from .names.nucleus import ABSENT, ACTUATOR_NETS, POINTERS, PROPS, ROBOTS, Point
 __all__ = ["actuator_for", "joint_order_for", "problem_of", "robot_for", "spawner_for"]
 
 _log = logging.getLogger(__name__)
+_MODELS = Path(__file__).parent / "models"
 _BY_PATH: dict[str, Robot | Prop | Pointer] = {
     path: entry for entry in (*ROBOTS, *PROPS, *POINTERS) for path in entry.paths
 }
@@ -112,6 +113,13 @@ def _say(path: str, text: str) -> None:
     _log.warning("for %s of NVIDIA's server stands: %s", path, text)
 
 
+def _path_of(entry: Robot) -> str:
+    """The file that stands for NVIDIA's."""
+    if entry.asset:
+        return str(get_asset(entry.asset))
+    return str(_MODELS / entry.file if entry.file else _file_of(entry.name))
+
+
 @cache
 def _file_of(name: str) -> Path:
     return find_robot(name)
@@ -128,14 +136,18 @@ def _robot(entry: Robot, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
         "articulation_props": _held(cfg.articulation_props, entry.fixed_base),
         "rigid_props": cfg.rigid_props,
     }
-    path = get_asset(entry.asset) if entry.asset else str(_file_of(entry.name))
+    path = _path_of(entry)
     if path.endswith((".usd", ".usda", ".usdc", ".usdz")):
         mass = native.MassPropertiesCfg(density=entry.density) if entry.density else None
         own = {name: getattr(cfg, name) for name in ("scale", "collision_props", "joint_drive_props")}
         return native.UsdFileCfg(usd_path=path, mass_props=cfg.mass_props or mass, **own, **shared)
     # Drives are those of the config alone, as in a file of NVIDIA's.
-    own = {"actuators": False, "root_pose": entry.root} if path.endswith(".xml") else {}
-    return file_spawner(path, scale=_uniform(cfg), **own, **shared)
+    tendons = {
+        name: native.FixedTendonCfg(coefficients=dict(coefficients), limits=limits)
+        for name, (coefficients, limits) in entry.tendons.items()
+    }
+    of_mjcf = {"actuators": entry.drives, "root_pose": entry.root, "fixed_tendons": tendons}
+    return file_spawner(path, scale=_uniform(cfg), **(of_mjcf if path.endswith(".xml") else {}), **shared)
 
 
 def _held(

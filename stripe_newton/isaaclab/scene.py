@@ -10,6 +10,7 @@ from stripe_newton import scene as native
 from stripe_newton.assets.root_writer import EnvIds
 from stripe_newton.sim import Simulation
 
+from .body_prims import author_body_prims
 from .latest_simulation import latest_simulation
 from .quaternions import pose_to_wxyz, pose_to_xyzw
 
@@ -33,6 +34,10 @@ class InteractiveScene(native.InteractiveScene):
         else:
             super().__init__(cfg, latest, latest.stage if stage is None else stage)
             latest.take_scene(self)
+
+    def build(self) -> None:
+        super().build()
+        author_body_prims(self)
 
     def get_state(self, is_relative: bool = False) -> States:
         states = super().get_state(is_relative)

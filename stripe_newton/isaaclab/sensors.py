@@ -6,9 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
 
+import torch
+
 from stripe_newton import sensors as native
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.viewers import save_images
 
+from .camera_data import ColorizedCameraData
 from .wxyz_config import WxyzRot
 from .wxyz_data import WxyzData
 
@@ -27,6 +31,7 @@ __all__ = [
     "RayCasterCfg",
     "TiledCamera",
     "TiledCameraCfg",
+    "save_images_to_file",
 ]
 
 _NO_MARKERS = {"visualizer_cfg": "sensors draw no markers"}
@@ -51,7 +56,18 @@ class _WxyzSensor:
 
 
 class Camera(_WxyzSensor, native.Camera):
-    """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z)."""
+    """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z); segmentations are colours if asked for."""
+
+    @property
+    def data(self) -> Any:
+        """Data of the camera."""
+        return super().data
+
+    @data.setter
+    def data(self, value: object) -> None:
+        kinds = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
+        colorized = {kind: getattr(self.cfg, f"colorize_{kind}", False) for kind in kinds}
+        self._wxyz = ColorizedCameraData(value, colorized)
 
 
 class TiledCamera(Camera):
@@ -193,3 +209,8 @@ class TiledCameraCfg(CameraCfg):
     """A :class:`CameraCfg` by Isaac Lab's other name."""
 
     class_type: Callable[..., native.SensorBase] | None = TiledCamera
+
+
+def save_images_to_file(images: torch.Tensor, file_path: str) -> None:
+    """Write images of shape ``(n, height, width, channels)``, uint8 or floats from 0 to 1, side by side."""
+    save_images(file_path, images.detach().cpu().numpy())

@@ -15,6 +15,7 @@ from .solver_cfg import (
     XPBDSolverCfg,
 )
 from .spawners.from_files import (
+    FixedTendonCfg,
     GroundPlaneCfg,
     MjcfFileCfg,
     UrdfFileCfg,
@@ -87,6 +88,7 @@ __all__ = [
     "DistantLightCfg",
     "DomeLightCfg",
     "FeatherstoneSolverCfg",
+    "FixedTendonCfg",
     "FrameCfg",
     "GroundPlaneCfg",
     "JointDrivePropertiesCfg",

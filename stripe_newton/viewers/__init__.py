@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .live_viewer import LiveViewer
     from .markers import VisualizationMarkers, VisualizationMarkersCfg
     from .scene_renderer import SceneRenderer
-    from .video import VideoWriter, save_image
+    from .video import VideoWriter, save_image, save_images
 
 __all__ = [
     "LiveViewer",
@@ -23,6 +23,7 @@ __all__ = [
     "VisualizationMarkers",
     "VisualizationMarkersCfg",
     "save_image",
+    "save_images",
 ]
 
 _MODULES = {
@@ -32,6 +33,7 @@ _MODULES = {
     "VisualizationMarkers": "markers",
     "VisualizationMarkersCfg": "markers",
     "save_image": "video",
+    "save_images": "video",
 }
 
 

@@ -27,7 +27,7 @@ class OperationalSpaceControllerAction(native.OperationalSpaceControllerAction):
         path = getattr(cfg, "task_frame_rel_path", None)
         if path is None:
             return native.OperationalSpaceControllerAction._find_task(cfg, env)
-        found = {name: env.scene[name] for name in env.scene.keys()}
+        found = {name: env.scene[name] for name in env.scene}
         assets = {name: asset for name, asset in found.items() if isinstance(asset, BoundAsset)}
         for asset in assets.values():
             if asset.cfg.prim_path.endswith(f"/{path}"):

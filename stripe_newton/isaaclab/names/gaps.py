@@ -63,7 +63,7 @@ NAMES: dict[str, Table] = {
     "isaaclab.sensors": refused(
         _SENSOR,
         """CameraData ContactSensorData FrameTransformerData ImuData MultiMeshRayCasterCameraCfg
-        MultiMeshRayCasterCfg RayCasterCamera RayCasterCameraCfg save_images_to_file""",
+        MultiMeshRayCasterCfg RayCasterCamera RayCasterCameraCfg""",
     ),
     "isaaclab.sim": inert(
         "these options are of PhysX and have no effect", "PhysxCfg RenderCfg FixedTendonPropertiesCfg"

@@ -26,8 +26,12 @@ class Robot:
     """Its name for :func:`stripe_newton.assets.find_robot`."""
     asset: str = ""
     """Or the file in Newton's own examples."""
+    file: str = ""
+    """Or a file in the folder ``models`` of the dialect."""
     cfg: str = ""
     """Or a spawner config class, as ``"module:Class"``."""
+    drives: bool = False
+    """Whether drives of the other file stand for those of NVIDIA's; else there are those of the config alone."""
     fixed_base: bool | None = None
     """Whether NVIDIA's file holds the base in the world; None for what the other file says."""
     joints: Mapping[str, str] = field(default_factory=dict)
@@ -46,6 +50,8 @@ class Robot:
     """NVIDIA's other joints, where some are absent."""
     driven_like: Mapping[str, str] = field(default_factory=dict)
     """Joints that NVIDIA's file lacks, by expression: they are driven like this joint of NVIDIA's."""
+    tendons: Mapping[str, tuple[Mapping[str, float], tuple[float, float]]] = field(default_factory=dict)
+    """Fixed tendons of NVIDIA's file: coefficients by the other file's joints, and limits of the length."""
     density: float | None = None
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
@@ -141,6 +147,21 @@ ROBOTS = (
         ),
         note="Newton's humanoid",
     ),
+    # -- of the dialect
+    Robot(
+        ("IsaacLab/Robots/Classic/Humanoid28/humanoid_28.usd",),
+        file="humanoid_28.xml",
+        drives=True,
+        note="a humanoid with AMP's published sizes and gains; it has three hinges in a row where NVIDIA's joints take"
+        " rotation vectors, as the motion files do: joints of these differ by up to 7 (run), 20 (walk) and 51 degrees"
+        " (dance)",
+    ),
+    Robot(
+        ("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",),
+        file="sektion_cabinet.xml",
+        fixed_base=True,
+        note="a cabinet of boards with the sizes, joints and handles of NVIDIA's",
+    ),
     # -- quadrupeds
     Robot(("IsaacLab/Robots/Unitree/A1/a1.usd",), "a1", links=_UNITREE_FEET),
     Robot(("IsaacLab/Robots/Unitree/Go1/go1.usd",), "go1", links=_UNITREE_FEET),
@@ -220,7 +241,7 @@ ROBOTS = (
         bodies={"palm": "palm_link"}
         | {f"{f}_{p}": f"{new}_link_{k}" for f, new in _FINGERS.items() for p, k in _PHALANGES.items()},
         # NVIDIA's file begins at the mount below the palm, as the description of Kuka's arm with this hand.
-        root=(0.0111, -0.0076, 0.1339, 0.0, 0.0, -0.9238795, 0.3826834),
+        root=(-0.0053, -0.0076, 0.1339, 0.0, 0.0, -0.9238795, 0.3826834),
     ),
     Robot(
         ("Robots/ShadowRobot/ShadowHand/shadow_hand_instanceable.usd",),
@@ -231,6 +252,11 @@ ROBOTS = (
         bodies={r"rh_(\w+)": r"robot0_\1"},
         # NVIDIA's file has the hand lying on its back, fingers along -y.
         root=(0.0, 0.0, 0.0, 0.0, -0.70710678, 0.70710678, 0.0),
+        # The real hand moves the two outer joints of a finger by one tendon; numbers of Shadow's description.
+        tendons={
+            f"robot0_T_{finger}J1c": ({f"rh_{finger}J1": 0.00705, f"rh_{finger}J2": -0.00805}, (-0.001, 0.001))
+            for finger in ("FF", "MF", "RF", "LF")
+        },
         note="the joint at the tip of the thumb, THJ0, turns from -0.26 to 1.57 rad, NVIDIA's from -1.57 to 0",
     ),
     # -- wings
@@ -247,9 +273,9 @@ _BLOCK = "a cube of 46.8 mm: the height that Isaac Lab's stacking task expects b
 PROPS = (
     Prop(
         ("Props/Blocks/DexCube/dex_cube_instanceable.usd",),
-        size=(0.06, 0.06, 0.06),
+        size=(0.065, 0.065, 0.065),
         color=(0.7, 0.35, 0.1),
-        note="a cube of 60 mm and of water's density in one colour; the size of NVIDIA's is not published",
+        note="a cube of 65 mm in one colour, as Isaac Gym's of the same name",
     ),
     *(
         Prop((f"Props/Blocks/{name}_block.usd",), size=(0.0468, 0.0468, 0.0468), color=color, note=_BLOCK)
