@@ -82,7 +82,7 @@ class AssetBase:
         cfg.validate()
         self.cfg = cfg.copy()
         # By the context, not by an argument: so that assets are made as in Isaac Lab, Articulation(cfg).
-        scene = current_scene()
+        scene = self._scene = current_scene()
         self.path = authored_path(self.cfg.prim_path)
         if self.cfg.spawn is not None:
             start = self.cfg.init_state
@@ -158,7 +158,7 @@ class BoundAsset(RootWriter, AssetBase):
             ConfigError: if there is none, or several and ``root_path`` chooses none of them.
         """
         where = f"{type(self).__name__} '{self.cfg.prim_path}'"
-        if not self.in_every_env:
+        if not (self.in_every_env or self._scene.builder.template_root == "/"):
             raise ConfigError([f"{where}: bodies belong in environments, put it below '/World/envs/env_.*'"])
         return select_layout(layouts, self.path, root_path, where)
 

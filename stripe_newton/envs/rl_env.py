@@ -21,7 +21,7 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
 from stripe_newton.managers import ManagerContext, TermEvaluation
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import Simulation
+from stripe_newton.sim import Simulation, SimulationCfg
 
 from .env_state import EnvState, restore_state, save_state
 from .output_block import OutputBlock
@@ -72,6 +72,8 @@ class RLEnv(VectorEnv):
 
     scene_class: ClassVar[type[InteractiveScene]] = InteractiveScene
     """Class of the scene."""
+    simulation_class: ClassVar[Callable[[SimulationCfg], Simulation]] = Simulation
+    """Class of the simulation, or a function that makes one."""
 
     cfg: RLEnvCfg
     _renderer: SceneRenderer | None = None
@@ -98,7 +100,7 @@ class RLEnv(VectorEnv):
         self.render_mode = render_mode
         if self.cfg.seed is not None:
             self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
-        self.sim = Simulation(self.cfg.sim)
+        self.sim = type(self).simulation_class(self.cfg.sim)
         self.sim.decimation = self.cfg.decimation
         self._prepare_simulation()
         self.scene = self.scene_class(self.cfg.scene, self.sim)
@@ -474,6 +476,8 @@ class RLEnv(VectorEnv):
     def _checked_action(self, action: object) -> torch.Tensor:
         action = torch.as_tensor(action, device=self.device)
         expected = self.action_space.shape
+        if isinstance(self.single_action_space, spaces.Discrete) and tuple(action.shape) == (self.num_envs, 1):
+            return action  # a column of choices, as learners of Isaac Lab give them
         if expected is not None and tuple(action.shape) != tuple(expected):
             raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(expected)}")
         if self.device == "cpu" and self.cfg.nonfinite_actions == "raise" and action.is_floating_point():
@@ -618,4 +622,4 @@ def _own(values: Extras) -> Extras:
 
 
 def _has_dicts(observations: Observations) -> bool:
-    return any(isinstance(group, dict) for group in observations.values())
+    return any(not isinstance(group, torch.Tensor) for group in observations.values())

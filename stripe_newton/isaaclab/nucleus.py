@@ -22,12 +22,14 @@ from stripe_newton.assets import file_spawner, find_robot
 from stripe_newton.configclass import resolve_name
 
 from .files import ASSETS_VARIABLE, ISAAC_NUCLEUS_DIR, NUCLEUS_ASSET_ROOT_DIR, is_on_server, local_copy
-from .names.nucleus import ABSENT, ACTUATOR_NETS, PROPS, ROBOTS, Prop, Robot
+from .names.nucleus import ABSENT, ACTUATOR_NETS, POINTERS, PROPS, ROBOTS, Pointer, Prop, Robot
 
 __all__ = ["actuator_for", "joint_order_for", "problem_of", "robot_for", "spawner_for"]
 
 _log = logging.getLogger(__name__)
-_BY_PATH: dict[str, Robot | Prop] = {path: entry for entry in (*ROBOTS, *PROPS) for path in entry.paths}
+_BY_PATH: dict[str, Robot | Prop | Pointer] = {
+    path: entry for entry in (*ROBOTS, *PROPS, *POINTERS) for path in entry.paths
+}
 
 
 def problem_of(path: str) -> str | None:
@@ -62,6 +64,8 @@ def spawner_for(cfg: native.UsdFileCfg) -> native.SpawnerCfg:
     if isinstance(entry, Prop):
         _say(path, entry.note)
         return _prop(entry, cfg)
+    if isinstance(entry, Pointer):
+        return _pointer(entry, cfg)
     title = LIBRARY[entry.name].title if entry.name else ""
     _say(path, "; ".join(text for text in (title, entry.note) if text))
     return _robot(entry, cfg)
@@ -169,6 +173,13 @@ def _prop(entry: Prop, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
         visible=cfg.visible,
         semantic_tags=cfg.semantic_tags,
     )
+
+
+def _pointer(entry: Pointer, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
+    shared = {"scale": cfg.scale, "visible": cfg.visible, "semantic_tags": cfg.semantic_tags}
+    if entry.kind == "frame":
+        return native.FrameCfg(**shared)
+    return native.ArrowCfg(visual_material=cfg.visual_material, **shared)
 
 
 class _CenteredShape:

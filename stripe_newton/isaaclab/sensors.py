@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
 
 from stripe_newton import sensors as native
@@ -22,6 +22,7 @@ __all__ = [
     "Imu",
     "ImuCfg",
     "OffsetCfg",
+    "PinholeCameraCfg",
     "RayCaster",
     "RayCasterCfg",
     "TiledCamera",
@@ -140,6 +141,28 @@ class RayCasterCfg(native.RayCasterCfg):
 
 
 @configclass
+class PinholeCameraCfg(native.PinholeCameraCfg):
+    """:class:`stripe_newton.sensors.PinholeCameraCfg` with Isaac Lab's other fields."""
+
+    clipping_range: tuple[float, float] = (0.01, 1.0e6)
+    projection_type: str = "pinhole"
+    lock_camera: bool = True
+    visible: bool = True
+    semantic_tags: list[tuple[str, str]] | None = None
+    copy_from_source: bool = True
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "lock_camera": "there is no window in which it could be moved",
+        **dict.fromkeys(("visible", "semantic_tags", "copy_from_source"), "a camera is no prim that is drawn"),
+    }
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if self.projection_type != "pinhole":
+            yield "projection_type", f"is {self.projection_type!r}, only 'pinhole' is drawn"
+
+
+@configclass
 class CameraCfg(native.CameraCfg):
     """:class:`stripe_newton.sensors.CameraCfg` with quaternions (w, x, y, z)."""
 
@@ -151,6 +174,18 @@ class CameraCfg(native.CameraCfg):
 
     class_type: Callable[..., native.SensorBase] | None = Camera
     offset: OffsetCfg = OffsetCfg()
+    update_latest_camera_pose: bool = False
+    semantic_filter: str | Sequence[str] = "*:*"
+    colorize_semantic_segmentation: bool = True
+    colorize_instance_id_segmentation: bool = True
+    colorize_instance_segmentation: bool = True
+    semantic_segmentation_mapping: dict[str, Any] = {}
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "update_latest_camera_pose": "the pose is always that of the image",
+        "semantic_filter": "all labels are drawn",
+        "semantic_segmentation_mapping": "colours are by number",
+    }
 
 
 @configclass

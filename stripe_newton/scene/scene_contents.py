@@ -145,6 +145,10 @@ class SceneContents:
                 return family[key]
         raise KeyError(f"no '{key}' in the scene; it has {', '.join(self.keys()) or 'nothing'}")
 
+    def alias(self, path: str) -> str:
+        """Another spelling of a prim path, for scenes that name their environments otherwise; by default itself."""
+        return path
+
     def construction(self) -> AbstractContextManager[None]:
         """Inside this context spawners and assets add to this scene."""
         return scene_context(self)

@@ -8,7 +8,6 @@ is called raises. An entry for the same name in another table overrides the entr
 from .entries import Table, inert, refused
 
 _CONTROLLER = "the controller is not translated by the dialect"
-_MARKER = "markers are not drawn by the dialect"
 _MATH = "the dialect does not translate this function to (w, x, y, z)"
 _SENSOR = "the dialect does not translate this part of the sensors"
 _SIM = "the dialect does not translate this part of the simulation"
@@ -61,13 +60,6 @@ NAMES: dict[str, Table] = {
         "Hydra's form of spaces is not supported; use the options of the command line",
         "replace_env_cfg_spaces_with_strings replace_strings_with_env_cfg_spaces sample_space",
     ),
-    "isaaclab.markers": inert(_MARKER, "VisualizationMarkers VisualizationMarkersCfg")
-    | inert(
-        _MARKER,
-        """BLUE_ARROW_X_MARKER_CFG CONTACT_SENSOR_MARKER_CFG CUBOID_MARKER_CFG DEFORMABLE_TARGET_MARKER_CFG
-        FRAME_MARKER_CFG GREEN_ARROW_X_MARKER_CFG POSITION_GOAL_MARKER_CFG RAY_CASTER_MARKER_CFG
-        RED_ARROW_X_MARKER_CFG SPHERE_MARKER_CFG""",
-    ),
     "isaaclab.sensors": refused(
         _SENSOR,
         """CameraData ContactSensorData FrameTransformerData ImuData MultiMeshRayCasterCameraCfg
@@ -79,8 +71,7 @@ NAMES: dict[str, Table] = {
     | inert("materials of MDL are not drawn", "MdlFileCfg GlassMdlCfg")
     | refused(
         _SIM,
-        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg PinholeCameraCfg
-        SimulationContext build_simulation_context get_all_matching_child_prims get_current_stage""",
+        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg""",
     ),
     "isaaclab.utils.io": refused("the dialect does not translate this function", "load_torchscript_model"),
     "isaaclab.utils.math": refused(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["ABSENT", "ACTUATOR_NETS", "PROPS", "ROBOTS", "Prop", "Robot"]
+__all__ = ["ABSENT", "ACTUATOR_NETS", "POINTERS", "PROPS", "ROBOTS", "Pointer", "Prop", "Robot"]
 
 Size = tuple[float, float, float]
 
@@ -50,6 +50,16 @@ class Robot:
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
     """What differs from NVIDIA's file, in one line."""
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """A pointer of the package that stands for one of NVIDIA's."""
+
+    paths: tuple[str, ...]
+    """Paths of NVIDIA's files."""
+    kind: str
+    """``"arrow"`` or ``"frame"``."""
 
 
 @dataclass(frozen=True)
@@ -271,6 +281,12 @@ PROPS = (
     ),
 )
 """Props that are primitives."""
+
+POINTERS = (
+    Pointer(("Props/UIElements/arrow_x.usd",), "arrow"),
+    Pointer(("Props/UIElements/frame_prim.usd",), "frame"),
+)
+"""Prototypes of markers: arrows of 1 m."""
 
 ACTUATOR_NETS: dict[str, tuple[float, float]] = {
     "IsaacLab/ActuatorNets/ANYbotics/anydrive_3_lstm_jit.pt": (40.0, 5.0),
