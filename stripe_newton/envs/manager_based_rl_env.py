@@ -363,6 +363,10 @@ class ManagerBasedRLEnv(RLEnv):
         keep = Section("final_observations", copies).only(self.context.is_reset)
         return only([*compute, keep], self.context.within_step)
 
+    def begin_step(self) -> None:
+        self.context.config_watch.take()
+        super().begin_step()
+
     def _take_action(self, action: torch.Tensor) -> None:
         self._action_input.copy_(action)
 

@@ -45,6 +45,8 @@ class ActionTermCfg(native.ActionTermCfg):
 class CommandTermCfg(native.CommandTermCfg):
     """Base of configs of a user's command terms."""
 
+    scalar_first: ClassVar[bool] = True
+    """Poses of seven numbers have quaternions (w, x, y, z)."""
     class_type: type | None = MISSING
 
     IGNORED: ClassVar[dict[str, str]] = _NOT_DRAWN

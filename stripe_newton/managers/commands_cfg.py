@@ -70,7 +70,7 @@ class CommandTermCfg:
     @property
     def is_users(self) -> bool:
         """Whether a class of the user computes it, rather than Warp functions."""
-        return self.class_type is not None
+        return self.class_type is not None and not getattr(self.class_type, "is_fused", bool)()
 
     def problems(self) -> Iterator[tuple[str, str]]:
         bounds = self.resampling_time_range

@@ -206,8 +206,7 @@ def _infer_size(context: ManagerContext, path: str, cfg: ObservationTermCfg) -> 
     if shape == (context.num_envs,):
         return 1
     if not isinstance(shape, tuple) or len(shape) != 2 or shape[0] != context.num_envs or shape[1] < 1:
-        wanted = "(num_envs, size), or (num_envs,) for one number"
-        text = f"returned {shape}, must return {wanted}, with num_envs = {context.num_envs}"
+        text = f"returned {shape}, must return (num_envs, size) or (num_envs,) with num_envs = {context.num_envs}"
         context.problems.append(f"{path}.func: {text}")
         return None
     return shape[1]

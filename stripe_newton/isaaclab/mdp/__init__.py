@@ -3,6 +3,7 @@
 
 from . import (
     actions,
+    command_terms,
     commands,
     curriculums,
     events,
@@ -13,6 +14,7 @@ from . import (
     terminations,
 )
 from .actions import *  # noqa: F403
+from .command_terms import *  # noqa: F403
 from .commands import *  # noqa: F403
 from .curriculums import *  # noqa: F403
 from .events import *  # noqa: F403
@@ -22,6 +24,17 @@ from .operational_space import *  # noqa: F403
 from .rewards import *  # noqa: F403
 from .terminations import *  # noqa: F403
 
-_PARTS = (actions, commands, curriculums, events, fixed_tendons, observations, operational_space, rewards, terminations)
+_PARTS = (
+    actions,
+    command_terms,
+    commands,
+    curriculums,
+    events,
+    fixed_tendons,
+    observations,
+    operational_space,
+    rewards,
+    terminations,
+)
 
 __all__ = sorted(name for part in _PARTS for name in part.__all__)

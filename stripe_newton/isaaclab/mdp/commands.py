@@ -6,9 +6,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-from stripe_kernels import scalar_first
+from stripe_kernels import scalar_first as wxyz
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.managers import commands_cfg as native
+
+from .command_terms import (
+    NormalVelocityCommand,
+    NullCommand,
+    TerrainBasedPose2dCommand,
+    UniformPose2dCommand,
+    UniformPoseCommand,
+    UniformVelocityCommand,
+)
 
 __all__ = [
     "NormalVelocityCommandCfg",
@@ -28,11 +37,14 @@ def _not_drawn(*fields: str) -> dict[str, str]:
 class NullCommandCfg(native.NullCommandCfg):
     """:class:`stripe_newton.envs.mdp.NullCommandCfg`."""
 
+    class_type: type | None = NullCommand
+
 
 @configclass
 class UniformVelocityCommandCfg(native.UniformVelocityCommandCfg):
     """:class:`stripe_newton.envs.mdp.UniformVelocityCommandCfg`."""
 
+    class_type: type | None = UniformVelocityCommand
     asset_name: str = MISSING
     goal_vel_visualizer_cfg: object = None
     current_vel_visualizer_cfg: object = None
@@ -43,6 +55,7 @@ class UniformVelocityCommandCfg(native.UniformVelocityCommandCfg):
 class NormalVelocityCommandCfg(native.NormalVelocityCommandCfg):
     """:class:`stripe_newton.envs.mdp.NormalVelocityCommandCfg`."""
 
+    class_type: type | None = NormalVelocityCommand
     asset_name: str = MISSING
     heading_command: bool = False
     goal_vel_visualizer_cfg: object = None
@@ -54,9 +67,11 @@ class NormalVelocityCommandCfg(native.NormalVelocityCommandCfg):
 class UniformPoseCommandCfg(native.UniformPoseCommandCfg):
     """:class:`stripe_newton.envs.mdp.UniformPoseCommandCfg`, whose command has a quaternion (w, x, y, z)."""
 
+    class_type: type | None = UniformPoseCommand
+    scalar_first: ClassVar[bool] = True
     asset_name: str = MISSING
-    resample: Callable[..., object] | None = scalar_first.resample_uniform_pose
-    update: Callable[..., object] | None = scalar_first.pose_of_command
+    resample: Callable[..., object] | None = wxyz.resample_uniform_pose
+    update: Callable[..., object] | None = wxyz.pose_of_command
     goal_pose_visualizer_cfg: object = None
     current_pose_visualizer_cfg: object = None
     IGNORED: ClassVar[dict[str, str]] = _not_drawn("goal_pose_visualizer_cfg", "current_pose_visualizer_cfg")
@@ -66,6 +81,7 @@ class UniformPoseCommandCfg(native.UniformPoseCommandCfg):
 class UniformPose2dCommandCfg(native.UniformPose2dCommandCfg):
     """:class:`stripe_newton.envs.mdp.UniformPose2dCommandCfg`."""
 
+    class_type: type | None = UniformPose2dCommand
     asset_name: str = MISSING
     simple_heading: bool = MISSING
     goal_pose_visualizer_cfg: object = None
@@ -76,6 +92,7 @@ class UniformPose2dCommandCfg(native.UniformPose2dCommandCfg):
 class TerrainBasedPose2dCommandCfg(native.TerrainBasedPose2dCommandCfg):
     """:class:`stripe_newton.envs.mdp.TerrainBasedPose2dCommandCfg`."""
 
+    class_type: type | None = TerrainBasedPose2dCommand
     asset_name: str = MISSING
     simple_heading: bool = MISSING
     goal_pose_visualizer_cfg: object = None

@@ -27,12 +27,11 @@ class OperationalSpaceControllerAction(native.OperationalSpaceControllerAction):
         path = getattr(cfg, "task_frame_rel_path", None)
         if path is None:
             return native.OperationalSpaceControllerAction._find_task(cfg, env)
-        found = {name: env.scene[name] for name in env.scene}
-        assets = {name: asset for name, asset in found.items() if isinstance(asset, BoundAsset)}
-        for asset in assets.values():
+        assets = [asset for asset in env.scene.assets if isinstance(asset, BoundAsset)]
+        for asset in assets:
             if asset.cfg.prim_path.endswith(f"/{path}"):
                 return asset
-        paths = ", ".join(asset.cfg.prim_path for asset in assets.values())
+        paths = ", ".join(asset.cfg.prim_path for asset in assets)
         raise ValueError(f"task_frame_rel_path: '{path}' is no asset of an environment; the scene has {paths}")
 
 

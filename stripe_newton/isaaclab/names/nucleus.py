@@ -232,6 +232,7 @@ ROBOTS = (
         fixed_base=True,
         bodies={"base": "base_link"},
     ),
+    Robot(("IsaacLab/Robots/UniversalRobots/UR10/ur10_instanceable.usd",), "ur10", fixed_base=True),
     # -- hands
     Robot(
         ("Robots/WonikRobotics/AllegroHand/allegro_hand_instanceable.usd",),
@@ -259,6 +260,8 @@ ROBOTS = (
         },
         note="the joint at the tip of the thumb, THJ0, turns from -0.26 to 1.57 rad, NVIDIA's from -1.57 to 0",
     ),
+    # -- furniture
+    Robot(("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",), "sektion_cabinet", fixed_base=True),
     # -- wings
     Robot(
         ("Robots/Bitcraze/Crazyflie/cf2x.usd",),
@@ -321,7 +324,7 @@ same drive, and for Unitree's other quadrupeds."""
 _SERVER = "only NVIDIA's server has it; give usd_path the path of a file of your own"
 
 ABSENT: dict[str, str] = {
-    r".*Robots/UniversalRobots/UR10/.*|.*/ur10/ur10\.usd": f"the UR10 (not UR10e): {_SERVER}, or use UR10e_CFG",
+    r".*/ur10/ur10\.usd": f"the UR10 with a gripper: {_SERVER}, or use UR10_CFG",
     r".*Robots/Kinova/.*": f"Kinova's arm: {_SERVER}",
     r".*Robots/RethinkRobotics/.*": f"Sawyer: {_SERVER}",
     r".*Robots/(Agibot|Galbot|FourierIntelligence|OpenArm|NTNU|Clearpath|KukaAllegro)/.*": f"the robot: {_SERVER}",
