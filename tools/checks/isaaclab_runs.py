@@ -92,12 +92,18 @@ def run_task(task: str, num_envs: int, steps: int) -> None:
 
 
 def _random_action(env: Any) -> Any:
-    """Actions in [-1, 1], by agent where there are several."""
-    space = env.action_space
-    if isinstance(space, gymnasium.spaces.Dict) or hasattr(env, "possible_agents"):
-        shapes = {agent: env.action_spaces[agent].shape for agent in env.possible_agents}
-        return {a: 2.0 * torch.rand((env.num_envs, *shape[-1:])) - 1.0 for a, shape in shapes.items()}
-    return 2.0 * torch.rand(space.shape) - 1.0
+    """Actions in [-1, 1] or of a discrete space, by agent where there are several."""
+    if hasattr(env, "possible_agents"):
+        return {agent: _sample(env.action_spaces[agent], env.num_envs) for agent in env.possible_agents}
+    return _sample(env.single_action_space, env.num_envs)
+
+
+def _sample(space: gymnasium.Space[Any], num_envs: int) -> torch.Tensor:
+    if isinstance(space, gymnasium.spaces.Discrete):
+        return torch.randint(int(space.n), (num_envs, 1))
+    if isinstance(space, gymnasium.spaces.MultiDiscrete):
+        return torch.stack([torch.randint(int(count), (num_envs,)) for count in space.nvec], dim=-1)
+    return 2.0 * torch.rand((num_envs, *(space.shape or ()))) - 1.0
 
 
 def _tensors(value: Any, path: str) -> Iterator[tuple[str, torch.Tensor]]:
