@@ -4,6 +4,8 @@
 from .articulation import Articulation, ArticulationCfg
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg, BoundAsset
+from .dynamics import ArticulationDynamics
+from .fixed_tendons import FixedTendons
 from .layout import Layout, articulation_layouts
 from .rigid_object import RigidObject, RigidObjectCfg
 from .robot_library import ROBOT_SOURCES, ROBOTS, file_spawner, find_robot, robot_cfg
@@ -16,9 +18,11 @@ __all__ = [
     "Articulation",
     "ArticulationCfg",
     "ArticulationData",
+    "ArticulationDynamics",
     "AssetBase",
     "AssetBaseCfg",
     "BoundAsset",
+    "FixedTendons",
     "Layout",
     "RigidObject",
     "RigidObjectCfg",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import newton
@@ -16,6 +17,9 @@ from stripe_newton.matching import match_names, match_values
 
 from .articulation_data import ArticulationData
 from .asset_base import AssetBase, AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
+from .dynamics import ArticulationDynamics
+from .fixed_tendons import FixedTendons
+from .joint_order import JointOrder, order_joints
 from .layout import Layout
 from .rigid_object import RigidObjectCfg
 
@@ -65,6 +69,9 @@ class ArticulationCfg(AssetBaseCfg):
     """Share of the range between the joint limits that the soft limits cover."""
     actuators: dict[str, ActuatorCfg] = {}
     """Actuators by name of the group; joints in no group keep the drives of the file."""
+    joint_order: JointOrder = "file"
+    """Order of joints and bodies: that of the ``"file"``; ``"breadth_first"``, by the depth in the tree, then the order
+    of the parents, then the name, as Isaac Lab has the joints of most robots; or names of joints in their order."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if not 0.0 < self.soft_joint_pos_limit_factor <= 1.0:
@@ -80,6 +87,10 @@ class Articulation(BoundAsset):
 
     cfg: ArticulationCfg
     _data: ArticulationData
+
+    def arrange(self, builder: newton.ModelBuilder) -> None:
+        """Bring joints and bodies into the order that the config asks for."""
+        order_joints(builder, self.path, self.cfg.joint_order)
 
     def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
         """Find the articulation and write initial state and actuators onto the builder of one environment.
@@ -158,6 +169,16 @@ class Articulation(BoundAsset):
     @property
     def native_data(self) -> ArticulationData:
         return self._data
+
+    @cached_property
+    def dynamics(self) -> ArticulationDynamics:
+        """Jacobians, mass matrices, gravity compensation and joint wrenches."""
+        return ArticulationDynamics(self._sim, self.layout)
+
+    @cached_property
+    def fixed_tendons(self) -> FixedTendons:
+        """Fixed tendons of its file."""
+        return FixedTendons(self._sim, self.layout)
 
     @property
     def is_fixed_base(self) -> bool:

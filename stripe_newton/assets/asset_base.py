@@ -82,7 +82,7 @@ class AssetBase:
         cfg.validate()
         self.cfg = cfg.copy()
         # By the context, not by an argument: so that assets are made as in Isaac Lab, Articulation(cfg).
-        scene = current_scene()
+        scene = self._scene = current_scene()
         self.path = authored_path(self.cfg.prim_path)
         if self.cfg.spawn is not None:
             start = self.cfg.init_state
@@ -102,6 +102,9 @@ class AssetBase:
     def names_of(self, kind: str) -> list[str] | None:
         """Names among which terms choose joints (``kind="joint"``) or bodies (``"body"``); None if it has no such."""
         return None
+
+    def arrange(self, builder: newton.ModelBuilder) -> None:
+        """Change which rows of the builder of one environment things have, before anything refers to them."""
 
     def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
         """Write the config onto the builder of one environment, before it is replicated.
@@ -155,7 +158,7 @@ class BoundAsset(RootWriter, AssetBase):
             ConfigError: if there is none, or several and ``root_path`` chooses none of them.
         """
         where = f"{type(self).__name__} '{self.cfg.prim_path}'"
-        if not self.in_every_env:
+        if not (self.in_every_env or self._scene.builder.template_root == "/"):
             raise ConfigError([f"{where}: bodies belong in environments, put it below '/World/envs/env_.*'"])
         return select_layout(layouts, self.path, root_path, where)
 
@@ -202,12 +205,31 @@ class BoundAsset(RootWriter, AssetBase):
             env_ids: Environments, default all.
             is_global: In the world frame; otherwise in the bodies' frames.
         """
+        if positions is not None:  # the wrench is kept about the centre of mass, as Newton's body_f is
+            torques = torques + torch.linalg.cross(positions, forces)
+        self.write_native_wrench(forces, torques, body_ids, env_ids, is_global)
+
+    def write_native_wrench(
+        self,
+        forces: torch.Tensor,
+        torques: torch.Tensor,
+        body_ids: Sequence[int] | slice | None = None,
+        env_ids: EnvIds = None,
+        is_global: bool = False,
+    ) -> None:
+        """Set the wrench about the centres of mass, also where a subclass composes it of several.
+
+        Args:
+            forces: Forces [N], shape ``(n, bodies, 3)``.
+            torques: Torques [N m], same shape.
+            body_ids: Bodies, default all.
+            env_ids: Environments, default all.
+            is_global: In the world frame; otherwise in the bodies' frames.
+        """
         sim = self._sim
         sim.enable_external_wrench()
         ids = self.env_indices(env_ids).unsqueeze(1)
         bodies = self.layout.body_rows(body_ids, self.device).unsqueeze(0)
-        if positions is not None:  # the wrench is kept about the centre of mass, as Newton's body_f is
-            torques = torques + torch.linalg.cross(positions, forces)
         sim.per_env(sim.external_wrench)[ids, bodies] = torch.cat((forces, torques), dim=-1)
         sim.per_env(sim.wrench_in_world)[ids, bodies] = is_global
 

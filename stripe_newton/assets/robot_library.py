@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import importlib.metadata
 import importlib.util
 import os
 import subprocess
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,10 +25,43 @@ from .robot_table import ROBOTS, RobotEntry
 
 __all__ = ["ROBOTS", "ROBOT_SOURCES", "file_spawner", "find_robot", "robot_cfg"]
 
-ROBOT_SOURCES = ("mjlab", "menagerie", "newton", "descriptions")
+ROBOT_SOURCES = ("mjlab", "menagerie", "newton", "descriptions", "example_robot_data", "isaacgymenvs")
 """Sources that :func:`find_robot` knows."""
 
-_MENAGERIE_URL = "https://github.com/google-deepmind/mujoco_menagerie"
+
+@dataclass(frozen=True)
+class _Repository:
+    """A repository of robots, of which the folders that are asked for are fetched."""
+
+    source: str
+    """Its name among the sources."""
+    title: str
+    url: str
+    variable: str
+    """Environment variable with the path of a checkout."""
+    cache: str
+    """Folder of the part that is fetched."""
+
+    @property
+    def checkout(self) -> str:
+        """How a checkout is named, for error messages."""
+        return f"set {self.variable} to a checkout of {self.url.removeprefix('https://')}"
+
+
+_MENAGERIE = _Repository(
+    source="menagerie",
+    title="MuJoCo Menagerie",
+    url="https://github.com/google-deepmind/mujoco_menagerie",
+    variable="MENAGERIE_ROOT",
+    cache="mujoco_menagerie",
+)
+_GYM = _Repository(
+    source="isaacgymenvs",
+    title="IsaacGymEnvs",
+    url="https://github.com/isaac-sim/IsaacGymEnvs",
+    variable="ISAACGYMENVS_ROOT",
+    cache="isaacgymenvs",
+)
 
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz", ".urdf", ".xml")
 """Suffixes of robot files."""
@@ -142,7 +177,14 @@ def _find_listed(name: str) -> Path:
 
 
 def _finder(source: str) -> Callable[[str, str | None], Path]:
-    return {"mjlab": _mjlab, "menagerie": _menagerie, "newton": _newton, "descriptions": _descriptions}[source]
+    return {
+        "mjlab": _mjlab,
+        "menagerie": _menagerie,
+        "newton": _newton,
+        "descriptions": _descriptions,
+        "example_robot_data": _example_robot_data,
+        "isaacgymenvs": _isaacgymenvs,
+    }[source]
 
 
 def file_spawner(path: str | Path, **options: Any) -> UsdFileCfg | UrdfFileCfg | MjcfFileCfg:
@@ -187,11 +229,11 @@ def _mjlab(name: str, file: str | None) -> Path:
 
 def _menagerie(name: str, file: str | None) -> Path:
     """A file of Menagerie: of a checkout, of what its package downloads, or of a sparse checkout of its repository."""
-    root = os.environ.get("MENAGERIE_ROOT")
-    if root is not None and file is not None and (path := Path(root) / name / _with_suffix(file)).is_file():
+    if file is not None and (path := _checked_out(_MENAGERIE, name, _with_suffix(file))) is not None:
         return path
     if not _installed("mujoco_menagerie"):
-        return _cloned(name, _with_suffix(file or f"{name.split('_', 1)[-1]}.xml"))
+        advice = f"or run 'pip install mujoco-menagerie', or {_MENAGERIE.checkout}"
+        return _cloned(_MENAGERIE, name, _with_suffix(file or f"{name.split('_', 1)[-1]}.xml"), advice)
     menagerie = importlib.import_module("mujoco_menagerie")
     try:
         robot = menagerie.get(name)
@@ -202,33 +244,58 @@ def _menagerie(name: str, file: str | None) -> Path:
     except LookupError:
         raise
     except Exception as error:  # the package raises its own errors for a network that is not there, and urllib's
-        raise _unreachable(name, "MuJoCo Menagerie", error, _CHECKOUT) from error
+        raise _unreachable(name, _MENAGERIE.title, error, f"or {_MENAGERIE.checkout}") from error
 
 
-_CHECKOUT = f"or set MENAGERIE_ROOT to a checkout of {_MENAGERIE_URL.removeprefix('https://')}"
+def _isaacgymenvs(name: str, file: str | None) -> Path:
+    """A file of the assets of IsaacGymEnvs: of a checkout, or of a sparse checkout of its repository."""
+    if file is None:
+        raise ValueError(f"file: missing; the file inside '{name}' of {_GYM.title}, such as 'urdf/{name}.urdf'")
+    folder = f"assets/urdf/{name}"
+    found = _checked_out(_GYM, folder, file)
+    return _cloned(_GYM, folder, file, f"or {_GYM.checkout}") if found is None else found
 
 
 def _with_suffix(file: str) -> str:
     return file if file.endswith(".xml") else f"{file}.xml"
 
 
-def _cloned(name: str, file: str) -> Path:
-    """A file of Menagerie's repository, of which the folders that were asked for are fetched and kept."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stripe-newton/mujoco_menagerie"
-    path = cache / name / file
+def _checked_out(repository: _Repository, folder: str, file: str) -> Path | None:
+    """A file of the user's checkout, if it is there."""
+    root = os.environ.get(repository.variable)
+    path = None if root is None else Path(root) / folder / file
+    return path if path is not None and path.is_file() else None
+
+
+def _cloned(repository: _Repository, folder: str, file: str, advice: str) -> Path:
+    """A file of a repository, of which the folders that were asked for are fetched and kept."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    cache = home / "stripe-newton" / repository.cache
+    path = cache / folder / file
     if path.is_file():
         return path
     try:
         if not (cache / ".git").is_dir():
             cache.parent.mkdir(parents=True, exist_ok=True)
-            _git("clone", "--quiet", "--depth", "1", "--filter=blob:none", "--sparse", _MENAGERIE_URL, str(cache))
-        _git("-C", str(cache), "sparse-checkout", "add", name)
+            _git("clone", "--quiet", "--depth", "1", "--filter=blob:none", "--sparse", repository.url, str(cache))
+        _git("-C", str(cache), "sparse-checkout", "add", folder)
     except (OSError, subprocess.SubprocessError) as error:
-        advice = f"or run 'pip install mujoco-menagerie', {_CHECKOUT}"
-        raise _unreachable(name, "MuJoCo Menagerie", error, advice) from error
-    if not (cache / name).is_dir():
-        raise LookupError(f"robot '{name}' of menagerie: its repository has no such folder")
+        raise _unreachable(folder, repository.title, error, advice) from error
+    if not (cache / folder).is_dir():
+        raise LookupError(f"robot '{folder}' of {repository.source}: its repository has no such folder")
     return path
+
+
+def _example_robot_data(name: str, file: str | None) -> Path:
+    """A file of the wheel ``example-robot-data``, whose package needs others and is not imported."""
+    if file is None:
+        raise ValueError(f"file: missing; the file inside '{name}' of example-robot-data, such as 'urdf/robot.urdf'")
+    try:
+        wheel = importlib.metadata.distribution("example-robot-data")
+    except importlib.metadata.PackageNotFoundError as error:
+        advice = "run 'pip install example-robot-data --no-deps'"
+        raise ImportError(f"robot '{name}': 'example-robot-data' is not installed; {advice}") from error
+    return Path(str(wheel.locate_file(f"cmeel.prefix/share/example-robot-data/robots/{name}/{file}")))
 
 
 def _git(*arguments: str) -> None:

@@ -229,6 +229,21 @@ ROBOTS: dict[str, RobotEntry] = {
         fixed_base=True,
         joint_pos=_UR_HOME,
     ),
+    "ur10": RobotEntry(
+        "Universal Robots UR10, an arm",
+        (
+            ("example_robot_data", "ur_description", "urdf/ur10_robot.urdf"),
+            ("newton", "universal_robots_ur10", None),
+            ("descriptions", "ur10_description", None),
+        ),
+        fixed_base=True,
+        joint_pos=_UR_HOME,
+        drives={
+            "shoulder": Drive("shoulder_.*_joint", 20000.0, 2000.0, 330.0, 2.09),
+            "elbow": Drive("elbow_joint", 20000.0, 2000.0, 150.0, 3.14),
+            "wrist": Drive("wrist_.*_joint", 2000.0, 200.0, 54.0, 3.14),
+        },
+    ),
     "iiwa14": RobotEntry(
         "KUKA LBR iiwa 14, an arm",
         _menagerie("kuka_iiwa_14", "iiwa14.xml", "iiwa14"),
@@ -251,6 +266,18 @@ ROBOTS: dict[str, RobotEntry] = {
     ),
     "leap_hand": RobotEntry(
         "LEAP, a right hand", _menagerie("leap_hand", "right_hand.xml", "leap_hand"), fixed_base=True, pos=_HAND
+    ),
+    # -- furniture
+    "sektion_cabinet": RobotEntry(
+        "IKEA Sektion, a cabinet with two drawers and two doors",
+        (("isaacgymenvs", "sektion_cabinet_model", "urdf/sektion_cabinet_2.urdf"),),
+        fixed_base=True,
+        pos=(0.0, 0.0, 0.4),
+        joint_pos={"(door|drawer)_.*": 0.0},
+        drives={
+            "drawers": Drive("drawer_.*_joint", 10.0, 1.0),
+            "doors": Drive("door_.*_joint", 10.0, 2.5),
+        },
     ),
     # -- wings
     "crazyflie": RobotEntry(

@@ -21,6 +21,7 @@ __all__ = [
     "ends_of_envs",
     "of_all",
     "tensors_by_agent",
+    "zero_actions",
 ]
 
 ByAgent = dict[str, torch.Tensor]
@@ -65,6 +66,12 @@ def checked_actions(
             )
         checked[agent] = value
     return checked
+
+
+def zero_actions(space: spaces.Space, num_envs: int, device: str) -> torch.Tensor:
+    """Actions 0 of all environments, in the shape and type of a space."""
+    dtype = torch.float32 if isinstance(space, spaces.Box) else torch.int64
+    return torch.zeros((num_envs, *(space.shape or ())), dtype=dtype, device=device)
 
 
 def check_observations(groups: ByAgent, observation_spaces: Mapping[str, spaces.Space], num_envs: int) -> None:

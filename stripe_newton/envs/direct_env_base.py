@@ -11,6 +11,7 @@ import torch
 from stripe_newton.fusion import Captured, Eager, Item, Stage
 
 from .events import EventRunner
+from .hook_results import value_per_env
 from .rl_env import RLEnv
 from .rl_env_cfg import RLEnvCfg
 from .substeps import Substeps
@@ -87,12 +88,17 @@ class DirectEnvBase(RLEnv):
 
     # -- results of torch hooks, written into the memory that kernels read
 
-    def _end_episodes(self, terminated: torch.Tensor, time_outs: torch.Tensor) -> None:
-        """Write the reset mask from the two tensors of ``_get_dones``. A world that is not finite has failed."""
-        torch.logical_or(terminated, self._safety.nonfinite, out=self.reset_terminated)
-        self.reset_time_outs[:] = time_outs
+    def _end_episodes(self, terminated: object, time_outs: object) -> None:
+        """Write the reset mask from the two results of ``_get_dones``. A world that is not finite has failed."""
+        failed = self._per_env(terminated, "_get_dones, first result")
+        late = self._per_env(time_outs, "_get_dones, second result")
+        torch.logical_or(failed, self._safety.nonfinite, out=self.reset_terminated)
+        self.reset_time_outs[:] = late
         torch.logical_or(self.reset_terminated, self.reset_time_outs, out=self.reset_buf)
         self.context.torch(self.context.moved)[:] = self.reset_buf
+
+    def _per_env(self, value: object, hook: str) -> torch.Tensor:
+        return value_per_env(value, self.num_envs, self.device, f"{type(self).__name__}.{hook}")
 
     def _torch_reset(self) -> None:
         """Call ``_reset_idx`` for the environments whose episodes ended, then forward kinematics for them."""

@@ -21,6 +21,7 @@ from .by_agent import (
     ends_of_envs,
     of_all,
     tensors_by_agent,
+    zero_actions,
 )
 from .direct_env_base import DirectEnvBase
 from .env_state import EnvState, state_arrays
@@ -102,6 +103,7 @@ class DirectMARLEnv(DirectEnvBase):
         observation_spaces: Space of one environment's observations by agent.
         action_spaces: Space of one environment's actions by agent.
         state_space: Space of one environment's state; ``None`` where there is none.
+        actions: Actions by agent that hooks may keep; zeros until a hook assigns them.
         obs_dict: Observations of the last step by agent.
         reward_dict: Rewards of the last step by agent, float, shape ``(num_envs,)``.
         terminated_dict: Agents that failed or succeeded in the last step, bool, shape ``(num_envs,)``.
@@ -125,6 +127,8 @@ class DirectMARLEnv(DirectEnvBase):
             self.state_space = to_space(sum(spaces.flatdim(s) for s in self.observation_spaces.values()))
         elif cfg.state_space:
             self.state_space = to_space(cfg.state_space)
+        # Hooks may read the actions before the first step, as Isaac Lab's do.
+        self.actions = {a: zero_actions(s, self.num_envs, self.device) for a, s in self.action_spaces.items()}
         self._observation_noise = AgentNoise(cfg.observation_noise_model, self.num_envs, self.device)
         self._action_noise = AgentNoise(cfg.action_noise_model, self.num_envs, self.device)
         self.obs_dict, self.reward_dict = ByAgent(), ByAgent()
@@ -221,7 +225,7 @@ class DirectMARLEnv(DirectEnvBase):
     def _take_dones(self) -> None:
         self.count_step()  # from here on hooks see this step counted, as in Isaac Lab
         broken = self._safety.nonfinite
-        terminated, time_outs = (of_all(self.agents, "_get_dones", v) for v in self._get_dones())
+        terminated, time_outs = (self._of_agents("_get_dones", v) for v in self._get_dones())
         self.terminated_dict = {a: v.bool() | broken for a, v in terminated.items()}
         self.time_out_dict = {a: v.bool().clone() for a, v in time_outs.items()}
         ended, failed, late = ends_of_envs(self.terminated_dict, self.time_out_dict)
@@ -229,9 +233,13 @@ class DirectMARLEnv(DirectEnvBase):
         self.context.torch(self.context.moved)[:] = self.reset_buf
 
     def _take_rewards(self) -> None:
-        rewards = of_all(self.agents, "_get_rewards", self._get_rewards())
+        rewards = self._of_agents("_get_rewards", self._get_rewards())
         self.reward_dict = {a: torch.where(self._safety.nonfinite, 0.0, v.float()) for a, v in rewards.items()}
         self.reward_buf[:] = torch.stack([*self.reward_dict.values()]).sum(dim=0)
+
+    def _of_agents(self, hook: str, values: Mapping[str, object]) -> ByAgent:
+        """What a hook returned for each agent, shape ``(num_envs,)``."""
+        return {a: self._per_env(v, f"{hook}['{a}']") for a, v in of_all(self.agents, hook, values).items()}
 
     def _keep_final_observations(self) -> None:
         if not self._is_final():

@@ -18,11 +18,12 @@ from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
 from stripe_newton.noise import NoiseModel, NoiseModelCfg
 
 from .hook_parts import hook_recorder
+from .hook_results import ObservationGroup, copied, leaves_of
 from .hooks import DirectHooks
 from .recording_env import RecordingEnv
 from .rl_env import Observations
 from .rl_env_cfg import RLEnvCfg
-from .spaces import SpaceSpec, to_space
+from .spaces import SpaceSpec, nested_mismatches, to_space
 
 __all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
 
@@ -35,7 +36,7 @@ class DirectRLEnvCfg(RLEnvCfg):
     """Space of the group ``"policy"``, as :func:`to_space` reads it; a dict with the key ``"policy"`` names the spaces
     of all groups."""
     state_space: SpaceSpec = 0
-    """Space of the group ``"critic"``, which ``_get_states`` fills; 0 for none."""
+    """Space of the group ``"critic"``, which ``_get_observations`` or ``_get_states`` fills; 0 for none."""
     action_space: SpaceSpec = MISSING
     """Space of the actions."""
     observation_noise_model: NoiseModelCfg | None = None
@@ -109,7 +110,7 @@ class DirectRLEnv(RecordingEnv):
         self._action_noise_model = self._make_noise(self.cfg.action_noise_model)
         self._make_hook_helpers(self.cfg)
         self._recorder = hook_recorder(self)
-        self._observation_buffers: dict[str, torch.Tensor] = {}
+        self._observation_buffers: dict[str, ObservationGroup] = {}
         # Actions of the step under way. In a list, as they are the caller's and no part of a saved state.
         self._given: list[torch.Tensor] = []
         self._make_warp()
@@ -223,7 +224,7 @@ class DirectRLEnv(RecordingEnv):
         self._end_episodes(*self._get_dones())
 
     def _torch_rewards(self) -> None:
-        rewards = self._get_rewards()
+        rewards = self._per_env(self._get_rewards(), "_get_rewards")
         self.reward_buf[:] = torch.where(self._safety.nonfinite, 0.0, rewards)
 
     def _reset_items(self) -> list[Item]:
@@ -255,7 +256,7 @@ class DirectRLEnv(RecordingEnv):
             groups = self._torch_groups()
         if self._recorder is not None:
             self._recorder.settle()
-        self.extras["final_obs"] = {k: v.clone() for k, v in groups.items()}
+        self.extras["final_obs"] = copied(groups)
         self.extras["_final_obs"] = self.reset_buf.clone()
 
     def _event_items(self) -> list[Item]:
@@ -281,22 +282,25 @@ class DirectRLEnv(RecordingEnv):
         # Copies: learners keep observations, and a hook may return the same tensor in every step.
         groups = self._torch_groups()
         if self._recorder is None:
-            self._observed = {k: v.clone() for k, v in groups.items()}
+            self._observed = copied(groups)
             return
         # A graph writes the same memory in each step, so learners get copies of that, at the end of the step.
         if not self._observation_buffers:
             self._observation_buffers = {k: self._observation_buffer(k, v) for k, v in groups.items()}
         for name, value in groups.items():
-            self._observation_buffers[name].copy_(value)
+            for buffer, leaf in zip(leaves_of(self._observation_buffers[name]), leaves_of(value), strict=True):
+                buffer.copy_(leaf)
 
-    def _observation_buffer(self, name: str, value: torch.Tensor) -> torch.Tensor:
+    def _observation_buffer(self, name: str, value: ObservationGroup) -> ObservationGroup:
+        if not isinstance(value, torch.Tensor):  # dicts and tuples of tensors
+            return copied(value)
         if value.dtype == torch.float32:
             return wp.to_torch(self.outputs.reserve(f"obs.{name}", wp.float32, tuple(value.shape)))
         return torch.empty_like(value, memory_format=torch.contiguous_format)
 
     def _torch_groups(self) -> dict[str, torch.Tensor]:
         groups: Observations = dict(self._get_observations())
-        if self.cfg.state_space:
+        if self.cfg.state_space and "critic" not in groups:
             groups["critic"] = self._get_states()
         if not self._checked:
             self._check_observations(groups)
@@ -473,6 +477,9 @@ class DirectRLEnv(RecordingEnv):
             )
         for name, value in groups.items():
             space = self.single_observation_space.spaces.get(name)
+            if isinstance(space, (spaces.Dict, spaces.Tuple)):
+                problems += nested_mismatches(f"observation '{name}'", value, space, self.num_envs)
+                continue
             if not isinstance(value, torch.Tensor):
                 problems.append(f"observation '{name}': is {type(value).__name__}, must be a tensor")
                 continue

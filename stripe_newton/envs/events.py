@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Event runner: torch events of direct environments, at startup, at resets, at intervals or in every step."""
+"""Event runner: events of direct environments, at startup, at resets, at intervals or in every step."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import torch
 import warp as wp
@@ -10,6 +12,7 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import resolve_entities
 from stripe_newton.managers import EventTermCfg
 from stripe_newton.managers.manager_base import terms_of
+from stripe_newton.managers.term_class import make_instance
 
 from .rl_env import RLEnv
 
@@ -19,16 +22,17 @@ _MODES = ("startup", "reset", "interval", "step")
 
 
 class EventRunner:
-    """Runs the torch event terms of a config, which is an object with fields :class:`EventTermCfg` or a dict of them.
+    """Runs the event terms of a config, which is an object with fields :class:`EventTermCfg` or a dict of them.
 
-    ``func(env, env_ids, **params)`` is called with an int64 tensor of environments.
+    A torch term ``func(env, env_ids, **params)`` is called with an int64 tensor of environments, and so is the instance
+    of a class term. A Warp term runs in these environments by :meth:`RLEnv.apply_event`.
     """
 
     def __init__(self, cfg: object, env: RLEnv):
         """Start the clocks.
 
         Raises:
-            ConfigError: for a term that is a Warp function or runs before the model is built.
+            ConfigError: for a term that runs before the model is built.
         """
         self._env = env
         self._terms: dict[str, EventTermCfg] = {}
@@ -41,7 +45,7 @@ class EventRunner:
                 problems.append(f"events.{name}: is {type(term).__name__}, must be EventTermCfg or None")
         if problems:
             raise ConfigError(problems)
-        self._params = {k: resolve_entities(v.params, env.scene.__getitem__) for k, v in self._terms.items()}
+        self._calls = {name: self._call_of(name, term) for name, term in self._terms.items()}
         self._steps_left: dict[str, torch.Tensor] = {}
         self._last_step: dict[str, torch.Tensor] = {}
         for name, term in self._terms.items():
@@ -50,6 +54,17 @@ class EventRunner:
                 self._steps_left[name] = self._draw(term, count)
             self._last_step[name] = torch.full((env.num_envs,), -(10**9), device=env.device)
 
+    def _call_of(self, name: str, term: EventTermCfg) -> Callable[[torch.Tensor], None]:
+        """The call of a term with environments."""
+        env = self._env
+        if isinstance(term.func, wp.Function):
+            return lambda env_ids: env.apply_event(term.func, env_ids, **term.params)
+        params = resolve_entities(term.params, env.scene.__getitem__)
+        func = term.func
+        if isinstance(func, type):
+            func = make_instance(f"events.{name}.func", func, term.replace(params=params), env)
+        return lambda env_ids: func(env, env_ids, **params)
+
     def _draw(self, term: EventTermCfg, count: int) -> torch.Tensor:
         """Times until a term is due, in steps."""
         low, high = term.interval_range_s or (0.0, 0.0)
@@ -57,9 +72,10 @@ class EventRunner:
 
     def startup(self) -> None:
         """Run the startup terms on all environments."""
+        everyone = torch.arange(self._env.num_envs, device=self._env.device)
         for name, term in self._terms.items():
             if term.mode == "startup":
-                term.func(self._env, torch.arange(self._env.num_envs, device=self._env.device), **self._params[name])
+                self._calls[name](everyone)
 
     def reset(self, env_ids: torch.Tensor) -> None:
         """Run the reset terms, and restart the interval clocks, of the environments that were reset."""
@@ -70,7 +86,7 @@ class EventRunner:
                 due = env_ids[now - last[env_ids] >= term.min_step_count_between_reset]
                 if len(due):
                     last[due] = now
-                    term.func(self._env, due, **self._params[name])
+                    self._calls[name](due)
             elif term.mode == "interval" and not term.is_global_time:
                 self._steps_left[name][env_ids] = self._draw(term, len(env_ids))
 
@@ -94,7 +110,7 @@ class EventRunner:
         for name, term in self._terms.items():
             if term.mode == "step":
                 ran = True
-                term.func(self._env, everyone, **self._params[name])
+                self._calls[name](everyone)
             if term.mode != "interval":
                 continue
             left = self._steps_left[name]
@@ -104,18 +120,13 @@ class EventRunner:
             if len(due):
                 ran = True
                 left[due] = self._draw(term, len(due))
-                term.func(self._env, everyone if term.is_global_time else due, **self._params[name])
+                self._calls[name](everyone if term.is_global_time else due)
         return ran
 
 
 def _refused(path: str, term: EventTermCfg) -> list[str]:
     """Reasons why a term cannot run in a direct environment."""
     problems = []
-    if isinstance(term.func, wp.Function):
-        problems.append(
-            f"{path}.func: is the Warp function '{term.func.func.__name__}', a direct environment runs torch functions "
-            "(env, env_ids, **params); launch it in _launch_reset"
-        )
     if term.mode not in _MODES:
         problems.append(f"{path}.mode: is '{term.mode}', in a direct environment it must be one of {', '.join(_MODES)}")
     return problems

@@ -78,7 +78,7 @@ def fused_kernels(managers: Sequence[ManagerBase], cfgs: Sequence[object]) -> li
         context.problems = []
         context.arrays = {k: v for k, v in context.arrays.items() if not k.startswith(f"{manager.name}.")}
         with wp.ScopedDevice(context.device):
-            items = type(manager)(cfg, context).compute()  # type: ignore[attr-defined]
+            items = type(manager)(cfg, context).compute_items()  # type: ignore[attr-defined]
         if context.problems:
             raise ValueError("\n".join(context.problems))
         stages.append(Stage(manager.name, items))

@@ -444,6 +444,10 @@ class LabScene(SteppedScene):
     def _action_shape(self) -> tuple[int, ...]:
         return self.num_envs, self.action_manager.total_action_dim
 
+    def begin_step(self) -> None:
+        self.context.config_watch.take()
+        super().begin_step()
+
     def _take_action(self, action: torch.Tensor) -> None:
         self._action_input.copy_(action)
 

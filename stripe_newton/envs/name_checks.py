@@ -53,8 +53,8 @@ def name_problems(fields: Mapping[str, object], scene: _Scene) -> Iterator[str]:
 def _walk(value: object, path: str) -> Iterator[tuple[str, object]]:
     """A value and all that is inside it, with their paths."""
     yield path, value
-    if isinstance(value, SceneEntityCfg):
-        return
+    if isinstance(value, SceneEntityCfg) or (isinstance(value, (ActionTermCfg, CommandTermCfg)) and value.is_users):
+        return  # what the config of a user's class has in it is that class's own
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _walk(item, f"{path}.{key}" if "params" not in path else f"{path}[{key!r}]")

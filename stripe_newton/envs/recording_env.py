@@ -13,6 +13,7 @@ from stripe_newton.fusion import Captured, Eager, Item
 from .direct_env_base import DirectEnvBase
 from .hook_graphs import HookRecorder, Launched
 from .hook_parts import HookPart, PhysicsPart, ResetPart, rehearse
+from .hook_results import ObservationGroup
 from .hooks import DirectHooks
 from .rl_env import Extras, Observations
 
@@ -34,7 +35,7 @@ class RecordingEnv(DirectEnvBase):
     """Records the hooks; None where nothing is recorded."""
     _apply_part: PhysicsPart | None = None
     """The physics with a torch hook that may be recorded."""
-    _observation_buffers: dict[str, torch.Tensor]
+    _observation_buffers: dict[str, ObservationGroup]
     """Memory by group that torch hooks write their observations to."""
 
     # -- items of a step

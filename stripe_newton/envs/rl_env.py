@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import torch
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -36,3 +37,10 @@ class RLEnv(SteppedScene, VectorEnv):
     def _action_shape(self) -> tuple[int, ...] | None:
         shape = self.action_space.shape
         return None if shape is None else tuple(shape)
+
+    def _checked_action(self, action: object) -> torch.Tensor:
+        if isinstance(self.single_action_space, spaces.Discrete):
+            given = torch.as_tensor(action, device=self.device)
+            if tuple(given.shape) == (self.num_envs, 1):
+                return given  # a column of choices, as learners of Isaac Lab give them
+        return super()._checked_action(action)

@@ -19,7 +19,7 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
 from stripe_newton.managers import ManagerContext, TermEvaluation
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import Simulation
+from stripe_newton.sim import Simulation, SimulationCfg
 
 from .env_state import EnvState, restore_state, save_state
 from .output_block import OutputBlock
@@ -65,6 +65,8 @@ class SteppedScene:
 
     scene_class: ClassVar[type[InteractiveScene]] = InteractiveScene
     """Class of the scene."""
+    simulation_class: ClassVar[Callable[[SimulationCfg], Simulation]] = Simulation
+    """Class of the simulation, or a function that makes one."""
 
     cfg: RLEnvCfg
     closed: bool = False
@@ -95,7 +97,7 @@ class SteppedScene:
         self.render_mode = render_mode
         if self.cfg.seed is not None:
             self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
-        self.sim = Simulation(self.cfg.sim)
+        self.sim = type(self).simulation_class(self.cfg.sim)
         self.sim.decimation = self.cfg.decimation
         self._prepare_simulation()
         self.scene = self.scene_class(self.cfg.scene, self.sim)
@@ -626,4 +628,4 @@ def _own(values: Extras) -> Extras:
 
 
 def _has_dicts(observations: Observations) -> bool:
-    return any(isinstance(group, dict) for group in observations.values())
+    return any(not isinstance(group, torch.Tensor) for group in observations.values())

@@ -50,6 +50,19 @@ class SceneEntityCfg:
             raise ValueError(f"{kind}_ids: {wrong} of '{self.name}', which has {len(names)}")
         return [int(i) for i in given]
 
+    def resolved(self, thing: HasNames) -> SceneEntityCfg:
+        """A copy with the joints and bodies that it chooses as indices, as torch terms take it.
+
+        Args:
+            thing: The asset or sensor that it names.
+
+        Raises:
+            ValueError: if an expression matches nothing.
+        """
+        ids = {f"{kind}_ids": (kind, thing.names_of(kind)) for kind in ("joint", "body")}
+        found = {k: self.indices(kind, names) for k, (kind, names) in ids.items() if names is not None}
+        return self.replace(**found)  # type: ignore[attr-defined,no-any-return]  # of every config class
+
 
 class HasNames(Protocol):
     """An asset or sensor, of which terms choose joints or bodies."""
@@ -69,11 +82,4 @@ def resolve_entities(params: Mapping[str, object], find: Callable[[str], HasName
     Raises:
         ValueError: if an expression matches nothing.
     """
-    given = dict(params)
-    for key, value in params.items():
-        if isinstance(value, SceneEntityCfg):
-            thing = find(value.name)
-            ids = {f"{kind}_ids": (kind, thing.names_of(kind)) for kind in ("joint", "body")}
-            found = {k: value.indices(kind, names) for k, (kind, names) in ids.items() if names is not None}
-            given[key] = value.replace(**found)
-    return given
+    return {k: v.resolved(find(v.name)) if isinstance(v, SceneEntityCfg) else v for k, v in params.items()}

@@ -7,18 +7,22 @@ the dialect work side by side, and none is converted twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import torch
 
 from stripe_newton import assets as native
 from stripe_newton.assets.asset_base import AssetInitialStateCfg as NativeInitialStateCfg
-from stripe_newton.assets.root_writer import EnvIds, RootWriter
+from stripe_newton.assets.root_writer import EnvIds
 from stripe_newton.configclass import configclass
 
-from .nucleus import actuator_for
+from .nucleus import actuator_for, joint_order_for
+from .physx_view import ArticulationView, RigidBodyView
 from .quaternions import pose_to_xyzw
+from .tendon_methods import TendonMethods
+from .wrench_composer import AssetWrenches, WrenchComposer
 from .wxyz_config import WxyzOptionalRot
 from .wxyz_data import WxyzData
 
@@ -27,8 +31,8 @@ __all__ = ["Articulation", "ArticulationCfg", "AssetBase", "AssetBaseCfg", "Rigi
 AssetBase = native.AssetBase
 
 
-class _WxyzAsset(RootWriter):
-    """The boundary of an asset: ``data`` and all ``write_root_*`` methods that take an orientation."""
+class _WxyzAsset(native.BoundAsset):
+    """The boundary of an asset: ``data``, what takes an orientation, and Isaac Lab's composers of wrenches."""
 
     _wxyz: WxyzData
 
@@ -38,6 +42,42 @@ class _WxyzAsset(RootWriter):
         if "_wxyz" not in self.__dict__:
             self._wxyz = WxyzData(self._data)
         return self._wxyz
+
+    @cached_property
+    def _wrenches(self) -> AssetWrenches:
+        return AssetWrenches(self)
+
+    @property
+    def permanent_wrench_composer(self) -> WrenchComposer:
+        """Wrenches that act until they are changed or the environment is reset."""
+        return self._wrenches.permanent
+
+    @property
+    def instantaneous_wrench_composer(self) -> WrenchComposer:
+        """Wrenches that act until the next ``write_data_to_sim``, so in one step."""
+        return self._wrenches.instantaneous
+
+    def set_external_force_and_torque(
+        self,
+        forces: torch.Tensor,
+        torques: torch.Tensor,
+        positions: torch.Tensor | None = None,
+        body_ids: Sequence[int] | slice | None = None,
+        env_ids: EnvIds = None,
+        is_global: bool = False,
+    ) -> None:
+        self.permanent_wrench_composer.set_forces_and_torques(forces, torques, positions, body_ids, env_ids, is_global)
+        self._wrenches.write()
+
+    def write_data_to_sim(self) -> None:
+        super().write_data_to_sim()
+        if "_wrenches" in self.__dict__:
+            self._wrenches.write()
+
+    def reset(self, env_ids: EnvIds = None) -> None:
+        super().reset(env_ids)
+        if "_wrenches" in self.__dict__:
+            self._wrenches.reset(env_ids)
 
     def write_root_pose_to_sim(self, root_pose: torch.Tensor, env_ids: EnvIds = None) -> None:
         super().write_root_pose_to_sim(pose_to_xyzw(root_pose), env_ids)
@@ -58,16 +98,28 @@ class _WxyzAsset(RootWriter):
         super().write_root_com_state_to_sim(pose_to_xyzw(root_state), env_ids)
 
 
-class Articulation(_WxyzAsset, native.Articulation):
+class Articulation(_WxyzAsset, TendonMethods):
     """:class:`stripe_newton.assets.Articulation` with quaternions (w, x, y, z)."""
+
+    @cached_property
+    def root_physx_view(self) -> ArticulationView:
+        """What tasks read from PhysX's view of the articulation."""
+        return ArticulationView(self)
 
     def __init__(self, cfg: native.ArticulationCfg):
         super().__init__(cfg)
+        if (order := joint_order_for(self.cfg.spawn)) is not None and self.cfg.joint_order == "breadth_first":
+            self.cfg.joint_order = order
         self.cfg.actuators = {group: actuator_for(actuator) for group, actuator in self.cfg.actuators.items()}
 
 
 class RigidObject(_WxyzAsset, native.RigidObject):
     """:class:`stripe_newton.assets.RigidObject` with quaternions (w, x, y, z)."""
+
+    @cached_property
+    def root_physx_view(self) -> RigidBodyView:
+        """What tasks read from PhysX's view of the body."""
+        return RigidBodyView(self)
 
 
 @configclass
@@ -109,3 +161,4 @@ class ArticulationCfg(native.ArticulationCfg):
 
     class_type: Callable[..., native.AssetBase] | None = Articulation
     init_state: InitialStateCfg = InitialStateCfg()
+    joint_order: str | Sequence[str] = "breadth_first"

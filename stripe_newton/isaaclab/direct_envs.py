@@ -6,12 +6,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 from stripe_newton import envs as native
-from stripe_newton import scene as native_scene
 from stripe_newton.configclass import configclass
 from stripe_newton.sim import SimulationCfg as NativeSimulationCfg
 from stripe_newton.viewers import ViewerCfg as NativeViewerCfg
 
-from .scene import InteractiveScene
+from .env_base import DialectEnv
 from .simulation_cfg import SimulationCfg, ViewerCfg
 
 __all__ = ["DirectMARLEnv", "DirectMARLEnvCfg", "DirectRLEnv", "DirectRLEnvCfg"]
@@ -54,13 +53,9 @@ class DirectMARLEnvCfg(native.DirectMARLEnvCfg):
     }
 
 
-class DirectRLEnv(native.DirectRLEnv):
+class DirectRLEnv(DialectEnv, native.DirectRLEnv):
     """:class:`stripe_newton.envs.DirectRLEnv` with quaternions (w, x, y, z) in its scene."""
 
-    scene_class: ClassVar[type[native_scene.InteractiveScene]] = InteractiveScene
 
-
-class DirectMARLEnv(native.DirectMARLEnv):
+class DirectMARLEnv(DialectEnv, native.DirectMARLEnv):
     """:class:`stripe_newton.envs.DirectMARLEnv` with quaternions (w, x, y, z) in its scene."""
-
-    scene_class: ClassVar[type[native_scene.InteractiveScene]] = InteractiveScene

@@ -79,11 +79,11 @@ class _DialectModule(ModuleType):
 
     def names(self) -> list[str]:
         """Names that the module offers."""
-        alias = ALIASES.get(self.__name__)
+        alias, found = ALIASES.get(self.__name__), set(NAMES.get(_table_of(self.__name__), {}))
         if alias is not None:
             target = importlib.import_module(alias)
-            return list(getattr(target, "__all__", [n for n in vars(target) if not n.startswith("_")]))
-        return sorted(NAMES.get(_table_of(self.__name__), {}))
+            found |= set(getattr(target, "__all__", [n for n in vars(target) if not n.startswith("_")]))
+        return sorted(found)
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self.names()]

@@ -22,12 +22,15 @@ from stripe_newton.assets import file_spawner, find_robot
 from stripe_newton.configclass import resolve_name
 
 from .files import ASSETS_VARIABLE, ISAAC_NUCLEUS_DIR, NUCLEUS_ASSET_ROOT_DIR, is_on_server, local_copy
-from .names.nucleus import ABSENT, ACTUATOR_NETS, PROPS, ROBOTS, Prop, Robot
+from .names.nucleus import ABSENT, ACTUATOR_NETS, POINTERS, PROPS, ROBOTS, Pointer, Prop, Robot
 
-__all__ = ["actuator_for", "problem_of", "spawner_for"]
+__all__ = ["actuator_for", "joint_order_for", "problem_of", "robot_for", "spawner_for"]
 
 _log = logging.getLogger(__name__)
-_BY_PATH: dict[str, Robot | Prop] = {path: entry for entry in (*ROBOTS, *PROPS) for path in entry.paths}
+_MODELS = Path(__file__).parent / "models"
+_BY_PATH: dict[str, Robot | Prop | Pointer] = {
+    path: entry for entry in (*ROBOTS, *PROPS, *POINTERS) for path in entry.paths
+}
 
 
 def problem_of(path: str) -> str | None:
@@ -62,6 +65,8 @@ def spawner_for(cfg: native.UsdFileCfg) -> native.SpawnerCfg:
     if isinstance(entry, Prop):
         _say(path, entry.note)
         return _prop(entry, cfg)
+    if isinstance(entry, Pointer):
+        return _pointer(entry, cfg)
     title = LIBRARY[entry.name].title if entry.name else ""
     _say(path, "; ".join(text for text in (title, entry.note) if text))
     return _robot(entry, cfg)
@@ -82,6 +87,22 @@ def actuator_for(cfg: ActuatorCfg) -> ActuatorCfg:
     return DCMotorCfg(**own | {"stiffness": stiffness, "damping": damping})
 
 
+def joint_order_for(spawn: native.SpawnerCfg | None) -> tuple[str, ...] | None:
+    """Names of the joints in the order of NVIDIA's file where that is not by depth and name; else None."""
+    path = getattr(spawn, "usd_path", "")
+    entry = _BY_PATH.get(_inside(path)) if is_on_server(path) else None
+    return entry.order if isinstance(entry, Robot) and entry.order else None
+
+
+def robot_for(spawn: object) -> Robot | None:
+    """The entry of the robot that stands for the file of a spawner; None for other spawners and files."""
+    path = getattr(spawn, "usd_path", "")
+    if not isinstance(path, str) or not is_on_server(path) or local_copy(path) is not None:
+        return None
+    entry = _BY_PATH.get(_inside(path))
+    return entry if isinstance(entry, Robot) else None
+
+
 def _inside(path: str) -> str:
     """The path below the folder of Isaac Sim's files."""
     return path.removeprefix(ISAAC_NUCLEUS_DIR).removeprefix(NUCLEUS_ASSET_ROOT_DIR).lstrip("/")
@@ -90,6 +111,13 @@ def _inside(path: str) -> str:
 @cache
 def _say(path: str, text: str) -> None:
     _log.warning("for %s of NVIDIA's server stands: %s", path, text)
+
+
+def _path_of(entry: Robot) -> str:
+    """The file that stands for NVIDIA's."""
+    if entry.asset:
+        return str(get_asset(entry.asset))
+    return str(_MODELS / entry.file if entry.file else _file_of(entry.name))
 
 
 @cache
@@ -108,14 +136,18 @@ def _robot(entry: Robot, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
         "articulation_props": _held(cfg.articulation_props, entry.fixed_base),
         "rigid_props": cfg.rigid_props,
     }
-    path = get_asset(entry.asset) if entry.asset else str(_file_of(entry.name))
+    path = _path_of(entry)
     if path.endswith((".usd", ".usda", ".usdc", ".usdz")):
         mass = native.MassPropertiesCfg(density=entry.density) if entry.density else None
         own = {name: getattr(cfg, name) for name in ("scale", "collision_props", "joint_drive_props")}
         return native.UsdFileCfg(usd_path=path, mass_props=cfg.mass_props or mass, **own, **shared)
     # Drives are those of the config alone, as in a file of NVIDIA's.
-    own = {"actuators": False, "root_at_prim": True} if path.endswith(".xml") else {}
-    return file_spawner(path, scale=_uniform(cfg), **own, **shared)
+    tendons = {
+        name: native.FixedTendonCfg(coefficients=dict(coefficients), limits=limits)
+        for name, (coefficients, limits) in entry.tendons.items()
+    }
+    of_mjcf = {"actuators": entry.drives, "root_pose": entry.root, "fixed_tendons": tendons}
+    return file_spawner(path, scale=_uniform(cfg), **(of_mjcf if path.endswith(".xml") else {}), **shared)
 
 
 def _held(
@@ -155,6 +187,13 @@ def _prop(entry: Prop, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
     )
 
 
+def _pointer(entry: Pointer, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
+    shared = {"scale": cfg.scale, "visible": cfg.visible, "semantic_tags": cfg.semantic_tags}
+    if entry.kind == "frame":
+        return native.FrameCfg(**shared)
+    return native.ArrowCfg(visual_material=cfg.visual_material, **shared)
+
+
 class _CenteredShape:
     """Spawns a shape whose centre is not the origin of its prim."""
 
@@ -166,6 +205,7 @@ class _CenteredShape:
         if any(self.center):
             from pxr import UsdGeom  # with the first scene, not with the configs of a task
 
-            geometry = prim.GetStage().GetPrimAtPath(f"{prim.GetPath()}/geometry")
-            UsdGeom.XformCommonAPI(geometry).SetTranslate(self.center)
+            geometry = prim.GetStage().GetPrimAtPath(f"{prim.GetPath()}/geometry/mesh")
+            if not UsdGeom.XformCommonAPI(geometry).SetTranslate(self.center):
+                raise RuntimeError(f"the shape at '{geometry.GetPath()}' cannot be moved")
         return prim

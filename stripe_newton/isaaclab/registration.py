@@ -10,10 +10,12 @@ from stripe_newton.registration import vector_env_creator
 from stripe_newton.rl import RslRlOnPolicyRunnerCfg as NativeRunnerCfg
 
 from .rl_configs import RslRlOnPolicyRunnerCfg
+from .skrl_configs import read_skrl_config
 
 __all__ = ["adopt_tasks"]
 
 _ENV_CFG, _AGENT_CFG = "env_cfg_entry_point", "rsl_rl_cfg_entry_point"
+_SKRL_CFG = "skrl_cfg_entry_point"
 
 
 class _NativeAgentCfg:
@@ -36,6 +38,13 @@ class _NativeAgentCfg:
         return self.entry_point
 
 
+class _SkrlAgentCfg(_NativeAgentCfg):
+    """Entry point of a config of skrl: makes a config for rsl_rl of it."""
+
+    def __call__(self) -> NativeRunnerCfg:
+        return read_skrl_config(self.entry_point)
+
+
 def adopt_tasks() -> list[str]:
     """Make vector environments of all tasks that Isaac Lab's files have registered, also by ``gymnasium.make_vec``.
 
@@ -53,5 +62,7 @@ def adopt_tasks() -> list[str]:
         agent = spec.kwargs.get(_AGENT_CFG)
         if isinstance(agent, str):
             spec.kwargs[_AGENT_CFG] = _NativeAgentCfg(agent)
+        elif agent is None and isinstance(spec.kwargs.get(_SKRL_CFG), str):
+            spec.kwargs[_AGENT_CFG] = _SkrlAgentCfg(spec.kwargs[_SKRL_CFG])
         found.append(name)
     return found

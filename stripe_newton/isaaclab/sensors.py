@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
+
+import torch
 
 from stripe_newton import sensors as native
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.viewers import save_images
 
+from .camera_data import ColorizedCameraData
 from .wxyz_config import WxyzRot
 from .wxyz_data import WxyzData
 
@@ -22,10 +26,12 @@ __all__ = [
     "Imu",
     "ImuCfg",
     "OffsetCfg",
+    "PinholeCameraCfg",
     "RayCaster",
     "RayCasterCfg",
     "TiledCamera",
     "TiledCameraCfg",
+    "save_images_to_file",
 ]
 
 _NO_MARKERS = {"visualizer_cfg": "sensors draw no markers"}
@@ -50,7 +56,18 @@ class _WxyzSensor:
 
 
 class Camera(_WxyzSensor, native.Camera):
-    """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z)."""
+    """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z); segmentations are colours if asked for."""
+
+    @property
+    def data(self) -> Any:
+        """Data of the camera."""
+        return super().data
+
+    @data.setter
+    def data(self, value: object) -> None:
+        kinds = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
+        colorized = {kind: getattr(self.cfg, f"colorize_{kind}", False) for kind in kinds}
+        self._wxyz = ColorizedCameraData(value, colorized)
 
 
 class TiledCamera(Camera):
@@ -140,6 +157,28 @@ class RayCasterCfg(native.RayCasterCfg):
 
 
 @configclass
+class PinholeCameraCfg(native.PinholeCameraCfg):
+    """:class:`stripe_newton.sensors.PinholeCameraCfg` with Isaac Lab's other fields."""
+
+    clipping_range: tuple[float, float] = (0.01, 1.0e6)
+    projection_type: str = "pinhole"
+    lock_camera: bool = True
+    visible: bool = True
+    semantic_tags: list[tuple[str, str]] | None = None
+    copy_from_source: bool = True
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "lock_camera": "there is no window in which it could be moved",
+        **dict.fromkeys(("visible", "semantic_tags", "copy_from_source"), "a camera is no prim that is drawn"),
+    }
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if self.projection_type != "pinhole":
+            yield "projection_type", f"is {self.projection_type!r}, only 'pinhole' is drawn"
+
+
+@configclass
 class CameraCfg(native.CameraCfg):
     """:class:`stripe_newton.sensors.CameraCfg` with quaternions (w, x, y, z)."""
 
@@ -151,6 +190,18 @@ class CameraCfg(native.CameraCfg):
 
     class_type: Callable[..., native.SensorBase] | None = Camera
     offset: OffsetCfg = OffsetCfg()
+    update_latest_camera_pose: bool = False
+    semantic_filter: str | Sequence[str] = "*:*"
+    colorize_semantic_segmentation: bool = True
+    colorize_instance_id_segmentation: bool = True
+    colorize_instance_segmentation: bool = True
+    semantic_segmentation_mapping: dict[str, Any] = {}
+
+    IGNORED: ClassVar[dict[str, str]] = {
+        "update_latest_camera_pose": "the pose is always that of the image",
+        "semantic_filter": "all labels are drawn",
+        "semantic_segmentation_mapping": "colours are by number",
+    }
 
 
 @configclass
@@ -158,3 +209,8 @@ class TiledCameraCfg(CameraCfg):
     """A :class:`CameraCfg` by Isaac Lab's other name."""
 
     class_type: Callable[..., native.SensorBase] | None = TiledCamera
+
+
+def save_images_to_file(images: torch.Tensor, file_path: str) -> None:
+    """Write images of shape ``(n, height, width, channels)``, uint8 or floats from 0 to 1, side by side."""
+    save_images(file_path, images.detach().cpu().numpy())

@@ -221,8 +221,9 @@ class _ActionReader:
             except ValueError as error:
                 self._problem("joint_names", error)
         scale = cfg.scale if isinstance(cfg.scale, (tuple, list)) else [cfg.scale] * controller.action_dim
-        values |= {"scale": list(scale), "body_offset_pos": offset.pos, "body_offset_rot": offset.rot}
+        values |= {"scale": list(scale), "body_offset_pos": offset.pos, "body_offset_rot": offset.rot_xyzw}
         values |= {"has_rotation": controller.command_type == "pose", "is_relative": controller.use_relative_mode}
+        values["scalar_first"] = cfg.scalar_first
         return values | controller.numbers
 
     def _matched(self, name: str, value: float | Mapping[str, float], names: list[str]) -> dict[int, float]:

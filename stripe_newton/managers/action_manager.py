@@ -101,7 +101,7 @@ class ActionManager(ManagerBase):
     def _lay_out(self, name: str, cfg: ActionTermCfg, first: int) -> ActionLayout | None:
         """The layout of a term; None after problems. It makes the instance of a user's class."""
         path, own = f"actions.{name}", cfg.class_type
-        if own is None or (issubclass(own, KernelActionTerm) and own.is_fused()):
+        if own is None or not cfg.is_users:
             return lay_out(self.context, path, cfg, first)
         if not issubclass(own, ActionTerm):
             self.context.problems.append(f"{path}.class_type: is '{own.__name__}', must be derived from ActionTerm")
@@ -136,7 +136,8 @@ class ActionManager(ManagerBase):
         if name in self._torch:
             return self._torch[name]
         if name not in self._views:
-            self._views[name] = KernelActionTerm(self._terms[name].cfg, self.context.env, self._sources[name])
+            cfg = self._terms[name].cfg
+            self._views[name] = (cfg.class_type or KernelActionTerm)(cfg, self.context.env, self._sources[name])
         return self._views[name]
 
     @property

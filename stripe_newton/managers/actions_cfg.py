@@ -78,6 +78,11 @@ class ActionTermCfg:
     """Largest delay [steps]; each episode draws one within the bounds."""
 
     @property
+    def is_users(self) -> bool:
+        """Whether a class of the user computes it, rather than Warp functions."""
+        return self.class_type is not None and not getattr(self.class_type, "is_fused", bool)()
+
+    @property
     def known_functions(self) -> dict[str, wp.Function | None]:
         """Functions of the package for its kind, used where the config names none."""
         return {}
@@ -286,12 +291,19 @@ class DifferentialInverseKinematicsActionCfg(ActionTermCfg):
         rot: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
         """Quaternion (x, y, z, w) to the body's frame."""
 
+        @property
+        def rot_xyzw(self) -> tuple[float, float, float, float]:
+            """The rotation as the package reads it, (x, y, z, w)."""
+            return self.rot
+
         def problems(self) -> Iterator[tuple[str, str]]:
             if len(self.pos) != 3 or not all(map(math.isfinite, self.pos)):
                 yield "pos", f"is {self.pos}, must be three finite numbers"
             if len(self.rot) != 4 or not math.isclose(math.hypot(*self.rot), 1.0, abs_tol=1e-3):
                 yield "rot", f"is {self.rot}, must be a unit quaternion (x, y, z, w)"
 
+    scalar_first: ClassVar[bool] = False
+    """Whether quaternions among the actions are (w, x, y, z)."""
     process: Callable[..., object] | None = process_differential_ik
     body_name: str = MISSING
     """Body that moves."""

@@ -28,7 +28,7 @@ from stripe_newton.fusion import Code, Eager, Item, NamedStructs, SceneEntityCfg
 from stripe_newton.fusion.warp_types import Struct, StructInstance, struct_of
 from stripe_newton.matching import match_names
 
-from .command_term import CommandTerm, KernelCommandTerm
+from .command_term import CommandTerm, KernelCommandTerm, view_of
 from .commands_cfg import (
     CommandTermCfg,
     NormalVelocityCommandCfg,
@@ -42,6 +42,7 @@ from .manager_base import ManagerBase, is_warp_term, terms_of
 from .term_class import make_instance
 from .term_params import params_for, unknown_params
 from .terrain_checks import check_terrain
+from .torch_command import TorchCommand
 
 __all__ = ["CommandManager"]
 
@@ -65,6 +66,8 @@ class _Term:
     metrics: dict[str, wp.Function] = field(default_factory=dict)
     fixed: dict[str, Code] = field(default_factory=dict)
     """Source of arguments that are not parameters."""
+    struct: StructInstance | None = None
+    """The struct of its kind, where it has one."""
 
     def functions(self) -> dict[str, wp.Function | None]:
         """All functions by their path below the term's."""
@@ -89,18 +92,17 @@ class CommandManager(ManagerBase):
         self._terms: dict[str, _Term] = {}
         self._lines: dict[tuple[str, wp.Function], list[Code]] = {}
         self._null: list[str] = []
-        self._torch: dict[str, CommandTerm] = {}
+        self._torch: dict[str, TorchCommand] = {}
         """Terms of a user's class."""
-        self._data: dict[str, CommandData] = {}
-        """Their commands, as Warp terms read them."""
         self._views: dict[str, KernelCommandTerm] = {}
         for name, term in self.terms(cfg, CommandTermCfg).items():
             if isinstance(term, NullCommandCfg):
                 self._null.append(name)
-            elif term.class_type is not None:
+            elif term.is_users and term.class_type is not None:
                 self._make_torch(name, term, term.class_type)
             else:
                 self._terms[name] = self._make(name, term)
+                context.config_watch.add(f"commands.{name}", term)
         self._sums = context.array("commands.metrics", float, sum(len(t.metrics) for t in self._terms.values()))
         self._sums_name = context.scope.name("command_metrics", self._sums)
         self._steps_name = context.scope.name("command_steps", context.array("commands.steps", int))
@@ -131,32 +133,26 @@ class CommandManager(ManagerBase):
         return term
 
     def _make_torch(self, name: str, cfg: CommandTermCfg, class_type: type) -> None:
-        """The instance of a user's class, and the struct by which Warp terms read its command."""
+        """The instance of a user's class, and the structs by which Warp terms read its command."""
         path, context = f"commands.{name}", self.context
         if not issubclass(class_type, CommandTerm):
             text = f"is '{class_type.__name__}', must be derived from CommandTerm"
             context.problems.append(f"{path}.class_type: {text}")
             return
-        term = self._torch[name] = make_instance(f"{path}.class_type", class_type, cfg, context.env)
-        self._instances[path] = term
-        data = self._data[name] = _clock(context, path, term.command.shape[1])
-        self._provide(data, name, data)
-        self._copy_torch(name)
+        term = self._instances[path] = make_instance(f"{path}.class_type", class_type, cfg, context.env)
+        data = _clock(context, path, term.command.shape[1])
+        command = self._torch[name] = TorchCommand(context, path, term, data)
+        for struct in (data, *command.structs()):
+            self._provide(struct, name, data)
+        command.copy()
 
     def instance_states(self) -> list[dict[str, Any]]:
         """Attributes of class terms, and their metrics."""
-        return [*super().instance_states(), *(term.metrics for term in self._torch.values())]
+        return [*super().instance_states(), *(command.term.metrics for command in self._torch.values())]
 
     def reset_instance_items(self) -> list[Item]:
         """None: :meth:`reset_items` resets the terms and logs their metrics."""
         return []
-
-    def _copy_torch(self, name: str) -> None:
-        """Copy a torch term's command to where Warp terms read it."""
-        term, data, torch = self._torch[name], self._data[name], self.context.torch
-        torch(data.command).copy_(term.command)
-        torch(data.time_left).copy_(term.time_left)
-        torch(data.counter).copy_(term.command_counter)
 
     def _make_data(self, path: str, name: str, cfg: CommandTermCfg, known: KnownCommand | None) -> _Term:
         data = _clock(self.context, path, cfg.size if known is None else known.size)
@@ -188,6 +184,7 @@ class CommandManager(ManagerBase):
         velocity.is_heading = array(f"{path}.is_heading", wp.bool)
         velocity.is_standing = array(f"{path}.is_standing", wp.bool)
         self._provide(velocity, name, term.data)
+        term.struct = velocity
         term.metrics |= {"error_vel_xy": velocity_error_xy, "error_vel_yaw": velocity_error_yaw}
         if isinstance(term.cfg, UniformVelocityCommandCfg) and not term.cfg.heading_command:
             term.params["rel_heading_envs"] = 0.0
@@ -195,8 +192,12 @@ class CommandManager(ManagerBase):
     def _add_pose(self, path: str, name: str, term: _Term) -> None:
         context, cfg, pose = self.context, term.cfg, PoseCommandData()
         assert isinstance(cfg, UniformPoseCommandCfg)
-        pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
+        if cfg.update is None:
+            pose.pose = wp.from_torch(context.torch(term.data.command), dtype=wp.transform)
+        else:  # its own functions say how the numbers of the command follow from the pose
+            pose.pose = context.array(f"{path}.pose", wp.transform)
         self._provide(pose, name, term.data)
+        term.struct = pose
         if cfg.asset_name in context.entity_names():
             names = context.asset(cfg.asset_name).data.body_names
             try:
@@ -222,6 +223,7 @@ class CommandManager(ManagerBase):
         place.pos = array(f"{path}.pos", wp.vec3)
         place.heading = array(f"{path}.heading_w", float)
         self._provide(place, name, term.data)
+        term.struct = place
         term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
         check_terrain(self.context, path, term.resample)
 
@@ -246,6 +248,11 @@ class CommandManager(ManagerBase):
         there = {*self._terms, *self._torch, *self._null}
         return [name for name in terms_of(self.cfg) if name in there]
 
+    @property
+    def torch_terms(self) -> list[str]:
+        """Names of the terms that are a user's classes."""
+        return list(self._torch)
+
     def get_command(self, name: str) -> torch.Tensor:
         """The current command of a term, shape ``(num_envs, n)``.
 
@@ -259,18 +266,19 @@ class CommandManager(ManagerBase):
         return self.get_term(name).command
 
     def get_term(self, name: str) -> CommandTerm:
-        """A term: the instance of a user's class, or the view of a term of kernels.
+        """A term: the instance of a user's class, or the view of a term of kernels, whose ``cfg`` may be changed.
 
         Raises:
             KeyError: if there is no such term.
         """
         if name in self._torch:
-            return self._torch[name]
+            return self._torch[name].term
         if name not in self._terms:
             raise KeyError(f"no command '{name}'; there is {', '.join([*self._terms, *self._torch]) or 'none'}")
         if name not in self._views:
             term = self._terms[name]
-            self._views[name] = KernelCommandTerm(term.cfg, self.context, term.data)
+            self._views[name] = view_of(term.cfg, self.context, term.data, term.struct)
+        self.context.config_watch.hand_out(f"commands.{name}")
         return self._views[name]
 
     # -- between steps
@@ -302,16 +310,16 @@ class CommandManager(ManagerBase):
         return Eager("commands", partial(run, name), f"torch term '{name}'", [name])
 
     def _compute_torch(self, name: str) -> None:
-        self._torch[name].compute(self.context.step_dt)
-        self._copy_torch(name)
+        self._torch[name].term.compute(self.context.step_dt)
+        self._torch[name].copy()
 
     def _reset_torch(self, name: str) -> None:
         env_ids = self.context.reset_mask.indices()
         if not len(env_ids):
             return
-        for metric, value in self._torch[name].reset(env_ids).items():
+        for metric, value in self._torch[name].term.reset(env_ids).items():
             self.context.log_now(f"Metrics/{name}/{metric}", value)
-        self._copy_torch(name)
+        self._torch[name].copy()
 
     def reset_items(self) -> list[Item]:
         """Items that log the metrics, as means over the steps of the episode, and sample the first command."""
@@ -357,7 +365,7 @@ class CommandManager(ManagerBase):
 
     def __str__(self) -> str:
         every = [(name, t.cfg, t.data) for name, t in self._terms.items()]
-        every += [(name, t.cfg, self._data[name]) for name, t in self._torch.items()]
+        every += [(name, command.term.cfg, command.data) for name, command in self._torch.items()]
         rows = [
             (i, name, type(cfg).__name__.removesuffix("Cfg"), data.command.shape[1], cfg.resampling_time_range)
             for i, (name, cfg, data) in enumerate(every)

@@ -7,13 +7,21 @@ from collections.abc import Sequence
 
 import torch
 
-from stripe_kernels.data import CommandData
+from stripe_kernels.data import CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
+from stripe_newton.fusion.warp_types import is_instance
 
 from .commands_cfg import CommandTermCfg
 from .context import ManagerContext
 from .term_class import ManagerTermBase, TermEnv
 
-__all__ = ["CommandTerm", "KernelCommandTerm"]
+__all__ = [
+    "CommandTerm",
+    "KernelCommandTerm",
+    "KernelPose2dCommandTerm",
+    "KernelPoseCommandTerm",
+    "KernelVelocityCommandTerm",
+    "view_of",
+]
 
 EnvIds = Sequence[int] | torch.Tensor
 
@@ -88,7 +96,10 @@ class CommandTerm(ManagerTermBase):
 
 
 class KernelCommandTerm(CommandTerm):
-    """View of a command term of kernels, which draw and update the command as a part of the step."""
+    """View of a command term of kernels, which draw and update the command as a part of the step.
+
+    Numbers of its ``cfg`` may be changed in place.
+    """
 
     def __init__(self, cfg: CommandTermCfg, context: ManagerContext, data: CommandData):
         super().__init__(cfg, context.env)
@@ -108,3 +119,63 @@ class KernelCommandTerm(CommandTerm):
     @command_counter.setter
     def command_counter(self, value: torch.Tensor) -> None:
         """The base class's; the counter is that of the kernels."""
+
+
+class KernelVelocityCommandTerm(KernelCommandTerm):
+    """View of a velocity command.
+
+    Attributes:
+        vel_command_b: The command, shape ``(num_envs, 3)`` [m/s, m/s, rad/s].
+        heading_target: Headings in the world [rad], shape ``(num_envs,)``.
+        is_heading_env: Where the yaw rate follows from the heading, shape ``(num_envs,)``.
+        is_standing_env: Where the command is to stand, shape ``(num_envs,)``.
+    """
+
+    def __init__(self, cfg: CommandTermCfg, context: ManagerContext, data: CommandData, velocity: VelocityCommandData):
+        super().__init__(cfg, context, data)
+        self.vel_command_b = self.command
+        self.heading_target, self.is_heading_env, self.is_standing_env = (
+            context.torch(array) for array in (velocity.heading_target, velocity.is_heading, velocity.is_standing)
+        )
+
+
+class KernelPose2dCommandTerm(KernelCommandTerm):
+    """View of a position command.
+
+    Attributes:
+        pos_command_w: Positions in the world [m], shape ``(num_envs, 3)``.
+        heading_command_w: Headings in the world [rad], shape ``(num_envs,)``.
+    """
+
+    def __init__(self, cfg: CommandTermCfg, context: ManagerContext, data: CommandData, place: Pose2dCommandData):
+        super().__init__(cfg, context, data)
+        self.pos_command_w, self.heading_command_w = context.torch(place.pos), context.torch(place.heading)
+
+    @property
+    def pos_command_b(self) -> torch.Tensor:
+        """Positions relative to the root, in its yaw frame [m], shape ``(num_envs, 3)``."""
+        return self.command[:, :3]
+
+    @property
+    def heading_command_b(self) -> torch.Tensor:
+        """Headings relative to the root's [rad], shape ``(num_envs,)``."""
+        return self.command[:, 3]
+
+
+class KernelPoseCommandTerm(KernelCommandTerm):
+    """View of a pose command."""
+
+    @property
+    def pose_command_b(self) -> torch.Tensor:
+        """Poses in the root's frame, shape ``(num_envs, 7)``, as the command has them."""
+        return self.command
+
+
+def view_of(cfg: CommandTermCfg, context: ManagerContext, data: CommandData, struct: object) -> KernelCommandTerm:
+    """The view of a command of kernels, by the struct of its kind."""
+    if is_instance(struct, VelocityCommandData):
+        return KernelVelocityCommandTerm(cfg, context, data, struct)
+    if is_instance(struct, Pose2dCommandData):
+        return KernelPose2dCommandTerm(cfg, context, data, struct)
+    kind = KernelPoseCommandTerm if is_instance(struct, PoseCommandData) else KernelCommandTerm
+    return kind(cfg, context, data)

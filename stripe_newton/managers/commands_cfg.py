@@ -68,6 +68,11 @@ class CommandTermCfg:
     """Ignored: commands are not drawn."""
     IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "commands are not drawn"}
 
+    @property
+    def is_users(self) -> bool:
+        """Whether a class of the user computes it, rather than Warp functions."""
+        return self.class_type is not None and not getattr(self.class_type, "is_fused", bool)()
+
     def problems(self) -> Iterator[tuple[str, str]]:
         bounds = self.resampling_time_range
         if bounds is not MISSING and not 0 < bounds[0] <= bounds[1]:

@@ -31,6 +31,7 @@ from stripe_newton.sensors.term_structs import register_sensor_structs
 from stripe_newton.sim import ResetMask
 from stripe_newton.terrains.term_structs import register_terrain_struct
 
+from .config_watch import ConfigWatch
 from .term_class import TermEnv
 
 __all__ = ["ManagerContext"]
@@ -52,6 +53,7 @@ class ManagerContext:
         max_episode_length: Environment steps in an episode.
         scope: Names in generated source.
         parameters: Numbers that a curriculum may change.
+        config_watch: Configs whose numbers users may change in place.
         structs: Structs that terms may have as arguments, by type.
         log: Episode log of the step.
         episode: Length and end of the episodes.
@@ -101,6 +103,7 @@ class ManagerContext:
         self._make_state(num_terminations)
         self._make_flags()
         self.structs = self._make_structs()
+        self.config_watch = ConfigWatch(self.parameters)
         self._add_arrays_of_others()
         self.seed(0)
 

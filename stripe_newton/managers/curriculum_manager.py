@@ -104,6 +104,7 @@ class CurriculumManager(TermManager[CurriculumTermCfg]):
             if not len(env_ids):
                 return
             value = call(env_ids)
+            context.config_watch.take()
             if isinstance(value, Mapping):
                 for key, part in value.items():
                     context.log_now(f"Curriculum/{name}/{key}", part)

@@ -166,6 +166,7 @@ class EventManager(TermManager[EventTermCfg]):
             env_ids = indices()
             if len(env_ids):
                 call(env_ids)
+                context.config_watch.take()
                 if moves:
                     moved[env_ids] = True
 

@@ -16,7 +16,7 @@ from stripe_kernels.model_data import JointModelData, ShapeModelData
 from stripe_newton.fusion.warp_types import Struct
 from stripe_newton.sim import Simulation
 
-__all__ = ["range_problems", "solver_problems"]
+__all__ = ["ignores_restitution", "range_problems", "solver_problems"]
 
 _PENALTY = {"friction", "effort_limit"}
 _UNREAD: dict[str, dict[Struct, set[str]]] = {
@@ -66,27 +66,30 @@ def range_problems(params: Mapping[str, Any], name: str, bound: str) -> Iterator
         yield f"is {pair}, must be {bound}"
 
 
-def solver_problems(sim: Simulation, kind: Struct, field: str, dofs: list[int], largest: float) -> Iterator[str]:
-    """Reasons for which the solver would ignore a field.
+def ignores_restitution(sim: Simulation) -> bool:
+    """Whether the solver does not read restitution. Isaac Lab's tasks often name it, so that it is a warning only."""
+    cfg: Any = sim.cfg.solver
+    if cfg.kind == "xpbd":
+        return not cfg.enable_restitution
+    return "restitution" in _UNREAD.get(cfg.kind, {}).get(ShapeModelData, ())
+
+
+def solver_problems(sim: Simulation, kind: Struct, field: str, dofs: list[int]) -> Iterator[str]:
+    """Reasons for which the solver would ignore a field other than restitution.
 
     Args:
         sim: The simulation.
         kind: Struct of the field.
         field: The field.
         dofs: Degrees of freedom in an environment, for fields of joints.
-        largest: Upper end of the range.
     """
     cfg: Any = sim.cfg.solver
     solver = sim.solver
     name = cfg.solver_class
     if field == "effort_limit" and sim.actuation.explicit[dofs].any():
         return  # the actuators of the package limit it, whatever the solver does
-    unread = field in _UNREAD.get(cfg.kind, {}).get(kind, ())
-    if field == "restitution" and cfg.kind == "xpbd":
-        unread = not cfg.enable_restitution
-    if unread and not (field == "restitution" and largest == 0.0):
-        instead = ", use (0.0, 0.0) or leave it out" if field == "restitution" else ""
-        yield f"{name} ignores {field.replace('_', ' ')}{instead}"
+    if field in _UNREAD.get(cfg.kind, {}).get(kind, ()) and field != "restitution":
+        yield f"{name} ignores {field.replace('_', ' ')}"
     if cfg.kind != "mujoco":
         return
     if field == "margin" and solver._use_mujoco_contacts and solver._zero_margins_for_native_ccd:

@@ -18,7 +18,7 @@ from stripe_newton.fusion.warp_types import Struct, struct_fields
 from stripe_newton.matching import match_names
 
 from .context import ManagerContext
-from .model_checks import range_problems, solver_problems
+from .model_checks import ignores_restitution, range_problems, solver_problems
 from .model_data import MODEL_FIELDS, SCENE, ModelStructs
 
 __all__ = ["ModelTerm", "changes_model"]
@@ -66,7 +66,13 @@ class ModelTerm:
 
     def without_effect(self) -> list[str]:
         """Parameters accepted only so that configs of Isaac Lab load, as ``parameter has no effect: reason``."""
-        return [f"{name} has no effect: {self._info.ignored[name]}" for name in self._ignored]
+        found = [f"{name} has no effect: {self._info.ignored[name]}" for name in self._ignored]
+        sim = self._context.scene.sim
+        for name, (field, _) in self._info.ranges.items():
+            bounds = self.params.get(name)
+            if field == "restitution" and bounds and any(bounds) and not _is_kept(bounds) and ignores_restitution(sim):
+                found.append(f"{name} has no effect: {sim.cfg.solver.solver_class} has no restitution")
+        return found
 
     def problems(self) -> list[str]:
         """Complete the parameters and check them.
@@ -174,7 +180,7 @@ class ModelTerm:
             if wrong or not field or _is_kept(self.params[name]):
                 continue
             ids, dofs = self._indices(kind)
-            for text in solver_problems(sim, kind, field, dofs, max(self.params[name])):
+            for text in solver_problems(sim, kind, field, dofs):
                 yield f"{name}: {text}"
             scales = self.params.get("operation") == OPERATIONS["scale"]
             if scales and not self._structs.default(kind, self._owner(kind), field, ids).any():

@@ -36,6 +36,8 @@ class ObservationManager(ManagerBase):
     """
 
     name = "observations"
+    path = "observations"
+    """Path of its arrays and parameters."""
 
     def __init__(self, cfg: object, context: ManagerContext, allocate: Allocate | None = None):
         """Make the terms and their arrays.
@@ -55,14 +57,14 @@ class ObservationManager(ManagerBase):
         self._raw: dict[str, wp.array] = {}
         """Arrays of the groups before normalisation."""
         for group in self._groups:
-            self._allocate(group, allocate or (lambda name, size: context.array(f"observations.{name}", float, size)))
+            self._allocate(group, allocate or (lambda name, size: context.array(f"{self.path}.{name}", float, size)))
 
     def _make_terms(self, group: str, cfg: ObservationGroupCfg) -> dict[str, ObservationTerm]:
         own = set(ObservationGroupCfg.__dataclass_fields__)
         fields = {k: getattr(cfg, k) for k in cfg.__dataclass_fields__ if k not in own}
         made = {}
-        for name, term in self.terms(fields, ObservationTermCfg, f"observations.{group}").items():
-            one = make_observation_term(self.context, f"observations.{group}.{name}", term, cfg)
+        for name, term in self.terms(fields, ObservationTermCfg, f"{self.path}.{group}").items():
+            one = make_observation_term(self.context, f"{self.path}.{group}.{name}", term, cfg)
             if one is not None:
                 made[name] = one
                 self._instances |= one.processing.instances if one.processing is not None else {}
@@ -81,7 +83,7 @@ class ObservationManager(ManagerBase):
         self.buffers[group] = self._raw[group] = allocate(group, width)
         # Normalisation writes to another array: histories have values from before it, which later steps read again.
         if cfg.normalization is not None:
-            self._raw[group] = self.context.array(f"observations.{group}.raw", float, width)
+            self._raw[group] = self.context.array(f"{self.path}.{group}.raw", float, width)
         target, first = name(f"obs_{group}", self._raw[group]), 0
         for term in terms.values():
             term.target, term.first = target, first
@@ -199,6 +201,8 @@ class ObservationManager(ManagerBase):
 
         def evaluate() -> None:
             values = call()
+            if term.size == 1 and values.dim() == 1:
+                values = values.unsqueeze(-1)
             if tuple(values.shape) != shape:
                 raise ValueError(
                     f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"

@@ -232,8 +232,10 @@ def _infer_size(context: ManagerContext, path: str, cfg: ObservationTermCfg) -> 
         context.problems.append(f"{path}.func: {text}")
         return None
     shape = tuple(values.shape) if isinstance(values, torch.Tensor) else type(values).__name__
+    if shape == (context.num_envs,):
+        return 1
     if not isinstance(shape, tuple) or len(shape) != 2 or shape[0] != context.num_envs or shape[1] < 1:
-        text = f"returned {shape}, must return a tensor of shape (num_envs, size) with num_envs = {context.num_envs}"
+        text = f"returned {shape}, must return (num_envs, size) or (num_envs,) with num_envs = {context.num_envs}"
         context.problems.append(f"{path}.func: {text}")
         return None
     return shape[1]

@@ -12,7 +12,7 @@ import warp as wp
 from stripe_newton.fusion import SceneEntityCfg, resolve_entities
 
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import ManagerBase, is_warp_term, with_terms
 
 __all__ = ["TermManager", "TorchCall"]
 
@@ -94,6 +94,7 @@ class TermManager(ManagerBase, Generic[Cfg]):
                 f"{path}: {', '.join(fixed)} cannot change while the environment runs; of a Warp term only numbers can"
             )
         self._terms[term_name] = cfg
+        self.cfg = with_terms(self.cfg, {term_name: cfg})
         self._set_numbers(path, vars(cfg))
         if is_warp_term(cfg.func):
             self._set_numbers(path, cfg.params)

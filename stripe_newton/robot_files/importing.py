@@ -13,7 +13,6 @@ import mujoco
 import newton
 import warp as wp
 from newton import JointType
-from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes and asset folders, as it reads them
 from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
@@ -28,7 +27,7 @@ from .error import RobotFileError
 from .file_kind import file_kind
 from .importer_warnings import warnings_as_rows
 from .mjcf import MjcfStart, complete_mjcf
-from .mjcf_checks import compile_mjcf
+from .mjcf_edits import edit_mjcf
 from .mjcf_joint_frames import anchor_hinges, joint_motion_rows
 from .mjcf_masses import take_compiled_masses
 from .mjcf_rows import mjcf_rows
@@ -147,17 +146,18 @@ def _add_mjcf(
     builder: newton.ModelBuilder, path: Path, options: dict[str, Any], xform: wp.transform | None
 ) -> list[Row]:
     own, start = dict(options), MjcfStart(builder)
-    keyframe, model = own.pop("keyframe", None), compile_mjcf(path)
-    actuators = own.pop("actuators", True)
-    if own.pop("root_at_prim", False):
-        xform = _without_root_pose(model, wp.transform_identity() if xform is None else xform, own.get("scale", 1.0))
+    keyframe = own.pop("keyframe", None)
+    source, model = edit_mjcf(path, own.pop("actuators", True), own.pop("fixed_tendons", {}))
+    if (root_pose := own.pop("root_pose", None)) is not None:
+        wanted = (wp.transform_identity() if xform is None else xform) * wp.transform(*root_pose)
+        xform = _without_root_pose(model, wanted, own.get("scale", 1.0))
     shapes, friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
     _replace_pgs(builder)
     try:
         # MuJoCo's default friction is 1; Newton's importer would take that of the builder where a file gives none.
         shapes.mu = 1.0
         # verbose: else it skips what it cannot find in silence
-        builder.add_mjcf(_readable(path, actuators), xform=xform, verbose=True, **own)
+        builder.add_mjcf(source, xform=xform, verbose=True, **own)
     finally:
         shapes.mu = friction
     scale = own.get("scale", 1.0)
@@ -168,26 +168,11 @@ def _add_mjcf(
     return [*mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
 
 
-def _readable(path: Path, actuators: bool) -> str:
-    """The file, or its XML where something of it is not to be read as Newton would.
-
-    Where its outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for elements that
-    name the class, where MuJoCo gives them to all. Without ``actuators`` these are left out.
-    """
-    root, _ = _load_and_expand_mjcf(str(path.resolve()))
-    changes = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
-    if not actuators:
-        for section in root.findall("actuator"):
-            root.remove(section)
-            changes.append(section)
-    return ElementTree.tostring(root, encoding="unicode") if changes else str(path)
-
-
-def _without_root_pose(model: mujoco.MjModel, xform: wp.transform, scale: float) -> wp.transform:
-    """Pose of the file's world that puts its first body at ``xform``."""
+def _without_root_pose(model: mujoco.MjModel, wanted: wp.transform, scale: float) -> wp.transform:
+    """Pose of the file's world that puts its first body at ``wanted``."""
     w, x, y, z = (float(v) for v in model.body_quat[1])
     root = wp.transform(wp.vec3(*(float(v) * scale for v in model.body_pos[1])), wp.quat(x, y, z, w))
-    return xform * wp.transform_inverse(root)
+    return wanted * wp.transform_inverse(root)
 
 
 def _replace_pgs(builder: newton.ModelBuilder) -> None:

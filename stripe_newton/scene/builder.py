@@ -53,6 +53,7 @@ class SceneBuilder:
         reports: What the importer read and ignored, of one environment and of what all share.
         template_root: Prim that is one environment; ``"/"`` for a stage without environments, which is one as a whole.
         adopt: Make assets of the articulations that the stage brings.
+        allow_empty: Accept a scene in which nothing moves, or nothing is.
         checks: Functions that give problems of the config, called when all names are known and before the model is
             made, which takes longest.
         authored_joints: Joints of one environment as the stage gives them, before configs; None before the build.
@@ -63,7 +64,7 @@ class SceneBuilder:
         self._scene = scene
         self.reports: list[StageReport] = []
         self.template_root = ENV_0
-        self.adopt = False
+        self.adopt = self.allow_empty = False
         self.checks: list[Callable[[], Iterable[str]]] = []
         self.authored_joints: AuthoredJoints | None = None
         self.template_labels: list[str] = []
@@ -189,8 +190,10 @@ class SceneBuilder:
         if scene.cfg.scenery_file is not None:
             scene.scenery = ImportedScenery(scene)
         self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
-        if self.template_root == "/":  # somebody else's stage, of which nothing may move
+        if self.template_root == "/" and not self.allow_empty:  # somebody else's stage, of which nothing may move
             check_content(template, self.reports[0])
+        for asset in scene.assets:
+            asset.arrange(template)
         self.authored_joints = AuthoredJoints(template)
         self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
         self._prepare_assets(template)
@@ -218,7 +221,13 @@ class SceneBuilder:
         # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
         own = range(0) if scene.scenery is None else scene.scenery.joints
-        sim.build(template, static, scene.env_origins.cpu().numpy().copy(), allow_static=self.adopt, unmoved=own)
+        sim.build(
+            template,
+            static,
+            scene.env_origins.cpu().numpy().copy(),
+            allow_static=self.adopt or self.allow_empty,
+            unmoved=own,
+        )
         if not sim.cfg.solver.finds_contacts:
             for report in self.reports:  # those of meshes that move were written before the solver was chosen
                 report.ignored = rows_by_triangles(report.ignored)

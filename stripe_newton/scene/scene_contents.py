@@ -56,7 +56,7 @@ class InteractiveSceneCfg:
     lazy_sensor_update: bool = True
     """Ignored: sensors measure as part of the step, in their ``update_period``."""
     replicate_physics: bool = True
-    """Must be True: Newton always replicates one environment."""
+    """Ignored: environments are always copies of one; events randomize what is to differ."""
     filter_collisions: bool = True
     """Ignored: environments never collide with each other."""
     clone_in_fabric: bool = False
@@ -79,6 +79,7 @@ class InteractiveSceneCfg:
         "lazy_sensor_update": "sensors measure as part of the step, in their update_period",
         "filter_collisions": "environments never collide with each other",
         "clone_in_fabric": "prims are never copied",
+        "replicate_physics": "environments are always copies of one; events randomize what is to differ",
     }
 
     def problems(self) -> Iterator[tuple[str, str]]:
@@ -88,8 +89,6 @@ class InteractiveSceneCfg:
             yield "env_spacing", f"is {self.env_spacing!r}, must be a distance, 0 or more [m]"
         if self.scenery_file is not None and (reason := path_reason(Path(self.scenery_file).expanduser())):
             yield "scenery", f"'{self.scenery_file}': {reason}"
-        if not self.replicate_physics:
-            yield "replicate_physics", "is False, but Newton replicates one environment; leave it True"
 
 
 class SceneContents:
@@ -154,6 +153,10 @@ class SceneContents:
             if key in family:
                 return family[key]
         raise KeyError(f"no '{key}' in the scene; it has {', '.join(self.keys()) or 'nothing'}")
+
+    def alias(self, path: str) -> str:
+        """Another spelling of a prim path, for scenes that name their environments otherwise; by default itself."""
+        return path
 
     def construction(self) -> AbstractContextManager[None]:
         """Inside this context spawners and assets add to this scene."""

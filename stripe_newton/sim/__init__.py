@@ -15,6 +15,7 @@ from .solver_cfg import (
     XPBDSolverCfg,
 )
 from .spawners.from_files import (
+    FixedTendonCfg,
     GroundPlaneCfg,
     MjcfFileCfg,
     UrdfFileCfg,
@@ -41,6 +42,7 @@ from .spawners.materials import (
     spawn_rigid_body_material,
 )
 from .spawners.model_names import ModelNamesCfg
+from .spawners.pointers import ArrowCfg, FrameCfg, spawn_arrow, spawn_frame
 from .spawners.schemas import (
     ArticulationRootPropertiesCfg,
     CollisionPropertiesCfg,
@@ -74,6 +76,7 @@ from .spawners.shapes import (
 from .spawners.spawner_cfg import RigidObjectSpawnerCfg, SceneSpawnerCfg, SpawnerCfg
 
 __all__ = [
+    "ArrowCfg",
     "ArticulationRootPropertiesCfg",
     "CapsuleCfg",
     "CollisionPropertiesCfg",
@@ -85,6 +88,8 @@ __all__ = [
     "DistantLightCfg",
     "DomeLightCfg",
     "FeatherstoneSolverCfg",
+    "FixedTendonCfg",
+    "FrameCfg",
     "GroundPlaneCfg",
     "JointDrivePropertiesCfg",
     "KaminoSolverCfg",
@@ -131,6 +136,8 @@ __all__ = [
     "modify_rigid_body_properties",
     "resolve_device",
     "scene_context",
+    "spawn_arrow",
+    "spawn_frame",
     "spawn_from_mjcf",
     "spawn_from_urdf",
     "spawn_from_usd",

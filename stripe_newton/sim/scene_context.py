@@ -62,7 +62,8 @@ def authored_path(prim_path: str) -> str:
     Raises:
         ValueError: if it is not an absolute path, or has a pattern elsewhere than in the environment's name.
     """
-    path = _ENV_PATTERN.sub(ENV_0, prim_path)
+    scene = _scene.get()
+    path = _ENV_PATTERN.sub(ENV_0, prim_path if scene is None else scene.alias(prim_path))
     if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", path):
         raise ValueError(
             f"prim path '{prim_path}': must be absolute, of names joined by '/', with a pattern only as "

@@ -7,6 +7,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import newton
 import numpy as np
@@ -34,6 +35,9 @@ from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
 from .spawners.materials import RigidBodyMaterialCfg
 from .static_solver import SolverStatic, complete_state
+
+if TYPE_CHECKING:
+    from stripe_newton.viewers.markers import VisualizationMarkers
 
 __all__ = ["Simulation", "SimulationCfg"]
 
@@ -97,6 +101,8 @@ class Simulation:
     """Physics steps in a step of the environment, in which sensors count their periods."""
     lights: list[Light]
     """Lights of the scene, for rendering."""
+    markers: list[VisualizationMarkers]
+    """Markers that viewers draw."""
     env_origin: wp.array | None
     """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
     recaptures: int = 0
@@ -151,7 +157,7 @@ class Simulation:
             wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
-        self.lights = []
+        self.lights, self.markers = [], []
         self.env_origin = None
         self._hooks: list[PhysicsHook] = []
         self._graphs: dict[int, wp.Graph] = {}

@@ -15,7 +15,7 @@ from pxr import Usd
 
 from stripe_newton.scene.scenery import add_scenery, read_scenery
 from stripe_newton.usd import Light, read_lights
-from stripe_newton.viewers import SceneRenderer, ViewerCfg
+from stripe_newton.viewers import SceneRenderer, ViewerCfg, VisualizationMarkers
 from stripe_newton.viewers.camera_framing import frame_points
 
 if TYPE_CHECKING:
@@ -167,6 +167,7 @@ class StillLife:
     env_origin: wp.array | None = None
     state: newton.State | None = None
     num_envs: int = 1
+    markers: tuple[VisualizationMarkers, ...] = ()
 
 
 def still_life(scene: Scene, device: wp.Device) -> StillLife:

@@ -43,6 +43,17 @@ class SubTerrainBaseCfg:
     flat_patch_sampling: dict[str, FlatPatchSamplingCfg] | None = None
     """Flat patches to sample, by name. Terms read ``"init_pos"`` and ``"target"``."""
 
+    def origin_height(self, tile: np.ndarray) -> float:
+        """Height of the tile's origin, where robots start [m]: that of its middle.
+
+        It is the height of a vertex, or between two vertices where the number of rows or columns is even.
+        """
+        nrow, ncol = tile.shape
+        row, col = (nrow - 1) // 2, (ncol - 1) // 2
+        odd_row, odd_col = 1 - nrow % 2, 1 - ncol % 2
+        # In the middle of a cell that is the mean along its diagonal, on which the cell's two triangles meet.
+        return float(0.5 * (tile[row + odd_row, col] + tile[row, col + odd_col]))
+
     def problems(self) -> Iterator[tuple[str, str]]:
         if not (math.isfinite(self.proportion) and self.proportion >= 0.0):
             yield "proportion", f"is {self.proportion}, must be 0 or more"

@@ -154,7 +154,8 @@ class TerrainGenerator:
             # Neighbouring tiles share the heights on their common edge, which are 0 on both.
             y, x = border + col * cells_y, border + row * cells_x
             heights[y : y + cells_y + 1, x : x + cells_x + 1] = tile
-            own = np.array([0.5 * cells_x * step, 0.5 * cells_y * step, _middle(tile)])
+            origin = cfg.sub_terrains[kind].origin_height(tile)
+            own = np.array([0.5 * cells_x * step, 0.5 * cells_y * step, origin])
             corner = np.array([lower[0] + x * step, lower[1] + y * step, 0.0])
             origins[row, col] = corner + own
             self.kinds[row, col], self.difficulties[row, col] = kind, difficulty
@@ -181,15 +182,6 @@ class TerrainGenerator:
         index = min(int(np.searchsorted(shares, share, side="right")), len(shares) - 1)
         low, high = cfg.difficulty_range
         return list(cfg.sub_terrains)[index], low + within * (high - low)
-
-
-def _middle(tile: np.ndarray) -> float:
-    """Height in the middle of a tile [m]: of a vertex, or between two vertices where the number of rows is even."""
-    nrow, ncol = tile.shape
-    row, col = (nrow - 1) // 2, (ncol - 1) // 2
-    odd_row, odd_col = 1 - nrow % 2, 1 - ncol % 2
-    # In the middle of a cell that is the mean along its diagonal, on which the cell's two triangles meet.
-    return float(0.5 * (tile[row + odd_row, col] + tile[row, col + odd_col]))
 
 
 def _gather(found: dict[tuple[int, int], dict[str, np.ndarray]], origins: np.ndarray) -> dict[str, np.ndarray]:

@@ -11,16 +11,29 @@ from .viewer_cfg import ViewerCfg
 
 if TYPE_CHECKING:
     from .live_viewer import LiveViewer
+    from .markers import VisualizationMarkers, VisualizationMarkersCfg
     from .scene_renderer import SceneRenderer
-    from .video import VideoWriter, save_image
+    from .video import VideoWriter, save_image, save_images
 
-__all__ = ["LiveViewer", "SceneRenderer", "VideoWriter", "ViewerCfg", "save_image"]
+__all__ = [
+    "LiveViewer",
+    "SceneRenderer",
+    "VideoWriter",
+    "ViewerCfg",
+    "VisualizationMarkers",
+    "VisualizationMarkersCfg",
+    "save_image",
+    "save_images",
+]
 
 _MODULES = {
     "LiveViewer": "live_viewer",
     "SceneRenderer": "scene_renderer",
     "VideoWriter": "video",
+    "VisualizationMarkers": "markers",
+    "VisualizationMarkersCfg": "markers",
     "save_image": "video",
+    "save_images": "video",
 }
 
 

@@ -11,6 +11,7 @@ import warp as wp
 
 from stripe_kernels.picture import gather_bodies
 
+from .marker_slots import MarkerSlots
 from .recolor import recolor_shapes
 from .viewed_simulation import ViewedSimulation
 
@@ -72,10 +73,11 @@ class DisplayModel:
             # Under the lowest point of the current poses, and a little lower so that no surface flickers.
             heights = self._corners(self._pose(sim))[..., 2]
             builder.add_ground_plane(height=float(heights.min(initial=0.0, where=np.isfinite(heights))) - 1e-3)
-        builder.end_world()
         if recolor:
             recolor_shapes(builder, self._static_shapes, self._first_body, template)
         self._prepare_shapes(builder, template, natural)
+        self._markers = MarkerSlots(builder, sim, env_ids)
+        builder.end_world()
         self.sources = builder.shape_source
         self.is_ground = np.asarray(builder.shape_type, dtype=int) == int(newton.GeoType.PLANE)
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
@@ -117,17 +119,22 @@ class DisplayModel:
         """Copy the body poses of the simulation and refit the hierarchy that rays are traced against.
 
         Returns:
-            Poses of the display model's bodies on the host, (x, y, z, qx, qy, qz, qw), shape (bodies, 7).
+            Poses of display bodies without markers, on the host, (x, y, z, qx, qy, qz, qw), shape (bodies, 7).
         """
+        self._markers.update(self.model, self.state)
         if self.body_count:
-            out = self.state.body_q[self._first_body :]
+            out = self.state.body_q[self._first_body : self._markers.first_body]
             args = [self._sim.state.body_q, self._index, out]
             wp.launch(gather_bodies, dim=len(self._index), inputs=args, device=self.model.device)
-            self.body_q = self.state.body_q.numpy()
+            self.body_q = self.state.body_q.numpy()[: self._markers.first_body]
         # A refit keeps the tree of the hierarchy and costs far less than a new one.
         if self.model.shape_count and self.model.bvh_shape_count_enabled:
             self.model.bvh_refit_shapes(self.state)
         return self.body_q
+
+    def has_all_markers(self) -> bool:
+        """Whether there is room for the markers of the simulation; if not, a new display model is needed."""
+        return self._markers.fit()
 
     def bounds(self) -> np.ndarray:
         """Corners of the boxes around everything that a picture should show [m].

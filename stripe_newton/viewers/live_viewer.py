@@ -40,7 +40,8 @@ class LiveViewer:
         from newton.viewer import ViewerViser  # needs viser, an optional dependency
 
         with wp.ScopedDevice(sim.device):
-            self._scene = DisplayModel(sim, env_ids)
+            self._make_scene = lambda: DisplayModel(sim, env_ids)
+            self._scene = self._make_scene()
             self._viewer: ViewerViser | None = ViewerViser(host=host, port=port, label="stripe-newton", verbose=False)
             self._viewer.set_model(self._scene.model)
             self._url = str(self._viewer.url)
@@ -68,6 +69,9 @@ class LiveViewer:
             raise RuntimeError("LiveViewer.update: the viewer is closed; make a new one")
         self._time += dt
         with wp.ScopedDevice(self._scene.model.device):
+            if not self._scene.has_all_markers():
+                self._scene = self._make_scene()
+                self._viewer.set_model(self._scene.model)
             # The display model's state: the simulation's has all environments, the viewer some of them.
             self._scene.update()
             self._viewer.begin_frame(self._time)

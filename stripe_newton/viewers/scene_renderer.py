@@ -36,17 +36,18 @@ class SceneRenderer:
 
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
-        self.cfg = cfg
+        self.cfg = self._traced = cfg
         self._width, self._height = (int(n) for n in cfg.resolution)
         env_ids = [cfg.env_index] if env_ids is None else [int(i) for i in env_ids]
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)
-            self._scene = DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
+            self._make_scene = lambda: DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
+            self._scene = self._make_scene()
             self._setup_camera(sim, env_ids)
             away = self._eye - self._target
-            lighting = lighting_from(sim.lights, azimuth=math.atan2(away[1], away[0]))
-            self._open_tracer: Tracer | None = Tracer(self._scene, cfg, lighting)
+            self._lighting = lighting_from(sim.lights, azimuth=math.atan2(away[1], away[0]))
+            self._open_tracer: Tracer | None = Tracer(self._scene, cfg, self._lighting)
 
     @property
     def _tracer(self) -> Tracer:
@@ -87,6 +88,7 @@ class SceneRenderer:
         """
         if fov is not None:
             self._tracer.set_fov(fov)
+            self._traced = self._traced.replace(fov=fov)
         camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
         self._follow(self._movable if follow else self._movable[:0])
@@ -99,6 +101,9 @@ class SceneRenderer:
         """
         tracer = self._tracer
         with wp.ScopedDevice(self._scene.model.device):
+            if not self._scene.has_all_markers():
+                self._scene = self._make_scene()
+                tracer = self._open_tracer = Tracer(self._scene, self._traced, self._lighting)
             poses = self._scene.update()
             # Following moves copies of eye and target, so that look() and the properties stay what was set.
             shift = self._shift(poses)

@@ -157,6 +157,32 @@ def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
         partial.unlink(missing_ok=True)
 
 
+def save_images(path: str | os.PathLike[str], frames: np.ndarray) -> None:
+    """Write images side by side in rows, about as many rows as columns, with two black pixels around each.
+
+    Args:
+        path: File; its ending chooses the format.
+        frames: Shape ``(n, height, width, channels)`` with 1, 3 or 4 channels: uint8, or floats from 0 to 1, beyond
+            which they are cut off. A fourth channel is left out.
+
+    Raises:
+        ValueError: Another shape, or an unknown ending.
+    """
+    if frames.ndim != 4 or frames.shape[0] == 0 or frames.shape[3] not in (1, 3, 4):
+        raise ValueError(f"save_images: frames have shape {frames.shape}, must be (n, height, width, 1, 3 or 4)")
+    if frames.dtype != np.uint8:
+        frames = (255.0 * np.nan_to_num(frames, posinf=1.0).clip(0.0, 1.0) + 0.5).astype(np.uint8)
+    frames = np.repeat(frames, 3, axis=3) if frames.shape[3] == 1 else frames[..., :3]
+    count, height, width, _ = frames.shape
+    columns = max(1, round(count**0.5))
+    rows = -(-count // columns)
+    grid = np.zeros((rows * (height + 2) + 2, columns * (width + 2) + 2, 3), np.uint8)
+    for i, frame in enumerate(frames):
+        y, x = 2 + i // columns * (height + 2), 2 + i % columns * (width + 2)
+        grid[y : y + height, x : x + width] = frame
+    save_image(path, grid)
+
+
 def _checked(frame: np.ndarray) -> np.ndarray:
     """``frame`` if it is a picture, or an error that says what it is."""
     if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:

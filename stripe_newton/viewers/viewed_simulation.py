@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from stripe_newton.usd import Light
 
+    from .markers import VisualizationMarkers
+
 __all__ = ["ViewedSimulation"]
 
 
@@ -28,6 +30,7 @@ class ViewedSimulation(Protocol):
         env_origin: Where they start now, on the device [m], shape ``(num_envs,)``; None if they never moved.
         state: State with the poses of all environments' bodies; not read if there are none.
         lights: Lights of the scene.
+        markers: Markers to draw.
     """
 
     @property
@@ -53,3 +56,6 @@ class ViewedSimulation(Protocol):
 
     @property
     def lights(self) -> Sequence[Light]: ...
+
+    @property
+    def markers(self) -> Sequence[VisualizationMarkers]: ...

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -111,6 +113,35 @@ def test_a_checkout_of_menagerie_is_used_without_its_package(tmp_path, monkeypat
     assert cfg.actuators["legs"].stiffness == 500.0
 
 
+def test_furniture_of_isaac_gym_comes_from_a_checkout(tmp_path, monkeypatch):
+    monkeypatch.delenv("ISAACGYMENVS_ROOT", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(
+        LookupError, match=r"'sektion_cabinet'.*(?s:.*)IsaacGymEnvs cannot be reached.*ISAACGYMENVS_ROOT"
+    ):
+        find_robot("sektion_cabinet")
+    file = tmp_path / "assets/urdf/sektion_cabinet_model/urdf/sektion_cabinet_2.urdf"
+    file.parent.mkdir(parents=True)
+    file.write_text("<robot/>")
+    monkeypatch.setenv("ISAACGYMENVS_ROOT", str(tmp_path))
+    assert find_robot("sektion_cabinet") == file
+
+
+def test_files_of_a_wheel_that_is_not_imported(tmp_path, monkeypatch):
+    source, folder, file = ROBOTS["ur10"].sources[0]
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "path", [])
+        with pytest.raises(ImportError, match="pip install example-robot-data --no-deps"):
+            find_robot(folder, source, file)
+    (tmp_path / "example_robot_data-6.0.dist-info").mkdir()
+    (tmp_path / "example_robot_data-6.0.dist-info/METADATA").write_text("Name: example-robot-data\nVersion: 6.0\n")
+    path = tmp_path / "cmeel.prefix/share/example-robot-data/robots" / folder / file
+    path.parent.mkdir(parents=True)
+    path.write_text("<robot/>")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert find_robot("ur10") == path
+
+
 def test_the_config_is_made_for_a_file_of_any_kind(tmp_path):
     arm = robot_cfg("panda", path=tmp_path / "panda.urdf").spawn
     assert isinstance(arm, UrdfFileCfg)
@@ -134,7 +165,8 @@ def test_a_folder_of_menagerie_is_cloned_once_and_kept(tmp_path, monkeypatch):
     git("-C", str(origin), "config", "uploadpack.allowFilter", "true")
     git("-C", str(origin), "add", ".")
     git("-C", str(origin), "commit", "--quiet", "-m", "robots")
-    monkeypatch.setattr(robot_library, "_MENAGERIE_URL", f"file://{origin}")
+    here = dataclasses.replace(robot_library._MENAGERIE, url=f"file://{origin}")
+    monkeypatch.setattr(robot_library, "_MENAGERIE", here)
     monkeypatch.setattr(robot_library, "_installed", lambda module: False)
     monkeypatch.delenv("MENAGERIE_ROOT", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

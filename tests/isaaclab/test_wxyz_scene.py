@@ -199,4 +199,10 @@ def test_the_default_is_upright_and_errors_name_the_order(cfg):
     assert cfg().rot == UPRIGHT
     assert cfg().rot_xyzw == (0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ConfigError, match=r"order \(w, x, y, z\)"):
-        cfg(rot=(2.0, 0.0, 0.0, 0.0)).validate()
+        cfg(rot=(0.0, 0.0, 0.0, 0.0)).validate()
+
+
+def test_a_quaternion_of_another_length_is_scaled():
+    cfg = assets.ArticulationCfg.InitialStateCfg(rot=(0.1, 0.0, 0.0, 0.1))
+    cfg.validate()
+    np.testing.assert_allclose(cfg.rot_xyzw, (0.0, 0.0, 0.5**0.5, 0.5**0.5))

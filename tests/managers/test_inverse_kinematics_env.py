@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import newton
@@ -13,6 +14,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from stripe_newton.actuators import ActuatorCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
 from stripe_newton.managers import (
@@ -48,11 +50,16 @@ class Policy(ObservationGroupCfg):
 
 
 def arm_env(
-    term: Any, num_envs: int = 3, turned: float = 0.0, decimation: int = 2, weightless: bool = True
+    term: Any,
+    num_envs: int = 3,
+    turned: float = 0.0,
+    decimation: int = 2,
+    weightless: bool = True,
+    drives: Mapping[str, ActuatorCfg] = ARM.actuators,
 ) -> ManagerBasedRLEnv:
     """The arm of the reach task at 60 Hz, in its default pose, its base turned about z, with motors that have inertia:
     without, the drives of the wrist swing about a target that is far off, whoever sets it."""
-    robot = ARM.copy()
+    robot = ARM.replace(actuators={group: drive.copy() for group, drive in drives.items()})
     for actuator in robot.actuators.values():
         actuator.armature = 0.1
     robot.init_state.rot = (0.0, 0.0, math.sin(0.5 * turned), math.cos(0.5 * turned))

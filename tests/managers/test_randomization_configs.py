@@ -67,8 +67,6 @@ WRONG: list[tuple[Any, dict[str, Any], list[str]]] = [
      ["'box'", "no joints"]),
     (mdp.randomize_joint_parameters, {"asset_cfg": POLE, "upper_limit_distribution_params": (1.0, 2.0)},
      ["none of these joints has limits"]),
-    (mdp.randomize_rigid_body_material, {"static_friction_range": (0.5, 1.0), "restitution_range": (0.0, 0.5)},
-     ["restitution_range", "SolverMuJoCo ignores restitution", "(0.0, 0.0)"]),
     (mdp.randomize_rigid_body_material, {"static_friction_range": (-0.5, 1.0)}, ["not negative"]),
     (mdp.randomize_rigid_body_collider_offsets, {"asset_cfg": SceneEntityCfg("box"),
                                                  "rest_offset_distribution_params": (0.0, 0.01)}, ["ignores margins"]),
@@ -103,6 +101,13 @@ FINE: list[tuple[Any, dict[str, Any]]] = [
     (mdp.randomize_physics_scene_gravity, {"gravity_distribution_params": ([0.0, 0.0, -0.1], [0.0, 0.0, 0.1]),
                                            "operation": "add"}),
 ]  # fmt: skip
+
+
+def test_restitution_that_the_solver_does_not_have_is_a_warning(context):
+    params = {"asset_cfg": SceneEntityCfg("box"), "static_friction_range": (0.5, 1.0)}
+    with pytest.warns(UserWarning, match=r"restitution_range has no effect: SolverMuJoCo has no restitution"):
+        said = problems_of(context, mdp.randomize_rigid_body_material, **params, restitution_range=(0.0, 0.5))
+    assert said == []
 
 
 @pytest.mark.parametrize(("func", "params"), FINE, ids=lambda x: getattr(x, "key", "").rpartition(".")[2] or "-")

@@ -124,8 +124,8 @@ def test_construction_errors():
     with pytest.raises(ValueError, match="filter_collisions: no prim at '/World/nothing'"):
         scene.filter_collisions(["/World/nothing"])
     with pytest.raises(ConfigError) as caught:
-        InteractiveScene(InteractiveSceneCfg(num_envs=0, env_spacing=-1.0, replicate_physics=False))
-    assert len(caught.value.problems) == 3
+        InteractiveScene(InteractiveSceneCfg(num_envs=0, env_spacing=-1.0))
+    assert len(caught.value.problems) == 2
     with pytest.raises(ConfigError, match="num_envs: is missing"):
         InteractiveScene(InteractiveSceneCfg())
 

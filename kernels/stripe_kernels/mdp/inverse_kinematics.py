@@ -85,12 +85,13 @@ def process_differential_ik(
     has_rotation: bool,
     is_relative: bool,
     processed: wp.array[float],
+    scalar_first: bool = False,
 ):
     """Process an inverse kinematics action: compute the desired pose of a body in the root's frame.
 
     Formula: with ``u_i = scale_i a_i``: ``p* = u_0..2``, ``q* = u_3..6 / |u_3..6|``, the present one where that is 0;
     relative ``p* = p + u_0..2`` [m], ``q* = exp(u_3..5) q`` [rad]; without ``has_rotation`` ``q*`` is ``q`` and does
-    not count.
+    not count. With ``scalar_first`` quaternions among the actions are (w, x, y, z).
 
     Source: Isaac Lab, ``DifferentialInverseKinematicsAction``, ``DifferentialIKController.set_command``; there
     quaternions are wxyz and not normalised.
@@ -109,7 +110,10 @@ def process_differential_ik(
                 turn = wp.quat_from_axis_angle(u / angle, angle) * turn
         else:
             # A policy's four numbers are no unit quaternion; near zero they have no direction, and the body keeps its.
-            q = wp.quat(u[0], u[1], u[2], scale[6] * action[6])
+            last = scale[6] * action[6]
+            q = wp.quat(u[0], u[1], u[2], last)
+            if scalar_first:
+                q = wp.quat(u[1], u[2], last, u[0])
             if wp.length(q) > 1.0e-6:
                 turn = wp.normalize(q)
     for k in range(3):

@@ -19,9 +19,11 @@ from stripe_kernels.mdp.objects.terminations import *  # noqa: F403
 from stripe_kernels.removed_tables import forward_tables as _forward_tables
 from stripe_newton.managers import actions_cfg as _actions
 from stripe_newton.managers import commands_cfg as _commands
+from stripe_newton.managers import operational_space_action as _operational_space
 from stripe_newton.managers.actions_cfg import *  # noqa: F403
 from stripe_newton.managers.commands_cfg import *  # noqa: F403
 from stripe_newton.managers.image import image
+from stripe_newton.managers.operational_space_action import *  # noqa: F403
 
 __all__ = [
     *_terms.__all__,
@@ -31,6 +33,7 @@ __all__ = [
     *_object_terminations.__all__,
     *_actions.__all__,
     *_commands.__all__,
+    *_operational_space.__all__,
     "image",
 ]
 

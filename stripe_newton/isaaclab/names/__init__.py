@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Name tables of the Isaac Lab dialect: what each name of each module stands for, one file for each area."""
 
-from . import apps, assets, devices, envs, gaps, rl, sensors, sim, utils
+from . import apps, assets, devices, envs, gaps, rl, sensors, sim, terrains, utils
 from .entries import Table
 from .modules import SUBMODULES
 
 __all__ = ["ALIASES", "MODULES", "NAMES", "PACKAGES"]
 
-_AREAS = (apps, assets, devices, envs, rl, sensors, sim, utils)
+_AREAS = (apps, assets, devices, envs, rl, sensors, sim, terrains, utils)
 
 PACKAGES = (
     "isaaclab",

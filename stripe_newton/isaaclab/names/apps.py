@@ -2,6 +2,7 @@
 """Names of Isaac Sim's own modules, and of Isaac Lab's application."""
 
 from .entries import Table, dialect, inert, refused
+from .sim import PRIMS
 
 _NO_APP = "there is no application of Omniverse"
 _NO_REPLICATOR = "Replicator is part of Omniverse"
@@ -19,8 +20,8 @@ NAMES: dict[str, Table] = {
         "torch_rotations", f"{_TORCH_MATH} compute_heading_and_up compute_rot"
     ),
     "isaacsim.core.utils.torch.transformations": dialect("torch_rotations", _TORCH_MATH),
-    "isaacsim.core.utils.stage": {},
-    "isaacsim.core.utils.prims": {},
+    "isaacsim.core.utils.stage": dialect("prims", "get_current_stage"),
+    "isaacsim.core.utils.prims": dialect("prims", PRIMS),
     "omni": {},
     "omni.kit.app": inert(_NO_APP, "get_app"),
     "omni.log": inert(_NO_APP, "error info verbose warn"),

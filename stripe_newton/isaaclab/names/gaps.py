@@ -8,8 +8,6 @@ is called raises. An entry for the same name in another table overrides the entr
 from .entries import Table, inert, refused
 
 _CONTROLLER = "the controller is not translated by the dialect"
-_MARKER = "markers are not drawn by the dialect"
-_MANAGER = "the dialect does not translate this class of the manager-based workflow"
 _MATH = "the dialect does not translate this function to (w, x, y, z)"
 _SENSOR = "the dialect does not translate this part of the sensors"
 _SIM = "the dialect does not translate this part of the simulation"
@@ -62,33 +60,10 @@ NAMES: dict[str, Table] = {
         "Hydra's form of spaces is not supported; use the options of the command line",
         "replace_env_cfg_spaces_with_strings replace_strings_with_env_cfg_spaces sample_space",
     ),
-    "isaaclab.envs": refused(
-        _MANAGER, "ManagerBasedEnv ManagerBasedEnvCfg ManagerBasedRLMimicEnv MimicEnvCfg SubTaskConfig"
-    ),
-    "isaaclab.envs.mdp": refused(
-        _MANAGER,
-        """DifferentialInverseKinematicsActionCfg OperationalSpaceControllerActionCfg PinkInverseKinematicsActionCfg
-        RMPFlowActionCfg SurfaceGripperBinaryActionCfg UniformPoseCommand UniformPoseCommandCfg
-        randomize_fixed_tendon_parameters""",
-    ),
-    "isaaclab.envs.ui": inert("there are no windows", "BaseEnvWindow ManagerBasedRLEnvWindow ViewportCameraController"),
-    "isaaclab.managers": refused(
-        _MANAGER,
-        """ActionManager ActionTerm ActionTermCfg CommandManager CommandTerm CommandTermCfg CurriculumManager
-        DatasetExportMode EventManager ManagerTermBase ManagerTermBaseCfg ObservationManager RewardManager
-        TerminationManager""",
-    ),
-    "isaaclab.markers": inert(_MARKER, "VisualizationMarkers VisualizationMarkersCfg")
-    | inert(
-        _MARKER,
-        """BLUE_ARROW_X_MARKER_CFG CONTACT_SENSOR_MARKER_CFG CUBOID_MARKER_CFG DEFORMABLE_TARGET_MARKER_CFG
-        FRAME_MARKER_CFG GREEN_ARROW_X_MARKER_CFG POSITION_GOAL_MARKER_CFG RAY_CASTER_MARKER_CFG
-        RED_ARROW_X_MARKER_CFG SPHERE_MARKER_CFG""",
-    ),
     "isaaclab.sensors": refused(
         _SENSOR,
         """CameraData ContactSensorData FrameTransformerData ImuData MultiMeshRayCasterCameraCfg
-        MultiMeshRayCasterCfg RayCasterCamera RayCasterCameraCfg save_images_to_file""",
+        MultiMeshRayCasterCfg RayCasterCamera RayCasterCameraCfg""",
     ),
     "isaaclab.sim": inert(
         "these options are of PhysX and have no effect", "PhysxCfg RenderCfg FixedTendonPropertiesCfg"
@@ -96,15 +71,7 @@ NAMES: dict[str, Table] = {
     | inert("materials of MDL are not drawn", "MdlFileCfg GlassMdlCfg")
     | refused(
         _SIM,
-        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg PinholeCameraCfg
-        SimulationContext build_simulation_context get_all_matching_child_prims get_current_stage""",
-    ),
-    "isaaclab.terrains": refused(
-        "the dialect does not translate this terrain",
-        """HfDiscreteObstaclesTerrainCfg HfInvertedPyramidSlopedTerrainCfg HfInvertedPyramidStairsTerrainCfg
-        HfPyramidSlopedTerrainCfg HfPyramidStairsTerrainCfg HfRandomUniformTerrainCfg HfSteppingStonesTerrainCfg
-        HfWaveTerrainCfg MeshInvertedPyramidStairsTerrainCfg MeshPlaneTerrainCfg MeshPyramidStairsTerrainCfg
-        MeshRandomGridTerrainCfg SubTerrainBaseCfg TerrainGenerator""",
+        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg""",
     ),
     "isaaclab.utils.io": refused("the dialect does not translate this function", "load_torchscript_model"),
     "isaaclab.utils.math": refused(
@@ -114,8 +81,5 @@ NAMES: dict[str, Table] = {
         quat_error_magnitude quat_from_angle_axis quat_from_euler_xyz quat_from_matrix quat_inv quat_mul
         quat_rotate quat_rotate_inverse quat_unique random_orientation sample_gaussian sample_log_uniform
         sample_uniform saturate scale_transform subtract_frame_transforms unscale_transform wrap_to_pi yaw_quat""",
-    ),
-    "isaaclab.utils.noise": refused(
-        "the dialect does not translate this noise", "AdditiveGaussianNoiseCfg AdditiveUniformNoiseCfg"
     ),
 }

@@ -13,12 +13,12 @@ _TENDONS = {"fixed_tendons_props": _PHYSX, "spatial_tendons_props": _PHYSX}
 _VISUALIZER = {"visualizer_cfg": _MARKER}
 
 IGNORED_FIELDS: dict[str, dict[str, str]] = {
+    "AssetBaseCfg": {"semantic_tags": "tags are those of the spawner"},
     "CuboidCfg": {"activate_contact_sensors": "contacts of every shape are reported where a sensor asks for them"},
     "FrameTransformerCfg": _VISUALIZER,
     "RayCasterCfg": _VISUALIZER,
     "ContactSensorCfg": _VISUALIZER,
     "ImuCfg": _VISUALIZER,
-    "SceneEntityCfg": {"fixed_tendon_names": "tendons are not selected by name"},
     "SimulationCfg": {
         "physx": _PHYSX,
         "render": "it is an option of Omniverse's renderer",

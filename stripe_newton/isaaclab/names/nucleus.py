@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["ABSENT", "ACTUATOR_NETS", "PROPS", "ROBOTS", "Prop", "Robot"]
+__all__ = ["ABSENT", "ACTUATOR_NETS", "POINTERS", "PROPS", "ROBOTS", "Pointer", "Prop", "Robot"]
 
 Size = tuple[float, float, float]
 
@@ -26,8 +26,12 @@ class Robot:
     """Its name for :func:`stripe_newton.assets.find_robot`."""
     asset: str = ""
     """Or the file in Newton's own examples."""
+    file: str = ""
+    """Or a file in the folder ``models`` of the dialect."""
     cfg: str = ""
     """Or a spawner config class, as ``"module:Class"``."""
+    drives: bool = False
+    """Whether drives of the other file stand for those of NVIDIA's; else there are those of the config alone."""
     fixed_base: bool | None = None
     """Whether NVIDIA's file holds the base in the world; None for what the other file says."""
     joints: Mapping[str, str] = field(default_factory=dict)
@@ -36,10 +40,32 @@ class Robot:
     """NVIDIA's names of bodies."""
     links: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """NVIDIA's bodies that are shapes in the other file: name and expression for the shapes, by that for the body."""
+    order: tuple[str, ...] = ()
+    """NVIDIA's order of the joints where it is not by depth in the tree and by name."""
+    root: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    """Pose of the other file's root body in the frame of NVIDIA's file: position [m], quaternion (x, y, z, w)."""
+    absent: tuple[str, ...] = ()
+    """NVIDIA's joints that the other file lacks. What a config says of these alone is left out."""
+    present: tuple[str, ...] = ()
+    """NVIDIA's other joints, where some are absent."""
+    driven_like: Mapping[str, str] = field(default_factory=dict)
+    """Joints that NVIDIA's file lacks, by expression: they are driven like this joint of NVIDIA's."""
+    tendons: Mapping[str, tuple[Mapping[str, float], tuple[float, float]]] = field(default_factory=dict)
+    """Fixed tendons of NVIDIA's file: coefficients by the other file's joints, and limits of the length."""
     density: float | None = None
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
     """What differs from NVIDIA's file, in one line."""
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """A pointer of the package that stands for one of NVIDIA's."""
+
+    paths: tuple[str, ...]
+    """Paths of NVIDIA's files."""
+    kind: str
+    """``"arrow"`` or ``"frame"``."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +88,13 @@ class Prop:
 
 _UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision)?")}
 _GO2_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1")}
-_ANYMAL_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
+_ANYMAL_B_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_2")}
+_ANYMAL_C_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
+_SPOT_FEET = {f"{leg}_lleg": (f"{leg}_foot", leg.upper()) for leg in ("fl", "fr", "hl", "hr")}
+_SIDES = ("left", "right")
+_G1_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elbow_roll")
+_G1_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+_G1_FINGERS = ("zero", "one", "two", "three", "four", "five", "six")
 _FINGERS = {"ff": "index", "mf": "middle", "rf": "ring", "th": "thumb"}
 _PHALANGES = {"base": "0", "proximal": "1", "medial": "2", "distal": "3"}
 
@@ -98,7 +130,37 @@ ROBOTS = (
             "(left|right)_elbow": r"\1_lower_arm",
             "(left|right)_knee": r"\1_shin",
         },
+        # Isaac Lab's task lists the gears of the joints in this order.
+        order=(
+            "lower_waist",
+            "right_upper_arm",
+            "left_upper_arm",
+            "pelvis",
+            "right_lower_arm",
+            "left_lower_arm",
+            "right_thigh",
+            "left_thigh",
+            "right_shin",
+            "left_shin",
+            "right_foot",
+            "left_foot",
+        ),
         note="Newton's humanoid",
+    ),
+    # -- of the dialect
+    Robot(
+        ("IsaacLab/Robots/Classic/Humanoid28/humanoid_28.usd",),
+        file="humanoid_28.xml",
+        drives=True,
+        note="a humanoid with AMP's published sizes and gains; it has three hinges in a row where NVIDIA's joints take"
+        " rotation vectors, as the motion files do: joints of these differ by up to 7 (run), 20 (walk) and 51 degrees"
+        " (dance)",
+    ),
+    Robot(
+        ("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",),
+        file="sektion_cabinet.xml",
+        fixed_base=True,
+        note="a cabinet of boards with the sizes, joints and handles of NVIDIA's",
     ),
     # -- quadrupeds
     Robot(("IsaacLab/Robots/Unitree/A1/a1.usd",), "a1", links=_UNITREE_FEET),
@@ -116,9 +178,9 @@ ROBOTS = (
             "Robots/ANYbotics/anymal_instanceable.usd",
         ),
         "anymal_c",
-        links=_ANYMAL_FEET,
+        links=_ANYMAL_C_FEET,
     ),
-    Robot(("IsaacLab/Robots/ANYbotics/ANYmal-B/anymal_b.usd",), "anymal_b", links=_ANYMAL_FEET),
+    Robot(("IsaacLab/Robots/ANYbotics/ANYmal-B/anymal_b.usd",), "anymal_b", links=_ANYMAL_B_FEET),
     Robot(
         (
             "IsaacLab/Robots/ANYbotics/ANYmal-D/anymal_d.usd",
@@ -126,13 +188,29 @@ ROBOTS = (
         ),
         "anymal_d",
     ),
-    Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot"),
+    Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot", links=_SPOT_FEET),
     # -- robots with two legs
     Robot(("IsaacLab/Robots/Unitree/H1/h1.usd", "IsaacLab/Robots/Unitree/H1/h1_minimal.usd"), "h1"),
     Robot(
         ("IsaacLab/Robots/Unitree/G1/g1.usd", "IsaacLab/Robots/Unitree/G1/g1_minimal.usd", "Robots/Unitree/G1/g1.usd"),
         "g1",
-        note="a G1 with 29 joints and without fingers, NVIDIA's has 37 with fingers",
+        joints={
+            "waist_yaw_joint": "torso_joint",
+            "(left|right)_elbow_joint": r"\1_elbow_pitch_joint",
+            "(left|right)_wrist_roll_joint": r"\1_elbow_roll_joint",
+        },
+        bodies={
+            "(left|right)_elbow_link": r"\1_elbow_pitch_link",
+            "(left|right)_wrist_roll_link": r"\1_elbow_roll_link",
+        },
+        absent=tuple(f"{side}_{finger}_joint" for side in _SIDES for finger in _G1_FINGERS),
+        present=("torso_joint", *(f"{side}_{part}_joint" for side in _SIDES for part in (*_G1_LEG, *_G1_ARM))),
+        driven_like={
+            "waist_(roll|pitch)_joint": "torso_joint",
+            "left_wrist_(pitch|yaw)_joint": "left_elbow_roll_joint",
+            "right_wrist_(pitch|yaw)_joint": "right_elbow_roll_joint",
+        },
+        note="a G1 with 29 joints: three in the waist and in each wrist, no fingers; NVIDIA's has 37, with fingers",
     ),
     Robot(("IsaacLab/Robots/Agility/Cassie/cassie.usd",), "cassie"),
     Robot(("Robots/Agility/Digit/digit_v4.usd",), "digit"),
@@ -154,6 +232,7 @@ ROBOTS = (
         fixed_base=True,
         bodies={"base": "base_link"},
     ),
+    Robot(("IsaacLab/Robots/UniversalRobots/UR10/ur10_instanceable.usd",), "ur10", fixed_base=True),
     # -- hands
     Robot(
         ("Robots/WonikRobotics/AllegroHand/allegro_hand_instanceable.usd",),
@@ -162,6 +241,8 @@ ROBOTS = (
         joints={rf"{old}j(\d)": rf"{new}_joint_\1" for old, new in _FINGERS.items()},
         bodies={"palm": "palm_link"}
         | {f"{f}_{p}": f"{new}_link_{k}" for f, new in _FINGERS.items() for p, k in _PHALANGES.items()},
+        # NVIDIA's file begins at the mount below the palm, as the description of Kuka's arm with this hand.
+        root=(-0.0053, -0.0076, 0.1339, 0.0, 0.0, -0.9238795, 0.3826834),
     ),
     Robot(
         ("Robots/ShadowRobot/ShadowHand/shadow_hand_instanceable.usd",),
@@ -170,7 +251,17 @@ ROBOTS = (
         # Shadow's names count joints from 1, those of NVIDIA's file from 0.
         joints={rf"rh_(..J){k + 1}": rf"robot0_\g<1>{k}" for k in range(5)},
         bodies={r"rh_(\w+)": r"robot0_\1"},
+        # NVIDIA's file has the hand lying on its back, fingers along -y.
+        root=(0.0, 0.0, 0.0, 0.0, -0.70710678, 0.70710678, 0.0),
+        # The real hand moves the two outer joints of a finger by one tendon; numbers of Shadow's description.
+        tendons={
+            f"robot0_T_{finger}J1c": ({f"rh_{finger}J1": 0.00705, f"rh_{finger}J2": -0.00805}, (-0.001, 0.001))
+            for finger in ("FF", "MF", "RF", "LF")
+        },
+        note="the joint at the tip of the thumb, THJ0, turns from -0.26 to 1.57 rad, NVIDIA's from -1.57 to 0",
     ),
+    # -- furniture
+    Robot(("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",), "sektion_cabinet", fixed_base=True),
     # -- wings
     Robot(
         ("Robots/Bitcraze/Crazyflie/cf2x.usd",),
@@ -185,9 +276,9 @@ _BLOCK = "a cube of 46.8 mm: the height that Isaac Lab's stacking task expects b
 PROPS = (
     Prop(
         ("Props/Blocks/DexCube/dex_cube_instanceable.usd",),
-        size=(0.06, 0.06, 0.06),
+        size=(0.065, 0.065, 0.065),
         color=(0.7, 0.35, 0.1),
-        note="a cube of 60 mm and of water's density in one colour; the size of NVIDIA's is not published",
+        note="a cube of 65 mm in one colour, as Isaac Gym's of the same name",
     ),
     *(
         Prop((f"Props/Blocks/{name}_block.usd",), size=(0.0468, 0.0468, 0.0468), color=color, note=_BLOCK)
@@ -217,6 +308,12 @@ PROPS = (
 )
 """Props that are primitives."""
 
+POINTERS = (
+    Pointer(("Props/UIElements/arrow_x.usd",), "arrow"),
+    Pointer(("Props/UIElements/frame_prim.usd",), "frame"),
+)
+"""Prototypes of markers: arrows of 1 m."""
+
 ACTUATOR_NETS: dict[str, tuple[float, float]] = {
     "IsaacLab/ActuatorNets/ANYbotics/anydrive_3_lstm_jit.pt": (40.0, 5.0),
     "IsaacLab/ActuatorNets/Unitree/unitree_go1.pt": (25.0, 0.5),
@@ -227,7 +324,7 @@ same drive, and for Unitree's other quadrupeds."""
 _SERVER = "only NVIDIA's server has it; give usd_path the path of a file of your own"
 
 ABSENT: dict[str, str] = {
-    r".*Robots/UniversalRobots/UR10/.*|.*/ur10/ur10\.usd": f"the UR10 (not UR10e): {_SERVER}, or use UR10e_CFG",
+    r".*/ur10/ur10\.usd": f"the UR10 with a gripper: {_SERVER}, or use UR10_CFG",
     r".*Robots/Kinova/.*": f"Kinova's arm: {_SERVER}",
     r".*Robots/RethinkRobotics/.*": f"Sawyer: {_SERVER}",
     r".*Robots/(Agibot|Galbot|FourierIntelligence|OpenArm|NTNU|Clearpath|KukaAllegro)/.*": f"the robot: {_SERVER}",

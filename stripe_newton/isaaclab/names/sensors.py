@@ -7,7 +7,7 @@ NAMES: dict[str, Table] = {
     "isaaclab.sensors": dialect(
         "sensors",
         """Camera CameraCfg TiledCamera TiledCameraCfg ContactSensor ContactSensorCfg FrameTransformer
-        FrameTransformerCfg Imu ImuCfg OffsetCfg RayCaster RayCasterCfg""",
+        FrameTransformerCfg Imu ImuCfg OffsetCfg RayCaster RayCasterCfg save_images_to_file""",
     )
     | dialect(
         "wxyz_data",

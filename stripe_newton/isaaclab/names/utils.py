@@ -10,7 +10,7 @@ NAMES: dict[str, Table] = {
         record_joint_names=record_nothing record_body_names=record_nothing record_joint_shape=record_nothing
         record_joint_pos_offsets=record_nothing record_joint_vel_offsets=record_nothing""",
     ),
-    "isaaclab.utils": same("stripe_newton.configclass", "configclass")
+    "isaaclab.utils": dialect("configclass", "configclass")
     | dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
     "isaaclab.utils.assets": dialect(
         "files",
@@ -19,15 +19,25 @@ NAMES: dict[str, Table] = {
     ),
     "isaaclab.utils.dict": dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
     "isaaclab.utils.io": dialect("files", "load_torchscript_model"),
+    "isaaclab.utils.modifiers": dialect(
+        "modifiers",
+        "DigitalFilter DigitalFilterCfg Integrator IntegratorCfg ModifierBase ModifierCfg bias clip scale",
+    ),
     "isaaclab.utils.noise": same(
         "stripe_newton.noise",
         """AdditiveUniformNoiseCfg=UniformNoiseCfg AdditiveGaussianNoiseCfg=GaussianNoiseCfg
-        ConstantBiasNoiseCfg=ConstantNoiseCfg""",
+        ConstantBiasNoiseCfg=ConstantNoiseCfg ConstantNoiseCfg GaussianNoiseCfg NoiseCfg UniformNoiseCfg constant_noise
+        gaussian_noise uniform_noise""",
+    )
+    | dialect("noise", "NoiseModel NoiseModelCfg NoiseModelWithAdditiveBias NoiseModelWithAdditiveBiasCfg"),
+    "isaaclab.utils.string": dialect(
+        "strings",
+        """callable_to_string resolve_matching_names resolve_matching_names_values string_to_callable to_camel_case
+        to_snake_case""",
     ),
     "isaaclab.utils.version": dialect("dictionaries", "get_isaac_sim_version"),
 }
 
 ALIASES: dict[str, str] = {
     "isaaclab.utils.math": "stripe_newton.isaaclab.math",
-    "isaaclab.utils.noise": "stripe_newton.noise",
 }

@@ -112,7 +112,7 @@ class RslRlVecEnvWrapper(VecEnv):
 
     def set_observations(self, obs: Observations) -> TensorDict:
         """Take ``obs`` for the last observations, where the environment was stepped without :meth:`step`."""
-        self._obs = TensorDict(dict(obs), batch_size=[self.num_envs])
+        self._obs = TensorDict(_channels_first(obs), batch_size=[self.num_envs])
         return self._obs
 
     def render(self) -> np.ndarray | None:
@@ -136,7 +136,7 @@ class RslRlVecEnvWrapper(VecEnv):
         env.regenerate(seed)
         if self._obs is not None:
             # In place: rsl_rl's loop holds the last observations and would act on those of the old scene.
-            self._obs.update_(TensorDict(dict(env.obs_buf), batch_size=[self.num_envs]))
+            self._obs.update_(TensorDict(_channels_first(env.obs_buf), batch_size=[self.num_envs]))
 
     def get_state(self) -> EnvState | None:
         """The environment's state and its last observations; None if the environment keeps no state."""
@@ -160,3 +160,14 @@ class RslRlVecEnvWrapper(VecEnv):
             raise ValueError(f"the state is of {sizes.pop()} environments, there are {self.num_envs} here")
         env.set_state(state["env"])
         self.set_observations({name: value.to(self.device) for name, value in state["obs"].items()})
+
+
+def _channels_first(obs: Observations) -> dict[str, torch.Tensor]:
+    """Observations in which images (height, width, channels), as cameras give them, are (channels, height, width).
+
+    rsl_rl's encoders expect these. They are views. A last axis of up to four behind a longer one is that of channels.
+    """
+    return {
+        name: value.permute(0, 3, 1, 2) if value.dim() == 4 and value.shape[3] <= 4 < value.shape[1] else value
+        for name, value in obs.items()
+    }

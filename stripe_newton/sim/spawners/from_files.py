@@ -22,6 +22,7 @@ from .model_names import ModelNamesCfg, author_names
 from .spawner_cfg import Orientation, RigidObjectSpawnerCfg, SpawnerCfg, Translation, finish, place
 
 __all__ = [
+    "FixedTendonCfg",
     "GroundPlaneCfg",
     "MjcfFileCfg",
     "UrdfFileCfg",
@@ -247,6 +248,26 @@ class UrdfFileCfg(_ImporterCfg):
 
 
 @configclass
+class FixedTendonCfg:
+    """A fixed tendon: a coupling whose length is the sum of joint positions by coefficient."""
+
+    coefficients: dict[str, float] = MISSING
+    """Coefficient by the name of a joint in the file [1/rad or 1/m, times the unit of the length]."""
+    limits: tuple[float, float] | None = None
+    """Least and largest length. Two equal joints are coupled by coefficients 1 and -1 and narrow limits about 0."""
+    stiffness: float = 0.0
+    """Stiffness of a spring about the length in the file's initial pose."""
+    damping: float = 0.0
+    """Damping of the length."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        if self.coefficients is not MISSING and not self.coefficients:
+            yield "coefficients", "is empty, must have a joint or more"
+        if self.limits is not None and not self.limits[0] < self.limits[1]:
+            yield "limits", f"is {self.limits}, must be (least, largest) with least < largest"
+
+
+@configclass
 class MjcfFileCfg(_ImporterCfg):
     """An MJCF file, imported by Newton."""
 
@@ -258,12 +279,22 @@ class MjcfFileCfg(_ImporterCfg):
     """Keyframe of the file for what ``init_state`` leaves ``None``: positions of the joints, pose of a free root."""
     actuators: bool = True
     """Read the actuators of the file; without them only the drives of the config's actuator groups act."""
-    root_at_prim: bool = False
-    """Put the root body at the prim, and so at ``init_state``, also if the file has it elsewhere in its world."""
+    root_pose: tuple[float, ...] | None = None
+    """Pose of the root body in the frame of the prim: position [m] and quaternion (x, y, z, w). Default: the file's in
+    its world. With the identity the root body begins at ``init_state``."""
+
+    fixed_tendons: dict[str, FixedTendonCfg] = {}
+    """Tendons to add to those of the file, by name."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if self.root_pose is not None and len(self.root_pose) != 7:
+            yield "root_pose", f"has {len(self.root_pose)} numbers, must have 7: position, quaternion (x, y, z, w)"
 
     def importer_options(self) -> dict[str, object]:
-        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "root_at_prim")}
-        return {**super().importer_options(), **own}
+        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "root_pose")}
+        tendons = {name: tendon.to_dict() for name, tendon in self.fixed_tendons.items()}
+        return {**super().importer_options(), **own, "fixed_tendons": tendons}
 
 
 @configclass

@@ -33,6 +33,7 @@ __all__ = [
     "MeshSphereCfg",
     "ShapeCfg",
     "SphereCfg",
+    "author_mesh",
     "spawn_shape",
 ]
 
@@ -168,8 +169,8 @@ class ConeCfg(CapsuleCfg):
         return _with_axis(UsdGeom.Cone.Define(stage, path), self)
 
 
-def _author_mesh(stage: Usd.Stage, path: str, mesh: newton.Mesh, approximation: str) -> Usd.Prim:
-    """Write a Newton mesh as ``UsdGeom.Mesh`` with the given collision approximation."""
+def author_mesh(stage: Usd.Stage, path: str, mesh: newton.Mesh, approximation: str | None = None) -> Usd.Prim:
+    """Write a Newton mesh as ``UsdGeom.Mesh``, with a collision approximation if one is given."""
     geometry = UsdGeom.Mesh.Define(stage, path)
     indices = np.asarray(mesh.indices, dtype=np.int32).reshape(-1)
     geometry.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.asarray(mesh.vertices, dtype=np.float32)))
@@ -177,7 +178,8 @@ def _author_mesh(stage: Usd.Stage, path: str, mesh: newton.Mesh, approximation: 
     geometry.CreateFaceVertexCountsAttr(Vt.IntArray([3] * (len(indices) // 3)))
     # USD's default is Catmull-Clark, which would round the edges.
     geometry.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    UsdPhysics.MeshCollisionAPI.Apply(geometry.GetPrim()).CreateApproximationAttr(approximation)
+    if approximation is not None:
+        UsdPhysics.MeshCollisionAPI.Apply(geometry.GetPrim()).CreateApproximationAttr(approximation)
     return geometry.GetPrim()
 
 
@@ -187,7 +189,7 @@ class MeshCuboidCfg(CuboidCfg):
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
         half = [float(s) / 2.0 for s in self.size]
-        return _author_mesh(stage, path, newton.Mesh.create_box(*half, compute_inertia=False), "convexHull")
+        return author_mesh(stage, path, newton.Mesh.create_box(*half, compute_inertia=False), "convexHull")
 
 
 @configclass
@@ -195,7 +197,7 @@ class MeshSphereCfg(SphereCfg):
     """A sphere as a triangle mesh."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        return _author_mesh(stage, path, newton.Mesh.create_sphere(self.radius, compute_inertia=False), "convexHull")
+        return author_mesh(stage, path, newton.Mesh.create_sphere(self.radius, compute_inertia=False), "convexHull")
 
 
 def _axis_mesh(create: Callable[..., newton.Mesh], cfg: CapsuleCfg) -> newton.Mesh:
@@ -207,7 +209,7 @@ class MeshCapsuleCfg(CapsuleCfg):
     """A capsule as a triangle mesh."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        return _author_mesh(stage, path, _axis_mesh(newton.Mesh.create_capsule, self), "convexHull")
+        return author_mesh(stage, path, _axis_mesh(newton.Mesh.create_capsule, self), "convexHull")
 
 
 @configclass
@@ -215,7 +217,7 @@ class MeshCylinderCfg(CapsuleCfg):
     """A cylinder as a triangle mesh; ``height`` is its whole length."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        return _author_mesh(stage, path, _axis_mesh(newton.Mesh.create_cylinder, self), "convexHull")
+        return author_mesh(stage, path, _axis_mesh(newton.Mesh.create_cylinder, self), "convexHull")
 
 
 @configclass
@@ -223,4 +225,4 @@ class MeshConeCfg(CapsuleCfg):
     """A cone as a triangle mesh; ``height`` is its whole length."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
-        return _author_mesh(stage, path, _axis_mesh(newton.Mesh.create_cone, self), "convexHull")
+        return author_mesh(stage, path, _axis_mesh(newton.Mesh.create_cone, self), "convexHull")

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Config classes of a user's files under the Isaac Lab dialect: an instance may be given fields that its class lacks.
+
+Isaac Lab's tasks add assets, terms and values of their own to a config in ``__post_init__``.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from stripe_newton import configclass as native
+
+__all__ = ["configclass"]
+
+T = TypeVar("T")
+
+
+def configclass(cls: type[T]) -> type[T]:
+    """:func:`stripe_newton.configclass.configclass`, whose instances take new fields of any type."""
+    made = native.configclass(cls)
+    made.OPEN = (object,)  # type: ignore[attr-defined]
+    return made

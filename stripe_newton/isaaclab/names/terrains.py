@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of Isaac Lab's terrains."""
+
+from .entries import Table, dialect, refused, same
+
+NAMES: dict[str, Table] = {
+    "isaaclab.terrains": same(
+        "stripe_newton.terrains",
+        "FlatPatchSamplingCfg SubTerrainBaseCfg TerrainGenerator TerrainImporter TerrainImporterCfg",
+    )
+    | dialect(
+        "terrains",
+        """HfDiscreteObstaclesTerrainCfg HfInvertedPyramidSlopedTerrainCfg HfInvertedPyramidStairsTerrainCfg
+        HfPyramidSlopedTerrainCfg HfPyramidStairsTerrainCfg HfRandomUniformTerrainCfg HfSteppingStonesTerrainCfg
+        HfTerrainBaseCfg HfWaveTerrainCfg MeshBoxTerrainCfg MeshGapTerrainCfg MeshInvertedPyramidStairsTerrainCfg
+        MeshPitTerrainCfg MeshPlaneTerrainCfg MeshPyramidStairsTerrainCfg MeshRailsTerrainCfg MeshRandomGridTerrainCfg
+        MeshStarTerrainCfg TerrainGeneratorCfg""",
+    )
+    | refused("the ground is a height field, which has no overhangs", "MeshFloatingRingTerrainCfg")
+    | refused(
+        "objects on the ground are spawned as assets",
+        """MeshRepeatedBoxesTerrainCfg MeshRepeatedCylindersTerrainCfg MeshRepeatedObjectsTerrainCfg
+        MeshRepeatedPyramidsTerrainCfg""",
+    ),
+    "isaaclab.terrains.config": {},
+    "isaaclab.terrains.config.rough": dialect("terrains", "ROUGH_TERRAINS_CFG"),
+}
+
+ALIASES: dict[str, str] = {}

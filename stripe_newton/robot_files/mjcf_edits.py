@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJCF edits: what of a file is read differently than it is written, and what is added to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes and asset folders, as it reads them
+
+from .error import RobotFileError
+from .mjcf_checks import compile_mjcf
+
+__all__ = ["edit_mjcf"]
+
+
+def edit_mjcf(path: Path, actuators: bool, tendons: Mapping[str, Mapping[str, Any]]) -> tuple[str, mujoco.MjModel]:
+    """What Newton's importer is to read for a file, and MuJoCo's model of it.
+
+    Where the file's outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for
+    elements that name the class, where MuJoCo gives them to all: the name is left out.
+
+    Args:
+        path: The file.
+        actuators: Whether the file's actuators are read.
+        tendons: Fixed tendons to add by name: fields of ``FixedTendonCfg``.
+
+    Returns:
+        The path, or XML with what is changed; and the model of the file, with the added tendons.
+
+    Raises:
+        RobotFileError: MuJoCo refuses the file or a tendon.
+    """
+    model = compile_mjcf(path)
+    root, _ = _load_and_expand_mjcf(str(path.resolve()))
+    changed = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
+    if tendons:
+        changed.append(_add_tendons(root, tendons))
+        try:
+            model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+        except ValueError as error:
+            raise RobotFileError(path, [f"fixed_tendons: {' '.join(str(error).split())}"]) from error
+    if not actuators:
+        for section in root.findall("actuator"):
+            root.remove(section)
+            changed.append(section)
+    return (ElementTree.tostring(root, encoding="unicode") if changed else str(path)), model
+
+
+def _add_tendons(root: ElementTree.Element, tendons: Mapping[str, Mapping[str, Any]]) -> ElementTree.Element:
+    """Add fixed tendons to a file; returns their section."""
+    section = ElementTree.SubElement(root, "tendon")
+    for name, tendon in tendons.items():
+        fixed = ElementTree.SubElement(section, "fixed", {"name": name})
+        fixed.attrib |= {key: f"{tendon[key]:.9g}" for key in ("stiffness", "damping")}
+        if tendon["limits"] is not None:
+            low, high = tendon["limits"]
+            fixed.attrib |= {"limited": "true", "range": f"{low:.9g} {high:.9g}"}
+        for joint, coefficient in tendon["coefficients"].items():
+            ElementTree.SubElement(fixed, "joint", {"joint": joint, "coef": f"{coefficient:.9g}"})
+    return section

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tasks of Isaac Lab under the dialect: runs each that is registered, trains it, and says which fail and why.
+
+    python tools/checks/isaaclab_runs.py SOURCE [TASK ...] [--part NAME] [--steps N] [--train N] [--out FILE]
+    python tools/checks/isaaclab_runs.py --table FILE ...
+
+``SOURCE`` is the folder that holds ``isaaclab_tasks/`` and ``isaaclab_assets/``; ``TASK`` names tasks, by default all
+whose config is in the folder ``manager_based`` or ``direct`` that ``--part`` names. Each runs in a process of its own,
+with random actions, and must give finite observations and rewards; then ``stripe-newton train TASK --isaaclab`` runs
+for a few iterations. ``--out`` keeps the outcomes, one JSON object a line, and a later call goes on where it stopped.
+``--table`` prints a Markdown table of files from such outcomes, one row for each file that registers tasks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import torch
+
+import stripe_newton.isaaclab as dialect
+from stripe_newton.configclass import ConfigError, resolve_name
+from stripe_newton.isaaclab.registration import adopt_tasks
+
+TIME_LIMIT = 900.0
+"""Longest run of one task, or of its training [s]."""
+MARK = "outcome: "
+"""Begins the line in which a process reports."""
+
+
+@dataclass
+class Outcome:
+    """One task: how far it got."""
+
+    task: str
+    """Its name."""
+    file: str
+    """The file of its config, below ``isaaclab_tasks``."""
+    steps: str
+    """``"ok"``, or why it does not run."""
+    train: str = ""
+    """``"ok"``, why it does not train, or nothing where that was not tried."""
+
+
+def tasks_of(part: str) -> dict[str, str]:
+    """Files of the registered tasks whose config is in a folder of ``isaaclab_tasks``, by task."""
+    import isaaclab_tasks  # the dialect's import hook must be there first
+
+    adopt_tasks()
+    found = {}
+    for task, spec in gymnasium.registry.items():
+        where = str(spec.kwargs.get("env_cfg_entry_point", ""))
+        if where.startswith(f"{isaaclab_tasks.__name__}.{part}."):
+            found[task] = where.split(":")[0].split(".", 1)[1].replace(".", "/") + ".py"
+    return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+
+
+# ---- one task, in a process of its own
+
+
+def run_task(task: str, num_envs: int, steps: int) -> None:
+    """Step a task with random actions.
+
+    Raises:
+        RuntimeError: an observation or a reward is not finite.
+    """
+    spec = gymnasium.spec(task)
+    cfg = resolve_name(str(spec.kwargs["env_cfg_entry_point"]))()
+    cfg.scene.num_envs = num_envs
+    cfg.sim.device = "cpu"
+    env = resolve_name(str(spec.entry_point))(cfg)
+    env.reset(seed=0)
+    torch.manual_seed(0)
+    for step in range(steps):
+        results = env.step(_random_action(env))
+        for what, value in _tensors(results[:2], "observation, reward"):
+            if not torch.isfinite(value).all():
+                raise RuntimeError(f"{what} is not finite after {step + 1} steps")
+    env.close()
+
+
+def _random_action(env: Any) -> Any:
+    """Actions in [-1, 1] or of a discrete space, by agent where there are several."""
+    if hasattr(env, "possible_agents"):
+        return {agent: _sample(env.action_spaces[agent], env.num_envs) for agent in env.possible_agents}
+    return _sample(env.single_action_space, env.num_envs)
+
+
+def _sample(space: gymnasium.Space[Any], num_envs: int) -> torch.Tensor:
+    if isinstance(space, gymnasium.spaces.Discrete):
+        return torch.randint(int(space.n), (num_envs, 1))
+    if isinstance(space, gymnasium.spaces.MultiDiscrete):
+        return torch.stack([torch.randint(int(count), (num_envs,)) for count in space.nvec], dim=-1)
+    return 2.0 * torch.rand((num_envs, *(space.shape or ()))) - 1.0
+
+
+def _tensors(value: Any, path: str) -> Iterator[tuple[str, torch.Tensor]]:
+    if isinstance(value, torch.Tensor):
+        yield path, value
+    elif isinstance(value, dict):
+        for key, part in value.items():
+            yield from _tensors(part, f"{path} '{key}'")
+    elif isinstance(value, (tuple, list)):
+        for part in value:
+            yield from _tensors(part, path)
+
+
+def _report(task: str, num_envs: int, steps: int) -> None:
+    try:
+        run_task(task, num_envs, steps)
+        text = "ok"
+    except ConfigError as error:
+        text = error.problems[0]
+    except BaseException as error:  # whatever a task may raise, SystemExit of an import among it
+        text = f"{type(error).__name__}: {error}"
+    print(MARK + json.dumps(" ".join(text.split())), flush=True)
+
+
+# ---- all tasks
+
+
+def steps_of(source: Path, task: str, args: argparse.Namespace) -> str:
+    """The outcome of stepping a task, in another process."""
+    command = [sys.executable, __file__, str(source), task, "--here", "--steps", str(args.steps)]
+    done = _run([*command, "--num-envs", str(args.num_envs)], source)
+    if done is None:
+        return f"took more than {TIME_LIMIT:g} s"
+    lines = [line for line in done.stdout.splitlines() if line.startswith(MARK)]
+    return str(json.loads(lines[-1].removeprefix(MARK))) if lines else f"the process ended with {done.returncode}"
+
+
+def train_of(source: Path, task: str, args: argparse.Namespace) -> str:
+    """The outcome of training a task by the command line."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "stripe_newton.cli", "train", task, "--isaaclab", "--device", "cpu"]
+        command += ["--num-envs", str(args.num_envs), "--max-iterations", str(args.train), "--log-dir", folder]
+        done = _run([*command, "--final-video", "False"], source)
+        if done is None:
+            return f"took more than {TIME_LIMIT:g} s"
+        if done.returncode == 0:
+            kept = list(Path(folder).rglob("model_*.pt"))
+            return "ok" if kept else "no checkpoint was kept"
+        lines = [line.strip(" │") for line in done.stderr.splitlines()]
+        said = [line for line in lines if line.strip("╭╮╰╯─")] or ["failed"]
+        return next((line for line in said if line.startswith("error:")), said[-1])
+
+
+def _run(command: Sequence[str], source: Path) -> subprocess.CompletedProcess[str] | None:
+    environment = os.environ | {"ISAACLAB_SOURCE": str(source)}
+    try:
+        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIME_LIMIT)
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def run_all(source: Path, tasks: dict[str, str], args: argparse.Namespace) -> Iterator[Outcome]:
+    """Run and train tasks, one after the other."""
+    for task, file in tasks.items():
+        outcome = Outcome(task, file, steps_of(source, task, args))
+        if args.train and outcome.steps == "ok":
+            outcome.train = train_of(source, task, args)
+        yield outcome
+
+
+# ---- the table
+
+_REASONS = (
+    (r".*'Robots/(.+?)/[^/]*': .*", r"no file of the robot `\1`"),
+    (r".*'(Props/[^']*)'.*", r"no file `\1`"),
+    (r".*?nucleus://Isaac/(\S+?)[' ].*", r"no file `\1`"),
+    (r".*?([\w.]+)\.?: (\w+) is not supported: (.*?)(?: \w[\w.]*: .*)?", r"`\2`: \3"),
+    (r"(?:ModuleNotFoundError: )?No module named '(\w+)'.*", r"needs `\1`"),
+)
+
+
+def reason(text: str) -> str:
+    """Why a task fails, in a few words."""
+    if text in ("ok", ""):
+        return {"ok": "yes", "": ""}[text]
+    for pattern, short in _REASONS:
+        if match := re.fullmatch(pattern, text):
+            return match.expand(short)
+    return text if len(text) <= 100 else text[:97] + "..."
+
+
+def table(outcomes: Iterable[Outcome], part: str) -> str:
+    """Markdown table of files: their tasks, whether they run, whether they train."""
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for outcome in outcomes:
+        file = outcome.file.removeprefix(f"{part}/")
+        rows.setdefault((file, reason(outcome.steps), reason(outcome.train)), []).append(outcome.task)
+    lines = [f"| file in `{part}/` | tasks | runs | trains |", "|---|---|---|---|"]
+    for (file, steps, train), tasks in rows.items():
+        lines.append(f"| `{file.removesuffix('.py')}` | {', '.join(_short(t) for t in tasks)} | {steps} | {train} |")
+    return "\n".join(lines)
+
+
+def _short(task: str) -> str:
+    return "`" + task.removeprefix("Isaac-").removesuffix("-v0") + "`"
+
+
+# ---- command line
+
+
+def main() -> int:
+    """Run the check."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path, nargs="?")
+    parser.add_argument("tasks", nargs="*")
+    parser.add_argument("--part", default="manager_based")
+    parser.add_argument("--num-envs", type=int, default=4)
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--train", type=int, default=0, help="iterations; 0 trains nothing")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--table", type=Path, nargs="+", help="files of outcomes to print a table of")
+    parser.add_argument("--here", action="store_true", help="run the one task in this process, and report it")
+    args = parser.parse_args()
+    if args.table:
+        print(table(_kept(args.table).values(), args.part))
+        return 0
+    if args.source is None:
+        parser.error("SOURCE is missing: the folder that holds isaaclab_tasks/ and isaaclab_assets/")
+    source = args.source.resolve()
+    os.environ["ISAACLAB_SOURCE"] = str(source)
+    warnings.simplefilter("ignore")
+    logging.disable(logging.WARNING)
+    dialect.install()
+    known = tasks_of(args.part)
+    if args.here:
+        _report(args.tasks[0], args.num_envs, args.steps)
+        return 0
+    unknown = [task for task in args.tasks if task not in known]
+    if unknown:
+        parser.error(f"no such task in '{args.part}': {', '.join(unknown)}")
+    done = _kept([args.out]) if args.out is not None and args.out.exists() else {}
+    wanted = {task: file for task, file in known.items() if task in (args.tasks or known) and task not in done}
+    failed = 0
+    for outcome in run_all(source, wanted, args):
+        failed += outcome.steps != "ok" or outcome.train not in ("ok", "")
+        print(f"{outcome.task}  steps: {outcome.steps}  train: {outcome.train or '-'}", flush=True)
+        if args.out is not None:
+            with args.out.open("a") as file:
+                file.write(json.dumps(asdict(outcome)) + "\n")
+    return 1 if failed else 0
+
+
+def _kept(files: Iterable[Path]) -> dict[str, Outcome]:
+    outcomes = [Outcome(**json.loads(line)) for file in files for line in file.read_text().splitlines()]
+    return {outcome.task: outcome for outcome in outcomes}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
