@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms of Isaac Lab's ``isaaclab.envs.mdp``: Warp terms by its names, configs and classes of actions and commands."""
+"""Terms of Isaac Lab's ``isaaclab.envs.mdp``: Warp terms by its names, classes of actions and commands."""
 
 from . import (
     actions,
@@ -9,6 +9,7 @@ from . import (
     events,
     observations,
     operational_space,
+    recorders,
     rewards,
     terminations,
 )
@@ -19,9 +20,21 @@ from .curriculums import *  # noqa: F403
 from .events import *  # noqa: F403
 from .observations import *  # noqa: F403
 from .operational_space import *  # noqa: F403
+from .recorders import *  # noqa: F403
 from .rewards import *  # noqa: F403
 from .terminations import *  # noqa: F403
 
-_PARTS = (actions, command_terms, commands, curriculums, events, observations, operational_space, rewards, terminations)
+_PARTS = (
+    actions,
+    command_terms,
+    commands,
+    curriculums,
+    events,
+    observations,
+    operational_space,
+    recorders,
+    rewards,
+    terminations,
+)
 
 __all__ = sorted(name for part in _PARTS for name in part.__all__)
