@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from stripe_newton import managers as native
 from stripe_newton.configclass import MISSING, configclass
 
-__all__ = ["ActionTermCfg", "CommandTermCfg", "ManagerTermBaseCfg", "ObservationTermCfg"]
+__all__ = ["ActionTermCfg", "CommandTermCfg", "ManagerTermBaseCfg", "ObservationTermCfg", "RecorderManagerBaseCfg"]
 
 _NOT_DRAWN = {"debug_vis": "actions and commands are not drawn"}
 
@@ -50,3 +50,10 @@ class CommandTermCfg(native.CommandTermCfg):
     class_type: type | None = MISSING
 
     IGNORED: ClassVar[dict[str, str]] = _NOT_DRAWN
+
+
+@configclass
+class RecorderManagerBaseCfg(native.RecorderManagerBaseCfg):
+    """:class:`stripe_newton.managers.RecorderManagerBaseCfg`; states in files are (w, x, y, z)."""
+
+    quaternion_order: str = "wxyz"

@@ -14,16 +14,18 @@ for a few iterations. ``--out`` keeps the outcomes, one JSON object a line, and 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import logging
+import multiprocessing
 import os
 import re
-import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +33,14 @@ import gymnasium
 import torch
 
 import stripe_newton.isaaclab as dialect
+from stripe_newton import cli
 from stripe_newton.configclass import ConfigError, resolve_name
 from stripe_newton.isaaclab.registration import adopt_tasks
 
 TIME_LIMIT = 900.0
 """Longest run of one task, or of its training [s]."""
-MARK = "outcome: "
-"""Begins the line in which a process reports."""
+NO_AGENT = "Isaac Lab has no agent of rsl_rl for it"
+"""Outcome of training a task that is registered without one."""
 
 
 @dataclass
@@ -117,60 +120,58 @@ def _tensors(value: Any, path: str) -> Iterator[tuple[str, torch.Tensor]]:
             yield from _tensors(part, path)
 
 
-def _report(task: str, num_envs: int, steps: int) -> None:
-    try:
-        run_task(task, num_envs, steps)
-        text = "ok"
-    except ConfigError as error:
-        text = error.problems[0]
-    except BaseException as error:  # whatever a task may raise, SystemExit of an import among it
-        text = f"{type(error).__name__}: {error}"
-    print(MARK + json.dumps(" ".join(text.split())), flush=True)
+def train_task(task: str, num_envs: int, iterations: int) -> None:
+    """Train a task by the command line's own function.
+
+    Raises:
+        RuntimeError: it fails, or keeps no checkpoint.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        numbers = ["--num-envs", str(num_envs), "--max-iterations", str(iterations)]
+        options = ["--isaaclab", "--device", "cpu", "--final-video", "False", "--log-dir", folder]
+        if status := cli.main(["train", task, *numbers, *options]):
+            raise RuntimeError(f"'stripe-newton train' ended with {status}")
+        if not list(Path(folder).rglob("model_*.pt")):
+            raise RuntimeError("no checkpoint was kept")
+
+
+def in_process(function: Callable[[str, int, int], None], *arguments: Any) -> str:
+    """``"ok"`` if a function returns in a process of its own, which starts with what this one has imported, or why
+    not."""
+    context = multiprocessing.get_context("fork")
+    receive, send = context.Pipe(duplex=False)
+    process = context.Process(target=_report, args=(send, function, arguments))
+    process.start()
+    send.close()
+    process.join(TIME_LIMIT)
+    if process.is_alive():
+        process.kill()
+        return f"took more than {TIME_LIMIT:g} s"
+    return str(receive.recv()) if receive.poll() else f"the process ended with {process.exitcode}"
+
+
+def _report(send: Connection, function: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+        try:
+            function(*arguments)
+            text = "ok"
+        except ConfigError as error:
+            text = error.problems[0]
+        except BaseException as error:  # whatever a task may raise, SystemExit of the command line among it
+            text = f"{type(error).__name__}: {error}"
+    send.send(" ".join(text.split()))
 
 
 # ---- all tasks
 
 
-def steps_of(source: Path, task: str, args: argparse.Namespace) -> str:
-    """The outcome of stepping a task, in another process."""
-    command = [sys.executable, __file__, str(source), task, "--here", "--steps", str(args.steps)]
-    done = _run([*command, "--num-envs", str(args.num_envs)], source)
-    if done is None:
-        return f"took more than {TIME_LIMIT:g} s"
-    lines = [line for line in done.stdout.splitlines() if line.startswith(MARK)]
-    return str(json.loads(lines[-1].removeprefix(MARK))) if lines else f"the process ended with {done.returncode}"
-
-
-def train_of(source: Path, task: str, args: argparse.Namespace) -> str:
-    """The outcome of training a task by the command line."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "stripe_newton.cli", "train", task, "--isaaclab", "--device", "cpu"]
-        command += ["--num-envs", str(args.num_envs), "--max-iterations", str(args.train), "--log-dir", folder]
-        done = _run([*command, "--final-video", "False"], source)
-        if done is None:
-            return f"took more than {TIME_LIMIT:g} s"
-        if done.returncode == 0:
-            kept = list(Path(folder).rglob("model_*.pt"))
-            return "ok" if kept else "no checkpoint was kept"
-        lines = [line.strip(" │") for line in done.stderr.splitlines()]
-        said = [line for line in lines if line.strip("╭╮╰╯─")] or ["failed"]
-        return next((line for line in said if line.startswith("error:")), said[-1])
-
-
-def _run(command: Sequence[str], source: Path) -> subprocess.CompletedProcess[str] | None:
-    environment = os.environ | {"ISAACLAB_SOURCE": str(source)}
-    try:
-        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIME_LIMIT)
-    except subprocess.TimeoutExpired:
-        return None
-
-
-def run_all(source: Path, tasks: dict[str, str], args: argparse.Namespace) -> Iterator[Outcome]:
-    """Run and train tasks, one after the other."""
+def run_all(tasks: dict[str, str], num_envs: int, steps: int, iterations: int) -> Iterator[Outcome]:
+    """Run tasks, and train those that run, one after the other."""
     for task, file in tasks.items():
-        outcome = Outcome(task, file, steps_of(source, task, args))
-        if args.train and outcome.steps == "ok":
-            outcome.train = train_of(source, task, args)
+        outcome = Outcome(task, file, in_process(run_task, task, num_envs, steps))
+        if iterations and outcome.steps == "ok":
+            has_agent = "rsl_rl_cfg_entry_point" in gymnasium.spec(task).kwargs
+            outcome.train = in_process(train_task, task, num_envs, iterations) if has_agent else NO_AGENT
         yield outcome
 
 
@@ -186,7 +187,7 @@ _REASONS = (
 
 
 def reason(text: str) -> str:
-    """Why a task fails, in a few words."""
+    """Why a task fails, in a few words; ``"yes"`` if it does not."""
     if text in ("ok", ""):
         return {"ok": "yes", "": ""}[text]
     for pattern, short in _REASONS:
@@ -225,7 +226,6 @@ def main() -> int:
     parser.add_argument("--train", type=int, default=0, help="iterations; 0 trains nothing")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--table", type=Path, nargs="+", help="files of outcomes to print a table of")
-    parser.add_argument("--here", action="store_true", help="run the one task in this process, and report it")
     args = parser.parse_args()
     if args.table:
         print(table(_kept(args.table).values(), args.part))
@@ -238,17 +238,14 @@ def main() -> int:
     logging.disable(logging.WARNING)
     dialect.install()
     known = tasks_of(args.part)
-    if args.here:
-        _report(args.tasks[0], args.num_envs, args.steps)
-        return 0
     unknown = [task for task in args.tasks if task not in known]
     if unknown:
         parser.error(f"no such task in '{args.part}': {', '.join(unknown)}")
     done = _kept([args.out]) if args.out is not None and args.out.exists() else {}
     wanted = {task: file for task, file in known.items() if task in (args.tasks or known) and task not in done}
     failed = 0
-    for outcome in run_all(source, wanted, args):
-        failed += outcome.steps != "ok" or outcome.train not in ("ok", "")
+    for outcome in run_all(wanted, args.num_envs, args.steps, args.train):
+        failed += outcome.steps != "ok" or outcome.train not in ("ok", "", NO_AGENT)
         print(f"{outcome.task}  steps: {outcome.steps}  train: {outcome.train or '-'}", flush=True)
         if args.out is not None:
             with args.out.open("a") as file:

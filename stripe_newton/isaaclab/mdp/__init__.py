@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms of Isaac Lab's ``isaaclab.envs.mdp``: Warp terms by its names, configs and classes of actions and commands."""
+"""Terms of Isaac Lab's ``isaaclab.envs.mdp``: Warp terms by its names, classes of actions and commands."""
 
 from . import (
     actions,
@@ -10,6 +10,7 @@ from . import (
     fixed_tendons,
     observations,
     operational_space,
+    recorders,
     rewards,
     terminations,
 )
@@ -21,6 +22,7 @@ from .events import *  # noqa: F403
 from .fixed_tendons import *  # noqa: F403
 from .observations import *  # noqa: F403
 from .operational_space import *  # noqa: F403
+from .recorders import *  # noqa: F403
 from .rewards import *  # noqa: F403
 from .terminations import *  # noqa: F403
 
@@ -33,6 +35,7 @@ _PARTS = (
     fixed_tendons,
     observations,
     operational_space,
+    recorders,
     rewards,
     terminations,
 )

@@ -24,12 +24,14 @@ NAMES: dict[str, Table] = {
     "isaaclab.managers": same(
         "stripe_newton.managers",
         """ActionManager ActionTerm CommandManager CommandTerm CurriculumManager CurriculumTermCfg DatasetExportMode
-        EventManager EventTermCfg ManagerTermBase ObservationGroupCfg RecorderManager RecorderManagerBaseCfg
+        EventManager EventTermCfg ManagerTermBase ObservationGroupCfg RecorderManager
         RecorderTerm RecorderTermCfg RewardManager RewardTermCfg TerminationManager TerminationTermCfg""",
     )
     | dialect("managers", "ObservationManager")
     | dialect("scene_entity", "SceneEntityCfg")
-    | dialect("term_configs", "ActionTermCfg CommandTermCfg ManagerTermBaseCfg ObservationTermCfg"),
+    | dialect(
+        "term_configs", "ActionTermCfg CommandTermCfg ManagerTermBaseCfg ObservationTermCfg RecorderManagerBaseCfg"
+    ),
 }
 
 ALIASES: dict[str, str] = {f"isaaclab.envs.{name}": "stripe_newton.isaaclab.mdp" for name in _MDP}
