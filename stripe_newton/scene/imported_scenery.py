@@ -13,6 +13,7 @@ import warp as wp
 from newton import GeoType, JointType
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
+from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.contact_room import contact_room
 from stripe_newton.terrains.collider_mesh import start_poses, static_colliders, triangles_of
@@ -148,7 +149,7 @@ class ImportedScenery:
         A task's own sizes are for flat ground, on which an arm may touch nothing, and a stage brings bodies of its own.
         """
         sim = self._scene.sim
-        solver, room = sim.cfg.solver, contact_room(template.finalize(device="cpu"))
+        solver, room = sim.cfg.solver, contact_room(finalize_without_tables(template, "cpu"))
         sizes: dict[str, int] = {}
         for name, needed in zip(("nconmax", "njmax"), room, strict=True):
             given = getattr(solver, name, None)

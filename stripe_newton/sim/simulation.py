@@ -16,6 +16,7 @@ import warp as wp
 from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
 from stripe_kernels.actuators import JointDrives
 from stripe_newton.actuators.actuation import Actuation
+from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.configclass import configclass
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
@@ -222,17 +223,7 @@ class Simulation:
         if len(unmoved):
             self._put_unmoved(builder, unmoved)
         with wp.ScopedDevice(self.device):
-            self.model = builder.finalize(device=self.device)
-            # The actuators take over the gains first: the solver must be made from those of its own drives alone.
-            has_modes = self.cfg.solver.kind == "mujoco"
-            self.actuation = Actuation(
-                self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
-            )
-            with self.actuation.solver_gains():
-                make = SolverStatic if self.is_static else self.cfg.solver.create
-                self.solver = make(self.model, self.cfg.observables)
-                if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
-                    self.cfg = self.cfg.replace(solver=self.cfg.solver.replace(use_mujoco_contacts=False))
+            self._make_solver(builder, tables=not self.is_static and self.cfg.solver.expects_newton_contacts(builder))
             if self.cfg.solver.limits_drives and not self.is_static:
                 self.drive_limits = DriveLimits(self.solver)
                 self.add_hook(self.drive_limits)
@@ -243,6 +234,29 @@ class Simulation:
             self._allocate()
         self.forward()
         self.build_s = time.perf_counter() - start
+
+    def _make_solver(self, builder: newton.ModelBuilder, tables: bool) -> None:
+        """Make the model, its actuators and its solver, which may choose Newton's collision detection.
+
+        Args:
+            builder: The builder of all environments.
+            tables: Make what that collision detection wants to know of convex meshes.
+        """
+        self.model = builder.finalize(device=self.device) if tables else finalize_without_tables(builder, self.device)
+        # The actuators take over the gains first: the solver must be made from those of its own drives alone.
+        has_modes = self.cfg.solver.kind == "mujoco"
+        self.actuation = Actuation(
+            self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
+        )
+        with self.actuation.solver_gains():
+            make = SolverStatic if self.is_static else self.cfg.solver.create
+            forces = ["contact_f"] if self.cfg.contact_forces else []
+            self.solver = make(self.model, [*self.cfg.observables, *forces])
+        if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
+            if not tables and newton.GeoType.CONVEX_MESH in builder.shape_type:
+                self._make_solver(builder, tables=True)
+            else:
+                self.cfg = self.cfg.replace(solver=self.cfg.solver.replace(use_mujoco_contacts=False))
 
     def _replicate(self) -> newton.ModelBuilder:
         """The builder of all environments: what they share, then the copies of the template."""
@@ -285,9 +299,14 @@ class Simulation:
             self._previous_joint_q = wp.clone(self._state.joint_q)
         self._cleared = ResetMask(self.num_envs, self.device)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
-        self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(model)
+        self.pipeline = None if self.cfg.solver.finds_contacts else self._collision_detection()
         self.contacts = self.pipeline.contacts() if self.pipeline else None
         self._allocate_observables()
+
+    def _collision_detection(self) -> newton.CollisionPipeline:
+        """Newton's collision detection, which by default goes through a list of all pairs that may touch."""
+        many = isinstance(self.solver, SolverFused) and len(self.solver.hidden_shapes) > 0
+        return newton.CollisionPipeline(self.model, broad_phase="sap") if many else newton.CollisionPipeline(self.model)
 
     def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""

@@ -5,20 +5,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
 import newton
 import numpy as np
 import warp as wp
-from newton import GeoType, Model
+from newton import GeoType, Model, ShapeFlags
 
 from stripe_newton.shape_mesh import shape_mesh
 
 from .contact_pairs import MESH_KINDS, ContactPair
 from .mesh_grid import TriangleMesh
 
-__all__ = ["MAY", "MUST", "add_triangles_attribute", "group_static_meshes", "has_triangles", "mark_triangles"]
+__all__ = [
+    "FOUND_KINDS", "MAY", "MUST", "add_triangles_attribute", "count_marks", "group_static_meshes", "has_triangles",
+    "mark_triangles", "marks_of", "moves_other_kinds",
+]  # fmt: skip
 
 MAY, MUST = 1, 2
 """Marks of static shapes: of those that may collide by their triangles, and of concave ones, of which the hull is not
@@ -26,6 +29,8 @@ the same."""
 _ROUND = GeoType.CYLINDER, GeoType.CONE, GeoType.ELLIPSOID
 _MANY = 16
 """Static shapes from which on boxes are taken for their triangles, rather than for pairs with each geom of a robot."""
+FOUND_KINDS = GeoType.SPHERE, GeoType.CAPSULE, GeoType.BOX
+"""Shapes of which the fused step finds contacts with triangles."""
 _NAMESPACE, _NAME = "stripe", "triangles"
 
 
@@ -60,12 +65,33 @@ def mark_triangles(builder: newton.ModelBuilder, first: int, concave: Collection
 
 def has_triangles(model: newton.Model, least: int = MAY) -> bool:
     """Whether a shape has a mark, ``MAY`` or above."""
+    return bool((marks_of(model) >= least).any())
+
+
+def marks_of(model: newton.Model) -> np.ndarray:
+    """Mark of each shape, 0 for none, shape ``(shape_count,)``."""
     marks = getattr(getattr(model, _NAMESPACE, None), _NAME, None)
-    return marks is not None and bool((marks.numpy() >= least).any())
+    return np.zeros(model.shape_count, dtype=int) if marks is None else marks.numpy()
+
+
+def count_marks(builder: newton.ModelBuilder, least: int = MAY) -> int:
+    """Number of shapes of a builder that have a mark, ``MAY`` or above."""
+    attribute = builder.custom_attributes.get(f"{_NAMESPACE}:{_NAME}")
+    return 0 if attribute is None else sum(mark >= least for mark in attribute.values.values())
+
+
+def moves_other_kinds(builder: newton.ModelBuilder) -> bool:
+    """Whether a collider that moves is of a kind of which the fused step does not find contacts with triangles."""
+    shapes = zip(builder.shape_body, builder.shape_flags, builder.shape_type, strict=True)
+    return any(b >= 0 and f & ShapeFlags.COLLIDE_SHAPES and kind not in FOUND_KINDS for b, f, kind in shapes)
 
 
 def group_static_meshes(
-    model: mujoco.MjModel, newton_model: newton.Model, shape_of_geom: np.ndarray, pairs: Sequence[ContactPair]
+    model: mujoco.MjModel,
+    newton_model: newton.Model,
+    shape_of_geom: np.ndarray,
+    pairs: Sequence[ContactPair],
+    hidden: Mapping[int, Sequence[tuple[int, int]]],
 ) -> tuple[list[ContactPair], list[list[TriangleMesh]], list[ContactPair], float]:
     """Put static meshes together that meet the same geoms in the same way.
 
@@ -77,6 +103,8 @@ def group_static_meshes(
         newton_model: The model that it was compiled from.
         shape_of_geom: Newton's shape of each geom, -1 for none, shape ``(ngeom,)``.
         pairs: Pairs of geoms that may touch.
+        hidden: Shapes that are no geoms by the geom that stands for them: a number in the place of a geom, and the
+            shape.
 
     Returns:
         The pairs, in which those of groups replace those of their meshes and have the group as their ``mesh``; the
@@ -116,7 +144,9 @@ def group_static_meshes(
     meshes: list[list[TriangleMesh]] = []
     for geoms in groups.values():
         rest += [dataclasses.replace(pair, mesh=len(meshes)) for pair in by_geom[geoms[0]]]
-        meshes.append([shapes.in_frame_of(model, geoms[0], g, int(shape_of_geom[g])) for g in geoms])
+        own = [(g, int(shape_of_geom[g])) for g in geoms]
+        every = [member for g, shape in own for member in ((g, shape), *hidden.get(g, ()))]
+        meshes.append([shapes.in_frame_of(model, geoms[0], g, shape) for g, shape in every])
     met_geoms = {p.geom2 for own in by_geom.values() for p in own if p.kind != MESH_KINDS[mujoco.mjtGeom.mjGEOM_BOX]}
     margins = model.geom_margin.max(initial=0.0) * 2.0
     return rest, meshes, lacking, max((float(model.geom_size[g, 0]) for g in met_geoms), default=0.0) + margins
@@ -126,7 +156,7 @@ class _Shapes:
     """Shapes of a model on the host."""
 
     def __init__(self, model: newton.Model):
-        self.mark = model.stripe.triangles.numpy()
+        self.mark = marks_of(model)
         self.body, self.world, self.type = (a.numpy() for a in (model.shape_body, model.shape_world, model.shape_type))
         self.scale, self.pose = (a.numpy().astype(float) for a in (model.shape_scale, model.shape_transform))
         self.source, self.label = model.shape_source, model.shape_label
