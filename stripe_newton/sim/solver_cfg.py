@@ -294,7 +294,7 @@ class MuJoCoSolverCfg(SolverCfg):
         fields = model.shape_count and (model.shape_type.numpy() == newton.GeoType.HFIELD).any()
         if fields and not self.triangle_contacts:
             return {}  # MuJoCo Warp finds many contacts with a field, and its own sizes are made for them
-        contacts, rows = contact_room(model)
+        contacts, rows = contact_room(model, self.chooses_contacts and has_triangles(model))
         return {"nconmax": max(_LEAST_CONTACTS, contacts), "njmax": max(_LEAST_ROWS, rows)}
 
     @property

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -19,14 +18,13 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
-from .contact_pairs import ContactPair, contact_pairs, listed_pairs
-from .mesh_grid import DEPTH, MeshGrids
+from .contact_pairs import MESH_KINDS, ContactPair, contact_pairs, listed_pairs
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
 from .per_step import PerStep
 from .stand_ins import StandIns
-from .static_meshes import group_static_meshes
+from .static_triangles import StaticTriangles
 from .step_kernel import (
     BODY_SIZE,
     CONTACTS,
@@ -50,8 +48,6 @@ _NOT_HERE = {"use_mujoco_cpu": True, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 _MOST_PAIRS = 4096
 """Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
-_MOST_RADIUS = 0.15
-"""Radius of geoms that look into one cell of a grid of meshes; larger ones look into several [m]."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
@@ -125,6 +121,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if reason and not fallback:
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
         self._addresses: dict[bool, Any] = {}  # first, as the constructor notifies
+        self._statics: StaticTriangles | None = None
         self._call: _Call | None = None
         self._stand_ins = stand_ins
         with stand_ins.hide(model) if stand_ins is not None else nullcontext():
@@ -136,8 +133,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
         self.triangles = self.static_triangles = False
         self.newton_contacts_for: tuple[str, ...] = ()
-        self._meshes: MeshGrids | None = None
-        self._geoms_of_hidden: wp.array | None = None
         self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
         self._fills_contacts = False
@@ -164,7 +159,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     def finds_hidden(self) -> bool:
         """Whether contacts with shapes that are no geoms are found: MuJoCo Warp's collision detection would not."""
-        return not self.unsupported and not self.lacks() and self._meshes is not None
+        if self.unsupported or self.lacks():
+            return False
+        return any(pair.kind in MESH_KINDS.values() for pair in self._pairs or ())
 
     @property
     def hidden_shapes(self) -> np.ndarray:
@@ -542,21 +539,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if not self.static_triangles:
             return pairs
         shapes = self.mjc_geom_to_newton_shape.numpy()[0]
-        hidden = self._numbers_of_hidden(shapes)
-        grouped, meshes, lacking, radius = group_static_meshes(self.mj_model, self.model, shapes, pairs, hidden)
-        self._hulls = sorted({self._types(pair) for pair in lacking})
-        if meshes:
-            self._meshes = MeshGrids(meshes, min(radius, _MOST_RADIUS) + DEPTH, self.model.device)
-        return grouped
-
-    def _numbers_of_hidden(self, shape_of_geom: np.ndarray) -> dict[int, list[tuple[int, int]]]:
-        """Numbers that stand for geoms, and shapes, of what is no geom, by the geom that stands for it."""
-        found: dict[int, list[tuple[int, int]]] = defaultdict(list)
-        if self._stand_ins is not None:
-            self._geoms_of_hidden = self._stand_ins.geoms(shape_of_geom, self.model.device)
-            for k, geom in enumerate(self._geoms_of_hidden.numpy().tolist()):
-                found[geom].append((self.mj_model.ngeom + k, int(self._stand_ins.hidden[k])))
-        return found
+        self._statics = StaticTriangles(self.mj_model, self.model, shapes, pairs, self._stand_ins)
+        self._hulls = sorted({self._types(pair) for pair in self._statics.lacking})
+        return self._statics.pairs
 
     def _finds(self, pair: ContactPair) -> bool:
         return bool(pair.kind) and (self.triangles or not pair.kind.startswith("FIELD"))
@@ -568,6 +553,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     def _notify_model_changed(self, flags: newton.ModelFlags | int) -> None:
         super()._notify_model_changed(flags)
         self._addresses.clear()  # it may have replaced arrays
+        # A recording can read nothing back; what it changes are shapes of bodies, by events.
+        reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
+        if reads and self._statics is not None:
+            self._statics.check_unchanged(self.model)
 
     def _arguments(self, first: bool, last: bool) -> object:
         """Addresses of the arrays, for the first or the last step of a call or one between."""
@@ -614,8 +603,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             place = {"": self.mjw_model, "opt": self.mjw_model.opt, "data": data}[owner]
             _refer(m, name, getattr(place, leaf))
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
-        m.meshes = self._meshes.array.ptr if self._meshes is not None else 0
-        m.hidden = _address(self._geoms_of_hidden)
+        grids, hidden = (None, None) if self._statics is None else (self._statics.grids, self._statics.hidden_geoms)
+        m.meshes = 0 if grids is None else grids.array.ptr
+        m.hidden = _address(hidden)
         m.workspace = _address(self._workspace)
         references = getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}

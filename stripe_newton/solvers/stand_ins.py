@@ -95,15 +95,19 @@ class StandIns:
         geoms[self.hidden] = geoms[self.stand_in]
         geom_of_shape.assign(geoms)
 
-    def geoms(self, shape_of_geom: np.ndarray, device: wp.Device) -> wp.array:
-        """The geom that stands for each hidden shape.
+    def unlike(self, model: newton.Model) -> np.ndarray:
+        """Hidden shapes that no longer collide like those that stand for them, as somebody changed one of the two."""
+        differ = (_columns(model, self.hidden) != _columns(model, self.stand_in)).any(axis=1)
+        return self.hidden[differ]
+
+    def geoms(self, shape_of_geom: np.ndarray) -> np.ndarray:
+        """The geom that stands for each hidden shape, shape ``(count,)``.
 
         Args:
             shape_of_geom: Shape of each geom, -1 for none, shape ``(ngeom,)``.
-            device: Where the array is to be.
         """
         geom_of = {int(shape): geom for geom, shape in enumerate(shape_of_geom) if shape >= 0}
-        return wp.array([geom_of[int(shape)] for shape in self.stand_in], dtype=int, device=device)
+        return np.array([geom_of[int(shape)] for shape in self.stand_in], dtype=int)
 
 
 def _columns(model: newton.Model, shapes: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+import newton
 import numpy as np
 import pytest
 import torch
@@ -119,6 +120,28 @@ def test_a_sensor_tells_hidden_shapes_apart(tmp_path: Path) -> None:
     assert forces.numpy() == pytest.approx(2.0 * 9.81 * np.eye(2), rel=0.02, abs=1e-6)
     with pytest.raises(RuntimeError, match="ask for 'contact_f'"):
         scene.sim.solver.fill_contacts()
+    check_changes_are_refused(scene, below)
+
+
+def check_changes_are_refused(scene: InteractiveScene, stone: int) -> None:
+    """Neither pose nor material of a stone may be changed: nobody would notice."""
+    model, label = scene.sim.model, f"/World/floor/stone_{stone}"
+    shape = model.shape_label.index(label)
+    for name, what in (("shape_transform", "was moved"), ("shape_scale", "another size")):
+        kept = getattr(model, name).numpy().copy()
+        changed = kept.copy()
+        changed[shape, 0] += 0.5
+        getattr(model, name).assign(changed)
+        with pytest.raises(ValueError, match=f"'{label}'.*{what}.*kinematicEnabled"):
+            scene.sim.notify(newton.ModelFlags.SHAPE_PROPERTIES)
+        getattr(model, name).assign(kept)
+    friction = model.shape_material_mu.numpy().copy()
+    friction[shape] = 0.4
+    model.shape_material_mu.assign(friction)
+    with pytest.raises(ValueError, match=f"material of the static collider '{label}' was changed"):
+        scene.sim.notify(newton.ModelFlags.SHAPE_PROPERTIES)
+    model.shape_material_mu.fill_(0.4)
+    scene.sim.notify(newton.ModelFlags.SHAPE_PROPERTIES)
 
 
 def test_newton_finds_contacts_of_very_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
