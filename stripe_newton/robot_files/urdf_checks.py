@@ -9,6 +9,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from stripe_newton.usd.body_masses import moments_problem
+
 from .numbers import number_problems, numbers_of
 
 __all__ = ["Row", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
@@ -81,11 +83,8 @@ def _inertial_problems(inertial: Element) -> Iterator[str]:
     components = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     wrong = [p for name in components for p in number_problems(inertia, name)]
     yield from wrong
-    if inertia is not None and not wrong:
-        moments = np.linalg.eigvalsh(inertia_of(inertia))
-        if moments[0] < -1e-9 * max(moments[-1], 1e-9):
-            text = ", ".join(f"{m:.3g}" for m in moments)
-            yield f"<inertia> has the principal moments {text} kg m^2, must be positive; check its signs and its frame"
+    if inertia is not None and not wrong and (problem := moments_problem(inertia_of(inertia))):
+        yield f"<inertia> has {problem}"
 
 
 def inertia_of(inertia: Element) -> np.ndarray:

@@ -14,12 +14,13 @@ import newton
 import numpy as np
 from newton.solvers import SolverMuJoCo
 from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
-from pxr import Tf, Usd, UsdGeom, UsdPhysics
+from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 from stripe_newton.collision_tables import finalize_without_tables
 
-from .builder_checks import BuilderStart, check_builder
+from .builder_checks import check_builder
 from .builder_repairs import articulate_single_joints, set_translation_states, unmirror_meshes
+from .builder_start import BuilderStart
 from .checks import check_stage
 from .concave_meshes import concave_mesh_rows
 from .file_errors import last_line
@@ -102,7 +103,7 @@ def _add_usd(
         StageError: it does not support the stage.
     """
     _quiet_decomposition()
-    with _warnings_as_rows(rows):
+    with _warnings_as_rows(rows, stage):
         try:
             return builder.add_usd(
                 stage,
@@ -188,9 +189,12 @@ def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -
 
 
 @contextmanager
-def _warnings_as_rows(rows: Ignored) -> Iterator[None]:
-    """Collect Newton's warnings as rows of the report."""
+def _warnings_as_rows(rows: Ignored, stage: Usd.Stage) -> Iterator[None]:
+    """Collect warnings of Newton and of OpenUSD's parser as rows of the report."""
+    usd = UsdUtils.CoalescingDiagnosticDelegate()
     with collected_warnings() as texts:
         yield
     # The same text may come by both ways, and for many prims.
     rows.extend(("", "warning of Newton", text) for text in dict.fromkeys(texts))
+    told = dict.fromkeys(str(d.commentary).strip() for d in usd.TakeUncoalescedDiagnostics())
+    rows.extend((first_path(text, stage), "warning of OpenUSD", text) for text in told)

@@ -124,7 +124,7 @@ REFUSED = {
     "mimic": (ARM.replace("<axis", '<mimic joint="knee"/><axis'), "'elbow': mimics 'knee', which is no joint of"),
     "no mass that moves": (
         ARM.replace(f'<link name="tip">{BODY}', '<link name="tip">'),
-        "body 'tip': moves and has no mass; give it an inertial",
+        "body 'tip': moves and has no mass; give it mass and inertia",
     ),
     "web": (collider('<mesh filename="https://a.b/c.stl"/>'), "'https://a.b/c.stl' is on the web, which is not read"),
 }
