@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import newton
 import warp as wp
+from newton import GeoType, ShapeFlags
 from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes and asset folders, as it reads them
 from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
@@ -84,6 +85,7 @@ def import_robot_file(
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]
+    _collide_by_hulls(builder, start)
     _prefix_labels(builder, start, label)
     rows = [(f"{label}/{where}" if label else where, what, why) for where, what, why in _grouped(rows)]
     return _report(builder, start, path, label, rows)
@@ -181,6 +183,13 @@ def _replace_pgs(builder: newton.ModelBuilder) -> None:
     if attribute is not None and attribute.mjcf_value_transformer is not None:
         read = attribute.mjcf_value_transformer
         attribute.mjcf_value_transformer = lambda value, context: read("newton" if value == "PGS" else value, context)
+
+
+def _collide_by_hulls(builder: newton.ModelBuilder, start: BuilderStart) -> None:
+    """Let mesh colliders be their hulls for Newton's collision detection too, as they are for MuJoCo's."""
+    for shape in range(start.shape, builder.shape_count):
+        if builder.shape_type[shape] == GeoType.MESH and builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
+            builder.shape_type[shape] = GeoType.CONVEX_MESH
 
 
 def _large_shapes(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
