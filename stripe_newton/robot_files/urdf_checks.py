@@ -13,7 +13,7 @@ from stripe_newton.usd.body_masses import moments_problem
 
 from .numbers import number_problems, numbers_of
 
-__all__ = ["Row", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
+__all__ = ["Row", "massless_links", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
 
 Row = tuple[str, str, str]
 """``(element, what, why)``: something that is left out, read differently from what the file says, or changed."""
@@ -210,9 +210,42 @@ def urdf_rows(robot: Element) -> Iterator[Row]:
             yield f"robot ({len(elements)})", f"<{tag}>", why
     for joint in robot.findall("joint"):
         yield from ((joint.get("name", ""), what, why) for what, why in _joint_rows(joint))
+    massless = set(massless_links(robot))
     for link in robot.findall("link"):
         if link.find("inertial") is None and link.find("collision") is not None:
-            yield link.get("name", ""), "no <inertial>", "its mass is that of its colliders at the builder's density"
+            if link.get("name") in massless:
+                why = "it has no mass, as URDF says, and moves with a link that has"
+            else:
+                why = "its mass is that of its colliders at the builder's density"
+            yield link.get("name", ""), "no <inertial>", why
+
+
+def massless_links(robot: Element) -> Iterator[str]:
+    """Links that have colliders and no ``<inertial>``, and are fixed to a link that has a mass.
+
+    A link without ``<inertial>`` has no mass. Where nothing that it is fixed to has one either it could not move, and
+    gets the mass of its colliders, as in other simulators.
+    """
+    group = {link.get("name", ""): link.get("name", "") for link in robot.findall("link")}
+
+    def top(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    for joint in robot.findall("joint"):
+        ends = [getattr(joint.find(tag), "attrib", {}).get("link", "") for tag in ("parent", "child")]
+        if joint.get("type") == "fixed" and all(end in group for end in ends):
+            group[top(ends[1])] = top(ends[0])
+    heavy = {
+        top(link.get("name", ""))
+        for link in robot.findall("link")
+        if any(mass > 0.0 for mass in numbers_of(link.find("inertial/mass"), "value"))
+    }
+    for link in robot.findall("link"):
+        name = link.get("name", "")
+        if link.find("inertial") is None and link.find("collision") is not None and top(name) in heavy:
+            yield name
 
 
 def _joint_rows(joint: Element) -> Iterator[tuple[str, str]]:
