@@ -88,9 +88,9 @@ def _hull(mesh: newton.Mesh) -> newton.Mesh:
 
 
 def _is_hull(corners: np.ndarray, faces: np.ndarray, most: int) -> bool:
-    """Whether triangles are those of a convex hull of at most so many corners, all of which it has."""
+    """Whether triangles are those of a convex hull with all of its corners, at most so many; -1 for any number."""
     count = len(corners)
-    if not 4 <= count <= most or len(faces) != 2 * count - 4:
+    if count < 4 or 0 < most < count or len(faces) != 2 * count - 4:
         return False
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     codes = np.sort(edges[:, 0] * count + edges[:, 1])
