@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +25,7 @@ from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
+from .mesh_approximations import can_approximate, quiet_decomposition
 from .newton_warnings import collected_warnings
 from .prepare import prepare
 from .report_rows import build_report
@@ -69,7 +68,8 @@ def load_stage(
     name, ignore = stage_name(opened), tuple(ignore_paths)
     try:
         check_stage(opened, root_path, ignore, solver, allow_static, name)
-        prepared, rows = prepare(opened, root_path, ignore)
+        triangles = solver == "mujoco" and not hulls
+        prepared, rows = prepare(opened, root_path, ignore, static_triangles=triangles)
     except Tf.ErrorException as error:  # of what no check foresaw
         raise StageError(
             name, first_path(last_line(error), opened), f"USD does not read it: {last_line(error)}"
@@ -88,7 +88,7 @@ def load_stage(
     # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     rows.extend(balance_inertias(builder, start.body))
-    if not _can_approximate():
+    if not can_approximate():
         rows.extend(_unapproximated(prepared, root_path, ignore))
     scene = result["physics_scene_path"]
     return build_report(builder, start, opened, prepared, root_path, ignore, rows, name, scene)
@@ -102,7 +102,7 @@ def _add_usd(
     Raises:
         StageError: it does not support the stage.
     """
-    _quiet_decomposition()
+    quiet_decomposition()
     with _warnings_as_rows(rows, stage):
         try:
             return builder.add_usd(
@@ -113,7 +113,7 @@ def _add_usd(
                 schema_resolvers=[SchemaResolverNewton(), SchemaResolverMjc(), SchemaResolverPhysx()],
                 load_sites=True,
                 load_visual_shapes=True,
-                skip_mesh_approximation=not _can_approximate(),
+                skip_mesh_approximation=not can_approximate(),
             )
         except Exception as error:  # whatever a stage brings that the importer does not expect
             text = last_line(error) if isinstance(error, Tf.ErrorException) else " ".join(str(error).split())
@@ -167,17 +167,6 @@ def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]
         if moved > 1e-3 or turned > 1e-2:
             what = f"its joints put it {moved:.3g} m and {np.degrees(turned):.3g} degrees from there"
             yield label, "authored pose", what
-
-
-def _can_approximate() -> bool:
-    """Whether Newton can approximate meshes by hulls and boxes itself. If not, MuJoCo makes a hull of every mesh."""
-    return importlib.util.find_spec("scipy") is not None
-
-
-def _quiet_decomposition() -> None:
-    """Let CoACD, which decomposes meshes if it is installed, print errors only."""
-    if importlib.util.find_spec("coacd") is not None:
-        importlib.import_module("coacd").set_log_level("error")
 
 
 def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
