@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from typing import Any
+from weakref import WeakKeyDictionary, WeakSet
 
 import newton
 import numpy as np
@@ -17,6 +18,12 @@ _SAGITTA = 1e-4
 """Distance of the facets of round shapes from their surface [m]."""
 _FACETS = 12, 256
 """Least and most facets around a round shape."""
+_SUPPORTING = 1e-6
+"""Height of a corner above a face, in extents of the mesh, up to which the face is one of the hull."""
+_HULLS: WeakKeyDictionary[newton.Mesh, newton.Mesh] = WeakKeyDictionary()
+"""Hulls of meshes, as each is asked for several times."""
+_OWN_HULLS: WeakSet[newton.Mesh] = WeakSet()
+"""Meshes that are their own hull, as of a stage that asks for hulls."""
 _PLAIN = {"compute_normals": False, "compute_uvs": False, "compute_inertia": False}
 
 
@@ -50,7 +57,7 @@ def _mesh_of(kind: GeoType, scale: np.ndarray, source: Any, label: str) -> tuple
     if kind == GeoType.MESH:
         return source, scale
     if kind == GeoType.CONVEX_MESH:
-        return source.compute_convex_hull(), scale
+        return _hull(source), scale
     if kind == GeoType.HFIELD:
         return _field_mesh(source), scale
     if kind == GeoType.PLANE:
@@ -66,6 +73,36 @@ def _mesh_of(kind: GeoType, scale: np.ndarray, source: Any, label: str) -> tuple
     if kind in makers:
         return makers[kind](a, b, up_axis=along_z, segments=count, **_PLAIN), one
     raise ValueError(f"'{label}': is a {kind.name}, which has no triangles")
+
+
+def _hull(mesh: newton.Mesh) -> newton.Mesh:
+    """The convex hull of a mesh, itself if it is one."""
+    if mesh in _OWN_HULLS:
+        return mesh
+    if mesh not in _HULLS:
+        if _is_hull(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.indices).reshape(-1, 3), mesh.maxhullvert):
+            _OWN_HULLS.add(mesh)
+            return mesh
+        _HULLS[mesh] = mesh.compute_convex_hull()
+    return _HULLS[mesh]
+
+
+def _is_hull(corners: np.ndarray, faces: np.ndarray, most: int) -> bool:
+    """Whether triangles are those of a convex hull with all of its corners, at most so many; -1 for any number."""
+    count = len(corners)
+    if count < 4 or 0 < most < count or len(faces) != 2 * count - 4:
+        return False
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    codes = np.sort(edges[:, 0] * count + edges[:, 1])
+    closed = np.array_equal(codes, np.sort(edges[:, 1] * count + edges[:, 0])) and (np.diff(codes) > 0).all()
+    if not closed or not np.bincount(faces.reshape(-1), minlength=count).all():
+        return False
+    a, b, c = corners[faces[:, 0]], corners[faces[:, 1]], corners[faces[:, 2]]
+    normals = np.cross(b - a, c - a)
+    heights = normals @ corners.T - (normals * a).sum(axis=1)[:, None]
+    return bool(
+        (heights.max(axis=1) <= _SUPPORTING * np.ptp(corners, axis=0).max() * np.linalg.norm(normals, axis=1)).all()
+    )
 
 
 def _facets(radius: float) -> int:

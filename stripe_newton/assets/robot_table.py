@@ -88,7 +88,7 @@ ROBOTS: dict[str, RobotEntry] = {
         fixed_base=False,
         pos=(0.0, 0.0, 0.3),
         joint_pos=_CROUCH,
-        drives=_unitree_legs((23.7, 35.55), (30.1, 20.06), 40.0, 1.0),
+        drives=_unitree_legs((23.7, 35.55), (30.1, 20.06), 80.0, 2.0),
     ),
     "go2": RobotEntry(
         "Unitree Go2, a quadruped",
@@ -96,7 +96,7 @@ ROBOTS: dict[str, RobotEntry] = {
         fixed_base=False,
         pos=(0.0, 0.0, 0.3),
         joint_pos=_CROUCH,
-        drives=_unitree_legs((23.7, 45.43), (30.1, 15.7), 40.0, 1.0),
+        drives=_unitree_legs((23.7, 45.43), (30.1, 15.7), 80.0, 2.0),
     ),
     "a1": RobotEntry(
         "Unitree A1, a quadruped",
@@ -104,7 +104,7 @@ ROBOTS: dict[str, RobotEntry] = {
         fixed_base=False,
         pos=(0.0, 0.0, 0.29),
         joint_pos=_CROUCH,
-        drives=_unitree_legs((33.5, 33.5), (21.0, 21.0), 40.0, 1.0),
+        drives=_unitree_legs((33.5, 33.5), (21.0, 21.0), 80.0, 2.0),
     ),
     "b2": RobotEntry(
         "Unitree B2, a quadruped",
@@ -144,7 +144,7 @@ ROBOTS: dict[str, RobotEntry] = {
         fixed_base=False,
         pos=(0.0, 0.0, 0.62),
         joint_pos=_ANYMAL_STAND,
-        drives={"legs": Drive(".*(HAA|HFE|KFE)", 200.0, 5.0, 80.0, 7.5)},
+        drives={"legs": Drive(".*(HAA|HFE|KFE)", 400.0, 10.0, 80.0, 7.5)},
     ),
     # -- robots with two legs
     "g1": RobotEntry(

@@ -12,13 +12,16 @@ from xml.etree import ElementTree
 import mujoco
 import newton
 import warp as wp
-from newton import JointType
+from newton import GeoType, JointType, ShapeFlags
+from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes and asset folders, as it reads them
 from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
 from stripe_newton.usd import StageReport
 from stripe_newton.usd.attribute_table import MAX_COORDINATE
-from stripe_newton.usd.builder_checks import BuilderStart, group_masses, shape_extent
+from stripe_newton.usd.body_masses import MUJOCO_MINIMUM, mass_problems
+from stripe_newton.usd.builder_checks import shape_extent
+from stripe_newton.usd.builder_start import BuilderStart
 from stripe_newton.usd.concave_meshes import concave_meshes
 from stripe_newton.usd.inertia_balance import balance_inertias
 from stripe_newton.usd.report_rows import build_report
@@ -77,12 +80,13 @@ def import_robot_file(
         raise RobotFileError(path, [str(error) or type(error).__name__]) from error
     if builder.body_count == start.body:
         raise RobotFileError(path, ["has no bodies"])
-    if problems := [*_large_shapes(builder, start), *_massless(builder, start)]:
+    if problems := [*_large_shapes(builder, start), *_mass_problems(builder, start)]:
         raise RobotFileError(path, problems)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]
+    _collide_by_hulls(builder, start)
     _prefix_labels(builder, start, label)
     rows = [(f"{label}/{where}" if label else where, what, why) for where, what, why in _grouped(rows)]
     return _report(builder, start, path, label, rows)
@@ -183,6 +187,13 @@ def _replace_pgs(builder: newton.ModelBuilder) -> None:
         attribute.mjcf_value_transformer = lambda value, context: read("newton" if value == "PGS" else value, context)
 
 
+def _collide_by_hulls(builder: newton.ModelBuilder, start: BuilderStart) -> None:
+    """Let mesh colliders be their hulls for Newton's collision detection too, as they are for MuJoCo's."""
+    for shape in range(start.shape, builder.shape_count):
+        if builder.shape_type[shape] == GeoType.MESH and builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
+            builder.shape_type[shape] = GeoType.CONVEX_MESH
+
+
 def _large_shapes(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
     for shape in range(start.shape, builder.shape_count):
         if not (extent := shape_extent(builder, shape)) <= MAX_COORDINATE:
@@ -190,20 +201,9 @@ def _large_shapes(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator
             yield f"shape '{name}': has a size of {extent:g} m; it must be finite and at most {MAX_COORDINATE:g} m"
 
 
-def _massless(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
-    """Bodies that can move and have no mass, together with all that is welded to them."""
-    welded = {
-        builder.joint_child[j] for j in range(start.joint, builder.joint_count) if _is_weld(builder, j)
-    }  # their parents speak for them
-    masses = group_masses(builder, start)
-    for body in range(start.body, builder.body_count):
-        if body not in welded and not masses[body] > 0.0:
-            name = builder.body_label[body].rpartition("/")[2]
-            yield f"body '{name}': moves and has no mass; give it an inertial with mass and inertia, or fix its joint"
-
-
-def _is_weld(builder: newton.ModelBuilder, joint: int) -> bool:
-    return builder.joint_type[joint] == JointType.FIXED and builder.joint_articulation[joint] >= 0
+def _mass_problems(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:
+    for body, problem in mass_problems(builder, start, smallest=MUJOCO_MINIMUM):
+        yield f"body '{builder.body_label[body].rpartition('/')[2]}': {problem}"
 
 
 def _grouped(rows: list[Row]) -> Iterator[Row]:

@@ -21,7 +21,7 @@ class MjcfStart:
     """Counts of a builder before an MJCF file is added: what comes after them is the file's."""
 
     def __init__(self, builder: newton.ModelBuilder):
-        self.body, self.joint = builder.body_count, builder.joint_count
+        self.body, self.joint, self.shape = builder.body_count, builder.joint_count, builder.shape_count
         self.actuator = len(_rows(builder, "ctrl_source"))
         self.equality = len(_rows(builder, "equality_constraint_type"))
         self.tendon = len(_rows(builder, "tendon_type"))

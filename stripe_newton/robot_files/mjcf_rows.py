@@ -11,6 +11,7 @@ import newton
 import numpy as np
 
 from .mjcf import MjcfStart
+from .mjcf_constants import constant_rows
 from .urdf_checks import Row
 
 __all__ = ["mjcf_rows"]
@@ -38,6 +39,7 @@ def mjcf_rows(
         *_counts(builder, start, model, options),
         *_shortened_tendons(builder, start, model),
         *_filtered_collisions(model),
+        *constant_rows(builder, start.shape, model),
     ]
     if options.get("scale", 1.0) == 1.0:
         rows += _joint_differences(builder, start, model)

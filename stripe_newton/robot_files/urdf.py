@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 
 from .error import RobotFileError
 from .mesh_files import MeshFiles, mesh_problem
-from .urdf_checks import Row, part_problems, urdf_problems, urdf_rows
+from .urdf_checks import Row, massless_links, part_problems, urdf_problems, urdf_rows
 
 __all__ = ["prepare_urdf"]
 
@@ -43,6 +43,13 @@ def prepare_urdf(
     if problems:
         raise RobotFileError(path, problems)
     rows[:0] = urdf_rows(robot)
+    massless = list(massless_links(robot))
+    for link in robot.findall("link"):
+        if link.get("name") in massless:
+            inertial = ElementTree.SubElement(link, "inertial")
+            ElementTree.SubElement(inertial, "mass", {"value": "0"})
+            zeros = dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), "0")
+            ElementTree.SubElement(inertial, "inertia", zeros)
     for material in robot.iter("material"):
         _resolve_texture(material, files, rows)
     for joint in robot.findall("joint"):

@@ -9,9 +9,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from stripe_newton.usd.body_masses import moments_problem
+
 from .numbers import number_problems, numbers_of
 
-__all__ = ["Row", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
+__all__ = ["Row", "massless_links", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
 
 Row = tuple[str, str, str]
 """``(element, what, why)``: something that is left out, read differently from what the file says, or changed."""
@@ -81,11 +83,8 @@ def _inertial_problems(inertial: Element) -> Iterator[str]:
     components = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     wrong = [p for name in components for p in number_problems(inertia, name)]
     yield from wrong
-    if inertia is not None and not wrong:
-        moments = np.linalg.eigvalsh(inertia_of(inertia))
-        if moments[0] < -1e-9 * max(moments[-1], 1e-9):
-            text = ", ".join(f"{m:.3g}" for m in moments)
-            yield f"<inertia> has the principal moments {text} kg m^2, must be positive; check its signs and its frame"
+    if inertia is not None and not wrong and (problem := moments_problem(inertia_of(inertia))):
+        yield f"<inertia> has {problem}"
 
 
 def inertia_of(inertia: Element) -> np.ndarray:
@@ -211,9 +210,42 @@ def urdf_rows(robot: Element) -> Iterator[Row]:
             yield f"robot ({len(elements)})", f"<{tag}>", why
     for joint in robot.findall("joint"):
         yield from ((joint.get("name", ""), what, why) for what, why in _joint_rows(joint))
+    massless = set(massless_links(robot))
     for link in robot.findall("link"):
         if link.find("inertial") is None and link.find("collision") is not None:
-            yield link.get("name", ""), "no <inertial>", "its mass is that of its colliders at the builder's density"
+            if link.get("name") in massless:
+                why = "it has no mass, as URDF says, and moves with a link that has"
+            else:
+                why = "its mass is that of its colliders at the builder's density"
+            yield link.get("name", ""), "no <inertial>", why
+
+
+def massless_links(robot: Element) -> Iterator[str]:
+    """Links that have colliders and no ``<inertial>``, and are fixed to a link that has a mass.
+
+    A link without ``<inertial>`` has no mass. Where nothing that it is fixed to has one either it could not move, and
+    gets the mass of its colliders, as in other simulators.
+    """
+    group = {link.get("name", ""): link.get("name", "") for link in robot.findall("link")}
+
+    def top(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    for joint in robot.findall("joint"):
+        ends = [getattr(joint.find(tag), "attrib", {}).get("link", "") for tag in ("parent", "child")]
+        if joint.get("type") == "fixed" and all(end in group for end in ends):
+            group[top(ends[1])] = top(ends[0])
+    heavy = {
+        top(link.get("name", ""))
+        for link in robot.findall("link")
+        if any(mass > 0.0 for mass in numbers_of(link.find("inertial/mass"), "value"))
+    }
+    for link in robot.findall("link"):
+        name = link.get("name", "")
+        if link.find("inertial") is None and link.find("collision") is not None and top(name) in heavy:
+            yield name
 
 
 def _joint_rows(joint: Element) -> Iterator[tuple[str, str]]:

@@ -221,13 +221,9 @@ class SceneBuilder:
         # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
         own = range(0) if scene.scenery is None else scene.scenery.joints
-        sim.build(
-            template,
-            static,
-            scene.env_origins.cpu().numpy().copy(),
-            allow_static=self.adopt or self.allow_empty,
-            unmoved=own,
-        )
+        origins, imported = scene.env_origins.cpu().numpy().copy(), self.adopt or scene.scenery is not None
+        may_be_static = self.adopt or self.allow_empty
+        sim.build(template, static, origins, allow_static=may_be_static, unmoved=own, try_start=imported)
         if not sim.cfg.solver.finds_contacts:
             for report in self.reports:  # those of meshes that move were written before the solver was chosen
                 report.ignored = rows_by_triangles(report.ignored)

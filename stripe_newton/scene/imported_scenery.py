@@ -13,8 +13,10 @@ import warp as wp
 from newton import GeoType, JointType
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
+from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.contact_room import contact_room
+from stripe_newton.solvers.static_meshes import count_marks
 from stripe_newton.terrains.collider_mesh import start_poses, static_colliders, triangles_of
 from stripe_newton.terrains.scenery_ground import SceneryGround, Triangles
 from stripe_newton.terrains.start_spots import Floors, choose_spots, find_floors
@@ -133,7 +135,7 @@ class ImportedScenery:
             StageError: if there are too few places.
         """
         scene = self._scene
-        self._make_room(template)
+        self._make_room(template, on_triangles=count_marks(static) > 0)
         triangles = Triangles(static, static_colliders(static), scene.device)
         kept = None if self.replaces else scene.terrain
         path = kept.path if kept is not None else self.stage.path.rpartition("/scenery")[0]
@@ -142,13 +144,13 @@ class ImportedScenery:
         floors, spots = self._find_floors(triangles, mesh, choose=True)
         return SceneryGround(path, triangles, floors, spots, scene.env_origins, kept, self.stage.labels)
 
-    def _make_room(self, template: newton.ModelBuilder) -> None:
+    def _make_room(self, template: newton.ModelBuilder, on_triangles: bool) -> None:
         """Make room for the contacts of one environment in the solver's buffers.
 
         A task's own sizes are for flat ground, on which an arm may touch nothing, and a stage brings bodies of its own.
         """
         sim = self._scene.sim
-        solver, room = sim.cfg.solver, contact_room(template.finalize(device="cpu"))
+        solver, room = sim.cfg.solver, contact_room(finalize_without_tables(template, "cpu"), on_triangles)
         sizes: dict[str, int] = {}
         for name, needed in zip(("nconmax", "njmax"), room, strict=True):
             given = getattr(solver, name, None)

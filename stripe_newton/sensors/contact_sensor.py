@@ -190,9 +190,13 @@ class ContactSensor(SensorBase):
             # the start of each world.
             first = count * np.arange(len(shapes))[:, None]
             rows = np.where((shapes >= 0) & (rows[shapes] >= 0), rows[shapes] - first, -1).astype(np.int32)
-            columns = np.where(shapes >= 0, columns[shapes], -1)
+            filters, columns = columns, np.where(shapes >= 0, columns[shapes], -1)
             if (rows == rows[0]).all() and (columns == columns[0]).all():  # one row serves all worlds
                 rows, columns = rows[:1], columns[:1]
+            if isinstance(sim.solver, SolverFused):  # static shapes that are no geoms come behind them
+                hidden = sim.solver.hidden_shapes
+                rows = np.pad(rows, ((0, 0), (0, len(hidden))), constant_values=-1)
+                columns = np.concatenate([columns, np.tile(filters[hidden], (len(columns), 1))], axis=1)
         self._rows, self._filters = wp.array(rows, dtype=int), wp.array(columns, dtype=int)
 
     # -- what is known of it

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
     from .simulation import Simulation
 
-__all__ = ["GrowingBuffers", "enlarge_buffers"]
+__all__ = ["MOST_GROWTH", "SOLVER_STATE", "GrowingBuffers", "enlarge_buffers", "larger_sizes"]
 
-_MOST_GROWTH = 256
+MOST_GROWTH = 256
 """Largest growth of a buffer over its first size; beyond it the scene itself is to be looked at."""
 _MODEL_STATE = ("joint_q", "joint_qd")
-_SOLVER_STATE = ("qpos", "qvel", "act", "qacc_warmstart", "time", "history")
+SOLVER_STATE = ("qpos", "qvel", "act", "qacc_warmstart", "time", "history")
 """Arrays of MuJoCo Warp's data that a step reads and writes."""
 _DRIVE_STATE = ("integral", "made_effort", "pushes", "history")
 """Arrays of explicit actuators that a step reads and writes, where the solver's kernel computes them."""
@@ -43,7 +43,7 @@ class GrowingBuffers:
         solver = sim.solver
         assert isinstance(solver, newton.solvers.SolverMuJoCo)
         self._solver = solver
-        self._most = _MOST_GROWTH * max(1, solver.mjw_data.njmax), _MOST_GROWTH * max(1, solver.mjw_data.naconmax)
+        self._most = MOST_GROWTH * max(1, solver.mjw_data.njmax), MOST_GROWTH * max(1, solver.mjw_data.naconmax)
         self._saved: dict[str, wp.array] = {}
 
     @classmethod
@@ -85,7 +85,7 @@ class GrowingBuffers:
 
     def _arrays(self, drives: JointDrives | None) -> Iterator[tuple[str, wp.array]]:
         """What the step reads and writes, by name."""
-        owners = {"state": (self._sim.state, _MODEL_STATE), "solver": (self._solver.mjw_data, _SOLVER_STATE)}
+        owners = {"state": (self._sim.state, _MODEL_STATE), "solver": (self._solver.mjw_data, SOLVER_STATE)}
         if drives is not None:
             owners["drives"] = (drives, _DRIVE_STATE)
         for owner, (place, names) in owners.items():
@@ -101,18 +101,11 @@ class GrowingBuffers:
 
     def _grow(self) -> bool:
         """Double what the last step has overflowed; False if nothing has, or that cannot grow."""
-        from mujoco_warp import OverflowType  # other solvers run without it, and it takes a while to load
-
         reported = self._sim.reported("overflow")
         assert reported is not None
-        bits = int(np.bitwise_or.reduce(reported.numpy()))
-        contacts = OverflowType.BROADPHASE | OverflowType.NARROWPHASE | OverflowType.HFIELD
-        if not bits & (contacts | OverflowType.NEFC | OverflowType.NJMAX_NNZ):
+        njmax, naconmax = larger_sizes(int(np.bitwise_or.reduce(reported.numpy())), *self._sizes)
+        if (njmax, naconmax) == self._sizes:
             return False
-        njmax, naconmax = self._sizes
-        if bits & contacts:
-            naconmax *= 2
-        njmax *= 2  # contacts that were dropped would have had rows, too
         if njmax > self._most[0] or naconmax > self._most[1]:
             return False
         enlarge_buffers(self._solver, njmax, naconmax)
@@ -127,6 +120,24 @@ class GrowingBuffers:
         fields = ", ".join(f"{name}={new}" for name, (_, new) in grown.items())
         message = f"the solver's buffers overflowed and grew, {what}, and the step was done again"
         warnings.warn(f"{message}; MuJoCoSolverCfg({fields}) begins with that", stacklevel=2)
+
+
+def larger_sizes(bits: int, njmax: int, contacts: int) -> tuple[int, int]:
+    """Room for constraints and contacts, doubled where it was too little; the same where growth is no help.
+
+    Args:
+        bits: Or of ``mujoco_warp.OverflowType`` and ``SolverMuJoCo.OverflowBits``.
+        njmax: Room for constraints.
+        contacts: Room for contacts.
+    """
+    from mujoco_warp import OverflowType  # other solvers run without it, and it takes a while to load
+
+    own = newton.solvers.SolverMuJoCo.OverflowBits
+    of_contacts = OverflowType.BROADPHASE | OverflowType.NARROWPHASE | OverflowType.HFIELD
+    of_contacts |= own.SOLVER_NCONMAX | own.CONTACT_PIPELINE
+    if bits & of_contacts:
+        return 2 * njmax, 2 * contacts  # contacts that were dropped would have had rows, too
+    return (2 if bits & (OverflowType.NEFC | OverflowType.NJMAX_NNZ) else 1) * njmax, contacts
 
 
 def enlarge_buffers(solver: newton.solvers.SolverMuJoCo, njmax: int, naconmax: int) -> None:

@@ -17,6 +17,7 @@ import warp as wp
 from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
 from stripe_kernels.actuators import JointDrives
 from stripe_newton.actuators.actuation import Actuation
+from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.configclass import configclass
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
@@ -31,9 +32,11 @@ from .growing_buffers import GrowingBuffers
 from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
+from .replication import put_unmoved, replicate
 from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
 from .spawners.materials import RigidBodyMaterialCfg
+from .start_trial import fit_buffers
 from .static_solver import SolverStatic, complete_state
 
 if TYPE_CHECKING:
@@ -124,6 +127,8 @@ class Simulation:
     """Targets and efforts of the joints."""
     pipeline: newton.CollisionPipeline | None
     """Newton's collision detection; None where the solver finds contacts itself."""
+    contact_room: int | None
+    """Contacts of all environments that Newton's collision detection has room for; None for as many as it estimates."""
     contacts: newton.Contacts | None
     """Contacts that the pipeline finds or the solver exports; None if neither does."""
     observables: newton.solvers.SolverBase.Observables | None
@@ -164,6 +169,7 @@ class Simulation:
         self._limits_velocity = False
         self._finite: FiniteState | None = None
         self._growing: GrowingBuffers | None = None
+        self.contact_room: int | None = None
         self._forward_is_due = False
 
     @property
@@ -199,6 +205,7 @@ class Simulation:
         env_origins: np.ndarray,
         allow_static: bool = False,
         unmoved: range = range(0),
+        try_start: bool = False,
     ) -> None:
         """Replicate ``template`` at ``env_origins`` beside ``static`` and make the solver.
 
@@ -208,6 +215,7 @@ class Simulation:
             env_origins: Origins in the world frame [m], shape ``(num_envs, 3)``.
             allow_static: Accept a template in which nothing moves; steps then do nothing.
             unmoved: Joints of the template whose bodies stand where the template has them, whatever the origin.
+            try_start: Size the solver's buffers by a trial of the first second, where they cannot grow later.
 
         Raises:
             ValueError: if nothing can move and that is not allowed, or what is shared could.
@@ -224,58 +232,53 @@ class Simulation:
         self.num_envs, self.shared_shape_count = len(env_origins), static.shape_count
         if self.env_origin is None:
             self.env_origin = wp.array(self.env_origins, dtype=wp.vec3, device=self.device)
-        builder = self._replicate()
+        builder = replicate(self.new_builder(), template, static, self.env_origins, self.cfg.gravity)
         if len(unmoved):
-            self._put_unmoved(builder, unmoved)
+            put_unmoved(builder, template, self.num_envs, unmoved)
         with wp.ScopedDevice(self.device):
-            self.model = builder.finalize(device=self.device)
-            # The actuators take over the gains first: the solver must be made from those of its own drives alone.
-            has_modes = self.cfg.solver.kind == "mujoco"
-            self.actuation = Actuation(
-                self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
-            )
-            with self.actuation.solver_gains():
-                make = SolverStatic if self.is_static else self.cfg.solver.create
-                self.solver = make(self.model, self.cfg.observables)
-                if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
-                    self.cfg = self.cfg.replace(solver=self.cfg.solver.replace(use_mujoco_contacts=False))
-            if self.cfg.solver.limits_drives and not self.is_static:
-                self.drive_limits = DriveLimits(self.solver)
-                self.add_hook(self.drive_limits)
-            if isinstance(self.solver, newton.solvers.SolverMuJoCo):
-                connects = ConnectAnchors(self.solver)
-                if connects.corrected:
-                    self.add_hook(connects)
-            self._allocate()
+            asked = self.cfg.solver  # which may leave a choice to what the model needs
+            self._make_all(builder, asked)
+            if try_start and self._growing is None and self.cfg.on_overflow == "grow":
+                fit_buffers(self, lambda sizes: self._make_all(builder, asked.replace(**sizes)))
         self.forward()
         self.build_s = time.perf_counter() - start
 
-    def _replicate(self) -> newton.ModelBuilder:
-        """The builder of all environments: what they share, then the copies of the template."""
-        gravity = None if self.cfg.gravity is None else wp.vec3(*self.cfg.gravity)
-        builder = self.new_builder()
-        builder.add_builder(self.static)  # first: shared shapes come before those of the environments
-        # Newton has a gravity for each world and one for what belongs to none: both builders must say the same.
-        builder.gravity = self.static.gravity if gravity is None else gravity
-        self.template.gravity = self.template.gravity if gravity is None else gravity
-        origins = [wp.transform(wp.vec3(*map(float, o)), wp.quat_identity()) for o in self.env_origins]
-        builder.replicate(self.template, self.num_envs, xforms=origins)
-        return builder
+    def _make_all(self, builder: newton.ModelBuilder, solver: SolverCfg) -> None:
+        """Make the model, the solver, and what belongs to them; once more if a trial of the start asks for it."""
+        self.cfg = self.cfg.replace(solver=solver)
+        self._hooks.clear()
+        self._make_solver(builder, tables=not self.is_static and self.cfg.solver.expects_newton_contacts(builder))
+        if self.cfg.solver.limits_drives and not self.is_static:
+            self.drive_limits = DriveLimits(self.solver)
+            self.add_hook(self.drive_limits)
+        if isinstance(self.solver, newton.solvers.SolverMuJoCo):
+            connects = ConnectAnchors(self.solver)
+            if connects.corrected:
+                self.add_hook(connects)
+        self._allocate()
 
-    def _put_unmoved(self, builder: newton.ModelBuilder, joints: range) -> None:
-        """Put copies of some joints and their bodies back to where the template has them: a world is not moved."""
-        template = self.template
-        bodies = sorted({template.joint_child[j] for j in joints})
-        coords = template.joint_q_start
-        ends = [*coords[1 : template.joint_count], template.joint_coord_count]
-        for env in range(self.num_envs):
-            for body in bodies:
-                builder.body_q[env * template.body_count + body] = template.body_q[body]
-            for joint in joints:
-                copy, shift = env * template.joint_count + joint, env * template.joint_coord_count
-                builder.joint_X_p[copy] = template.joint_X_p[joint]
-                for i in range(coords[joint], ends[joint]):
-                    builder.joint_q[shift + i] = template.joint_q[i]
+    def _make_solver(self, builder: newton.ModelBuilder, tables: bool) -> None:
+        """Make the model, its actuators and its solver, which may choose Newton's collision detection.
+
+        Args:
+            builder: The builder of all environments.
+            tables: Make what that collision detection wants to know of convex meshes.
+        """
+        self.model = builder.finalize(device=self.device) if tables else finalize_without_tables(builder, self.device)
+        # The actuators take over the gains first: the solver must be made from those of its own drives alone.
+        has_modes = self.cfg.solver.kind == "mujoco"
+        self.actuation = Actuation(
+            self.model, self.num_envs, self.physics_dt, has_modes, use_graph=self.cfg.use_cuda_graph
+        )
+        with self.actuation.solver_gains():
+            make = SolverStatic if self.is_static else self.cfg.solver.create
+            forces = ["contact_f"] if self.cfg.contact_forces else []
+            self.solver = make(self.model, [*self.cfg.observables, *forces])
+        if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
+            if not tables and newton.GeoType.CONVEX_MESH in builder.shape_type:
+                self._make_solver(builder, tables=True)
+            else:
+                self.cfg = self.cfg.replace(solver=self.cfg.solver.replace(use_mujoco_contacts=False))
 
     def _allocate(self) -> None:
         model = self.model
@@ -291,9 +294,15 @@ class Simulation:
             self._previous_joint_q = wp.clone(self._state.joint_q)
         self._cleared = ResetMask(self.num_envs, self.device)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
-        self.pipeline = None if self.cfg.solver.finds_contacts else newton.CollisionPipeline(model)
+        self.pipeline = None if self.cfg.solver.finds_contacts else self._collision_detection()
         self.contacts = self.pipeline.contacts() if self.pipeline else None
         self._allocate_observables()
+
+    def _collision_detection(self) -> newton.CollisionPipeline:
+        """Newton's collision detection, which by default goes through a list of all pairs that may touch."""
+        many = isinstance(self.solver, SolverFused) and len(self.solver.hidden_shapes) > 0
+        options = {"broad_phase": "sap"} if many else {}
+        return newton.CollisionPipeline(self.model, rigid_contact_max=self.contact_room, **options)
 
     def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""

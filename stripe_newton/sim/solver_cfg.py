@@ -16,7 +16,14 @@ import newton
 
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
-from stripe_newton.solvers.static_meshes import MUST, add_triangles_attribute, has_triangles
+from stripe_newton.solvers.stand_ins import MOST_GEOMS, StandIns
+from stripe_newton.solvers.static_meshes import (
+    MUST,
+    add_triangles_attribute,
+    count_marks,
+    has_triangles,
+    moves_other_kinds,
+)
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -87,6 +94,10 @@ class SolverCfg:
     def chooses_contacts(self) -> bool:
         """Whether the triangles of concave static meshes collide, rather than the hulls that MuJoCo takes."""
         return False
+
+    def expects_newton_contacts(self, builder: newton.ModelBuilder) -> bool:
+        """Whether contacts are Newton's, or probably will be once the solver has chosen."""
+        return not self.finds_contacts
 
     @property
     def uses_mujoco_warp(self) -> bool:
@@ -224,29 +235,55 @@ class MuJoCoSolverCfg(SolverCfg):
             ) from error
 
     def _create(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
-        """Make the solver, with Newton's collision detection if contacts with triangles of meshes need it."""
+        """Make the solver, with Newton's collision detection if contacts with static shapes need it."""
         meshes = self.chooses_contacts and has_triangles(model)
         concave = meshes and has_triangles(model, MUST)
-        solver = self._make(model, observables)
-        fused = solver if isinstance(solver, SolverFused) and not solver.unsupported else None
-        if fused is not None:
-            fused.triangles, fused.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
+        # MuJoCo's own file and arrays of contacts are to have all shapes.
+        whole = not meshes or self.fused is False or self.save_to_mjcf is not None or "contact_f" in observables
+        stand_ins = None if whole else StandIns.of(model)
+        many = f"{len(stand_ins.hidden)} static colliders" if stand_ins is not None and stand_ins.many else ""
+        if stand_ins is not None and not stand_ins.by_triangles:
+            if many:
+                return self._with_newton_contacts(model, observables, [many], stand_ins)
+            stand_ins = None
+        solver = self._make(model, observables, stand_ins)
+        fused = self._told(solver, meshes)
+        if stand_ins is not None and not (fused is not None and fused.finds_hidden()):
+            if many:
+                return self._with_newton_contacts(model, observables, [many], stand_ins)
+            solver = self._make(model, observables)
+            fused = self._told(solver, meshes)
         lacking = fused.lacks() if concave and fused is not None else []
         if concave and (fused is None or lacking):
-            chosen = self.replace(use_mujoco_contacts=False)._make(model, observables)
-            if isinstance(chosen, SolverFused):
-                chosen.newton_contacts_for = tuple(lacking)
-            return chosen
+            return self._with_newton_contacts(model, observables, lacking)
         if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts and fused is None:
             use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
         return solver
 
-    def _make(self, model: newton.Model, observables: Sequence[str]) -> newton.solvers.SolverMuJoCo:
+    def _with_newton_contacts(
+        self, model: newton.Model, observables: Sequence[str], reasons: Sequence[str], stand_ins: StandIns | None = None
+    ) -> newton.solvers.SolverMuJoCo:
+        """Make the solver for contacts that Newton's collision detection finds, and tell it why."""
+        chosen = self.replace(use_mujoco_contacts=False)._make(model, observables, stand_ins)
+        if isinstance(chosen, SolverFused):
+            chosen.newton_contacts_for = tuple(reasons)
+        return chosen
+
+    def _told(self, solver: newton.solvers.SolverMuJoCo, meshes: bool) -> SolverFused | None:
+        """The solver if it is fused, told of which triangles it is to find contacts."""
+        if not isinstance(solver, SolverFused) or solver.unsupported:
+            return None
+        solver.triangles, solver.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
+        return solver
+
+    def _make(
+        self, model: newton.Model, observables: Sequence[str], stand_ins: StandIns | None = None
+    ) -> newton.solvers.SolverMuJoCo:
         """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
         arguments = {**self._room(model), **self.arguments()}
         if self.fused is False:
             return newton.solvers.SolverMuJoCo(model, **arguments)
-        solver = SolverFused(model, fallback=self.fused is None, **arguments)
+        solver = SolverFused(model, fallback=self.fused is None, stand_ins=stand_ins, **arguments)
         missing = sorted(set(observables) - {str(getattr(o, "value", o)) for o in solver.supported_observables})
         if missing and self.fused:
             raise ConfigError([f"fused: is True, but the fused step does not report {', '.join(missing)}"])
@@ -261,12 +298,16 @@ class MuJoCoSolverCfg(SolverCfg):
         fields = model.shape_count and (model.shape_type.numpy() == newton.GeoType.HFIELD).any()
         if fields and not self.triangle_contacts:
             return {}  # MuJoCo Warp finds many contacts with a field, and its own sizes are made for them
-        contacts, rows = contact_room(model)
+        contacts, rows = contact_room(model, self.chooses_contacts and has_triangles(model))
         return {"nconmax": max(_LEAST_CONTACTS, contacts), "njmax": max(_LEAST_ROWS, rows)}
 
     @property
     def finds_contacts(self) -> bool:
         return self.use_mujoco_contacts is not False
+
+    def expects_newton_contacts(self, builder: newton.ModelBuilder) -> bool:
+        needs = count_marks(builder, MUST) or count_marks(builder) > MOST_GEOMS
+        return not self.finds_contacts or (self.chooses_contacts and needs and moves_other_kinds(builder))
 
     @property
     def chooses_contacts(self) -> bool:

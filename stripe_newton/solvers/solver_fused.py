@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,13 +18,13 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
-from .contact_pairs import ContactPair, contact_pairs, listed_pairs
-from .mesh_grid import DEPTH, MeshGrids
+from .contact_pairs import MESH_KINDS, ContactPair, contact_pairs, listed_pairs
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
 from .per_step import PerStep
-from .static_meshes import group_static_meshes
+from .stand_ins import StandIns
+from .static_triangles import StaticTriangles
 from .step_kernel import (
     BODY_SIZE,
     CONTACTS,
@@ -47,8 +48,6 @@ _NOT_HERE = {"use_mujoco_cpu": True, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
 _MOST_PAIRS = 4096
 """Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
-_MOST_RADIUS = 0.15
-"""Radius of geoms that look into one cell of a grid of meshes; larger ones look into several [m]."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
@@ -104,12 +103,15 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
     """
 
-    def __init__(self, model: newton.Model, *, fallback: bool = False, **kwargs: Any):
+    def __init__(
+        self, model: newton.Model, *, fallback: bool = False, stand_ins: StandIns | None = None, **kwargs: Any
+    ):
         """Compile the model.
 
         Args:
             model: The model.
             fallback: Let MuJoCo Warp step a model that is not supported, and say why in :attr:`unsupported`.
+            stand_ins: Static shapes that are no geoms, see :meth:`finds_hidden`.
             **kwargs: Arguments of ``SolverMuJoCo``.
 
         Raises:
@@ -119,14 +121,18 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if reason and not fallback:
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
         self._addresses: dict[bool, Any] = {}  # first, as the constructor notifies
+        self._statics: StaticTriangles | None = None
         self._call: _Call | None = None
-        super().__init__(model, **kwargs)
+        self._stand_ins = stand_ins
+        with stand_ins.hide(model) if stand_ins is not None else nullcontext():
+            super().__init__(model, **kwargs)
+        if stand_ins is not None and not self._use_mujoco_contacts:
+            stand_ins.map_shapes(self.newton_shape_to_mjc_geom)
         self.unsupported = reason or self._why_kinematic() or why_unsupported(self.mj_model)
         if self.unsupported and not fallback:
             raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
         self.triangles = self.static_triangles = False
         self.newton_contacts_for: tuple[str, ...] = ()
-        self._meshes: MeshGrids | None = None
         self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
         self._fills_contacts = False
@@ -151,6 +157,17 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._pairs = self._divide_pairs()
         return self._hulls
 
+    def finds_hidden(self) -> bool:
+        """Whether contacts with shapes that are no geoms are found: MuJoCo Warp's collision detection would not."""
+        if self.unsupported or self.lacks():
+            return False
+        return any(pair.kind in MESH_KINDS.values() for pair in self._pairs or ())
+
+    @property
+    def hidden_shapes(self) -> np.ndarray:
+        """Shapes of the static colliders that are no geoms; contacts have them as geoms from ``ngeom`` on."""
+        return self._stand_ins.hidden if self._stand_ins is not None else np.zeros(0, dtype=int)
+
     @property
     def one_launch(self) -> bool:
         """Whether several steps are one launch, as no collision detection by others has to come between."""
@@ -174,11 +191,12 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         Args:
             between: Names of what the caller has to run between physics steps.
         """
+        by = "" if self._use_mujoco_contacts else ", with Newton's collision detection for all contacts"
+        by += f", because of {', '.join(self.newton_contacts_for)}" if self.newton_contacts_for else ""
         if self.unsupported:
-            return f"MuJoCo Warp, as the fused step does not support the model: {self.unsupported}"
-        if not self._use_mujoco_contacts:
-            why = f", because of {', '.join(self.newton_contacts_for)}" if self.newton_contacts_for else ""
-            return f"the fused step, with Newton's collision detection for all contacts{why}"
+            return f"MuJoCo Warp{by}, as the fused step does not support the model: {self.unsupported}"
+        if by:
+            return f"the fused step{by}"
         if not self.one_launch:
             return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
@@ -216,6 +234,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if not self._use_mujoco_contacts:  # Newton keeps what it knows of its contacts there, from step to step
             self.unsupported = "contacts of Newton's collision detection are read"
             return
+        if len(self.hidden_shapes):
+            raise RuntimeError(
+                "contacts cannot be written to MuJoCo's arrays, as its model has not all static shapes: ask for "
+                "'contact_f' among the observables of the simulation before it is built"
+            )
         self._fills_contacts = True
         self._remake()
         self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
@@ -516,11 +539,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if not self.static_triangles:
             return pairs
         shapes = self.mjc_geom_to_newton_shape.numpy()[0]
-        grouped, meshes, lacking, radius = group_static_meshes(self.mj_model, self.model, shapes, pairs)
-        self._hulls = sorted({self._types(pair) for pair in lacking})
-        if meshes:
-            self._meshes = MeshGrids(meshes, min(radius, _MOST_RADIUS) + DEPTH, self.model.device)
-        return grouped
+        self._statics = StaticTriangles(self.mj_model, self.model, shapes, pairs, self._stand_ins)
+        self._hulls = sorted({self._types(pair) for pair in self._statics.lacking})
+        return self._statics.pairs
 
     def _finds(self, pair: ContactPair) -> bool:
         return bool(pair.kind) and (self.triangles or not pair.kind.startswith("FIELD"))
@@ -532,6 +553,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     def _notify_model_changed(self, flags: newton.ModelFlags | int) -> None:
         super()._notify_model_changed(flags)
         self._addresses.clear()  # it may have replaced arrays
+        # A recording can read nothing back; what it changes are shapes of bodies, by events.
+        reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
+        if reads and self._statics is not None:
+            self._statics.check_unchanged(self.model)
 
     def _arguments(self, first: bool, last: bool) -> object:
         """Addresses of the arrays, for the first or the last step of a call or one between."""
@@ -578,7 +603,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             place = {"": self.mjw_model, "opt": self.mjw_model.opt, "data": data}[owner]
             _refer(m, name, getattr(place, leaf))
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
-        m.meshes = self._meshes.array.ptr if self._meshes is not None else 0
+        grids, hidden = (None, None) if self._statics is None else (self._statics.grids, self._statics.hidden_geoms)
+        m.meshes = 0 if grids is None else grids.array.ptr
+        m.hidden = _address(hidden)
         m.workspace = _address(self._workspace)
         references = getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}

@@ -75,6 +75,7 @@ _ADDRESSES = (
     "field_size",
     "field_heights",
     "meshes",
+    "hidden",
     "workspace",
 )
 _SM_BYTES = 228 * 1024

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.shape_mesh import shape_mesh
 
 __all__ = ["collider_mesh", "start_poses", "static_colliders", "triangles_of"]
@@ -19,7 +20,7 @@ def start_poses(builder: newton.ModelBuilder) -> np.ndarray:
     """Poses of the bodies where the initial positions of their joints put them [m], ``(bodies, 7)``."""
     if not builder.body_count:
         return np.zeros((0, 7))
-    model = builder.finalize(device="cpu")
+    model = finalize_without_tables(builder, "cpu")
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     return np.asarray(state.body_q.numpy(), dtype=float)

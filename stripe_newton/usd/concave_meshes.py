@@ -21,9 +21,10 @@ _PRODUCTS = 4_000_000
 """Distances of faces and points that are computed at once, for memory."""
 _DIRECTIONS = 2000
 """Points of a mesh that stand for all of them, the farthest in so many directions: within 0.1 % of the hull."""
-_WHAT, _HULL = "concave mesh collider", "its convex hull collides"
+_WHAT, _BUT = "concave mesh collider", "its convex hull collides, but it "
 """How rows begin that say so."""
 _SPLIT = "split it into convex parts, or author physics:approximation = 'convexDecomposition' (pip install coacd)"
+_TRIANGLES = "its triangles collide"
 
 
 def concave_meshes(builder: newton.ModelBuilder, first: int = 0) -> Iterator[tuple[int, float]]:
@@ -61,7 +62,7 @@ def concave_mesh_rows(
     for shape, depth in found:
         triangles = static_triangles and builder.shape_body[shape] < 0
         how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size or more"
-        row = builder.shape_label[shape], _WHAT, f"{_HULL}, but it {how}; {_SPLIT}"
+        row = builder.shape_label[shape], _WHAT, f"{_BUT}{how}; {_SPLIT}"
         yield _by_triangles(row) if triangles else row
 
 
@@ -71,13 +72,16 @@ def concave_colliders(rows: Ignored) -> set[str]:
 
 
 def rows_by_triangles(rows: Ignored) -> Ignored:
-    """Rows of a report, once Newton's collision detection is that of all shapes, those that move included."""
-    return [_by_triangles(row) if row[1] == _WHAT and row[2].startswith(_HULL) else row for row in rows]
+    """Rows of a report, once Newton's collision detection is that of all shapes, those that move included.
+
+    The meshes of a robot's file are hulls for it, too.
+    """
+    return [_by_triangles(row) if row[1] == _WHAT and row[2].startswith(_BUT) else row for row in rows]
 
 
 def _by_triangles(row: tuple[str, str, str]) -> tuple[str, str, str]:
-    how = row[2].removeprefix(_HULL).removesuffix(f"; {_SPLIT}").removeprefix(", but it ") or "is concave"
-    return row[0], row[1], f"it {how}: its triangles collide, which takes longer than convex shapes; for those {_SPLIT}"
+    how = row[2].removeprefix(_BUT).removesuffix(f"; {_SPLIT}")
+    return row[0], row[1], f"it {how}: {_TRIANGLES}"
 
 
 def hollow_depth(points: np.ndarray, faces: np.ndarray) -> float | None:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,16 +12,20 @@ import newton
 import numpy as np
 from newton.solvers import SolverMuJoCo
 from newton.usd import SchemaResolverMjc, SchemaResolverNewton, SchemaResolverPhysx
-from pxr import Tf, Usd, UsdGeom, UsdPhysics
+from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
-from .builder_checks import BuilderStart, check_builder
+from stripe_newton.collision_tables import finalize_without_tables
+
+from .builder_checks import check_builder
 from .builder_repairs import articulate_single_joints, set_translation_states, unmirror_meshes
+from .builder_start import BuilderStart
 from .checks import check_stage
 from .concave_meshes import concave_mesh_rows
 from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
+from .mesh_approximations import can_approximate, quiet_decomposition
 from .newton_warnings import collected_warnings
 from .prepare import prepare
 from .report_rows import build_report
@@ -66,7 +68,8 @@ def load_stage(
     name, ignore = stage_name(opened), tuple(ignore_paths)
     try:
         check_stage(opened, root_path, ignore, solver, allow_static, name)
-        prepared, rows = prepare(opened, root_path, ignore)
+        triangles = solver == "mujoco" and not hulls
+        prepared, rows = prepare(opened, root_path, ignore, static_triangles=triangles)
     except Tf.ErrorException as error:  # of what no check foresaw
         raise StageError(
             name, first_path(last_line(error), opened), f"USD does not read it: {last_line(error)}"
@@ -85,7 +88,7 @@ def load_stage(
     # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     rows.extend(balance_inertias(builder, start.body))
-    if not _can_approximate():
+    if not can_approximate():
         rows.extend(_unapproximated(prepared, root_path, ignore))
     scene = result["physics_scene_path"]
     return build_report(builder, start, opened, prepared, root_path, ignore, rows, name, scene)
@@ -99,8 +102,8 @@ def _add_usd(
     Raises:
         StageError: it does not support the stage.
     """
-    _quiet_decomposition()
-    with _warnings_as_rows(rows):
+    quiet_decomposition()
+    with _warnings_as_rows(rows, stage):
         try:
             return builder.add_usd(
                 stage,
@@ -110,7 +113,7 @@ def _add_usd(
                 schema_resolvers=[SchemaResolverNewton(), SchemaResolverMjc(), SchemaResolverPhysx()],
                 load_sites=True,
                 load_visual_shapes=True,
-                skip_mesh_approximation=not _can_approximate(),
+                skip_mesh_approximation=not can_approximate(),
             )
         except Exception as error:  # whatever a stage brings that the importer does not expect
             text = last_line(error) if isinstance(error, Tf.ErrorException) else " ".join(str(error).split())
@@ -153,7 +156,7 @@ def check_content(builder: newton.ModelBuilder, report: StageReport) -> None:
 def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]]:
     """Rows of bodies whose authored pose differs from the one that their joints' frames and positions give."""
     # The simulation starts where forward kinematics puts the bodies, not where the stage shows them.
-    model = builder.finalize(device="cpu")
+    model = finalize_without_tables(builder, "cpu")
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     for label, authored, simulated in zip(builder.body_label, builder.body_q, state.body_q.numpy(), strict=True):
@@ -166,17 +169,6 @@ def _moved_bodies(builder: newton.ModelBuilder) -> Iterator[tuple[str, str, str]
             yield label, "authored pose", what
 
 
-def _can_approximate() -> bool:
-    """Whether Newton can approximate meshes by hulls and boxes itself. If not, MuJoCo makes a hull of every mesh."""
-    return importlib.util.find_spec("scipy") is not None
-
-
-def _quiet_decomposition() -> None:
-    """Let CoACD, which decomposes meshes if it is installed, print errors only."""
-    if importlib.util.find_spec("coacd") is not None:
-        importlib.import_module("coacd").set_log_level("error")
-
-
 def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
     for prim in walk(stage, root_path, ignore):
         if prim.IsA(UsdGeom.Mesh) and prim.HasAPI(UsdPhysics.MeshCollisionAPI):
@@ -186,9 +178,12 @@ def _unapproximated(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...]) -
 
 
 @contextmanager
-def _warnings_as_rows(rows: Ignored) -> Iterator[None]:
-    """Collect Newton's warnings as rows of the report."""
+def _warnings_as_rows(rows: Ignored, stage: Usd.Stage) -> Iterator[None]:
+    """Collect warnings of Newton and of OpenUSD's parser as rows of the report."""
+    usd = UsdUtils.CoalescingDiagnosticDelegate()
     with collected_warnings() as texts:
         yield
     # The same text may come by both ways, and for many prims.
     rows.extend(("", "warning of Newton", text) for text in dict.fromkeys(texts))
+    told = dict.fromkeys(str(d.commentary).strip() for d in usd.TakeUncoalescedDiagnostics())
+    rows.extend((first_path(text, stage), "warning of OpenUSD", text) for text in told)

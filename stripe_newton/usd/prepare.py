@@ -15,6 +15,7 @@ from .checks import outer_prims
 from .ignored_rows import Ignored
 from .loose_joints import articulate_loose_joints
 from .material_bindings import inherited_materials, lost_materials, unapplied_bindings
+from .mesh_approximations import replaced_approximations
 from .mesh_checks import mesh_reason, normals_reason
 from .point_instancers import expand_point_instancers
 from .stage_access import stage_name, walk
@@ -24,7 +25,9 @@ from .units import mixed_units, stage_units, to_si
 __all__ = ["prepare", "schema_typed"]
 
 
-def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> tuple[Usd.Stage, Ignored]:
+def prepare(
+    stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = (), static_triangles: bool = False
+) -> tuple[Usd.Stage, Ignored]:
     """Edit a stage so that Newton reads it as UsdPhysics defines it.
 
     * Instances of point instancers become prims (:func:`expand_point_instancers`).
@@ -33,11 +36,18 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     * Units other than metres and kilograms are converted (:func:`to_si`).
     * A rigid body that is not enabled becomes static geometry (Newton would let it fall).
     * Colliders get the physics materials that are bound above them (UsdPhysics reads those bound to a collider alone).
+    * Approximations of meshes that would be another shape are taken off (:func:`replaced_approximations`).
     * Visible meshes without a shape are left out, and bindings to materials that do not resolve.
     * Targets of ``physics:filteredGroups`` that do not exist are dropped (OpenUSD takes them for the group itself, and
       its members would pass through each other).
     * Joints outside every articulation get one. Its root is at the joint to the world, otherwise at the first body
       that is no joint's child. Joints that close a loop are excluded from the tree and kept as constraints.
+
+    Args:
+        stage: The stage.
+        root_path: Prim below which it is edited.
+        ignore: Regular expressions of paths that are left out.
+        static_triangles: Whether static meshes collide by their triangles.
 
     Returns:
         The edited stage, and rows that say what was changed.
@@ -60,6 +70,7 @@ def prepare(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) 
     edit.clear_lost_materials()
     edit.apply_inherited_materials()
     edit.make_disabled_bodies_static()
+    edit.replace_approximations(static_triangles)
     edit.drop_dangling_groups()
     articulate_loose_joints(edit.overlay, root_path, ignore, rows, name)
     return edit.overlay.stage, rows
@@ -142,6 +153,12 @@ class _Edit:
                 self._rows.append(
                     (str(path), "rigid body", "rigidBodyEnabled is false: its shapes are static geometry")
                 )
+
+    def replace_approximations(self, static_triangles: bool) -> None:
+        """Author ``none`` where an approximation would be another shape; after bodies are known to be static."""
+        for path, kind, why in list(replaced_approximations(self._prims(), static_triangles)):
+            UsdPhysics.MeshCollisionAPI(self.overlay.prim(path)).GetApproximationAttr().Set(UsdPhysics.Tokens.none)
+            self._rows.append((str(path), f"approximation {kind}", why))
 
     def drop_dangling_groups(self) -> None:
         """Drop targets of collision groups that do not exist."""

@@ -11,7 +11,7 @@ import numpy as np
 from newton import GeoType, JointTargetMode, JointType, ShapeFlags
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from .builder_checks import BuilderStart
+from .builder_start import BuilderStart
 from .ignored_content import ignored_content, unapplied_attributes
 from .ignored_rows import Ignored
 from .semantic_labels import read_semantics

@@ -51,7 +51,7 @@ def scene_of(name: str) -> tuple[InteractiveScene, Path]:
 
 @pytest.mark.filterwarnings("ignore::newton.NewtonWarning")
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_stands_or_holds_its_pose_for_two_seconds(name):
+def test_a_robot_stands_or_holds_its_pose_for_five_seconds(name):
     scene, path = scene_of(name)
     robot = scene["robot"]
     if path.suffix == ".xml":
@@ -67,17 +67,17 @@ def test_a_robot_stands_or_holds_its_pose_for_two_seconds(name):
         assert ((limits[:, 0] - 1e-4 <= start) & (start <= limits[:, 1] + 1e-4)).all(), (
             "it begins outside of its limits"
         )
-    scene.sim.step(1000)
+    scene.sim.step(2500)
     data = robot.data
     assert torch.isfinite(data.root_state_w).all()
     assert torch.isfinite(data.joint_pos).all()
     if name == "cassie":
-        return  # its springs give way: it needs a controller to stand
+        return  # its springs give way, in MuJoCo as here: it needs a controller to stand
     if name in LEGS:
         assert float(data.root_pos_w[0, 2]) > 0.8 * height
-        assert float(data.projected_gravity_b[0, 2]) < -0.97
-        assert float(data.root_lin_vel_w[0].norm()) < 0.1
-    elif len(start):
+        assert float(data.projected_gravity_b[0, 2]) < -0.99
+        assert float(data.root_lin_vel_w[0].norm()) < 0.03
+    if len(start):
         assert float((data.joint_pos[0].cpu() - torch.tensor(start)).abs().max()) < 0.15
         assert float(data.joint_vel.abs().max()) < 0.05
 

@@ -124,7 +124,7 @@ REFUSED = {
     "mimic": (ARM.replace("<axis", '<mimic joint="knee"/><axis'), "'elbow': mimics 'knee', which is no joint of"),
     "no mass that moves": (
         ARM.replace(f'<link name="tip">{BODY}', '<link name="tip">'),
-        "body 'tip': moves and has no mass; give it an inertial",
+        "body 'tip': moves and has no mass; give it mass and inertia",
     ),
     "web": (collider('<mesh filename="https://a.b/c.stl"/>'), "'https://a.b/c.stl' is on the web, which is not read"),
 }
@@ -276,3 +276,16 @@ def test_the_rows_reach_the_report_of_a_scene(tmp_path):
     report = scene.builder.reports[0]
     assert ("/World/envs/env_0/Robot/robot (1)", "<gazebo>", "Gazebo's extensions are not read") in report.ignored
     assert [row.path.rsplit("/", 1)[-1] for row in report.bodies] == ["base", "tip"]
+
+
+def test_a_link_without_inertial_has_no_mass_if_it_is_fixed_to_one_that_has(tmp_path):
+    """As the root of ANYmal D, whose colliders would weigh as much as the robot at the density of water."""
+    box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links = f'<link name="base">{box}</link><link name="core"><inertial><mass value="3"/>{inertia}</inertial></link>'
+    weld = '<joint name="weld" type="fixed"><parent link="base"/><child link="core"/></joint>'
+    report = inspect_robot_file(urdf(tmp_path, links + weld))
+    assert {body.path.rpartition("/")[2]: body.mass for body in report.bodies} == {"base": 0.0, "core": 3.0}
+    assert ("base", "no <inertial>") in [(row[0].rpartition("/")[2], row[1]) for row in report.ignored]
+    alone = inspect_robot_file(urdf(tmp_path, f'<link name="base">{box}</link>'))
+    assert alone.bodies[0].mass == pytest.approx(1000.0)

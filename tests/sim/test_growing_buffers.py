@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.actuators import PIDActuatorCfg
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCfg
@@ -24,6 +25,7 @@ from stripe_newton.sim import (
     Simulation,
     SimulationCfg,
 )
+from stripe_newton.sim.growing_buffers import GrowingBuffers
 from tests.helpers.small_scenes import PENDULUM, mjcf_robot
 
 
@@ -101,3 +103,50 @@ def test_buffers_that_others_share_do_not_grow(tmp_path):
 def test_the_reaction_is_one_of_three():
     with pytest.raises(ConfigError, match="is 'stop', must be 'grow', 'raise' or 'warn'"):
         Simulation(SimulationCfg(device="cpu", on_overflow="stop"))
+
+
+def _stage_of_falling_boxes(folder: Path) -> Path:
+    """Nine boxes above the ground: they touch nothing at the start, and after a fall of 0.3 s."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdPhysics.Scene.Define(stage, "/physics")
+    ground = UsdGeom.Cube.Define(stage, "/ground")
+    UsdGeom.XformCommonAPI(ground).SetTranslate(Gf.Vec3d(0.0, 0.0, -1.0))
+    UsdGeom.XformCommonAPI(ground).SetScale(Gf.Vec3f(5.0, 5.0, 1.0))
+    UsdPhysics.CollisionAPI.Apply(ground.GetPrim())
+    for i in range(9):
+        box = UsdGeom.Cube.Define(stage, f"/box_{i}")
+        box.CreateSizeAttr(0.2)
+        UsdGeom.XformCommonAPI(box).SetTranslate(Gf.Vec3d(0.3 * (i % 3), 0.3 * (i // 3), 0.5))
+        for api in (UsdPhysics.CollisionAPI, UsdPhysics.RigidBodyAPI):
+            api.Apply(box.GetPrim())
+    stage.GetRootLayer().Export(str(folder / "boxes.usda"))
+    return folder / "boxes.usda"
+
+
+@pytest.mark.parametrize("newton_contacts", [False, True])
+def test_an_import_has_buffers_for_its_first_second_where_they_cannot_grow(newton_contacts, tmp_path, monkeypatch):
+    """As on a GPU, and with Newton's collision detection: the trial leaves no trace but larger buffers."""
+    monkeypatch.setattr(GrowingBuffers, "of", classmethod(lambda cls, sim: None))
+    path = _stage_of_falling_boxes(tmp_path)
+    contacts = False if newton_contacts else None
+
+    def scene_of(on_overflow: str, njmax: int, nconmax: int) -> InteractiveScene:
+        solver = MuJoCoSolverCfg(njmax=njmax, nconmax=nconmax, use_mujoco_contacts=contacts)
+        cfg = SimulationCfg(device="cpu", gravity=None, dt=1 / 120, solver=solver, on_overflow=on_overflow)
+        return InteractiveScene.from_usd(path, sim_cfg=cfg)
+
+    with pytest.warns(UserWarning, match="too small for the first second and are made larger, njmax from 40 to"):
+        scene = scene_of("grow", 40, 10)
+    data = scene.sim.solver.mjw_data
+    assert data.njmax >= 9 * 4 * 4
+    assert f"{scene.sim.cfg.solver.njmax}" == f"{data.njmax}"
+    large = scene_of("raise", data.njmax, scene.sim.cfg.solver.nconmax)
+    for _ in range(10):
+        scene.sim.step(12)
+        large.sim.step(12)
+        np.testing.assert_array_equal(scene.sim.state.joint_q.numpy(), large.sim.state.joint_q.numpy())
+    small = scene_of("raise", 40, 10)
+    with pytest.raises(RuntimeError, match="overflowed and dropped"):
+        small.sim.step(60)

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
+from scipy.spatial.transform import Rotation
 
+from stripe_newton.sim.contact_room import contact_room
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.mesh_grid import MeshGrids, TriangleMesh
 from stripe_newton.solvers.static_meshes import add_triangles_attribute, mark_triangles
@@ -285,3 +287,32 @@ def test_a_mesh_of_faces_that_are_seen_from_inside_is_not_solid():
 
     assert touch(mesh.faces) == pytest.approx(1.0)  # out through the tread
     assert touch(mesh.faces[:, ::-1]) == pytest.approx(-1.0)  # away from it
+
+
+def rough_corner(random: np.random.Generator, cells: int = 40, bumps: float = 0.008) -> trimesh.Trimesh:
+    """The corner of a room, 1 m long, whose floor and two walls are cut finely and have bumps."""
+    x = np.linspace(0.0, 1.0, cells + 1)
+    u, v = (a.reshape(-1) for a in np.meshgrid(x, x))
+    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
+    faces = np.concatenate([first[:, None] + [0, 1, cells + 2], first[:, None] + [0, cells + 2, cells + 1]])
+    sides = []
+    for axis in range(3):
+        height = np.where((u > 0.0) & (v > 0.0), bumps * random.random(len(u)), 0.0)
+        points = np.stack([height, u, v], axis=1)
+        sides.append(trimesh.Trimesh(np.roll(points, axis, axis=1), faces, process=False))
+    corner = trimesh.util.concatenate(sides)
+    corner.merge_vertices()
+    return corner
+
+
+def test_a_box_in_a_rough_corner_has_room_for_its_contacts() -> None:
+    random, half = np.random.default_rng(0), 0.1
+    turns = Rotation.from_euler("xyz", random.normal(size=(COUNT, 3)) * 2.0, degrees=True)
+    reach = np.abs(turns.as_matrix()).sum(axis=2) * half
+    poses = np.concatenate([reach + random.uniform(-0.002, 0.01, (COUNT, 3)), turns.as_quat()], axis=1)
+    model = model_of(rough_corner(random), lambda b, body: b.add_shape_box(body, hx=half, hy=half, hz=half), poses,
+                     wp.transform_identity())  # fmt: skip
+    counts = [len(found) for found in contacts_of(model, wp.transform_identity())]
+    room, rows = contact_room(model, on_triangles=True)
+    assert 8 < max(counts) <= room
+    assert rows >= 4 * room

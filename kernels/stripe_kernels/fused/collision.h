@@ -28,12 +28,17 @@ FN Field field_of(const Parameters& P, int g) {
 }
 #endif
 
-// First geom of a contact of a pair. Meshes that do not move are together in pairs of one of them.
+// First geom of a contact of a pair. Meshes that do not move are together in pairs of one of them. Those from NALLGEOMS on
+// are shapes that are no geoms of the model.
 FN int first_geom(const real* C, int pair) {
 #if HAS_MESHES
     if (C[C_GEOM] >= 0) return (int)C[C_GEOM];
 #endif
     return contact_geom1(pair);
+}
+// The geom that has the parameters of it: of a shape that is no geom, another one stands for it.
+FN int geom_with_parameters(const Parameters& P, int geom) {
+    return geom < NALLGEOMS ? geom : ((const int*)P.m.hidden)[geom - NALLGEOMS];
 }
 
 // A geom of a pair, relative to `origin`.
@@ -108,7 +113,7 @@ FN void complete_contacts(World& w, const Parameters& P, const real* given, int 
             if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
             t = t - dot(n, t) * n;
             store(C + C_TANGENT, (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t);
-            mix(m, friction, P, pair, first_geom(C, pair));
+            mix(m, friction, P, pair, geom_with_parameters(P, first_geom(C, pair)));
             C[C_DIM] = contact_dim(pair), C[C_BODY] = geom_body(contact_geom1(pair)), C[C_BODY + 1] = geom_body(contact_geom2(pair));
             pos = C[C_DIST] - margin_of(P, pair);
         }

@@ -194,6 +194,9 @@ class _ImporterCfg(SpawnerCfg):
     """Merge bodies that fixed joints connect."""
     names: ModelNamesCfg | None = None
     """Other names for joints and bodies."""
+    max_hull_vertices: int | None = None
+    """Corners of the convex hulls of mesh colliders at most. -1: all, as MuJoCo has it, which takes longer. ``None``:
+    as the file says, otherwise Newton's default of 64."""
     articulation_props: schemas.ArticulationRootPropertiesCfg | None = None
     """Only ``enabled_self_collisions`` and ``fix_root_link`` apply; they override the fields above."""
     rigid_props: schemas.RigidBodyPropertiesCfg | None = None
@@ -208,6 +211,9 @@ class _ImporterCfg(SpawnerCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from _missing(self.asset_path, "asset_path")
+        corners = self.max_hull_vertices
+        if corners is not None and corners != -1 and corners < 4:
+            yield "max_hull_vertices", f"is {corners}, must be 4 or more, or -1 for all"
 
     def importer_options(self) -> dict[str, object]:
         """Keyword arguments of Newton's importer."""
@@ -221,6 +227,7 @@ class _ImporterCfg(SpawnerCfg):
             "scale": self.scale,
             "enable_self_collisions": collide,
             "collapse_fixed_joints": self.merge_fixed_joints,
+            "mesh_maxhullvert": self.max_hull_vertices,
         }
 
 
