@@ -12,8 +12,7 @@ from xml.etree import ElementTree
 import mujoco
 import newton
 import warp as wp
-from newton import GeoType, JointType, ShapeFlags
-from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes and asset folders, as it reads them
+from newton import GeoType, ShapeFlags
 from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
