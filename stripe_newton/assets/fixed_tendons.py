@@ -39,7 +39,7 @@ class FixedTendons:
         self._own = getattr(sim.model, "mujoco", None)
         self.names: list[str] = []
         rows: list[list[int]] = []
-        if hasattr(self._own, "tendon_stiffness"):
+        if self._own is not None and hasattr(self._own, "tendon_stiffness"):
             per_env = sim.model.articulation_count // sim.num_envs
             first = next(i for i, start in enumerate(sim.template.articulation_start) if start == layout.joints.start)
             owners = self._own.tendon_articulation.numpy().copy()

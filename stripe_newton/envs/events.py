@@ -54,7 +54,7 @@ class EventRunner:
                 self._steps_left[name] = self._draw(term, count)
             self._last_step[name] = torch.full((env.num_envs,), -(10**9), device=env.device)
 
-    def _call_of(self, name: str, term: EventTermCfg) -> Callable[[torch.Tensor], None]:
+    def _call_of(self, name: str, term: EventTermCfg) -> Callable[[torch.Tensor], object]:
         """The call of a term with environments."""
         env = self._env
         if isinstance(term.func, wp.Function):

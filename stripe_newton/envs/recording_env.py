@@ -108,7 +108,7 @@ class RecordingEnv(DirectEnvBase):
         # A copy, as the hook may keep it.
         self._reset_envs(self._reset_part.env_ids.clone())
 
-    def observation_buffers(self) -> dict[str, torch.Tensor]:
+    def observation_buffers(self) -> dict[str, ObservationGroup]:
         """Memory by group that torch hooks write their observations to, where they may be recorded."""
         return self._observation_buffers
 

@@ -15,7 +15,7 @@ from .structs import StructRegistry
 from .term_arrays import array_argument
 from .term_binding import ArgumentError, TermBinding, TermContext
 from .term_call import OUT, TermCall
-from .warp_types import Struct, is_instance, name_of
+from .warp_types import Struct, name_of, struct_of
 
 __all__ = ["BindingContext", "bind_term"]
 
@@ -105,7 +105,7 @@ def _known_by_name(context: BindingContext, name: str) -> Code | None:
 
 def _struct(context: BindingContext, binding: TermBinding, name: str, kind: Struct) -> Code:
     given, resolver = binding.params.get(name), context.structs.resolver(kind)
-    if is_instance(given, kind):  # the config has the struct itself rather than its name
+    if wp.types.is_struct(given) and struct_of(given) is kind:  # the config has the struct itself rather than its name
         return context.scope.name(name, binding.take(name))
     if resolver is not None:
         return resolver.resolve(binding, name)

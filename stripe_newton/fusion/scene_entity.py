@@ -61,7 +61,7 @@ class SceneEntityCfg:
         """
         ids = {f"{kind}_ids": (kind, thing.names_of(kind)) for kind in ("joint", "body")}
         found = {k: self.indices(kind, names) for k, (kind, names) in ids.items() if names is not None}
-        return self.replace(**found)  # type: ignore[attr-defined,no-any-return]  # of every config class
+        return self.replace(**found)
 
 
 class HasNames(Protocol):

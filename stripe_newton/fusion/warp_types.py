@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import TypeAlias, TypeGuard, TypeVar
 
 import warp as wp
 
@@ -42,6 +42,9 @@ def struct_of(instance: StructInstance) -> Struct:
     return kind
 
 
-def is_instance(value: object, kind: object) -> bool:
+T = TypeVar("T")
+
+
+def is_instance(value: object, kind: type[T]) -> TypeGuard[T]:
     """Whether a value is an instance of a struct."""
     return bool(wp.types.is_struct(value)) and struct_of(value) is kind

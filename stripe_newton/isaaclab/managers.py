@@ -33,25 +33,29 @@ class ObservationManager(native.ObservationManager):
         use_warp_functions(cfg)
         before = len(context.problems)
         super().__init__(cfg, context)
-        plans = {group: self._group_items(group, [], gather=False).items() for group in self._terms}
+        self._plans = {(group, again): self._plan(group, again) for group in self._terms for again in (False, True)}
         problems = context.problems[before:]
         del context.problems[before:]
         if problems:
             raise ConfigError(problems)
-        self._plans = {
-            group: Plan(self.path, [Stage(group, items)], context.scope, context.num_envs, context.device, False)
-            for group, items in plans.items()
-        }
+
+    def _plan(self, group: str, again: bool) -> Plan:
+        items, context = self._group_items(group, [], gather=False, again=again).items(), self.context
+        return Plan(self.path, [Stage(group, items)], context.scope, context.num_envs, context.device, False)
 
     def compute_group(self, group_name: str, update_history: bool = False) -> Group:
         """The observations of a group, shape ``(num_envs, n)``; by term where they are not concatenated.
 
+        Args:
+            group_name: Name of the group.
+            update_history: Append to delays and histories; otherwise the values replace the last ones.
+
         Raises:
             KeyError: there is no such group.
         """
-        if group_name not in self._plans:
-            raise KeyError(f"no observation group '{group_name}'; there is {', '.join(self._plans)}")
-        self._plans[group_name].run()
+        if group_name not in self._terms:
+            raise KeyError(f"no observation group '{group_name}'; there is {', '.join(self._terms)}")
+        self._plans[group_name, not update_history].run()
         buffer = self.buffers[group_name]
         if isinstance(buffer, dict):
             return {name: wp.to_torch(array).clone() for name, array in buffer.items()}
@@ -59,4 +63,4 @@ class ObservationManager(native.ObservationManager):
 
     def compute(self, update_history: bool = False) -> dict[str, Group]:
         """The observations of all groups."""
-        return {group: self.compute_group(group) for group in self._plans}
+        return {group: self.compute_group(group, update_history) for group in self._terms}

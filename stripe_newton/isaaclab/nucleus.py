@@ -28,9 +28,8 @@ __all__ = ["actuator_for", "joint_order_for", "problem_of", "robot_for", "spawne
 
 _log = logging.getLogger(__name__)
 _MODELS = Path(__file__).parent / "models"
-_BY_PATH: dict[str, Robot | Prop | Pointer] = {
-    path: entry for entry in (*ROBOTS, *PROPS, *POINTERS) for path in entry.paths
-}
+_ENTRIES: tuple[Robot | Prop | Pointer, ...] = (*ROBOTS, *PROPS, *POINTERS)
+_BY_PATH = {path: entry for entry in _ENTRIES for path in entry.paths}
 
 
 def problem_of(path: str) -> str | None:
@@ -83,7 +82,7 @@ def actuator_for(cfg: ActuatorCfg) -> ActuatorCfg:
         return cfg
     stiffness, damping = ACTUATOR_NETS[path]
     _say(path, f"a PD law with stiffness {stiffness:g} and damping {damping:g} and the network's limits")
-    own = {f.name: getattr(cfg, f.name) for f in dataclasses.fields(DCMotorCfg)}  # type: ignore[arg-type]
+    own = {f.name: getattr(cfg, f.name) for f in dataclasses.fields(DCMotorCfg)}
     return DCMotorCfg(**own | {"stiffness": stiffness, "damping": damping})
 
 
@@ -173,11 +172,12 @@ def _uniform(cfg: native.UsdFileCfg) -> float:
 
 
 def _prop(entry: Prop, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
-    scale = cfg.scale or (1.0, 1.0, 1.0)
+    (a, b, c), (x, y, z) = entry.size, cfg.scale or (1.0, 1.0, 1.0)
+    u, v, w = entry.center
     movable = entry.movable or cfg.rigid_props is not None
     return native.CuboidCfg(
-        func=_CenteredShape(tuple(c * s for c, s in zip(entry.center, scale, strict=True))),
-        size=tuple(edge * s for edge, s in zip(entry.size, scale, strict=True)),
+        func=_CenteredShape((u * x, v * y, w * z)),
+        size=(a * x, b * y, c * z),
         rigid_props=(cfg.rigid_props or native.RigidBodyPropertiesCfg()) if movable else None,
         mass_props=cfg.mass_props,
         collision_props=cfg.collision_props or native.CollisionPropertiesCfg(),
@@ -188,7 +188,7 @@ def _prop(entry: Prop, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
 
 
 def _pointer(entry: Pointer, cfg: native.UsdFileCfg) -> native.SpawnerCfg:
-    shared = {"scale": cfg.scale, "visible": cfg.visible, "semantic_tags": cfg.semantic_tags}
+    shared: dict[str, Any] = {"scale": cfg.scale, "visible": cfg.visible, "semantic_tags": cfg.semantic_tags}
     if entry.kind == "frame":
         return native.FrameCfg(**shared)
     return native.ArrowCfg(visual_material=cfg.visual_material, **shared)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import newton
 import torch
+import warp as wp
 
 if TYPE_CHECKING:
     from stripe_newton.assets import Articulation, BoundAsset
@@ -116,9 +117,9 @@ class _BodyProperties:
 
     # -- helpers
 
-    def _rows(self, array: object) -> torch.Tensor:
+    def _rows(self, array: wp.array) -> torch.Tensor:
         """A view of the bodies' rows of an array of the model."""
-        return self._sim.per_env(array)[:, self._layout.body_slice]  # type: ignore[arg-type]
+        return self._sim.per_env(array)[:, self._layout.body_slice]
 
     def _ids(self, indices: Indices) -> torch.Tensor:
         return self._asset.env_indices(None if indices is None else torch.as_tensor(indices).to(self._sim.device))
@@ -176,7 +177,7 @@ class ArticulationView(_BodyProperties):
     @property
     def max_fixed_tendons(self) -> int:
         """Number of fixed tendons."""
-        return self._asset.num_fixed_tendons
+        return len(self._asset.fixed_tendons)
 
     @property
     def link_paths(self) -> list[list[str]]:

@@ -34,7 +34,7 @@ class SceneEntityCfg(NativeSceneEntityCfg):
 
     def resolved(self, thing: HasNames) -> SceneEntityCfg:
         """A copy with the chosen joints and bodies as names and indices, or as a slice where all are chosen."""
-        made: SceneEntityCfg = self.replace()  # type: ignore[attr-defined]  # of every config class
+        made: SceneEntityCfg = self.replace()
         made.resolve_names(thing)
         return made
 

@@ -31,22 +31,19 @@ __all__ = ["SimulationContext", "build_simulation_context"]
 Point = Sequence[float]
 
 
-class RenderMode(enum.IntEnum):
-    """How Isaac Sim would draw. Nothing is drawn but the pictures that somebody asks for."""
-
-    NO_GUI_OR_RENDERING = -1
-    NO_RENDERING = 0
-    PARTIAL_RENDERING = 1
-    FULL_RENDERING = 2
-
-
 class SimulationContext(Simulation):
     """:class:`stripe_newton.sim.Simulation` with Isaac Lab's methods.
 
     A script makes one, spawns prims and creates assets, calls :meth:`reset`, and then steps it.
     """
 
-    RenderMode = RenderMode
+    class RenderMode(enum.IntEnum):
+        """How Isaac Sim would draw. Nothing is drawn but the pictures that somebody asks for."""
+
+        NO_GUI_OR_RENDERING = -1
+        NO_RENDERING = 0
+        PARTIAL_RENDERING = 1
+        FULL_RENDERING = 2
 
     def __init__(self, cfg: NativeSimulationCfg | None = None, standalone: bool = True):
         """Begin a scene.
@@ -59,7 +56,7 @@ class SimulationContext(Simulation):
         set_latest_simulation(self)
         self.camera = ViewerCfg(eye=(7.5, 7.5, 7.5), lookat=(0.0, 0.0, 0.0), origin_type="world", resolution=(960, 540))
         """Camera of the pictures that :class:`SimulationApp` writes."""
-        self.render_mode = RenderMode.NO_GUI_OR_RENDERING
+        self.render_mode = self.RenderMode.NO_GUI_OR_RENDERING
         self.current_time = 0.0
         """Simulated time [s]."""
         self.current_time_step_index = 0

@@ -54,7 +54,7 @@ class CommandTerm(ManagerTermBase):
         """The command, shape ``(num_envs, n)``."""
         raise NotImplementedError(f"{type(self).__name__} has no command")
 
-    def reset(self, env_ids: EnvIds | None = None) -> dict[str, torch.Tensor]:  # type: ignore[override]  # Isaac Lab's
+    def reset(self, env_ids: EnvIds | None = None) -> dict[str, torch.Tensor]:
         """Begin episodes in the environments ``env_ids``, None for all; returns the means of their metrics."""
         ids = torch.arange(self.num_envs, device=self.device) if env_ids is None else env_ids
         means = {name: values[ids].float().mean() for name, values in self.metrics.items()}
@@ -112,7 +112,7 @@ class KernelCommandTerm(CommandTerm):
         return self._command
 
     @property
-    def command_counter(self) -> torch.Tensor:  # type: ignore[override]  # of another type than the base class's
+    def command_counter(self) -> torch.Tensor:
         """Commands drawn in the episode, int64, shape ``(num_envs,)``."""
         return self._counter.long()
 

@@ -262,10 +262,6 @@ class ManagerContext:
             self._indices[key] = wp.array(list(ids), dtype=int, device=self.device)
         return self._indices[key]
 
-    def torch(self, array: wp.array) -> torch.Tensor:
-        """An array as a tensor that shares its memory."""
-        return wp.to_torch(array)
-
     def log_now(self, key: str, value: float | torch.Tensor) -> None:
         """Log a value from now on, from the host.
 
@@ -275,6 +271,10 @@ class ManagerContext:
         self.torch(self.log.values)[index] = torch.as_tensor(value)
 
     # -- the scene
+
+    def torch(self, array: wp.array) -> torch.Tensor:
+        """An array as a tensor that shares its memory."""
+        return wp.to_torch(array)
 
     def entity_names(self) -> list[str]:
         """Names of the articulations and rigid objects of the scene."""

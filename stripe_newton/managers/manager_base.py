@@ -12,6 +12,7 @@ import warp as wp
 
 from stripe_newton.configclass import MISSING, is_config
 from stripe_newton.fusion import Eager, Item, resolve_entities
+from stripe_newton.matching import match_names
 
 from .context import ManagerContext
 from .outside_step import OutsideStep
@@ -73,6 +74,16 @@ class ManagerBase:
     def active_terms(self) -> Sequence[str] | Mapping[str, list[str]]:
         """Names of the terms; by group for observations."""
         return []
+
+    def find_terms(self, name_keys: str | Sequence[str]) -> list[str]:
+        """Names of the terms that match regular expressions, those of all groups together.
+
+        Raises:
+            ValueError: an expression matches nothing.
+        """
+        active = self.active_terms
+        names = [n for group in active.values() for n in group] if isinstance(active, Mapping) else list(active)
+        return match_names(name_keys, names, what=f"term of '{self.name}'")[1]
 
     def terms(self, cfg: object, kind: type[Term], path: str | None = None) -> dict[str, Term]:
         """The terms of a config or dict by name, without those that are None.

@@ -83,13 +83,14 @@ class ManagerTermBase:
     @property
     def __name__(self) -> str:
         """Name of the class."""
-        return type(self).__name__
+        return type(self).__name__  # type: ignore[return-value]  # mypy takes it for this property
 
-    def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+    def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> object:
         """Begin new episodes in the environments ``env_ids``, after the reset events have set their states.
 
-        The default does nothing.
+        The default does nothing. What it returns has no effect, but for command terms.
         """
+        return None
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Compute the term, as a torch function of its manager does."""

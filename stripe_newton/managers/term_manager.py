@@ -20,8 +20,12 @@ __all__ = ["TermManager", "TorchCall"]
 class HasParams(Protocol):
     """Config of a term: its function and the function's parameters."""
 
-    func: Callable[..., object]
     params: dict[str, Any]
+
+    @property
+    def func(self) -> Callable[..., object]:
+        """Function of the term."""
+        ...
 
 
 Cfg = TypeVar("Cfg", bound=HasParams)

@@ -104,7 +104,7 @@ class TorchProcessing:
         if not isinstance(cfg, NoiseModelCfg):
             return lambda values: cfg.func(values, cfg)
         made = self.instances[path] = cfg.class_type(cfg, self._context.num_envs, self._context.device)
-        return made  # type: ignore[no-any-return]  # a noise model is called with the data
+        return made
 
 
 def _same(values: torch.Tensor) -> torch.Tensor:

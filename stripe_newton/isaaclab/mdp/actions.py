@@ -242,7 +242,7 @@ class BodyOffsetCfg(WxyzRot, native.DifferentialInverseKinematicsActionCfg.Offse
 class DifferentialInverseKinematicsActionCfg(native.DifferentialInverseKinematicsActionCfg):
     """:class:`stripe_newton.envs.mdp.DifferentialInverseKinematicsActionCfg` with quaternions (w, x, y, z)."""
 
-    OffsetCfg: ClassVar[type] = BodyOffsetCfg
+    OffsetCfg: ClassVar[type[BodyOffsetCfg]] = BodyOffsetCfg
     scalar_first: ClassVar[bool] = True
     class_type: type | None = DifferentialInverseKinematicsAction
     asset_name: str = MISSING

@@ -12,6 +12,12 @@ from collections.abc import Sequence
 import torch
 
 from stripe_newton.managers import CommandTerm, TermEnv
+from stripe_newton.managers.commands_cfg import (
+    NormalVelocityCommandCfg,
+    UniformPose2dCommandCfg,
+    UniformPoseCommandCfg,
+    UniformVelocityCommandCfg,
+)
 
 from .. import math
 
@@ -111,6 +117,8 @@ class UniformVelocityCommand(_VelocityCommand, fused=True):
         is_heading_env: Where the yaw rate follows from the heading, shape ``(num_envs,)``.
     """
 
+    cfg: UniformVelocityCommandCfg
+
     def __init__(self, cfg: object, env: TermEnv):
         super().__init__(cfg, env)
         self.heading_target, self.is_heading_env = self._zeros(), self._zeros(dtype=torch.bool)
@@ -120,6 +128,7 @@ class UniformVelocityCommand(_VelocityCommand, fused=True):
         for column, bounds in enumerate((ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)):
             self.vel_command_b[env_ids, column] = self._uniform(env_ids, bounds)
         if cfg.heading_command:
+            assert ranges.heading is not None  # checked by the config
             self.heading_target[env_ids] = self._uniform(env_ids, ranges.heading)
             self.is_heading_env[env_ids] = self._uniform(env_ids, (0.0, 1.0)) <= cfg.rel_heading_envs
         self.is_standing_env[env_ids] = self._uniform(env_ids, (0.0, 1.0)) <= cfg.rel_standing_envs
@@ -140,6 +149,8 @@ class NormalVelocityCommand(_VelocityCommand, fused=True):
         is_zero_vel_y_env: Where the sideways velocity is zero, shape ``(num_envs,)``.
         is_zero_vel_yaw_env: Where the yaw rate is zero, shape ``(num_envs,)``.
     """
+
+    cfg: NormalVelocityCommandCfg
 
     def __init__(self, cfg: object, env: TermEnv):
         super().__init__(cfg, env)
@@ -174,6 +185,8 @@ class UniformPoseCommand(_Known, fused=True):
         pose_command_b: Poses in the root's frame, shape ``(num_envs, 7)``.
         pose_command_w: The same in the world, of the last step.
     """
+
+    cfg: UniformPoseCommandCfg
 
     def __init__(self, cfg: object, env: TermEnv):
         super().__init__(cfg, env)
@@ -218,6 +231,8 @@ class UniformPose2dCommand(_Known, fused=True):
         pos_command_b: Positions relative to the root, in its yaw frame, shape ``(num_envs, 3)``.
         heading_command_b: Headings relative to the root's, shape ``(num_envs,)``.
     """
+
+    cfg: UniformPose2dCommandCfg
 
     def __init__(self, cfg: object, env: TermEnv):
         super().__init__(cfg, env)

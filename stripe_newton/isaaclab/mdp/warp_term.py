@@ -91,7 +91,7 @@ class WarpTerm(SettledTerm):
             term.func, term.params = self.function, self.params(term.params)
 
     def __reduce__(self) -> str:
-        return self.__qualname__  # type: ignore[attr-defined,no-any-return]  # of the declaration, whose name it has
+        return self.__qualname__  # type: ignore[attr-defined]  # of the declaration, whose name it has
 
 
 class WarpEvent(WarpTerm):
