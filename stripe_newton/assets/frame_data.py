@@ -37,6 +37,8 @@ class FrameData:
         def body_vel_w(self) -> torch.Tensor: ...
         @property
         def body_com_pos_b(self) -> torch.Tensor: ...
+        @property
+        def body_acc_w(self) -> torch.Tensor: ...
 
     # -- the root's link
 
@@ -205,6 +207,31 @@ class FrameData:
     def body_com_state_w(self) -> torch.Tensor:
         """States of the centres of mass, shape ``(num_envs, num_bodies, 13)``."""
         return torch.cat((self.body_com_pose_w, self.body_vel_w), dim=-1)
+
+    @property
+    def body_lin_acc_w(self) -> torch.Tensor:
+        """Linear part of :attr:`body_acc_w` [m/s^2] (view), shape ``(num_envs, num_bodies, 3)``."""
+        return self.body_acc_w[..., :3]
+
+    @property
+    def body_ang_acc_w(self) -> torch.Tensor:
+        """Angular part of :attr:`body_acc_w` [rad/s^2] (view), shape ``(num_envs, num_bodies, 3)``."""
+        return self.body_acc_w[..., 3:6]
+
+    @property
+    def body_com_acc_w(self) -> torch.Tensor:
+        """The same as ``body_acc_w`` (view), shape ``(num_envs, num_bodies, 6)``."""
+        return self.body_acc_w
+
+    @property
+    def body_com_lin_acc_w(self) -> torch.Tensor:
+        """The same as ``body_lin_acc_w`` [m/s^2] (view), shape ``(num_envs, num_bodies, 3)``."""
+        return self.body_acc_w[..., :3]
+
+    @property
+    def body_com_ang_acc_w(self) -> torch.Tensor:
+        """The same as ``body_ang_acc_w`` [rad/s^2] (view), shape ``(num_envs, num_bodies, 3)``."""
+        return self.body_acc_w[..., 3:6]
 
     @property
     def body_com_quat_b(self) -> torch.Tensor:

@@ -212,6 +212,18 @@ class RootData(FrameData):
         return torch.cat((self._body_q, self._body_qd), dim=-1)
 
     @property
+    def body_acc_w(self) -> torch.Tensor:
+        """Accelerations of the centres of mass [m/s^2] and angular ones [rad/s^2] (view), ``(num_envs, bodies, 6)``.
+
+        Raises:
+            RuntimeError: the solver does not report them.
+        """
+        reported = self._sim.reported("body_qdd")
+        if reported is None:
+            raise RuntimeError("accelerations of bodies are not computed; set SimulationCfg(observables=('body_qdd',))")
+        return self._sim.per_env(reported)[:, self._layout.body_slice]
+
+    @property
     def body_com_pos_b(self) -> torch.Tensor:
         """Centres of mass in the link frames [m] (view), shape ``(num_envs, num_bodies, 3)``."""
         return self._body_com

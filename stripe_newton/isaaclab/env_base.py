@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from types import CodeType, FunctionType
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -14,19 +13,11 @@ from stripe_newton.scene import InteractiveScene as NativeScene
 from stripe_newton.sim import Simulation
 from stripe_newton.sim import SimulationCfg as NativeSimulationCfg
 
+from .needed_state import needed_observables
 from .scene import InteractiveScene
 from .simulation_context import SimulationContext
 
 __all__ = ["DialectEnv"]
-
-_OBSERVABLES = {
-    "get_link_incoming_joint_force": "body_parent_f",
-    "body_incoming_joint_wrench_b": "body_parent_f",
-    "body_acc_w": "body_qdd",
-    "body_lin_acc_w": "body_qdd",
-    "body_ang_acc_w": "body_qdd",
-}
-"""What the solver must be asked to report, by the name that a hook reads."""
 
 
 def _make_simulation(cfg: NativeSimulationCfg) -> Simulation:
@@ -44,8 +35,7 @@ class DialectEnv(native.RLEnv):
     def _prepare_simulation(self) -> None:
         super()._prepare_simulation()
         self.sim.camera = self.cfg.viewer  # type: ignore[attr-defined]  # of SimulationContext
-        names = set(_names_in(type(self)))
-        wanted = {observable for name, observable in _OBSERVABLES.items() if name in names}
+        wanted = needed_observables(type(self), self.cfg)
         if wanted:
             cfg = self.sim.cfg
             self.sim.cfg = cfg.replace(observables=tuple({*cfg.observables, *wanted}))
@@ -80,20 +70,3 @@ class DialectEnv(native.RLEnv):
         super().close(**kwargs)
         if SimulationContext.instance() is self.sim:
             SimulationContext.clear_instance()
-
-
-def _names_in(cls: type) -> Iterator[str]:
-    """Names that the methods of a user's class and of its bases use, those of the package left out."""
-    for base in cls.__mro__:
-        if base.__module__.partition(".")[0] == "stripe_newton":
-            continue
-        for value in vars(base).values():
-            if isinstance(value, FunctionType):
-                yield from _names_of(value.__code__)
-
-
-def _names_of(code: CodeType) -> Iterator[str]:
-    yield from code.co_names
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _names_of(constant)

@@ -9,16 +9,15 @@ from typing import ClassVar
 import torch
 
 from stripe_newton import envs as native
-from stripe_newton import scene as native_scene
 from stripe_newton.configclass import configclass
 from stripe_newton.envs.rl_env import Extras, Observations, ResetOptions
 from stripe_newton.sim import SimulationCfg as NativeSimulationCfg
 from stripe_newton.viewers import ViewerCfg as NativeViewerCfg
 
 from .absent_joints import leave_out_absent_joints
+from .env_base import DialectEnv
 from .force_sensors import add_force_sensors
 from .mdp.warp_term import use_warp_functions
-from .scene import InteractiveScene
 from .simulation_cfg import SimulationCfg, ViewerCfg
 
 __all__ = ["ManagerBasedEnv", "ManagerBasedEnvCfg", "ManagerBasedRLEnv", "ManagerBasedRLEnvCfg"]
@@ -92,16 +91,12 @@ class _IsaacLabReset:
             mask = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)  # type: ignore[attr-defined]  # of the environment
             mask[env_ids] = True
             options = {**(options or {}), "reset_mask": mask}
-        return super().reset(seed=seed, options=options)  # type: ignore[misc,no-any-return]  # of the environment
+        return super().reset(seed=seed, options=options)  # type: ignore[misc]  # of the environment
 
 
-class ManagerBasedEnv(_IsaacLabReset, native.ManagerBasedEnv):
+class ManagerBasedEnv(_IsaacLabReset, DialectEnv, native.ManagerBasedEnv):
     """:class:`stripe_newton.envs.ManagerBasedEnv` with quaternions (w, x, y, z) in its scene."""
 
-    scene_class: ClassVar[type[native_scene.InteractiveScene]] = InteractiveScene
 
-
-class ManagerBasedRLEnv(_IsaacLabReset, native.ManagerBasedRLEnv):
+class ManagerBasedRLEnv(_IsaacLabReset, DialectEnv, native.ManagerBasedRLEnv):
     """:class:`stripe_newton.envs.ManagerBasedRLEnv` with quaternions (w, x, y, z) in its scene."""
-
-    scene_class: ClassVar[type[native_scene.InteractiveScene]] = InteractiveScene

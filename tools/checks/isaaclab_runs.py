@@ -2,13 +2,12 @@
 """Tasks of Isaac Lab under the dialect: runs each that is registered, trains it, and says which fail and why.
 
     python tools/checks/isaaclab_runs.py SOURCE [TASK ...] [--part NAME] [--steps N] [--train N] [--out FILE]
-    python tools/checks/isaaclab_runs.py --table FILE ...
 
 ``SOURCE`` is the folder that holds ``isaaclab_tasks/`` and ``isaaclab_assets/``; ``TASK`` names tasks, by default all
 whose config is in the folder ``manager_based`` or ``direct`` that ``--part`` names. Each runs in a process of its own,
 with random actions, and must give finite observations and rewards; then ``stripe-newton train TASK --isaaclab`` runs
 for a few iterations. ``--out`` keeps the outcomes, one JSON object a line, and a later call goes on where it stopped.
-``--table`` prints a Markdown table of files from such outcomes, one row for each file that registers tasks.
+``tools/documentation/isaaclab_table.py`` makes tables of them.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import json
 import logging
 import multiprocessing
 import os
-import re
 import sys
 import tempfile
 import warnings
@@ -175,63 +173,20 @@ def run_all(tasks: dict[str, str], num_envs: int, steps: int, iterations: int) -
         yield outcome
 
 
-# ---- the table
-
-_REASONS = (
-    (r".*'Robots/(.+?)/[^/]*': .*", r"no file of the robot `\1`"),
-    (r".*'(Props/[^']*)'.*", r"no file `\1`"),
-    (r".*?nucleus://Isaac/(\S+?)[' ].*", r"no file `\1`"),
-    (r".*?([\w.]+)\.?: (\w+) is not supported: (.*?)(?: \w[\w.]*: .*)?", r"`\2`: \3"),
-    (r"(?:ModuleNotFoundError: )?No module named '(\w+)'.*", r"needs `\1`"),
-)
-
-
-def reason(text: str) -> str:
-    """Why a task fails, in a few words; ``"yes"`` if it does not."""
-    if text in ("ok", ""):
-        return {"ok": "yes", "": ""}[text]
-    for pattern, short in _REASONS:
-        if match := re.fullmatch(pattern, text):
-            return match.expand(short)
-    return text if len(text) <= 100 else text[:97] + "..."
-
-
-def table(outcomes: Iterable[Outcome], part: str) -> str:
-    """Markdown table of files: their tasks, whether they run, whether they train."""
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for outcome in outcomes:
-        file = outcome.file.removeprefix(f"{part}/")
-        rows.setdefault((file, reason(outcome.steps), reason(outcome.train)), []).append(outcome.task)
-    lines = [f"| file in `{part}/` | tasks | runs | trains |", "|---|---|---|---|"]
-    for (file, steps, train), tasks in rows.items():
-        lines.append(f"| `{file.removesuffix('.py')}` | {', '.join(_short(t) for t in tasks)} | {steps} | {train} |")
-    return "\n".join(lines)
-
-
-def _short(task: str) -> str:
-    return "`" + task.removeprefix("Isaac-").removesuffix("-v0") + "`"
-
-
 # ---- command line
 
 
 def main() -> int:
     """Run the check."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("source", type=Path, nargs="?")
+    parser.add_argument("source", type=Path)
     parser.add_argument("tasks", nargs="*")
     parser.add_argument("--part", default="manager_based")
     parser.add_argument("--num-envs", type=int, default=4)
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--train", type=int, default=0, help="iterations; 0 trains nothing")
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--table", type=Path, nargs="+", help="files of outcomes to print a table of")
     args = parser.parse_args()
-    if args.table:
-        print(table(_kept(args.table).values(), args.part))
-        return 0
-    if args.source is None:
-        parser.error("SOURCE is missing: the folder that holds isaaclab_tasks/ and isaaclab_assets/")
     source = args.source.resolve()
     os.environ["ISAACLAB_SOURCE"] = str(source)
     warnings.simplefilter("ignore")
@@ -241,7 +196,7 @@ def main() -> int:
     unknown = [task for task in args.tasks if task not in known]
     if unknown:
         parser.error(f"no such task in '{args.part}': {', '.join(unknown)}")
-    done = _kept([args.out]) if args.out is not None and args.out.exists() else {}
+    done = kept_outcomes([args.out]) if args.out is not None and args.out.exists() else {}
     wanted = {task: file for task, file in known.items() if task in (args.tasks or known) and task not in done}
     failed = 0
     for outcome in run_all(wanted, args.num_envs, args.steps, args.train):
@@ -253,7 +208,8 @@ def main() -> int:
     return 1 if failed else 0
 
 
-def _kept(files: Iterable[Path]) -> dict[str, Outcome]:
+def kept_outcomes(files: Iterable[Path]) -> dict[str, Outcome]:
+    """Outcomes by task that ``--out`` has written to files, the latest of each task."""
     outcomes = [Outcome(**json.loads(line)) for file in files for line in file.read_text().splitlines()]
     return {outcome.task: outcome for outcome in outcomes}
 

@@ -20,6 +20,7 @@ NAMES: dict[str, Table] = {
         "torch_rotations", f"{_TORCH_MATH} compute_heading_and_up compute_rot"
     ),
     "isaacsim.core.utils.torch.transformations": dialect("torch_rotations", _TORCH_MATH),
+    "isaacsim.util.debug_draw._debug_draw": inert(_NO_APP, "acquire_debug_draw_interface"),
     "isaacsim.core.utils.stage": dialect("prims", "get_current_stage"),
     "isaacsim.core.utils.prims": dialect("prims", PRIMS),
     "omni": {},

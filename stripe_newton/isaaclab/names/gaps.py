@@ -25,8 +25,8 @@ NAMES: dict[str, Table] = {
     ),
     "isaaclab.assets": refused(
         "the dialect does not translate this asset",
-        """ArticulationData RigidObjectCollection RigidObjectCollectionCfg RigidObjectCollectionData RigidObjectData
-        SurfaceGripper SurfaceGripperCfg""",
+        """ArticulationData DeformableObject DeformableObjectCfg DeformableObjectData RigidObjectCollection
+        RigidObjectCollectionCfg RigidObjectCollectionData RigidObjectData SurfaceGripper SurfaceGripperCfg""",
     ),
     "isaaclab.controllers": refused(
         _CONTROLLER,
@@ -71,7 +71,8 @@ NAMES: dict[str, Table] = {
     | inert("materials of MDL are not drawn", "MdlFileCfg GlassMdlCfg")
     | refused(
         _SIM,
-        """DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg""",
+        """DeformableBodyMaterialCfg DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg
+        MultiUsdFileCfg""",
     ),
     "isaaclab.utils.io": refused("the dialect does not translate this function", "load_torchscript_model"),
     "isaaclab.utils.math": refused(

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scripts with their own loop under the Isaac Lab dialect: how they are run, how they end, the picture."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import stripe_newton.isaaclab as dialect
+from stripe_newton.isaaclab.__main__ import run_script
+from stripe_newton.isaaclab.latest_simulation import latest_simulation
+
+SCRIPT = """
+import argparse
+
+from isaaclab.app import AppLauncher
+
+parser = argparse.ArgumentParser()
+AppLauncher.add_app_launcher_args(parser)
+args = parser.parse_args()
+simulation_app = AppLauncher(args).app
+
+import isaaclab.sim as sim_utils
+from isaaclab.assets import RigidObject, RigidObjectCfg
+from isaacsim.core.utils.prims import create_prim
+
+sim = sim_utils.SimulationContext(sim_utils.SimulationCfg(dt=0.01, device=args.device))
+sim.set_camera_view([2.0, 0.0, 1.0], [0.0, 0.0, 0.5])
+ground = sim_utils.GroundPlaneCfg()
+ground.func("/World/ground", ground)
+for i in range(2):
+    create_prim(f"/World/Place{i}", "Xform", translation=(0.0, float(i), 0.0))
+cube = RigidObject(
+    RigidObjectCfg(
+        prim_path="/World/Place.*/Cube",
+        spawn=sim_utils.CuboidCfg(
+            size=(0.4, 0.4, 0.4),
+            rigid_props=sim_utils.RigidBodyPropertiesCfg(),
+            mass_props=sim_utils.MassPropertiesCfg(mass=1.0),
+            collision_props=sim_utils.CollisionPropertiesCfg(),
+            visual_material=sim_utils.PreviewSurfaceCfg(diffuse_color=(1.0, 0.0, 0.0)),
+        ),
+        init_state=RigidObjectCfg.InitialStateCfg(pos=(0.0, 0.0, 1.0)),
+    )
+)
+sim.reset()
+heights = []
+while simulation_app.is_running():
+    cube.write_data_to_sim()
+    sim.step()
+    cube.update(sim.get_physics_dt())
+    heights.append(cube.data.root_pos_w[:, 2].clone())
+assert len(heights) == 10, len(heights)
+fallen = 1.0 - heights[-1]
+expected = 9.81 * 0.01**2 * 55  # semi-implicit Euler: 1 + 2 + ... + 10
+assert cube.num_instances == 2 and (abs(fallen - expected) < 1e-4).all(), fallen
+print("fell", [round(float(f), 3) for f in fallen])
+simulation_app.close()
+"""
+
+
+@pytest.fixture
+def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A script; argument list, search path and the dialect's modules are put back after the test."""
+    monkeypatch.setattr(sys, "argv", ["pytest"])
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path = tmp_path / "falling.py"
+    path.write_text(SCRIPT)
+    yield path
+    sim = latest_simulation()
+    if sim is not None:
+        sim.close()
+    dialect.uninstall()
+
+
+def test_a_script_runs_unmodified_and_ends_with_a_picture_of_its_last_state(script, capsys):
+    picture = script.with_suffix(".png")
+    run_script(str(script), ["--headless", "--device", "cpu", "--stop_after", "10", "--picture", str(picture)])
+    assert "fell [0.054, 0.054]" in capsys.readouterr().out
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    red = (pixels[..., 0] > 100) & (pixels[..., 1] < 60) & (pixels[..., 2] < 60)
+    assert pixels.shape == (540, 960, 3)
+    assert 0.005 < red.mean() < 0.5
+
+
+def test_a_script_that_is_not_there_is_named():
+    with pytest.raises(SystemExit, match="no script 'nowhere/falling.py'"):
+        run_script("nowhere/falling.py", [])
