@@ -53,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Until the environment is built (`make_env`): collections double the time of the imports. Not where Python
         # code calls this function, whose process goes on.
         gc.disable()
+        # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
+        # the cores, too, an update of a small network took twenty times as long by that.
+        os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         return _dispatch(args)
     except BrokenPipeError:  # the program that read the output, such as head, has ended

@@ -26,7 +26,8 @@ SLED = """<mujoco model="sled"><worldbody><body name="sled" pos="0 0 1"><freejoi
 PENDULUM = """<robot name="pendulum"><link name="base"><inertial><mass value="2"/>
 <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <link name="bob"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><origin xyz="0 0 -.5"/><geometry><sphere radius=".1"/></geometry></collision></link><joint name="hinge" type="revolute"><parent link="base"/>
+<collision><origin xyz="0 0 -.5"/><geometry><sphere radius=".1"/></geometry></collision></link>
+<joint name="hinge" type="revolute"><parent link="base"/>
 <child link="bob"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="5"/></joint></robot>"""
 
 
