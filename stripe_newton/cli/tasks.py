@@ -133,12 +133,21 @@ def import_target(target: str, where: str) -> ModuleType:
         sys.path.insert(0, str(folder))
     with user_code(f"{where}: {target} cannot be imported", anywhere=True):
         try:
-            return importlib.import_module(module)
+            found = importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
                 raise  # the module is there, one that it imports is not
             places = f"neither in {folder} nor in Python's path"
             raise UserError(f"{where}: there is no module '{target}', {places}") from None
+    if getattr(found, "__file__", None) is None and hasattr(found, "__path__"):  # to Python a folder is a module, too
+        raise UserError(f"{where}: {_empty_folder(target, Path(next(iter(found.__path__))))}")
+    return found
+
+
+def _empty_folder(target: str, folder: Path) -> str:
+    """What is said of a folder that is no package, such as one that holds a package of its name."""
+    hint = f"; did you mean {target}/{folder.name}?" if (folder / folder.name / "__init__.py").is_file() else ""
+    return f"{target} is a folder without __init__.py, so it has no tasks{hint}"
 
 
 def _module_and_folder(target: str, where: str) -> tuple[str, Path]:

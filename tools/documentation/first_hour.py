@@ -160,7 +160,7 @@ def main() -> None:
             env.pop("PYTHONPATH", None)
             recorder.lines.append("\n## Set-up\n")
             recorder.run(f"{Path(sys.executable).name} -m venv .venv")
-            recorder.run(f"pip install -q {ROOT}")
+            recorder.run(f'pip install -qq "{ROOT}[export]" pytest')
         for step in read_steps(args.page):
             if step.kind == "heading":
                 recorder.lines.append(f"\n## {step.text}\n")
