@@ -23,6 +23,7 @@ BEGAN = time.perf_counter()
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "list": ("stripe_newton.cli.list_tasks", "show the tasks, one a line"),
+    "new": ("stripe_newton.cli.new", "make a package with a task that trains at once, and tests"),
     "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
     "eval": ("stripe_newton.cli.eval", "measure a trained policy over a number of episodes"),
     "export": ("stripe_newton.cli.export", "write a policy as ONNX and TorchScript, with what a robot has to know"),
@@ -30,7 +31,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "compare": ("stripe_newton.cli.compare", "compare runs: curves with confidence bands, a table, what differs"),
     "bench": ("stripe_newton.cli.bench", "measure what a step of a task costs, and how much of it is physics"),
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
-    "scene": ("stripe_newton.cli.scene", "make a scene of a spec: pictures of it, or a USD file"),
+    "scene": ("stripe_newton.cli.scene", "make a scene of a spec: pictures of it, a USD file, or a walk through it"),
 }
 """Module and line of help of each command."""
 
@@ -52,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Until the environment is built (`make_env`): collections double the time of the imports. Not where Python
         # code calls this function, whose process goes on.
         gc.disable()
+        # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
+        # the cores, too, an update of a small network took twenty times as long by that.
+        os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         return _dispatch(args)
     except BrokenPipeError:  # the program that read the output, such as head, has ended

@@ -128,20 +128,38 @@ def import_target(target: str, where: str) -> ModuleType:
     Raises:
         UserError: if there is none, or it cannot be imported; with the line of the user's code that failed.
     """
-    path = Path(target)
-    module, folder = (path.stem, path.resolve().parent) if path.suffix == ".py" else (target, Path.cwd())
-    if path.suffix == ".py" and not path.is_file():
-        raise UserError(f"{where}: {target} does not exist")
+    module, folder = _module_and_folder(target, where)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
     with user_code(f"{where}: {target} cannot be imported", anywhere=True):
         try:
-            return importlib.import_module(module)
+            found = importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
                 raise  # the module is there, one that it imports is not
             places = f"neither in {folder} nor in Python's path"
             raise UserError(f"{where}: there is no module '{target}', {places}") from None
+    if getattr(found, "__file__", None) is None and hasattr(found, "__path__"):  # to Python a folder is a module, too
+        raise UserError(f"{where}: {_empty_folder(target, Path(next(iter(found.__path__))))}")
+    return found
+
+
+def _empty_folder(target: str, folder: Path) -> str:
+    """What is said of a folder that is no package, such as one that holds a package of its name."""
+    hint = f"; did you mean {target}/{folder.name}?" if (folder / folder.name / "__init__.py").is_file() else ""
+    return f"{target} is a folder without __init__.py, so it has no tasks{hint}"
+
+
+def _module_and_folder(target: str, where: str) -> tuple[str, Path]:
+    """Name of a module, and the folder to look for it in; a path names a file, or a package by its folder."""
+    path = Path(target).resolve()
+    if "/" in target and (path / "__init__.py").is_file():
+        path /= "__init__.py"
+    elif not target.endswith(".py"):
+        return target, Path.cwd()
+    if not path.is_file():
+        raise UserError(f"{where}: {target} does not exist")
+    return (path.parent.name, path.parents[1]) if path.name == "__init__.py" else (path.stem, path.parent)
 
 
 def load_entry_points() -> None:
@@ -201,13 +219,13 @@ def load_cfg(task: str, kind: Literal["env", "agent"]) -> RLEnvCfg | RunnerCfg:
     if entry is None:
         raise UserError(f"task '{task}' is registered without '{_AGENT_CFG}', so it cannot be trained with rsl_rl")
     with user_code(f"the {kind} config of {task}", anywhere=True):
-        make: Callable[[], RLEnvCfg | RunnerCfg] = _resolved(entry)
+        make: Callable[[], RLEnvCfg | RunnerCfg] = _resolved(entry, task)
         return make()
 
 
 def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchVectorEnv:
     """The vector environment of a task, made from ``cfg``; several agents are shown as one."""
-    creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point)
+    creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point, task)
     with user_code(f"the environment of {task}"):
         env = creator(cfg=cfg, render_mode=render_mode)
     if not gc.isenabled():  # `main` has switched it off
@@ -221,6 +239,18 @@ def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchV
     return multi_agent_to_single_agent(inner) if isinstance(inner, DirectMARLEnv) else env
 
 
-def _resolved(entry: str | Callable[..., T]) -> Callable[..., T]:
-    """The object that an entry point names as ``module:name``; an object itself is returned as it is."""
-    return resolve_name(entry) if isinstance(entry, str) else entry
+def _resolved(entry: str | Callable[..., T], task: str) -> Callable[..., T]:
+    """The object that an entry point of a task names as ``module:name``; an object itself is returned as it is.
+
+    Raises:
+        UserError: if there is no module of that name.
+    """
+    if not isinstance(entry, str):
+        return entry
+    try:
+        return resolve_name(entry)
+    except ModuleNotFoundError as error:
+        module = entry.partition(":")[0]
+        if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
+            raise
+        raise UserError(f"task '{task}' is registered with '{entry}': there is no module '{error.name}'") from None

@@ -225,6 +225,29 @@ def test_tasks_of_one_own_by_file_and_module(capsys, tmp_path):
     assert main(["--import=my_task_file", "list"]) == 0
 
 
+def test_a_package_is_imported_by_the_path_of_its_folder(capsys):
+    package = Path("outer_folder") / "outer_folder"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("from .inner import NUMBER\nprint('imported', NUMBER)\n")
+    (package / "inner.py").write_text("NUMBER = 17\n")
+    said = "outer_folder is a folder without __init__.py, so it has no tasks; did you mean outer_folder/outer_folder?"
+    assert said in error_of(capsys, "list", "--import", "outer_folder")
+    sys.modules.pop("outer_folder")
+    assert main(["list", "--import", "outer_folder/outer_folder"]) == 0
+    assert "imported 17" in capsys.readouterr().out
+    assert main(["list", "--import", "outer_folder/outer_folder/__init__.py"]) == 0
+
+
+def test_a_config_whose_module_is_missing_is_one_line(capsys):
+    kwargs = {"env_cfg_entry_point": "gone_package.cfg:Cfg"}
+    gymnasium.register("Gone-v0", vector_entry_point="gone_package.env:Env", kwargs=kwargs)
+    try:
+        text = error_of(capsys, "bench", "Gone-v0")
+    finally:
+        gymnasium.registry.pop("Gone-v0")
+    assert "task 'Gone-v0' is registered with 'gone_package.cfg:Cfg': there is no module 'gone_package'" in text
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import os
+import pydoc
 import re
 import shlex
 import sys
@@ -15,10 +17,11 @@ import gymnasium
 import pytest
 import tyro
 
-from stripe_newton.cli import COMMANDS
+from stripe_newton.cli import COMMANDS, main
 from stripe_newton.cli.arguments import parse
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
 from tests.helpers.checkout import ROOT
+from tools.documentation import first_hour
 from tools.pictures import architecture_figure
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -43,9 +46,8 @@ def snippets(text: str) -> list[str]:
 
 
 WITH_BLOCKS = [page for page in PAGES if BLOCK.search(page.read_text(encoding="utf-8"))]
-WITH_BLOCKS = [
-    page for page in WITH_BLOCKS if page.name != "learners.md"
-]  # run by tests/helpers/learner_examples.py, once
+ELSEWHERE = ("learners.md", "tutorial.md")  # run by tests/helpers/learner_examples.py, once, and as a whole below
+WITH_BLOCKS = [page for page in WITH_BLOCKS if page.name not in ELSEWHERE]
 IMPORTS = sorted(
     {
         code.removesuffix(", ...")
@@ -93,9 +95,56 @@ def test_python_blocks_run(page, tmp_path, monkeypatch, same_tasks):
         assert sys.modules.pop(name).__file__ == str(tmp_path / f"{name}.py")
 
 
+SMALL = {
+    "stripe-newton train": " --num-envs 4 --max-iterations 1 --final-video False --agent.num-steps-per-env 4",
+    "stripe-newton play": " --num-envs 2 --steps 4",
+    "stripe-newton eval": " --num-envs 2 --env.episode-length-s 0.2",
+}
+"""Options that make a command of the tutorial short, by its beginning."""
+
+
+def test_the_tutorial_makes_what_it_says(monkeypatch, same_tasks):
+    """Its files are written and changed, and its test of the term passes; the slow test below runs its commands."""
+    folder = Path.cwd()
+    for step in first_hour.read_steps(ROOT / "docs" / "tutorial.md"):
+        if step.text.startswith("stripe-newton new"):
+            assert main(shlex.split(step.text)[1:]) == 0
+        elif step.text.startswith("cd "):
+            folder /= step.text[3:]
+        elif step.kind not in ("heading", "command"):
+            first_hour.apply_block(step, folder)
+    monkeypatch.syspath_prepend(str(folder))
+    own = ["-q", "-p", "no:cacheprovider", "-c", str(folder / "pyproject.toml"), str(folder / "tests/test_terms.py")]
+    assert pytest.main(own) == pytest.ExitCode.OK
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_tutorial_run():
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(str(ROOT / part) for part in (".", "kernels", "tasks"))}
+    recorder = first_hour.Recorder(Path.cwd(), env)
+    for step in first_hour.read_steps(ROOT / "docs" / "tutorial.md"):
+        if step.kind == "command":
+            recorder.run(step.text + next((text for name, text in SMALL.items() if step.text.startswith(name)), ""))
+        elif step.kind != "heading":
+            first_hour.apply_block(step, recorder.folder)
+    assert (recorder.folder / "robot" / "policy.onnx").is_file()
+
+
 @pytest.mark.parametrize("line", IMPORTS)
 def test_imports_work(line):
     exec(line, {})
+
+
+def test_the_names_of_the_designs_lead_to_what_is_here():
+    """Each name in the second column can be imported; attributes of classes count fields without a default."""
+    rows = re.findall(r"^\| [^|]+ \| ([^|]+) \|", (ROOT / "docs" / "names.md").read_text(encoding="utf-8"), re.M)
+    names = [name for row in rows for name in CODE.findall(row)]
+    assert len(names) > 50
+    for name in names:
+        found = pydoc.locate(name)
+        owner, _, attribute = name.rpartition(".")
+        assert found is not None or attribute in getattr(pydoc.locate(owner), "__annotations__", {}), name
+    assert not [row for row in rows if row != "here" and not CODE.findall(row)]
 
 
 def anchors(page: Path) -> set[str]:
@@ -166,7 +215,7 @@ def test_command_lines_parse(line):
         if argv[1:]:  # else the action is only named
             tyro.cli(ACTIONS[argv[0]], args=argv[1:])
         return
-    if command in ("list", "inspect", "compare", "export"):
+    if command in ("list", "new", "inspect", "compare", "export"):
         tyro.cli(options, args=argv)
         return
     argv[0] = argv[0] if argv[0] in task_ids() else TASK
@@ -185,6 +234,6 @@ def test_the_command_line_page_names_each_option(command):
 
         fields += [field for kind in ACTIONS.values() for field in dataclasses.fields(kind)]
     known = {field.name.replace("_", "-") for field in fields} - {"resume"}
-    positional = {"task", "target", "spec", "runs"}
+    positional = {"task", "target", "spec", "runs", "name"}
     assert named <= known
     assert known - positional <= named
