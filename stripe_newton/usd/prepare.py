@@ -23,7 +23,7 @@ from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
 from .units import mixed_units, stage_units, to_si
 
-__all__ = ["prepare", "schema_typed"]
+__all__ = ["converted", "prepare", "schema_typed"]
 
 
 def prepare(
@@ -54,18 +54,8 @@ def prepare(
     Returns:
         The edited stage, and rows that say what was changed.
     """
-    name, ignore = stage_name(stage), tuple(ignore)
-    metres, kilograms = stage_units(stage)
-    rows: Ignored = mixed_units(stage)
-    typed = _Edit(stage, root_path, ignore, rows)
-    expand_point_instancers(typed.overlay, root_path, ignore, rows, name)
-    typed.convert_types()
-    converted = to_si(typed.overlay.stage)
-    if converted is not typed.overlay.stage:
-        rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))
-        edit = _Edit(converted, root_path, ignore, rows)
-    else:
-        edit = typed
+    name, rows = stage_name(stage), list[tuple[str, str, str]]()
+    edit = _converted(stage, root_path, tuple(ignore), rows)
     edit.drop_damaged_meshes()
     edit.drop_wrong_normals()
     edit.apply_binding_schema()
@@ -75,8 +65,32 @@ def prepare(
     edit.bake_scaled_shapes()
     edit.replace_approximations(static_triangles)
     edit.drop_dangling_groups()
-    articulate_loose_joints(edit.overlay, root_path, ignore, rows, name)
+    articulate_loose_joints(edit.overlay, root_path, tuple(ignore), rows, name)
     return edit.overlay.stage, rows
+
+
+def converted(stage: Usd.Stage) -> tuple[Usd.Stage, Ignored]:
+    """A stage in SI, to copy prims of it into another: the first three edits of :func:`prepare`, and their rows.
+
+    Raises:
+        StageError: a point instancer does not fit together.
+    """
+    rows: Ignored = []
+    return _converted(stage, "/", (), rows).overlay.stage, rows
+
+
+def _converted(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...], rows: Ignored) -> _Edit:
+    """Instances of point instancers as prims, numbers in the types of their schemas, units in SI."""
+    metres, kilograms = stage_units(stage)
+    rows.extend(mixed_units(stage))
+    typed = _Edit(stage, root_path, ignore, rows)
+    expand_point_instancers(typed.overlay, root_path, ignore, rows, stage_name(stage))
+    typed.convert_types()
+    in_si = to_si(typed.overlay.stage)
+    if in_si is typed.overlay.stage:
+        return typed
+    rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))
+    return _Edit(in_si, root_path, ignore, rows)
 
 
 def schema_typed(stage: Usd.Stage) -> Usd.Stage:
