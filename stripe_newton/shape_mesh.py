@@ -27,7 +27,9 @@ _OWN_HULLS: WeakSet[newton.Mesh] = WeakSet()
 _PLAIN = {"compute_normals": False, "compute_uvs": False, "compute_inertia": False}
 
 
-def shape_mesh(kind: int, scale: np.ndarray, source: Any, label: str) -> tuple[np.ndarray, np.ndarray]:
+def shape_mesh(
+    kind: int, scale: np.ndarray, source: Any, label: str, sagitta: float = _SAGITTA
+) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of a shape in its frame. Facets of round shapes are within 0.1 mm of them, up to 256 around.
 
     Args:
@@ -35,6 +37,7 @@ def shape_mesh(kind: int, scale: np.ndarray, source: Any, label: str) -> tuple[n
         scale: Its scale or sizes [m], shape ``(3,)``.
         source: Its mesh or height field, if it has one.
         label: Its label, for the error.
+        sagitta: Distance of the facets of round shapes from their surface [m].
 
     Returns:
         Vertices [m], shape ``(vertices, 3)``, and indices of three vertices, counterclockwise seen from outside, shape
@@ -43,14 +46,16 @@ def shape_mesh(kind: int, scale: np.ndarray, source: Any, label: str) -> tuple[n
     Raises:
         ValueError: for a kind of shape that has no mesh.
     """
-    mesh, factor = _mesh_of(GeoType(int(kind)), np.asarray(scale, dtype=float), source, label)
+    mesh, factor = _mesh_of(GeoType(int(kind)), np.asarray(scale, dtype=float), source, label, sagitta)
     faces = np.asarray(mesh.indices, dtype=int).reshape(-1, 3)
     if np.prod(np.sign(factor)) < 0.0:  # a mirror turns triangles inside out
         faces = faces[:, ::-1]
     return np.asarray(mesh.vertices, dtype=float) * factor, faces
 
 
-def _mesh_of(kind: GeoType, scale: np.ndarray, source: Any, label: str) -> tuple[newton.Mesh, np.ndarray]:
+def _mesh_of(
+    kind: GeoType, scale: np.ndarray, source: Any, label: str, sagitta: float
+) -> tuple[newton.Mesh, np.ndarray]:
     """Mesh of a shape, and the factors on its coordinates."""
     a, b, c = scale.tolist()
     one, along_z = np.ones(3), newton.Axis.Z
@@ -64,7 +69,7 @@ def _mesh_of(kind: GeoType, scale: np.ndarray, source: Any, label: str) -> tuple
         return newton.Mesh.create_plane(a or 2.0 * _ENDLESS, b or 2.0 * _ENDLESS, **_PLAIN), one
     if kind == GeoType.BOX:
         return newton.Mesh.create_box(a, b, c, **_PLAIN), one
-    count = _facets(max(a, b, c) if kind == GeoType.ELLIPSOID else a)
+    count = _facets(max(a, b, c) if kind == GeoType.ELLIPSOID else a, sagitta)
     if kind in (GeoType.SPHERE, GeoType.ELLIPSOID):
         sphere = newton.Mesh.create_sphere(1.0, num_latitudes=count, num_longitudes=count, **_PLAIN)
         return sphere, scale if kind == GeoType.ELLIPSOID else a * one
@@ -105,9 +110,9 @@ def _is_hull(corners: np.ndarray, faces: np.ndarray, most: int) -> bool:
     )
 
 
-def _facets(radius: float) -> int:
+def _facets(radius: float, sagitta: float) -> int:
     """Facets around a circle whose middles are within the sagitta of it."""
-    share = min(_SAGITTA / max(radius, _SAGITTA), 1.0)
+    share = min(sagitta / max(radius, sagitta), 1.0)
     return int(np.clip(np.ceil(np.pi / np.arccos(1.0 - share)), *_FACETS))
 
 

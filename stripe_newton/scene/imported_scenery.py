@@ -99,6 +99,7 @@ class ImportedScenery:
             StageError: if there is nothing to stand on.
         """
         report.file = self.stage.file
+        report.ignored.extend(self.stage.rows)
         shapes = static_colliders(self._builder)
         if not shapes:
             raise StageError(self.stage.file, "", "none of its static colliders was read; see stripe-newton inspect")

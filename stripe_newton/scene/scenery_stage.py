@@ -11,8 +11,9 @@ from typing import Any
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from stripe_newton.usd import StageError, open_stage, schema_typed, stage_name, to_si
+from stripe_newton.usd import StageError, converted, open_stage, stage_name
 from stripe_newton.usd.checks import check_stage
+from stripe_newton.usd.ignored_rows import Ignored
 from stripe_newton.usd.semantic_labels import read_semantics
 
 from .scenery_options import SceneryOptionsCfg
@@ -32,6 +33,7 @@ class SceneryStage:
             nothing moves.
         not_moving: Expression of the prims that do not move, which are left out of the environments.
         labels: First semantic label of each prim that has one, by path.
+        rows: What was converted, for the report.
     """
 
     file: str
@@ -40,6 +42,7 @@ class SceneryStage:
     not_static: str = ""
     not_moving: str = ""
     labels: dict[str, str] = field(default_factory=dict)
+    rows: Ignored = field(default_factory=list)
 
 
 def author_scenery(
@@ -63,15 +66,18 @@ def author_scenery(
     source = open_stage(Path(file).expanduser())
     check_stage(source, "/", (), solver, True, stage_name(source))
     _check_colliders(source, options)
-    layer = to_si(schema_typed(source)).Flatten()
+    in_si, rows = converted(source)
+    layer = in_si.Flatten()
     path = _free_path(stage, source, _parent(stage, ground))
     root = UsdGeom.Xform.Define(stage, str(path))
     target = stage.GetRootLayer()
-    for prim in layer.rootPrims:
-        Sdf.CopySpec(layer, prim.path, target, path.AppendChild(prim.name))
-    _retarget(target, path)
+    with Sdf.ChangeBlock():  # else OpenUSD complains of arcs to the old paths
+        for prim in layer.rootPrims:
+            Sdf.CopySpec(layer, prim.path, target, path.AppendChild(prim.name))
+        _retarget(target, path)
     root.AddTransformOp().Set(_placement(source, options))
     made = SceneryStage(file, str(path))
+    made.rows = [(str(path) + where.rstrip("/"), what, why) for where, what, why in rows]
     if options.visuals_collide:
         _make_colliders(stage, path)
     _sort_prims(stage.GetPrimAtPath(path), made)

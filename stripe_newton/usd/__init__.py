@@ -3,7 +3,7 @@
 
 from .ignored_rows import ignored_text
 from .loading import check_content, inspect_stage, load_stage
-from .prepare import schema_typed
+from .prepare import converted, schema_typed
 from .report_rows import joint_rows
 from .semantic_labels import read_semantics
 from .solver_errors import solver_reason
@@ -20,6 +20,7 @@ __all__ = [
     "StageTrial",
     "asset_prim",
     "check_content",
+    "converted",
     "ignored_text",
     "inspect_stage",
     "joint_rows",

@@ -68,7 +68,10 @@ def _thickened(mesh: newton.Mesh, points: np.ndarray, normal: np.ndarray) -> new
     front = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
     back = -normal if float(front @ normal) >= 0.0 else normal
     count = len(points)
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    # Files repeat points for each normal: edges between two faces are found by the places of their ends.
+    _, first, same = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    welded = first[same.reshape(-1)][faces]
+    edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]])
     _, where, times = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     rim = edges[where[times == 1]]
     a, b = rim[:, 0], rim[:, 1]

@@ -18,11 +18,12 @@ from .material_bindings import inherited_materials, lost_materials, unapplied_bi
 from .mesh_approximations import replaced_approximations
 from .mesh_checks import mesh_reason, normals_reason
 from .point_instancers import expand_point_instancers
+from .scaled_shapes import bake_shape, scaled_shapes
 from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
 from .units import mixed_units, stage_units, to_si
 
-__all__ = ["prepare", "schema_typed"]
+__all__ = ["converted", "prepare", "schema_typed"]
 
 
 def prepare(
@@ -36,6 +37,7 @@ def prepare(
     * Units other than metres and kilograms are converted (:func:`to_si`).
     * A rigid body that is not enabled becomes static geometry (Newton would let it fall).
     * Colliders get the physics materials that are bound above them (UsdPhysics reads those bound to a collider alone).
+    * Shapes that a scale makes another kind of become meshes (:func:`scaled_shapes`).
     * Approximations of meshes that would be another shape are taken off (:func:`replaced_approximations`).
     * Visible meshes without a shape are left out, and bindings to materials that do not resolve.
     * Targets of ``physics:filteredGroups`` that do not exist are dropped (OpenUSD takes them for the group itself, and
@@ -52,28 +54,43 @@ def prepare(
     Returns:
         The edited stage, and rows that say what was changed.
     """
-    name, ignore = stage_name(stage), tuple(ignore)
-    metres, kilograms = stage_units(stage)
-    rows: Ignored = mixed_units(stage)
-    typed = _Edit(stage, root_path, ignore, rows)
-    expand_point_instancers(typed.overlay, root_path, ignore, rows, name)
-    typed.convert_types()
-    converted = to_si(typed.overlay.stage)
-    if converted is not typed.overlay.stage:
-        rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))
-        edit = _Edit(converted, root_path, ignore, rows)
-    else:
-        edit = typed
+    name, rows = stage_name(stage), list[tuple[str, str, str]]()
+    edit = _converted(stage, root_path, tuple(ignore), rows)
     edit.drop_damaged_meshes()
     edit.drop_wrong_normals()
     edit.apply_binding_schema()
     edit.clear_lost_materials()
     edit.apply_inherited_materials()
     edit.make_disabled_bodies_static()
+    edit.bake_scaled_shapes()
     edit.replace_approximations(static_triangles)
     edit.drop_dangling_groups()
-    articulate_loose_joints(edit.overlay, root_path, ignore, rows, name)
+    articulate_loose_joints(edit.overlay, root_path, tuple(ignore), rows, name)
     return edit.overlay.stage, rows
+
+
+def converted(stage: Usd.Stage) -> tuple[Usd.Stage, Ignored]:
+    """A stage in SI, to copy prims of it into another: the first three edits of :func:`prepare`, and their rows.
+
+    Raises:
+        StageError: a point instancer does not fit together.
+    """
+    rows: Ignored = []
+    return _converted(stage, "/", (), rows).overlay.stage, rows
+
+
+def _converted(stage: Usd.Stage, root_path: str, ignore: tuple[str, ...], rows: Ignored) -> _Edit:
+    """Instances of point instancers as prims, numbers in the types of their schemas, units in SI."""
+    metres, kilograms = stage_units(stage)
+    rows.extend(mixed_units(stage))
+    typed = _Edit(stage, root_path, ignore, rows)
+    expand_point_instancers(typed.overlay, root_path, ignore, rows, stage_name(stage))
+    typed.convert_types()
+    in_si = to_si(typed.overlay.stage)
+    if in_si is typed.overlay.stage:
+        return typed
+    rows.append(("/", "units", f"converted to SI from {metres:g} m and {kilograms:g} kg a unit"))
+    return _Edit(in_si, root_path, ignore, rows)
 
 
 def schema_typed(stage: Usd.Stage) -> Usd.Stage:
@@ -154,11 +171,31 @@ class _Edit:
                     (str(path), "rigid body", "rigidBodyEnabled is false: its shapes are static geometry")
                 )
 
+    def bake_scaled_shapes(self) -> None:
+        """Replace shapes that Newton would read as others by meshes; after bodies are known to be static."""
+        for path, what, why_not in scaled_shapes(self._prims()):
+            kind = self.overlay.stage.GetPrimAtPath(path).GetTypeName()
+            if why_not:
+                why = f"is not read, as {why_not}; bake it into a mesh, or scale all axes alike"
+            else:
+                bake_shape(self.overlay, path)
+                why = "is baked into its points"
+                if kind != "Mesh":
+                    why = f"is not one of a {kind}: it becomes a mesh, to 1 mm"
+            self._rows.append((str(path), what, why))
+
     def replace_approximations(self, static_triangles: bool) -> None:
         """Author ``none`` where an approximation would be another shape; after bodies are known to be static."""
-        for path, kind, why in list(replaced_approximations(self._prims(), static_triangles)):
+        meshes = [prim for prim in self._prims() if prim.HasAPI(UsdPhysics.MeshCollisionAPI)]
+        kinds = {prim.GetPath(): UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get() for prim in meshes}
+        for path, kind, why in list(replaced_approximations(meshes, static_triangles)):
             UsdPhysics.MeshCollisionAPI(self.overlay.prim(path)).GetApproximationAttr().Set(UsdPhysics.Tokens.none)
+            kinds[path] = UsdPhysics.Tokens.none
             self._rows.append((str(path), f"approximation {kind}", why))
+        # An edit of a prim reaches those that refer to it, such as the colliders of bodies that keep theirs.
+        for path, kind in kinds.items():
+            if UsdPhysics.MeshCollisionAPI(self.overlay.stage.GetPrimAtPath(path)).GetApproximationAttr().Get() != kind:
+                UsdPhysics.MeshCollisionAPI(self.overlay.prim(path)).GetApproximationAttr().Set(kind)
 
     def drop_dangling_groups(self) -> None:
         """Drop targets of collision groups that do not exist."""

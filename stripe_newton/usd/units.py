@@ -97,9 +97,10 @@ def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
     USD does not rescale referenced files; the scale must be authored where the reference is.
     """
     metres, rows = stage_units(stage)[0], []
+    resolved = _resolved_units(stage)
     for layer in stage.GetUsedLayers():
         other = layer.pseudoRoot.GetInfo("metersPerUnit") if layer.pseudoRoot.HasInfo("metersPerUnit") else metres
-        if not math.isclose(other, metres):
+        if not math.isclose(other, metres) and not any(math.isclose(other, metres * s, rel_tol=1e-3) for s in resolved):
             why = f"{layer.identifier} has {other:g} m a unit, the stage {metres:g}: references are not rescaled"
             rows.append(("/", "metersPerUnit", why))
     for prim in stage.Traverse():
@@ -109,6 +110,12 @@ def mixed_units(stage: Usd.Stage) -> list[tuple[str, str, str]]:
             why = f"is {magnitude * metres:g} m/s^2: are lengths in other units than metersPerUnit {metres:g} says?"
             rows.append((str(prim.GetPath()), "gravityMagnitude", why))
     return rows
+
+
+def _resolved_units(stage: Usd.Stage) -> set[float]:
+    """Scales that Omniverse authors where it references a file with other units."""
+    scales = (p.GetAttribute("xformOp:scale:unitsResolve").Get() for p in stage.Traverse())
+    return {float(scale[0]) for scale in scales if scale is not None}
 
 
 def to_si(stage: Usd.Stage) -> Usd.Stage:

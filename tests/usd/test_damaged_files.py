@@ -7,6 +7,7 @@ import os
 
 import numpy as np
 import pytest
+import trimesh
 
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import SimulationCfg
@@ -141,6 +142,16 @@ def test_the_plate_of_a_flat_mesh_is_closed_and_behind_its_front():
     assert points[:, 2].max() == pytest.approx(0.0)
     a, b, c = (points[faces[:, k]] for k in range(3))
     assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0 == pytest.approx(100.0 * 0.02, rel=1e-5)
+
+
+def test_the_plate_of_squares_that_repeat_their_points_has_no_walls_inside():
+    points = "[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (1, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0)]"
+    builder, _ = load(usda(body_text() + mesh(points, "[4, 4]", "[0, 1, 2, 3, 4, 5, 6, 7]", collides=True)))
+    plate = builder.shape_source[builder.shape_label.index("/mesh")]
+    assert len(plate.indices) // 3 == 2 * 4 + 2 * 6  # both sides, and six edges around
+    whole = trimesh.Trimesh(plate.vertices, np.array(plate.indices).reshape(-1, 3))
+    assert whole.is_watertight
+    assert whole.volume == pytest.approx(2.0 * 0.02, rel=1e-5)
 
 
 def test_flat_meshes_that_cannot_be_a_plate_are_refused():

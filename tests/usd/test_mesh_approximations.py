@@ -93,3 +93,15 @@ def test_without_coacd_its_hull_collides_and_a_row_says_so(monkeypatch: pytest.M
     rows = {what: why for _, what, why in report.ignored}
     assert "pip install 'stripe-newton[decomposition]'" in rows["approximation convexDecomposition"]
     assert "its convex hull collides" in rows["concave mesh collider"]
+
+
+def test_a_body_keeps_the_approximation_of_a_static_mesh_it_refers_to() -> None:
+    pytest.importorskip("coacd")
+    stage = new_stage()
+    add_mesh(stage, "/World/prototype", MESHES["table"], "convexDecomposition")
+    add_body(stage, "/World/table", (0, 0, 3), collider=False)
+    stage.DefinePrim("/World/table/mesh").GetReferences().AddInternalReference("/World/prototype")
+    report = load_stage(newton.ModelBuilder(), stage)
+    shapes = [shape.path for shape in report.shapes if shape.collides]
+    assert sum(path.startswith("/World/table/mesh") for path in shapes) == 5  # the top and four legs
+    assert sum(path.startswith("/World/prototype") for path in shapes) == 1  # triangles

@@ -424,10 +424,14 @@ def test_units_that_look_wrong_are_said(tmp_path):
     what = {row[1]: row[2] for row in load(stage)[1].ignored}
     assert "0.01 m a unit" in what["metersPerUnit"]
     assert "981 m/s^2" in what["gravityMagnitude"]
+    # As Omniverse does where it references a file with other units.
+    resolve = UsdGeom.Xform.Get(stage, "/World/part").AddScaleOp(UsdGeom.XformOp.PrecisionDouble, "unitsResolve")
+    resolve.Set(Gf.Vec3d(0.01, 0.01, 0.01))
+    assert "metersPerUnit" not in {row[1] for row in load(stage)[1].ignored}
 
 
 def test_mesh_approximations_without_scipy(monkeypatch):
-    monkeypatch.setattr("stripe_newton.usd.loading._can_approximate", lambda: False)
+    monkeypatch.setattr("stripe_newton.usd.loading.can_approximate", lambda: False)
     builder, report = load(PACKAGE / "tests/assets/cube_cylinder.usda")
     assert builder.body_mass[0] > 0.0
     assert any(row[1].startswith("approximation ") for row in report.ignored)
