@@ -39,7 +39,6 @@ forward_modules(
         "stripe_newton.cli.sweep": "stripe_newton.cli.train_sweep",
         "stripe_newton.envs.direct_marl_env_cfg": "stripe_newton.envs.direct_marl_env",
         "stripe_newton.envs.direct_rl_env_cfg": "stripe_newton.envs.direct_rl_env",
-        "stripe_newton.envs.manager_based_rl_env_cfg": "stripe_newton.envs.manager_based_rl_env",
         "stripe_newton.envs.outputs": "stripe_newton.envs.output_block",
         "stripe_newton.fusion.entity": "stripe_newton.fusion.scene_entity",
         "stripe_newton.fusion.items": "stripe_newton.fusion.stage",

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 import gymnasium
 
@@ -39,7 +39,7 @@ class _EnvCreator:
         **kwargs: object,
     ) -> RLEnv:
         # Configs for other learners are in the kwargs of tasks that were registered for Isaac Lab.
-        kwargs = {name: value for name, value in kwargs.items() if not name.endswith("_cfg_entry_point")}
+        kwargs = {name: value for name, value in kwargs.items() if not name.endswith("_entry_point")}
         make_env = resolve_name(self.env) if isinstance(self.env, str) else self.env
         make_cfg = resolve_name(self.env_cfg) if isinstance(self.env_cfg, str) else self.env_cfg
         chosen = make_cfg() if cfg is None else cfg
@@ -50,12 +50,26 @@ class _EnvCreator:
         return make_env(cfg=chosen, render_mode=render_mode, **kwargs)
 
 
+class _NoSingleEnv:
+    """The entry point of a task for ``gymnasium.make``, which makes no vectors of environments."""
+
+    def __init__(self, task_id: str):
+        self.task_id = task_id
+
+    def __call__(self, **kwargs: object) -> NoReturn:
+        raise gymnasium.error.Error(
+            f"'{self.task_id}' is always a vector of environments, which gymnasium.make does not make; call "
+            f"gymnasium.make_vec('{self.task_id}', num_envs=1), or with more"
+        )
+
+
 def register_task(
     task_id: str,
     *,
     env: str | Callable[..., RLEnv],
     env_cfg: str | Callable[[], RLEnvCfg],
     rsl_rl_cfg: EntryPoint | None = None,
+    description: str = "",
 ) -> None:
     """Register a task, so that ``gymnasium.make_vec(task_id)`` and the command line find it.
 
@@ -64,6 +78,7 @@ def register_task(
         env: ``"module:Class"`` of the environment, which takes ``(cfg, render_mode)``, or the class.
         env_cfg: ``"module:Class"`` of its config, or a function that returns one.
         rsl_rl_cfg: ``"module:Class"`` of the config that rsl_rl trains it with, or a function that returns one.
+        description: What ``stripe-newton list`` says of it; by default the first sentence about its config.
 
     ``gymnasium.make_vec(task_id, num_envs=64)`` or ``make_vec(task_id, cfg=cfg)`` makes it; with a config, the
     config's number of environments holds unless ``num_envs`` is given too.
@@ -71,7 +86,10 @@ def register_task(
     kwargs: dict[str, EntryPoint] = {"env_cfg_entry_point": env_cfg}
     if rsl_rl_cfg is not None:
         kwargs["rsl_rl_cfg_entry_point"] = rsl_rl_cfg
-    gymnasium.register(id=task_id, vector_entry_point=_EnvCreator(env, env_cfg), kwargs=kwargs)
+    if description:
+        kwargs["description_entry_point"] = description
+    creator = _EnvCreator(env, env_cfg)
+    gymnasium.register(id=task_id, entry_point=_NoSingleEnv(task_id), vector_entry_point=creator, kwargs=kwargs)
 
 
 def vector_env_creator(env: str | Callable[..., RLEnv], env_cfg: str | Callable[[], RLEnvCfg]) -> Callable[..., RLEnv]:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from stripe_newton.configclass import MISSING, ConfigError, configclass, is_config, resolve_name
+from stripe_newton.configclass import MISSING, ConfigError, config_with, configclass, is_config, resolve_name
 
 
 class Shape(enum.Enum):
@@ -477,3 +477,85 @@ def test_a_field_without_effect_warns_once():
         for _ in range(3):
             Part(group=1).validate()
     assert len(caught) == 1
+
+
+# -- classes without the decorator
+
+
+def test_a_subclass_without_the_decorator_is_refused_by_name():
+    class Forgotten(PartCfg):
+        length: float = 1.0
+
+    text = (
+        rf"^class 'Forgotten' of {__name__}, a subclass of PartCfg, has no @configclass; write @configclass above it$"
+    )
+    with pytest.raises(TypeError, match=text):
+        Forgotten()
+    with pytest.raises(TypeError, match="class 'Forgotten'"):  # its fields would be lost
+
+        @configclass
+        class Below(Forgotten):
+            pass
+
+
+def test_a_dataclass_in_its_place_is_refused_by_name():
+    @dataclasses.dataclass
+    class Wrong(PartCfg):
+        length: float = 1.0
+
+    with pytest.raises(
+        TypeError, match=r"class 'Wrong' .* has @dataclass in place of @configclass; write @configclass"
+    ):
+        Wrong()
+
+    @configclass
+    @dataclasses.dataclass
+    class Both(PartCfg):
+        length: float = 1.0
+
+    assert Both(length=2.0).length == 2.0
+
+
+# -- further fields
+
+
+@configclass
+class BoxCfg:
+    """Parts by name."""
+
+    OPEN: ClassVar[tuple[type, ...]] = (PartCfg,)
+    label: str = "box"
+
+
+def test_an_open_config_takes_further_fields_of_its_kind():
+    box = BoxCfg(leg=PartCfg(mass=2.0))
+    box.arm = PartCfg(mass=3.0)
+    assert [f.name for f in dataclasses.fields(box)] == ["label", "leg", "arm"]
+    assert box.to_dict()["arm"]["mass"] == 3.0
+    box.from_dict({"arm": {"mass": 4.0}})
+    assert (box.arm.mass, type(box).__name__, isinstance(box, BoxCfg)) == (4.0, "BoxCfg", True)
+    assert [f.name for f in dataclasses.fields(BoxCfg())] == ["label"]  # others are not affected
+    bad = box.replace(head=PartCfg(mass=-1.0))
+    with pytest.raises(ConfigError, match=r"head\.mass: is -1"):
+        bad.validate()
+    assert BoxCfg(leg=PartCfg()) == BoxCfg(leg=PartCfg()) != BoxCfg(leg=PartCfg(mass=9.0))
+    for wrong in (lambda: BoxCfg(hand=1), lambda: setattr(box, "lable", "x")):
+        with pytest.raises(TypeError, match=r"BoxCfg has no field '.*; a new field must be PartCfg, is "):
+            wrong()
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, BoxCfg.copy, lambda c: pickle.loads(pickle.dumps(c))])
+def test_copies_keep_further_fields(duplicate):
+    box = BoxCfg(leg=PartCfg(mass=2.0))
+    other = duplicate(box)
+    assert other == box
+    assert type(other) is type(box)
+    other.leg.mass = 5.0
+    assert box.leg.mass == 2.0
+
+
+def test_config_with_gives_any_config_further_fields():
+    robot_with_tail = config_with(robot(), {"tail": PartCfg(mass=0.5), "seed": 3})
+    assert (robot_with_tail.tail.mass, robot_with_tail.seed) == (0.5, 3)
+    assert not hasattr(robot(), "tail")
+    assert pickle.loads(pickle.dumps(robot_with_tail)).tail.mass == 0.5

@@ -23,8 +23,10 @@ __all__ = [
     "is_for_each_asset",
     "needs_terrain",
     "observation_size",
+    "parts_reset",
     "randomization_of",
     "randomizes",
+    "resets",
     "terrain_needs",
     "writes",
 ]
@@ -111,6 +113,26 @@ def randomizes(
 def randomization_of(function: object) -> Randomization:
     """Parameters of an event as :func:`randomizes` declares them; empty for a function without that decorator."""
     found: Randomization = getattr(function, "stripe_randomization", Randomization())
+    return found
+
+
+def resets(*parts: str) -> Callable[[Function], Function]:
+    """Decorator of an event that brings parts of an asset to a state that does not depend on the last episode.
+
+    Args:
+        parts: ``"root"``, and ``"joints"``: all joints, or those of the argument ``joint_ids``.
+    """
+
+    def attach(function: Function) -> Function:
+        function.stripe_resets = frozenset(parts)
+        return function
+
+    return attach
+
+
+def parts_reset(function: object) -> frozenset[str]:
+    """Parts of an asset that an event resets, as :func:`resets` declares them; none without that decorator."""
+    found: frozenset[str] = getattr(function, "stripe_resets", frozenset())
     return found
 
 

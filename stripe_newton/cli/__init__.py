@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from stripe_newton.configclass import ConfigError
+from stripe_newton.configclass import ConfigError, NoConfigClassError
 from stripe_newton.rl.errors import CheckpointError, ExportError
 
 from .user_error import UserError
@@ -34,7 +34,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Module and line of help of each command."""
 
-USER_ERRORS = (UserError, ConfigError, CheckpointError, ExportError)
+USER_ERRORS = (UserError, ConfigError, NoConfigClassError, CheckpointError, ExportError)
 """Errors that the user can fix: shown as one message without a traceback."""
 
 
@@ -87,6 +87,9 @@ def _dispatch(args: list[str]) -> int:
         near = difflib.get_close_matches(args[0], COMMANDS, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
         raise UserError(f"no command '{args[0]}'; {hint}")
+    from .early_checks import check_early  # likewise, and tyro
+
+    check_early(args[0], args[1:])
     return importlib.import_module(COMMANDS[args[0]][0]).run(args[1:])
 
 

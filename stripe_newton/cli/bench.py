@@ -6,39 +6,19 @@ from __future__ import annotations
 import json as json_module
 import sys
 import time
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import tyro
 import warp as wp
 
 from . import BEGAN
 from .arguments import parse, task_of
 from .device import set_device, set_seeds
+from .options import BenchArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import make_env
 from .user_error import UserError
 
 __all__ = ["BenchArgs", "measure", "run", "table"]
-
-
-@dataclass
-class BenchArgs:
-    """Measure a task: the whole step and the physics alone under the same random actions, CUDA calls, start-up."""
-
-    task: tyro.conf.Positional[str]
-    """The task, one of 'stripe-newton list'."""
-    num_envs: tyro.conf.DisallowNone[int | None] = None
-    """Number of environments; by default those of the training."""
-    steps: int = 320
-    """Number of steps to time."""
-    seed: int = 0
-    """Seed of everything."""
-    device: tyro.conf.DisallowNone[str | None] = None
-    """cpu or cuda:N; by default the first GPU where there is one."""
-    json: tyro.conf.DisallowNone[Path | None] = None
-    """File to write the result to."""
 
 
 def run(argv: list[str]) -> int:

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import warp as wp
-
 from stripe_newton.rl import RunFolder, find_checkpoint
+from stripe_newton.rl.distributed import world
 from stripe_newton.rl.torch_vector_env import rl_env_of
+from stripe_newton.sim.device import resolve_device
 
+from .compile_log import CompileLog
+from .kernel_warmup import warm_up
 from .run_configs import Configs, is_same_task
 from .tasks import make_env
 
@@ -54,15 +56,15 @@ def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvW
     """Build the wrapped environment of a task; with ``render`` it can draw pictures."""
     from stripe_newton.rl import RslRlVecEnvWrapper
 
-    wp.config.log_level = wp.LOG_WARNING  # not a line for every kernel
-    print(
-        f"{task}: building {configs.env.scene.num_envs} environments on {configs.env.sim.device}"
-        " (the first time kernels are compiled, which takes minutes)",
-        file=sys.stderr,
-        flush=True,
-    )
+    device = configs.env.sim.device
+    if world().rank == 0:
+        print(f"{task}: building {configs.env.scene.num_envs} environments on {device}", file=sys.stderr, flush=True)
+    log = CompileLog.install()
+    if world().rank == 0:
+        warm_up(device or resolve_device(None))
     clip = None if configs.agent is None else configs.agent.clip_actions
     env = make_env(task, configs.env, "rgb_array" if render else None)
+    log.finish()
     inner = rl_env_of(env.unwrapped)
     if inner is not None and inner.scene.scenery is not None:
         print(f"{task}: scenery {inner.scene.scenery.describe()}", file=sys.stderr, flush=True)

@@ -4,40 +4,17 @@
 from __future__ import annotations
 
 import json as json_module
-from dataclasses import dataclass
-from pathlib import Path
-
-import tyro
 
 from stripe_newton.rl import evaluate, find_checkpoint
 
 from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
 from .env_and_policy import build_policy, find_policy
+from .options import EvalArgs
 from .run_configs import check, load_configs, use_one_minibatch
 from .user_error import UserError
 
 __all__ = ["EvalArgs", "run"]
-
-
-@dataclass
-class EvalArgs:
-    """Measure a trained policy: mean return and length of a number of whole episodes, without exploration."""
-
-    task: tyro.conf.Positional[str]
-    """The task, one of 'stripe-newton list'."""
-    checkpoint: str
-    """A run folder, of which the newest checkpoint is taken, a checkpoint file, or an exported policy (.onnx)."""
-    num_envs: tyro.conf.DisallowNone[int | None] = None
-    """Number of environments; by default those of the training, but no more than episodes."""
-    episodes: int = 100
-    """Number of episodes."""
-    seed: tyro.conf.DisallowNone[int | None] = None
-    """Seed of everything; by default the one of the training."""
-    device: tyro.conf.DisallowNone[str | None] = None
-    """cpu or cuda:N; by default the first GPU where there is one."""
-    json: tyro.conf.DisallowNone[Path | None] = None
-    """File to write the result to."""
 
 
 def run(argv: list[str]) -> int:

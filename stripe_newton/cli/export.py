@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from stripe_newton.rl import RunFolder, export_policy, find_checkpoint
 
 from .device import set_device, set_seeds
 from .env_and_policy import build
+from .options import ExportArgs
 from .run_configs import check, load_configs, use_one_minibatch
 from .tasks import find_task
 from .user_error import UserError
@@ -21,22 +21,6 @@ if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
 
 __all__ = ["ExportArgs", "run"]
-
-
-@dataclass
-class ExportArgs:
-    """Write a policy as ONNX and TorchScript, with what a robot has to know, and check both against it."""
-
-    target: tyro.conf.Positional[str]
-    """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
-    out: tyro.conf.DisallowNone[Path | None] = None
-    """Folder for the files; by default the run's 'exported', or the checkpoint's own folder."""
-    task: tyro.conf.DisallowNone[str | None] = None
-    """The task, for a checkpoint that lies in no run folder."""
-    mjcf: bool = False
-    """Also write robot.xml, the scene of one environment for plain MuJoCo."""
-    device: tyro.conf.DisallowNone[str | None] = None
-    """cpu or cuda:N; by default the first GPU where there is one."""
 
 
 def run(argv: list[str]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json as json_module
 import warnings
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -18,6 +19,7 @@ from stripe_newton.rl.torch_vector_env import rl_env_of
 from .arguments import parse
 from .device import set_device, set_seeds
 from .env_and_policy import build_env
+from .options import InspectArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import find_task, task_argument, task_ids
 from .user_error import UserError
@@ -42,19 +44,6 @@ class _Inspection:
     """uint8 ``(height, width, 3)``."""
     actuators: list[ActuatorRow] = field(default_factory=list)
     """Actuators of an MJCF file."""
-
-
-@dataclass
-class InspectArgs:
-    """Show what is in a USD, URDF or MJCF file, or in one environment of a task: tables and a picture. A task takes
-    options for the fields of its config, such as --env.scene.scenery room.usd."""
-
-    target: tyro.conf.Positional[str]
-    """A USD, URDF or MJCF file, or a task of 'stripe-newton list'."""
-    out: Path = Path(".")
-    """Folder that the picture is written to."""
-    json: bool = False
-    """Print a JSON object in place of the tables."""
 
 
 def run(argv: list[str]) -> int:
@@ -216,6 +205,15 @@ def _inspect_task(task: str, configs: Configs) -> _Inspection:
         }
         picture = inner.render()
         assert picture is not None  # it was built to draw pictures
-        return _Inspection(facts, list(inner.scene.builder.reports), picture)
+        return _Inspection(facts, _titled(inner.scene.builder.reports), picture)
     finally:
         env.close()
+
+
+def _titled(reports: Sequence[StageReport]) -> list[StageReport]:
+    """The reports of a task's scene, each with a title that says what it is of; without those of nothing."""
+    stage = reports[0].file  # in memory; an imported scenery has a file
+    for index, report in enumerate(reports):
+        if report.file == stage:
+            report.file = "shared by all environments" if index else "one environment"
+    return [r for i, r in enumerate(reports) if not i or r.bodies or r.shapes or r.lights or r.ignored]

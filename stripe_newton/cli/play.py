@@ -5,12 +5,10 @@ from __future__ import annotations
 
 import importlib.util
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import torch
-import tyro
 
 from stripe_newton.rl import (
     Policy,
@@ -25,6 +23,7 @@ from stripe_newton.rl.torch_vector_env import is_simulated
 from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
 from .env_and_policy import build_env, build_policy, find_policy
+from .options import PlayArgs
 from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
 
@@ -32,28 +31,6 @@ if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
 
 __all__ = ["PlayArgs", "run"]
-
-
-@dataclass
-class PlayArgs:
-    """Watch a policy act, in a browser or as a video."""
-
-    task: tyro.conf.Positional[str]
-    """The task, one of 'stripe-newton list'."""
-    checkpoint: tyro.conf.DisallowNone[str | None] = None
-    """A run folder, of which the newest checkpoint is taken, a checkpoint file, or an exported policy (.onnx)."""
-    agent: tyro.conf.DisallowNone[Literal["zero", "random"] | None] = None
-    """Actions that are zero or random, in place of a checkpoint."""
-    viewer: tyro.conf.DisallowNone[Literal["viser", "video", "none"] | None] = None
-    """A live view in the browser, a video file, or only numbers; by default viser where it is installed, else video."""
-    num_envs: tyro.conf.DisallowNone[int | None] = None
-    """Number of environments; by default 16 at most."""
-    steps: tyro.conf.DisallowNone[int | None] = None
-    """Stop after so many steps; by default after an episode, and with viser at Ctrl-C."""
-    seed: tyro.conf.DisallowNone[int | None] = None
-    """Seed of everything."""
-    device: tyro.conf.DisallowNone[str | None] = None
-    """cpu or cuda:N; by default the first GPU where there is one."""
 
 
 def run(argv: list[str]) -> int:

@@ -50,6 +50,10 @@ class Progress:
             width = max(shutil.get_terminal_size().columns - 1, 20)
             print(f"\r{f'{bar}{text} ...'[:width]:<{width}}", end="", flush=True)
 
+    def finish(self) -> None:
+        """End the current step, before other output."""
+        self._end(True)
+
     def _end(self, well: bool) -> None:
         """End the current step, if there is one."""
         if not self._phase:

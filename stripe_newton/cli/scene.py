@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stripe-newton scene``: makes a scene of a specification, as pictures or as a USD file."""
+"""``stripe-newton scene``: makes a scene of a specification, as pictures or as a USD file, or simulates it."""
 
 from __future__ import annotations
 
 import difflib
+import functools
+import importlib.util
 import inspect
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from stripe_newton.configclass import resolve_name
 from stripe_newton.registration import scene_class, scene_names
 
 from .progress import Progress
-from .tasks import load_entry_points
+from .tasks import import_target, load_entry_points
 from .user_error import UserError
 
 if TYPE_CHECKING:
     from stripe_newton.specifications import Scene, SceneSpec
 
-__all__ = ["ACTIONS", "BuildArgs", "PreviewArgs", "run"]
+__all__ = ["ACTIONS", "BuildArgs", "PreviewArgs", "SimulateArgs", "run"]
 
 _SUFFIXES = (".usd", ".usda", ".usdc")
 _OPTIONS = ("size", "density", "count")
@@ -62,7 +64,29 @@ class BuildArgs(SceneArgs):
     """The file: .usd, .usda or .usdc."""
 
 
-ACTIONS: dict[str, type[PreviewArgs] | type[BuildArgs]] = {"preview": PreviewArgs, "build": BuildArgs}
+@dataclass(kw_only=True)
+class SimulateArgs(SceneArgs):
+    """Simulate a scene: walk through it at eye level, while things fall into it."""
+
+    drop: int = 8
+    """Places at which a box, a ball and a rod are dropped."""
+    seconds: float | None = None
+    """Simulated time; 10 by default, and with viser until Ctrl-C."""
+    viewer: Literal["viser", "video", "none"] | None = None
+    """A live view in the browser, a video, or only numbers; by default viser where it is installed, else video."""
+    out: Path | None = None
+    """The video; scene_SPEC_seedS.mp4 by default."""
+    resolution: tuple[int, int] = (960, 540)
+    """Width and height of the video [px]."""
+    device: str | None = None
+    """cpu or cuda:N; by default the first GPU where there is one."""
+
+
+ACTIONS: dict[str, type[PreviewArgs] | type[BuildArgs] | type[SimulateArgs]] = {
+    "preview": PreviewArgs,
+    "build": BuildArgs,
+    "simulate": SimulateArgs,
+}
 """Options of each action."""
 
 
@@ -74,10 +98,13 @@ def run(argv: list[str]) -> int:
         return 0 if argv else 2
     if argv[0] not in ACTIONS:
         near = difflib.get_close_matches(argv[0], ACTIONS, n=1)
-        raise UserError(f"scene: no action '{argv[0]}'; {f'did you mean {near[0]}?' if near else 'preview or build'}")
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(ACTIONS)}"
+        raise UserError(f"scene: no action '{argv[0]}'; {hint}")
     args = tyro.cli(ACTIONS[argv[0]], args=argv[1:], prog=f"stripe-newton scene {argv[0]}")
     if isinstance(args, BuildArgs):
         _build(args)
+    elif isinstance(args, SimulateArgs):
+        _simulate(args)
     else:
         _preview(args)
     return 0
@@ -88,6 +115,7 @@ def _usage() -> str:
         [
             "usage: stripe-newton scene preview SPEC [--seed S] [--size X Y] [--density D | --count N] [--out DIR]",
             "       stripe-newton scene build SPEC [the same options] --out FILE.usd",
+            "       stripe-newton scene simulate SPEC [the same options] [--drop N] [--seconds T] [--viewer V]",
             "",
             f"SPEC is module:Class of a SceneSpec, or one of: {', '.join(scene_names()) or 'none is registered'}",
         ]
@@ -95,8 +123,7 @@ def _usage() -> str:
 
 
 def _preview(args: PreviewArgs) -> None:
-    if min(args.resolution) < 16 or max(args.resolution) > 4096:
-        raise UserError(f"--resolution {args.resolution[0]} {args.resolution[1]}: must be from 16 to 4096 pixels")
+    _check_resolution(args.resolution)
     out = args.out or Path(f"scene_{args.spec.rpartition(':')[2]}_seed{args.seed}")
     if out.exists() and not out.is_dir():
         raise UserError(f"--out {out}: is a file, preview needs a folder")
@@ -139,6 +166,28 @@ def _build(args: BuildArgs) -> None:
         progress.step("export", str(args.out))
         path = scene.export(args.out)
     _report(scene, progress, [str(path)], ("file size", f"{path.stat().st_size / 1.0e6:.1f} MB"))
+
+
+def _check_resolution(resolution: tuple[int, int]) -> None:
+    if min(resolution) < 16 or max(resolution) > 4096:
+        raise UserError(f"--resolution {resolution[0]} {resolution[1]}: must be from 16 to 4096 pixels")
+
+
+def _simulate(args: SimulateArgs) -> None:
+    _check_resolution(args.resolution)
+    if args.drop < 1:
+        raise UserError(f"--drop {args.drop}: must be 1 place or more")
+    if args.seconds is not None and not 0.0 < args.seconds < math.inf:
+        raise UserError(f"--seconds {args.seconds}: must be a positive time")
+    spec = _make_spec(args)
+    from .scene_simulate import Options, simulate  # here, as it loads the simulation
+
+    viewer = args.viewer or ("viser" if importlib.util.find_spec("viser") else "video")
+    seconds = args.seconds or (math.inf if viewer == "viser" else 10.0)
+    out = args.out or Path(f"scene_{args.spec.rpartition(':')[2]}_seed{args.seed}.mp4")
+    if out.suffix != ".mp4":
+        raise UserError(f"--out {out}: must end in .mp4")
+    simulate(args.spec, spec, Options(args.seed, args.drop, seconds, viewer, out, args.resolution, args.device))
 
 
 def _create(spec: SceneSpec, seed: int, progress: Progress) -> Scene:
@@ -219,15 +268,11 @@ def _import(name: str) -> object:
     Raises:
         UserError: if there is no such module, or it has no such class.
     """
-    module, _, path = name.partition(":")
+    module, _, path = name.rpartition(":")
     if not path:
         raise UserError(f"{name}: names no class of the module '{module}'")
     try:
-        return resolve_name(name)
-    except ModuleNotFoundError as error:
-        if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
-            raise  # the module is there, one that it imports is not
-        raise UserError(f"{name}: there is no module '{module}'") from None
+        return functools.reduce(getattr, path.split("."), import_target(module, name))
     except AttributeError:
         raise UserError(f"{name}: the module '{module}' has no '{path}'") from None
 

@@ -10,6 +10,7 @@ import importlib.metadata
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Literal, TypeVar, overload
 
 import gymnasium
@@ -17,7 +18,7 @@ import gymnasium
 from stripe_newton.configclass import resolve_name
 from stripe_newton.rl.configs import RunnerCfg
 
-from .user_error import UserError
+from .user_error import UserError, user_code
 
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
@@ -27,6 +28,7 @@ __all__ = [
     "find_task",
     "import_extra",
     "import_options",
+    "import_target",
     "load_cfg",
     "load_entry_points",
     "make_env",
@@ -111,20 +113,35 @@ def import_options() -> list[str]:
 
 
 def _import(target: str) -> None:
+    import_target(target, "--import")
+    if target not in _imported:
+        _imported.append(target)
+
+
+def import_target(target: str, where: str) -> ModuleType:
+    """Import a module by its name, also one of the working directory, or a file by its path.
+
+    Args:
+        target: The name or path.
+        where: What names it, for messages.
+
+    Raises:
+        UserError: if there is none, or it cannot be imported; with the line of the user's code that failed.
+    """
     path = Path(target)
     module, folder = (path.stem, path.resolve().parent) if path.suffix == ".py" else (target, Path.cwd())
     if path.suffix == ".py" and not path.is_file():
-        raise UserError(f"--import: {target} does not exist")
+        raise UserError(f"{where}: {target} does not exist")
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
-    try:
-        importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
-            raise  # the module is there, one that it imports is not
-        raise UserError(f"--import: there is no module '{target}'") from None
-    if target not in _imported:
-        _imported.append(target)
+    with user_code(f"{where}: {target} cannot be imported", anywhere=True):
+        try:
+            return importlib.import_module(module)
+        except ModuleNotFoundError as error:
+            if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
+                raise  # the module is there, one that it imports is not
+            places = f"neither in {folder} nor in Python's path"
+            raise UserError(f"{where}: there is no module '{target}', {places}") from None
 
 
 def load_entry_points() -> None:
@@ -183,14 +200,16 @@ def load_cfg(task: str, kind: Literal["env", "agent"]) -> RLEnvCfg | RunnerCfg:
     entry = find_task(task).kwargs.get({"env": _ENV_CFG, "agent": _AGENT_CFG}[kind])
     if entry is None:
         raise UserError(f"task '{task}' is registered without '{_AGENT_CFG}', so it cannot be trained with rsl_rl")
-    make: Callable[[], RLEnvCfg | RunnerCfg] = _resolved(entry)
-    return make()
+    with user_code(f"the {kind} config of {task}", anywhere=True):
+        make: Callable[[], RLEnvCfg | RunnerCfg] = _resolved(entry)
+        return make()
 
 
 def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchVectorEnv:
     """The vector environment of a task, made from ``cfg``; several agents are shown as one."""
     creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point)
-    env = creator(cfg=cfg, render_mode=render_mode)
+    with user_code(f"the environment of {task}"):
+        env = creator(cfg=cfg, render_mode=render_mode)
     if not gc.isenabled():  # `main` has switched it off
         # All that there is by now lives as long as the process, so no collection has to look at it.
         gc.freeze()

@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import tyro
 
 from stripe_newton.rl import (
     ExportError,
@@ -31,6 +28,7 @@ from . import USER_ERRORS
 from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
 from .env_and_policy import build
+from .options import TrainArgs
 from .run_configs import Configs, check, load_configs
 from .shell_command import command
 from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
@@ -39,40 +37,6 @@ from .train_sweep import SweepOptions, run_sweep
 from .user_error import UserError
 
 __all__ = ["TrainArgs", "run"]
-
-
-@dataclass
-class TrainArgs:
-    """Train a policy for a task; TASK --help also shows every field of its configuration."""
-
-    task: tyro.conf.Positional[str]
-    """The task, one of 'stripe-newton list'."""
-    num_envs: tyro.conf.DisallowNone[int | None] = None
-    """Number of environments; short for --env.scene.num-envs."""
-    max_iterations: tyro.conf.DisallowNone[int | None] = None
-    """Iterations of the whole run; short for --agent.max-iterations."""
-    seed: tyro.conf.DisallowNone[int | None] = None
-    """Seed of everything; short for --agent.seed and --env.seed."""
-    device: tyro.conf.DisallowNone[str | None] = None
-    """cpu or cuda:N; by default the first GPU where there is one. Short for --env.sim.device."""
-    log_dir: Path = Path("logs")
-    """Folder of the run folders: LOG_DIR/EXPERIMENT/DATE_TIME."""
-    video_interval: int = 0
-    """Film the training every so many iterations; 0 for one video at the end."""
-    final_video: bool = True
-    """Whether the trained policy is filmed at the end."""
-    runner: tyro.conf.DisallowNone[Literal["graph", "rsl_rl"] | None] = None
-    """Rollout and update as CUDA graphs where possible, or rsl_rl's own, unchanged; short for --agent.runner."""
-    resume: tyro.conf.DisallowNone[str | None] = None
-    """Continue a run: its folder, or a checkpoint of it. Its configuration is taken over."""
-    allow_changes: bool = False
-    """Resume a run with another environment or other networks than it had."""
-    gpus: tyro.conf.DisallowNone[int | None] = None
-    """Train on so many GPUs of this host, one process on each; --num-envs counts the environments of all."""
-    sweep: tyro.conf.DisallowNone[Path | None] = None
-    """A YAML file of fields and seeds to try; a run for each, in a process of its own."""
-    jobs: tyro.conf.DisallowNone[int | None] = None
-    """Runs of a sweep at a time: by default one on each GPU, or one on the CPU."""
 
 
 def run(argv: list[str]) -> int:
@@ -211,6 +175,7 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
     except ValueError as error:
         print(f"no learning curve: {error}", file=sys.stderr)
     failed: ExportError | None = None
+    print("exporting the policy", flush=True)
     try:
         print(export_policy(runner, folder.exported))
     except ExportError as error:
@@ -218,6 +183,7 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
     if complete and film:
         policy = runner.get_inference_policy(runner.device)
         name = f"final_{runner.iterations_done}.mp4"
+        print(f"filming {video_steps(runner.env)} steps (--final-video False: no video)", flush=True)
         record_video(runner.env, policy, folder.videos / name, video_steps(runner.env))
     if failed is not None:
         raise failed
@@ -229,6 +195,10 @@ def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
     if not complete:
         ranks = ["--gpus", str(world().size)] if world().size > 1 else []
         print(f"stopped; continue with:\n  {command('train', task, *ranks, '--resume', path)}")
-    print(f"run folder: {folder.path}\nnext:")
+    files = [folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]]
+    print(f"run folder: {folder.path}")
+    print("\n".join(f"  {file.relative_to(folder.path)}" for file in files if file.exists()))
+    print("next:")
     for verb in ("play", "eval"):
         print(f"  {command(verb, task, '--checkpoint', path)}")
+    print(f"  tensorboard --logdir {shlex.quote(str(folder.path.parent))}")

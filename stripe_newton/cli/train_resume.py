@@ -19,6 +19,7 @@ _FREE = (
     "agent.experiment_name",
     "agent.run_name",
     "agent.logger*",
+    "agent.log_project",
     "agent.check_for_nan",
     "agent.init_at_random_ep_len",
     "agent.regenerate_interval",

@@ -5,7 +5,10 @@ from stripe_newton.managers import EventTermCfg
 
 from .direct_marl_env import DirectMARLEnv, DirectMARLEnvCfg
 from .direct_rl_env import DirectRLEnv, DirectRLEnvCfg
-from .manager_based_rl_env import DefaultEventsCfg, ManagerBasedRLEnv, ManagerBasedRLEnvCfg
+from .lab_scene import LabScene, LabSceneCfg
+from .manager_based_env import ManagerBasedEnv, ManagerBasedEnvCfg
+from .manager_based_rl_env import ManagerBasedRLEnv
+from .manager_based_rl_env_cfg import DefaultEventsCfg, ManagerBasedRLEnvCfg
 from .multi_agent import ParallelEnvView, SingleAgentView, multi_agent_to_single_agent
 from .rl_env import RLEnv
 from .rl_env_cfg import RLEnvCfg
@@ -18,6 +21,10 @@ __all__ = [
     "DirectRLEnv",
     "DirectRLEnvCfg",
     "EventTermCfg",
+    "LabScene",
+    "LabSceneCfg",
+    "ManagerBasedEnv",
+    "ManagerBasedEnvCfg",
     "ManagerBasedRLEnv",
     "ManagerBasedRLEnvCfg",
     "ParallelEnvView",

@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 if TYPE_CHECKING:
-    from .rl_env import RLEnv
+    from .stepped_scene import SteppedScene
 
 __all__ = ["EnvState", "repeats", "restore_state", "save_state", "state_arrays"]
 
@@ -19,7 +19,7 @@ EnvState = dict[str, object]
 """A saved state: plain values, tensors, and dicts and lists of them, as ``torch.save`` takes them."""
 
 
-def save_state(env: RLEnv) -> EnvState:
+def save_state(env: SteppedScene) -> EnvState:
     """State of an environment: joints, targets, the solver's warm start, counters, and every tensor that the subclass
     keeps as an attribute."""
     moved = env.scene.scenery_seed != env.scene.first_scenery_seed
@@ -32,7 +32,7 @@ def save_state(env: RLEnv) -> EnvState:
     }
 
 
-def restore_state(env: RLEnv, state: EnvState) -> None:
+def restore_state(env: SteppedScene, state: EnvState) -> None:
     """Restore a state of :func:`save_state` in an environment whose scenery has the seed of the state already.
 
     Raises:
@@ -60,7 +60,7 @@ def restore_state(env: RLEnv, state: EnvState) -> None:
     _restore_buffers(env, state["buffers"])  # type: ignore[arg-type]
     parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
     for mine, part in zip(env.state_parts(), parts, strict=False):
-        mine.update({k: v.to(env.device).clone() for k, v in part.items()})
+        _restore_tensors(mine, part, env.device)
     # The solver has not seen these writes: floating roots were moved, and randomised parts of the model may have been.
     env.sim.roots_moved = True
     if dynamics:
@@ -69,7 +69,7 @@ def restore_state(env: RLEnv, state: EnvState) -> None:
     env.sim.forward()
 
 
-def state_arrays(env: RLEnv) -> dict[str, wp.array]:
+def state_arrays(env: SteppedScene) -> dict[str, wp.array]:
     """Arrays of the simulation and of the managers that last from step to step, by name."""
     sim = env.sim
     found = {
@@ -89,14 +89,14 @@ def state_arrays(env: RLEnv) -> dict[str, wp.array]:
     return {k: v for k, v in found.items() if v is not None and v.size}
 
 
-def _buffers(env: RLEnv) -> dict[str, torch.Tensor]:
+def _buffers(env: SteppedScene) -> dict[str, torch.Tensor]:
     """Tensors that a subclass keeps as attributes, without those that share memory with the simulation."""
     shared = [*state_arrays(env).values(), env.sim.state.body_q, env.sim.state.body_qd]
     places = {wp.to_torch(array).untyped_storage().data_ptr() for array in shared}
     return {k: v for k, v in _tensors(vars(env)).items() if v.untyped_storage().data_ptr() not in places}
 
 
-def _restore_buffers(env: RLEnv, saved: dict[str, torch.Tensor]) -> None:
+def _restore_buffers(env: SteppedScene, saved: dict[str, torch.Tensor]) -> None:
     buffers = _buffers(env)
     for name, value in saved.items():
         mine = buffers.get(name)
@@ -104,6 +104,16 @@ def _restore_buffers(env: RLEnv, saved: dict[str, torch.Tensor]) -> None:
             mine.copy_(value)  # in place, as a recorded hook reads it there
         else:  # a hook that makes it has not run here yet, or it cannot be written in place
             setattr(env, name, value.to(env.device).clone())
+
+
+def _restore_tensors(mine: dict[str, torch.Tensor], saved: Mapping[str, torch.Tensor], device: str) -> None:
+    """Restore the tensors of a dict: in place where they can be written, as others may hold views of them."""
+    for name, value in saved.items():
+        there = mine.get(name)
+        if there is not None and there.shape == value.shape and not repeats(there) and not there.is_inference():
+            there.copy_(value)
+        else:
+            mine[name] = value.to(device).clone()
 
 
 def repeats(tensor: torch.Tensor) -> bool:

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Name checks: joints, bodies, assets, sensors and commands that the terms of a config name and the scene lacks."""
+"""Name checks: what the terms of a config name and the scene lacks, and Warp functions of terms that do not compile."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 
+import warp as wp
+
 from stripe_newton.configclass import MISSING, is_config
+from stripe_newton.fusion import function_problem
 from stripe_newton.fusion.scene_entity import HasNames, SceneEntityCfg
 from stripe_newton.managers import ActionTermCfg, CommandTermCfg
 from stripe_newton.managers.manager_base import terms_of
@@ -36,7 +39,10 @@ def name_problems(fields: Mapping[str, object], scene: _Scene) -> Iterator[str]:
     commands = [name for name, term in terms_of(fields.get("commands")).items() if term is not None]
     for field, cfg in fields.items():
         for path, value in _walk(cfg, field):
-            if isinstance(value, SceneEntityCfg):
+            if isinstance(value, wp.Function):
+                problem = function_problem(value)
+                yield from [f"{path}: '{value.func.__name__}' at {problem}"] if problem else []
+            elif isinstance(value, SceneEntityCfg):
                 yield from (f"{path}: {problem}" for problem in _entity_problems(value, scene))
             elif isinstance(value, (ActionTermCfg, CommandTermCfg)):
                 yield from (f"{path}.{problem}" for problem in _term_problems(value, scene))

@@ -17,7 +17,8 @@ import warp as wp
 
 from stripe_newton.sim import Simulation
 
-from .rl_env import EnvState, RLEnv
+from .env_state import EnvState
+from .rl_env import RLEnv
 
 __all__ = ["LEAD", "Clock", "StepTimes", "measure_step"]
 

@@ -8,6 +8,7 @@ records them in CUDA graphs. Source code is written and never parsed: a piece of
 
 from .binding import BindingContext, bind_term
 from .episode_log import EpisodeLog
+from .function_check import function_problem
 from .fused_kernel import FusedKernel, fuse
 from .parameters import Parameters
 from .plan import GraphCaptureError, Plan
@@ -57,6 +58,7 @@ __all__ = [
     "block",
     "code",
     "fields_used",
+    "function_problem",
     "fuse",
     "indented",
     "may_use",

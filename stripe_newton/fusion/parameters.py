@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,17 @@ class Parameters:
         else:
             self[path] = value
         return self._expression(path)
+
+    @contextmanager
+    def keeping_values(self) -> Iterator[None]:
+        """Within this context :meth:`add` does not change the values of paths that exist."""
+        arrays, used = [wp.to_torch(self.floats), wp.to_torch(self.ints)], list(self._used)
+        before = [array[:count].clone() for array, count in zip(arrays, used, strict=True)]
+        try:
+            yield
+        finally:
+            for array, values, count in zip(arrays, before, used, strict=True):
+                array[:count] = values
 
     def _expression(self, path: str) -> Code:
         kind, index = self._places[path]

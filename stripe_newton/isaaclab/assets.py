@@ -17,6 +17,7 @@ from stripe_newton.assets.asset_base import AssetInitialStateCfg as NativeInitia
 from stripe_newton.assets.root_writer import EnvIds, RootWriter
 from stripe_newton.configclass import configclass
 
+from .nucleus import actuator_for
 from .quaternions import pose_to_xyzw
 from .wxyz_config import WxyzOptionalRot
 from .wxyz_data import WxyzData
@@ -59,6 +60,10 @@ class _WxyzAsset(RootWriter):
 
 class Articulation(_WxyzAsset, native.Articulation):
     """:class:`stripe_newton.assets.Articulation` with quaternions (w, x, y, z)."""
+
+    def __init__(self, cfg: native.ArticulationCfg):
+        super().__init__(cfg)
+        self.cfg.actuators = {group: actuator_for(actuator) for group, actuator in self.cfg.actuators.items()}
 
 
 class RigidObject(_WxyzAsset, native.RigidObject):

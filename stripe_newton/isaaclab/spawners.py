@@ -11,6 +11,9 @@ from pxr import Usd
 from stripe_newton import sim as native
 from stripe_newton.configclass import configclass
 
+from .files import is_on_server
+from .nucleus import problem_of, spawner_for
+
 __all__ = [
     "CapsuleCfg",
     "ConeCfg",
@@ -58,7 +61,15 @@ def _wxyz(orientation: Vector) -> Vector:
 def spawn_from_usd(
     prim_path: str, cfg: native.UsdFileCfg, translation: Vector = None, orientation: Vector = None
 ) -> Usd.Prim:
-    """:func:`stripe_newton.sim.spawn_from_usd` with an orientation (w, x, y, z)."""
+    """:func:`stripe_newton.sim.spawn_from_usd` with an orientation (w, x, y, z).
+
+    For a file of NVIDIA's asset server the robot or prop that stands for it is spawned.
+    """
+    if is_on_server(cfg.usd_path):
+        stands = spawner_for(cfg)
+        if not isinstance(stands, UsdFileCfg):
+            return stands.spawn(prim_path, translation, _xyzw(orientation))
+        cfg = stands  # a copy of the file that is on this machine
     return native.spawn_from_usd(prim_path, cfg, translation, _xyzw(orientation))
 
 
@@ -123,7 +134,10 @@ class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
     )
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        yield from native.UsdFileCfg.problems(self)
+        if not (isinstance(self.usd_path, str) and is_on_server(self.usd_path)):
+            yield from native.UsdFileCfg.problems(self)
+        elif (problem := problem_of(self.usd_path)) is not None:
+            yield "usd_path", problem
         if self.deformable_props is not None:
             yield "deformable_props", "is set, but deformable bodies are not simulated; use rigid_props"
 

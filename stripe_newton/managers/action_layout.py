@@ -51,16 +51,24 @@ class ActionLayout:
     """Arguments of the functions, from fields of the config."""
     per_substep: bool = True
     """``apply`` runs before each physics step rather than once."""
+    any_joint: bool = False
+    """It is a user's class, which may move any joint of its asset."""
 
     def meets(self, other: ActionLayout) -> bool:
-        """Whether both terms move the same joint."""
-        return self.cfg.asset_name == other.cfg.asset_name and not set(self.joint_ids).isdisjoint(other.joint_ids)
+        """Whether both terms may move the same joint."""
+        if self.cfg.asset_name != other.cfg.asset_name:
+            return False
+        return self.any_joint or other.any_joint or not set(self.joint_ids).isdisjoint(other.joint_ids)
 
     @property
     def is_elementwise(self) -> bool:
         """Whether each processed action depends on the action of the same index alone, and is applied once a step."""
         known = ACTIONS.get(self.cfg.kind) if isinstance(self.cfg, JointActionCfg) else None
-        if known is None or (self.functions["process"], self.functions["apply"]) != (known.process, known.apply):
+        if (
+            known is None
+            or self.any_joint
+            or (self.functions["process"], self.functions["apply"]) != (known.process, known.apply)
+        ):
             return False
         prepared = self.cfg.noise is not None or self.cfg.delay_max_lag > 0
         return not (prepared or self.per_substep or "open_command" in self.values)

@@ -9,29 +9,17 @@ import torch
 
 from stripe_kernels.data import ActionData
 from stripe_kernels.episode import finite_action
-from stripe_newton.fusion import (
-    ArgumentError,
-    Code,
-    Item,
-    SceneEntityCfg,
-    Section,
-    TermBinding,
-    bind_term,
-    block,
-    code,
-)
+from stripe_newton.fusion import ArgumentError, Code, Eager, Item, Section, TermBinding, block, code
 
 from .action_layout import ActionLayout, lay_out
+from .action_source import ActionSource
+from .action_term import ActionTerm, KernelActionTerm
 from .actions_cfg import ActionTermCfg
 from .context import ManagerContext
 from .manager_base import ManagerBase
-from .processing import NoiseSource, delay_of
-from .term_params import params_for
+from .term_class import make_instance
 
 __all__ = ["ActionManager"]
-
-_PER_NUMBER = ("joint_ids", "scale", "offset", "clip", "alpha")
-"""Arguments of the functions that have one entry for each number."""
 
 
 class ActionStructs:
@@ -82,15 +70,17 @@ class ActionManager(ManagerBase):
     def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context)
         self._terms: dict[str, ActionLayout] = {}
+        self._torch: dict[str, ActionTerm] = {}
+        """Terms of a user's class."""
+        self._views: dict[str, KernelActionTerm] = {}
         first = 0
         for name, term in self.terms(cfg, ActionTermCfg).items():
-            made = lay_out(context, f"actions.{name}", term, first)
+            made = self._lay_out(name, term, first)
             if made is None:
                 continue
             # An earlier term that runs before each physics step must not override this one.
             made.per_substep |= any(t.per_substep and t.meets(made) for t in self._terms.values())
             self._terms[name] = made
-            context.array(f"actions.{name}.processed", float, made.width)
             first += made.size
         self.total_action_dim = first
         self.input = context.array("actions.input", float, first)
@@ -102,6 +92,23 @@ class ActionManager(ManagerBase):
         self._input = scope.name("action_input", self.input)
         self._actions = scope.name("actions", self._data)
         self._nonfinite = scope.name("nonfinite_actions", context.shared("actions.nonfinite", int, 1))
+        self._sources = {
+            name: ActionSource(context, f"actions.{name}", term, self._data.action, self._action)
+            for name, term in self._terms.items()
+            if name not in self._torch
+        }
+
+    def _lay_out(self, name: str, cfg: ActionTermCfg, first: int) -> ActionLayout | None:
+        """The layout of a term; None after problems. It makes the instance of a user's class."""
+        path, own = f"actions.{name}", cfg.class_type
+        if own is None or (issubclass(own, KernelActionTerm) and own.is_fused()):
+            return lay_out(self.context, path, cfg, first)
+        if not issubclass(own, ActionTerm):
+            self.context.problems.append(f"{path}.class_type: is '{own.__name__}', must be derived from ActionTerm")
+            return None
+        term = self._torch[name] = make_instance(f"{path}.class_type", own, cfg, self.context.env)
+        self._instances[path] = term
+        return ActionLayout(cfg, first, term.action_dim, 0, [], {}, any_joint=True)
 
     # -- properties
 
@@ -120,9 +127,17 @@ class ActionManager(ManagerBase):
         """Index of the first action and number of actions, by term."""
         return {name: (term.first, term.size) for name, term in self._terms.items()}
 
-    def get_term(self, name: str) -> ActionLayout:
+    def layout(self, name: str) -> ActionLayout:
         """Joints, functions and sizes of a term."""
         return self._terms[name]
+
+    def get_term(self, name: str) -> ActionTerm:
+        """A term: the instance of a user's class, or the view of a term of kernels."""
+        if name in self._torch:
+            return self._torch[name]
+        if name not in self._views:
+            self._views[name] = KernelActionTerm(self._terms[name].cfg, self.context.env, self._sources[name])
+        return self._views[name]
 
     @property
     def action(self) -> torch.Tensor:
@@ -137,29 +152,60 @@ class ActionManager(ManagerBase):
     @property
     def processed_actions(self) -> torch.Tensor:
         """Processed actions of all terms, joined, shape ``(num_envs, n)``."""
-        arrays = [self.context.arrays[f"actions.{name}.processed"] for name in self._terms]
-        return torch.cat([self.context.torch(a) for a in arrays], dim=-1)
+        if not self._terms:
+            return self.action
+        return torch.cat([self._processed(name) for name in self._terms], dim=-1)
+
+    def _processed(self, name: str) -> torch.Tensor:
+        if name in self._torch:
+            return self._torch[name].processed_actions
+        return self.context.torch(self._sources[name].processed_array)
+
+    # -- between steps
+
+    def process(self, actions: torch.Tensor) -> torch.Tensor:
+        """Take actions as a step does: process them, and set the targets that hold for the whole step.
+
+        Args:
+            actions: Shape ``(num_envs, total_action_dim)``.
+
+        Returns:
+            A copy of :attr:`processed_actions`.
+
+        Raises:
+            ValueError: for another shape.
+        """
+        expected = self.context.num_envs, self.total_action_dim
+        if tuple(actions.shape) != expected:
+            raise ValueError(f"actions have shape {tuple(actions.shape)}, expected {expected}")
+        self.context.torch(self.input).copy_(actions)
+        self._outside.run("actions", self.process_items)
+        return self.processed_actions.clone()
+
+    def apply(self) -> None:
+        """Set the targets that depend on the state, as before each physics step of a step."""
+        self._outside.run("actions_apply", self.apply_items)
 
     # -- items
 
-    def process(self) -> list[Item]:
+    def process_items(self) -> list[Item]:
         """Items that read the actions, process them, and set the targets that hold for the whole step."""
         if self._may_be_spread():
-            return self._process_side_by_side()
-        body = (
-            block(code("for i in range({}.shape[1]):", self._input), self._take_in("i"))
-            if self.total_action_dim
-            else []
-        )
-        for name, term in self._terms.items():
-            source = code("{}[env, {}:{}]", self._action, term.first, term.first + term.size)
-            if term.cfg.noise is not None or term.cfg.delay_max_lag:
-                source = self._prepared(name, term, body)
-            fixed = {"action": source, "processed": code("{}[env]", self._processed(name))}
-            body += self._call(name, term, "process", fixed)
-            if not term.per_substep:
-                body += self._call(name, term, "apply", fixed)
-        return [Section("actions_process", body, self.active_terms)]
+            body = self._take_in("part")
+            for source in self._sources.values():
+                body += source.process_part()
+            return [Section("actions_process", body, self.active_terms, parts=self.total_action_dim)]
+        each = code("for i in range({}.shape[1]):", self._input)
+        body = block(each, self._take_in("i")) if self.total_action_dim else []
+        for source in self._sources.values():
+            body += source.process()
+        return [Section("actions_process", body, list(self._sources)), *map(self._process_torch, self._torch)]
+
+    def _process_torch(self, name: str) -> Eager:
+        """The item that passes a user's class its actions."""
+        term, layout = self._torch[name], self._terms[name]
+        actions = self.action[:, layout.first : layout.first + layout.size]
+        return Eager("actions", lambda: term.process_actions(actions), f"torch term '{name}'", [name])
 
     @property
     def _action(self) -> Code:
@@ -178,78 +224,34 @@ class ActionManager(ManagerBase):
         """Whether each number may have a thread: none depends on another, and no two terms set the same target."""
         terms = list(self._terms.values())
         for index, term in enumerate(terms):
-            apply = term.functions["apply"]
             if not term.is_elementwise:
                 return False
+            apply = term.functions["apply"]
             if any(t.meets(term) and t.functions["apply"] is apply for t in terms[:index]):
                 return False
         return bool(terms)
 
-    def _process_side_by_side(self) -> list[Item]:
-        """:meth:`process` with a thread for each number."""
-        number, body = "part:part + 1", self._take_in("part")
+    def apply_items(self) -> list[Section | Eager]:
+        """Items that set targets before each physics step, for terms whose targets depend on the state."""
+        items: list[Section | Eager] = []
         for name, term in self._terms.items():
-            span = f"part - {term.first}:part - {term.first} + 1" if term.first else number
-            fixed = {
-                "action": code("{}[env, {}]", self._action, number),
-                "processed": code("{}[env, {}]", self._processed(name), span),
-            }
-            lines = [*self._call(name, term, "process", fixed, span), *self._call(name, term, "apply", fixed, span)]
-            mine = code("if part >= {} and part < {}:", term.first, term.first + term.size)
-            body += block(mine, lines)
-        return [Section("actions_process", body, self.active_terms, parts=self.total_action_dim)]
+            if name in self._torch:
+                items.append(Eager("actions", self._torch[name].apply_actions, f"torch term '{name}'", [name]))
+            elif term.per_substep:
+                section = Section("actions_apply", self._sources[name].apply(), [name])
+                if items and isinstance(items[-1], Section):
+                    items[-1] = items[-1].joined(section)
+                else:
+                    items.append(section)
+        return items
 
-    def apply(self) -> list[Section]:
-        """Sections that set targets before each physics step, for terms whose targets depend on the state."""
-        body, names = list[Code](), list[str]()
-        for name, term in self._terms.items():
-            if term.per_substep:
-                body += self._call(name, term, "apply", {"processed": code("{}[env]", self._processed(name))})
-                names.append(name)
-        return [Section("actions_apply", body, names)] if body else []
-
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that set the actions to zero where an episode begins."""
-        body = block(
-            code("for i in range({}.shape[1]):", self._action),
-            [code("{}[env, i] = 0.0", self._action), code("{}[env, i] = 0.0", self._actions.field("prev_action"))],
-        )
-        for name, term in self._terms.items():
-            processed = self._processed(name)
-            body += block(code("for i in range({}):", term.width), [code("{}[env, i] = 0.0", processed)])
-            if term.cfg.delay_max_lag:
-                body += delay_of(self.context, f"actions.{name}", term.size, term.cfg).reset(zero=True)
-            body += self._call(name, term, "reset", {"processed": code("{}[env]", processed)})
+        zero = [code("{}[env, i] = 0.0", self._action), code("{}[env, i] = 0.0", self._actions.field("prev_action"))]
+        body = block(code("for i in range({}.shape[1]):", self._action), zero)
+        for source in self._sources.values():
+            body += source.reset()
         return [Section("actions_reset", body).only(self.context.is_reset)] if self._terms else []
-
-    # -- parts of them
-
-    def _processed(self, name: str) -> Code:
-        return self.context.scope.name(f"{name}_commands", self.context.arrays[f"actions.{name}.processed"])
-
-    def _prepared(self, name: str, term: ActionLayout, body: list[Code]) -> Code:
-        """The actions of a term with noise and delay, in an array of its own that lines in ``body`` fill."""
-        context, each = self.context, code("for i in range({}):", term.size)
-        own = context.scope.name(f"{name}_raw", context.array(f"actions.{name}.raw", float, term.size))
-        element = code("{}[env, i]", own)
-        body += block(each, [code("{} = {}[env, {} + i]", element, self._action, term.first)])
-        if term.cfg.noise is not None:
-            path, rng = f"actions.{name}.noise", context.code("{rng}")
-            body += block(each, NoiseSource(context, path, term.cfg.noise, term.size, rng).apply(element))
-        if term.cfg.delay_max_lag:
-            body += delay_of(context, f"actions.{name}", term.size, term.cfg).step(element)
-        return code("{}[env]", own)
-
-    def _call(self, name: str, term: ActionLayout, what: str, fixed: Mapping[str, Code], span: str = "") -> list[Code]:
-        cfg, func = term.cfg, term.functions[what]
-        if func is None:
-            return []
-        params = params_for(self.context.structs, func, cfg.params | term.values)
-        entity = SceneEntityCfg(cfg.asset_name, joint_ids=term.joint_ids, body_names=getattr(cfg, "body_name", None))
-        params.setdefault("asset_cfg", entity)
-        fixed = {k: v for k, v in fixed.items() if k in func.input_types}
-        call = bind_term(self.context, func, params, f"actions.{name}", "action", fixed)
-        return [call.expression(sliced=_PER_NUMBER if span else (), span=span)] if call is not None else []
 
     def __str__(self) -> str:
         rows = [(i, n, t.size) for i, (n, t) in enumerate(self._terms.items())]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import warp as wp
 
@@ -15,6 +15,7 @@ from stripe_newton.controllers import DifferentialIKControllerCfg
 from stripe_newton.noise import NoiseCfg
 
 __all__ = [
+    "ActionManagerCfg",
     "ActionTermCfg",
     "BinaryJointPositionActionCfg",
     "BinaryJointVelocityActionCfg",
@@ -46,6 +47,9 @@ class ActionTermCfg:
     whose slices ``action`` and ``processed`` have ``action_size`` and ``processed_size`` numbers.
     """
 
+    class_type: type | None = None
+    """Class of a torch term, derived from :class:`ActionTerm`, made as ``class_type(cfg, env)``; the fields below, but
+    for ``asset_name``, are then without effect. None for a term of Warp functions."""
     asset_name: str = "robot"
     """Asset that it moves."""
     joint_names: Sequence[str] = (".*",)
@@ -82,6 +86,16 @@ class ActionTermCfg:
         if not 0 <= self.delay_min_lag <= self.delay_max_lag:
             bounds = f"({self.delay_min_lag}, {self.delay_max_lag})"
             yield "delay_min_lag", f"lags are {bounds}, must be 0 <= delay_min_lag <= delay_max_lag"
+
+
+@configclass
+class ActionManagerCfg:
+    """Config of the action manager: a field for each term.
+
+    Subclass it, or name them: ``ActionManagerCfg(NAME=ActionTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (ActionTermCfg,)
 
 
 @configclass

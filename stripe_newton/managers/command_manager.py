@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import torch
 import warp as wp
@@ -12,7 +14,6 @@ import warp as wp
 from stripe_kernels.data import ArticulationData, CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
 from stripe_kernels.mdp import (
     COMMANDS,
-    CommandTerm,
     advance_command,
     orientation_command_error,
     pose_2d_error_heading,
@@ -22,10 +23,12 @@ from stripe_kernels.mdp import (
     velocity_error_xy,
     velocity_error_yaw,
 )
-from stripe_newton.fusion import Code, Item, NamedStructs, SceneEntityCfg, Section, bind_term, block, code
+from stripe_kernels.mdp import CommandTerm as KnownCommand
+from stripe_newton.fusion import Code, Eager, Item, NamedStructs, SceneEntityCfg, Section, bind_term, block, code
 from stripe_newton.fusion.warp_types import Struct, StructInstance, struct_of
 from stripe_newton.matching import match_names
 
+from .command_term import CommandTerm, KernelCommandTerm
 from .commands_cfg import (
     CommandTermCfg,
     NormalVelocityCommandCfg,
@@ -35,7 +38,8 @@ from .commands_cfg import (
     UniformVelocityCommandCfg,
 )
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import ManagerBase, is_warp_term, terms_of
+from .term_class import make_instance
 from .term_params import params_for, unknown_params
 from .terrain_checks import check_terrain
 
@@ -73,7 +77,7 @@ class CommandManager(ManagerBase):
 
     All bounds are parameters that a curriculum may change, such as ``commands.base_velocity.ranges.lin_vel_x``.
 
-    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which :meth:`compute` ran in the episode.
+    ``Metrics/<command>/<metric>`` is ``(1/n) sum_t e_t``, ``n`` the steps in which commands were updated.
     Isaac Lab divides the sum of a velocity's errors by the largest number of steps that a command may last, and logs
     the last error of a pose.
     """
@@ -85,9 +89,16 @@ class CommandManager(ManagerBase):
         self._terms: dict[str, _Term] = {}
         self._lines: dict[tuple[str, wp.Function], list[Code]] = {}
         self._null: list[str] = []
+        self._torch: dict[str, CommandTerm] = {}
+        """Terms of a user's class."""
+        self._data: dict[str, CommandData] = {}
+        """Their commands, as Warp terms read them."""
+        self._views: dict[str, KernelCommandTerm] = {}
         for name, term in self.terms(cfg, CommandTermCfg).items():
             if isinstance(term, NullCommandCfg):
                 self._null.append(name)
+            elif term.class_type is not None:
+                self._make_torch(name, term, term.class_type)
             else:
                 self._terms[name] = self._make(name, term)
         self._sums = context.array("commands.metrics", float, sum(len(t.metrics) for t in self._terms.values()))
@@ -119,14 +130,38 @@ class CommandManager(ManagerBase):
             term.resample, term.update, term.metrics = None, None, {}
         return term
 
-    def _make_data(self, path: str, name: str, cfg: CommandTermCfg, known: CommandTerm | None) -> _Term:
-        context = self.context
-        data = CommandData()
-        data.command = context.array(f"{path}.command", float, cfg.size if known is None else known.size)
-        data.time_left = context.array(f"{path}.time_left", float)
-        data.counter = context.array(f"{path}.counter", int)
+    def _make_torch(self, name: str, cfg: CommandTermCfg, class_type: type) -> None:
+        """The instance of a user's class, and the struct by which Warp terms read its command."""
+        path, context = f"commands.{name}", self.context
+        if not issubclass(class_type, CommandTerm):
+            text = f"is '{class_type.__name__}', must be derived from CommandTerm"
+            context.problems.append(f"{path}.class_type: {text}")
+            return
+        term = self._torch[name] = make_instance(f"{path}.class_type", class_type, cfg, context.env)
+        self._instances[path] = term
+        data = self._data[name] = _clock(context, path, term.command.shape[1])
         self._provide(data, name, data)
-        own = known if known is not None else CommandTerm(None, None, cfg.size)
+        self._copy_torch(name)
+
+    def instance_states(self) -> list[dict[str, Any]]:
+        """Attributes of class terms, and their metrics."""
+        return [*super().instance_states(), *(term.metrics for term in self._torch.values())]
+
+    def reset_instance_items(self) -> list[Item]:
+        """None: :meth:`reset_items` resets the terms and logs their metrics."""
+        return []
+
+    def _copy_torch(self, name: str) -> None:
+        """Copy a torch term's command to where Warp terms read it."""
+        term, data, torch = self._torch[name], self._data[name], self.context.torch
+        torch(data.command).copy_(term.command)
+        torch(data.time_left).copy_(term.time_left)
+        torch(data.counter).copy_(term.command_counter)
+
+    def _make_data(self, path: str, name: str, cfg: CommandTermCfg, known: KnownCommand | None) -> _Term:
+        data = _clock(self.context, path, cfg.size if known is None else known.size)
+        self._provide(data, name, data)
+        own = known if known is not None else KnownCommand(None, None, cfg.size)
         params = {"asset_cfg": SceneEntityCfg(cfg.asset_name)} | cfg.params
         return _Term(cfg, data, cfg.resample or own.resample, cfg.update or own.update, params)
 
@@ -208,7 +243,8 @@ class CommandManager(ManagerBase):
     @property
     def active_terms(self) -> list[str]:
         """Names of the terms."""
-        return [*self._terms, *self._null]
+        there = {*self._terms, *self._torch, *self._null}
+        return [name for name in terms_of(self.cfg) if name in there]
 
     def get_command(self, name: str) -> torch.Tensor:
         """The current command of a term, shape ``(num_envs, n)``.
@@ -218,13 +254,34 @@ class CommandManager(ManagerBase):
         """
         if name in self._null:
             raise KeyError(f"command '{name}' is a NullCommand, which has no numbers")
+        if name in self._terms:
+            return self.context.torch(self._terms[name].data.command)
+        return self.get_term(name).command
+
+    def get_term(self, name: str) -> CommandTerm:
+        """A term: the instance of a user's class, or the view of a term of kernels.
+
+        Raises:
+            KeyError: if there is no such term.
+        """
+        if name in self._torch:
+            return self._torch[name]
         if name not in self._terms:
-            raise KeyError(f"no command '{name}'; there is {', '.join(self._terms) or 'none'}")
-        return self.context.torch(self._terms[name].data.command)
+            raise KeyError(f"no command '{name}'; there is {', '.join([*self._terms, *self._torch]) or 'none'}")
+        if name not in self._views:
+            term = self._terms[name]
+            self._views[name] = KernelCommandTerm(term.cfg, self.context, term.data)
+        return self._views[name]
+
+    # -- between steps
+
+    def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Sample new commands in some environments; None means all of them."""
+        self._outside.run_in("commands", self.reset_items, env_ids)
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that run in every step: clocks, resampling where it is due, updates, metrics."""
         context, metric = self.context, 0
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)] if self._terms else []
@@ -238,9 +295,25 @@ class CommandManager(ManagerBase):
                 line = self._call(name, term, func, f"{name}.{what}", "metric")
                 body += [code("{}[env, {}] += {}", self._sums_name, metric, line[0])] if line else []
                 metric += 1
-        return [Section("commands", body, self.active_terms)] if body else []
+        section = [Section("commands", body, list(self._terms))] if body else []
+        return [*section, *(self._eager(name, self._compute_torch) for name in self._torch)]
 
-    def reset(self) -> list[Item]:
+    def _eager(self, name: str, run: Callable[[str], None]) -> Eager:
+        return Eager("commands", partial(run, name), f"torch term '{name}'", [name])
+
+    def _compute_torch(self, name: str) -> None:
+        self._torch[name].compute(self.context.step_dt)
+        self._copy_torch(name)
+
+    def _reset_torch(self, name: str) -> None:
+        env_ids = self.context.reset_mask.indices()
+        if not len(env_ids):
+            return
+        for metric, value in self._torch[name].reset(env_ids).items():
+            self.context.log_now(f"Metrics/{name}/{metric}", value)
+        self._copy_torch(name)
+
+    def reset_items(self) -> list[Item]:
         """Items that log the metrics, as means over the steps of the episode, and sample the first command."""
         context, steps, metric = self.context, self._steps_name, 0
         body = [code("steps = float(wp.max({}[env], 1))", steps), code("{}[env] = 0", steps)]
@@ -253,7 +326,8 @@ class CommandManager(ManagerBase):
             data, rng = context.scope.name(f"{name}_clock", term.data), context.code("{rng}")
             body.append(context.scope.call(restart_command, "env", data, rng, self._span(name, term)))
             body += [*self._call(name, term, term.resample), *self._call(name, term, term.update)]
-        return [Section("commands_reset", body, self.active_terms).only(context.is_reset)] if self._terms else []
+        own = [Section("commands_reset", body, list(self._terms)).only(context.is_reset)] if self._terms else []
+        return [*own, *(self._eager(name, self._reset_torch) for name in self._torch)]
 
     def _span(self, name: str, term: _Term) -> Code:
         path = f"commands.{name}.resampling_time_range"
@@ -282,14 +356,25 @@ class CommandManager(ManagerBase):
         return own
 
     def __str__(self) -> str:
+        every = [(name, t.cfg, t.data) for name, t in self._terms.items()]
+        every += [(name, t.cfg, self._data[name]) for name, t in self._torch.items()]
         rows = [
-            (i, n, type(t.cfg).__name__.removesuffix("Cfg"), t.data.command.shape[1], t.cfg.resampling_time_range)
-            for i, (n, t) in enumerate(self._terms.items())
+            (i, name, type(cfg).__name__.removesuffix("Cfg"), data.command.shape[1], cfg.resampling_time_range)
+            for i, (name, cfg, data) in enumerate(every)
         ]
         return self.table("Command terms", ("Index", "Name", "Type", "Size", "Resampled after [s]"), rows)
 
 
-def _known_kind(cfg: CommandTermCfg) -> CommandTerm | None:
+def _clock(context: ManagerContext, path: str, size: int) -> CommandData:
+    """Arrays of a command of ``size`` numbers and of its clock."""
+    data = CommandData()
+    data.command = context.array(f"{path}.command", float, size)
+    data.time_left = context.array(f"{path}.time_left", float)
+    data.counter = context.array(f"{path}.counter", int)
+    return data
+
+
+def _known_kind(cfg: CommandTermCfg) -> KnownCommand | None:
     """Functions and size of a command of the package; subclasses of its config are of the same kind."""
     kinds = [c.__name__.removesuffix("Cfg") for c in type(cfg).__mro__]
     return next((COMMANDS[kind] for kind in kinds if kind in COMMANDS), None)

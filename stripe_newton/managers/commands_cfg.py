@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from stripe_newton.configclass import MISSING, configclass
 
 __all__ = [
+    "CommandManagerCfg",
     "CommandTermCfg",
     "NormalVelocityCommandCfg",
     "NullCommandCfg",
@@ -46,6 +47,9 @@ class CommandTermCfg:
     Other arguments are taken from ``params`` and from fields of the config, which a subclass may add.
     """
 
+    class_type: type | None = None
+    """Class of a torch term, derived from :class:`CommandTerm`, made as ``class_type(cfg, env)``; ``resample``,
+    ``update``, ``size`` and ``metrics`` are then without effect. None for a term of Warp functions."""
     asset_name: str = "robot"
     """Asset that is commanded."""
     resampling_time_range: Range = MISSING
@@ -68,6 +72,16 @@ class CommandTermCfg:
         bounds = self.resampling_time_range
         if bounds is not MISSING and not 0 < bounds[0] <= bounds[1]:
             yield "resampling_time_range", f"is {bounds}, must be (low, high) with 0 < low <= high [s]"
+
+
+@configclass
+class CommandManagerCfg:
+    """Config of the command manager: a field for each term.
+
+    Subclass it, or name them: ``CommandManagerCfg(NAME=CommandTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (CommandTermCfg,)
 
 
 @configclass

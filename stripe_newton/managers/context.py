@@ -31,6 +31,8 @@ from stripe_newton.sensors.term_structs import register_sensor_structs
 from stripe_newton.sim import ResetMask
 from stripe_newton.terrains.term_structs import register_terrain_struct
 
+from .term_class import TermEnv
+
 __all__ = ["ManagerContext"]
 
 Reserve = Callable[[str, type, tuple[int, ...]], wp.array]
@@ -80,7 +82,7 @@ class ManagerContext:
         max_episode_length_s: float,
         max_episode_length: int,
         num_terminations: int = 0,
-        owner: object = None,
+        owner: TermEnv | None = None,
         reserve: Reserve | None = None,
     ):
         self.scene, self.owner = scene, owner
@@ -101,6 +103,17 @@ class ManagerContext:
         self.structs = self._make_structs()
         self._add_arrays_of_others()
         self.seed(0)
+
+    @property
+    def env(self) -> TermEnv:
+        """The environment that torch terms are called with.
+
+        Raises:
+            RuntimeError: if the context has been made without one.
+        """
+        if self.owner is None:
+            raise RuntimeError("these managers belong to no environment, which torch terms and class terms need")
+        return self.owner
 
     # -- construction
 
@@ -249,6 +262,14 @@ class ManagerContext:
     def torch(self, array: wp.array) -> torch.Tensor:
         """An array as a tensor that shares its memory."""
         return wp.to_torch(array)
+
+    def log_now(self, key: str, value: float | torch.Tensor) -> None:
+        """Log a value from now on, from the host.
+
+        It bypasses the sums of the log, as the graph that finishes them may not know the key yet.
+        """
+        index = self.log.add(key, "last")
+        self.torch(self.log.values)[index] = torch.as_tensor(value)
 
     # -- the scene
 

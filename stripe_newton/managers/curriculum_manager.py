@@ -7,17 +7,17 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-import torch
 import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, resolve_entities, single_thread
+from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, single_thread
 
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import is_warp_term
+from .term_manager import TermManager
 from .terrain_checks import check_terrain
 
-__all__ = ["CurriculumManager", "CurriculumTermCfg"]
+__all__ = ["CurriculumManager", "CurriculumManagerCfg", "CurriculumTermCfg"]
 
 
 @configclass
@@ -32,7 +32,17 @@ class CurriculumTermCfg:
     """Further arguments of the function."""
 
 
-class CurriculumManager(ManagerBase):
+@configclass
+class CurriculumManagerCfg:
+    """Config of the curriculum manager: a field for each term.
+
+    Subclass it, or name them: ``CurriculumManagerCfg(NAME=CurriculumTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (CurriculumTermCfg,)
+
+
+class CurriculumManager(TermManager[CurriculumTermCfg]):
     """Runs curriculum terms and logs their results as ``Curriculum/<term>``.
 
     A term with the argument ``env`` runs for environments whose episode ended, before the reset, except where the world
@@ -43,22 +53,16 @@ class CurriculumManager(ManagerBase):
     name: ClassVar[str] = "curriculum"
 
     def __init__(self, cfg: object, context: ManagerContext):
-        super().__init__(cfg, context)
-        self._terms = self.terms(cfg, CurriculumTermCfg)
-
-    @property
-    def active_terms(self) -> list[str]:
-        """Names of the terms."""
-        return list(self._terms)
+        super().__init__(cfg, context, CurriculumTermCfg)
 
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that run terms with ``env``, and torch terms, for environments whose episodes ended."""
         items: list[Item] = []
         for name, term in self._terms.items():
             if not is_warp_term(term.func):
-                items.append(Eager("curriculum", self._torch(name, term), f"torch term '{name}'", [name]))
+                items.append(Eager("curriculum", self._torch(name), f"torch term '{name}'", [name]))
                 continue
             value = self._value(name, term, term.func) if _is_per_env(term.func) else None
             if value is not None:
@@ -66,7 +70,7 @@ class CurriculumManager(ManagerBase):
                 items.append(Section("curriculum", [line], [name]).only(self.context.is_reset))
         return items
 
-    def update(self) -> list[Item]:
+    def update_items(self) -> list[Item]:
         """The item that runs the terms without ``env`` in one thread.
 
         It belongs at the end of the step, before the log is finished. Make it after the items of all other managers, so
@@ -92,28 +96,21 @@ class CurriculumManager(ManagerBase):
         call = bind_term(context, func, term.params, where, "curriculum", fixed)
         return None if call is None else call.expression()
 
-    def _torch(self, name: str, term: CurriculumTermCfg) -> Callable[[], None]:
-        context = self.context
-        params = resolve_entities(term.params, context.scene.__getitem__)
+    def _torch(self, name: str) -> Callable[[], None]:
+        context, call = self.context, self.call(name)
 
         def run() -> None:
             env_ids = context.reset_mask.indices()
             if not len(env_ids):
                 return
-            value = term.func(context.owner, env_ids, **params)
+            value = call(env_ids)
             if isinstance(value, Mapping):
                 for key, part in value.items():
-                    self._log(f"Curriculum/{name}/{key}", part)
+                    context.log_now(f"Curriculum/{name}/{key}", part)
             elif value is not None:
-                self._log(f"Curriculum/{name}", value)
+                context.log_now(f"Curriculum/{name}", value)
 
         return run
-
-    def _log(self, key: str, value: object) -> None:
-        """Log a value from now on. It bypasses the sums, as the graph that finishes them may not know the key yet."""
-        log = self.context.log
-        index = log.add(key, "last")
-        self.context.torch(log.values)[index] = torch.as_tensor(value)
 
     def __str__(self) -> str:
         rows = []

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
 
-__all__ = ["EventTermCfg"]
+__all__ = ["EventManagerCfg", "EventTermCfg"]
 
 _MODES = ("prestartup", "startup", "reset", "interval", "step")
 
@@ -43,6 +43,16 @@ class EventTermCfg:
             yield "interval_range_s", f"is {bounds}, must be finite (low, high) with 0 < low <= high [s]"
         if not isinstance(count, int) or count < 0:
             yield "min_step_count_between_reset", f"is {count!r}, must be a whole number of steps, 0 or more"
+
+
+@configclass
+class EventManagerCfg:
+    """Config of the event manager: a field for each term.
+
+    Subclass it, or name them: ``EventManagerCfg(NAME=EventTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (EventTermCfg,)
 
 
 def _is_range(bounds: object) -> bool:

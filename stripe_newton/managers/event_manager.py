@@ -3,20 +3,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import ClassVar
 
 import torch
 
 from stripe_newton.configclass import MISSING
-from stripe_newton.fusion import Code, Eager, Item, Section, code, resolve_entities, single_thread
+from stripe_newton.fusion import Code, Eager, Item, Section, code, single_thread
 
 from .context import ManagerContext
 from .event_cfg import EventTermCfg
 from .event_source import EventSource
-from .manager_base import ManagerBase, is_warp_term, terms_of
+from .manager_base import is_warp_term, terms_of
 from .model_events import ModelEvents
+from .term_manager import TermManager
 
 __all__ = ["EventManager", "prestartup_events"]
 
@@ -24,7 +25,7 @@ Indices = Callable[[], torch.Tensor]
 """Function that returns the environments that a torch term is called with, int64, shape ``(n,)``."""
 
 
-class EventManager(ManagerBase):
+class EventManager(TermManager[EventTermCfg]):
     """Runs event terms. Terms of one mode run in the order of the config, whose fields are :class:`EventTermCfg`.
 
     Terms that are Warp functions are fused; clocks and step counts are on the device. A curriculum may change these
@@ -33,33 +34,72 @@ class EventManager(ManagerBase):
     """
 
     name: ClassVar[str] = "events"
+    FIXED = ("mode", "is_global_time")
 
     def __init__(self, cfg: object, context: ManagerContext):
-        super().__init__(cfg, context)
+        super().__init__(cfg, context, EventTermCfg)
         self._model = ModelEvents(context)
-        self._terms: dict[str, EventTermCfg] = {}
-        for name, term in self.terms(cfg, EventTermCfg).items():
+        for name, term in list(self._terms.items()):
             problems = [f"{self.name}.{name}.{field}: {text}" for field, text in _problems(term)]
             context.problems += problems
-            if not problems:
-                self._terms[name] = term
+            if problems:
+                del self._terms[name]
+
+    def items(self) -> list[tuple[str, EventTermCfg]]:
+        """Names and configs of the terms, in order."""
+        return list(self._terms.items())
+
+    # -- between steps
+
+    def apply(self, mode: str, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Run the terms of a mode in some environments, whatever their clocks and step counts say.
+
+        Args:
+            mode: ``"startup"``, ``"reset"``, ``"interval"`` or ``"step"``.
+            env_ids: The environments; None for all.
+
+        Raises:
+            ValueError: if there is no term of this mode.
+        """
+        terms = [name for name, term in self._terms.items() if term.mode == mode]
+        if not terms:
+            there = ", ".join(dict.fromkeys(term.mode for term in self._terms.values())) or "none"
+            raise ValueError(f"events: there is no term of mode '{mode}'; there are {there}")
+        self._outside.run_in(f"events_{mode}", lambda: self._chosen_items(terms), env_ids)
 
     @property
-    def active_terms(self) -> list[str]:
-        """Names of the terms."""
-        return list(self._terms)
+    def dynamics_terms(self) -> list[str]:
+        """Names of the terms that change the model, such as masses and gains."""
+        return [name for name, term in self._terms.items() if self._model.concerns(term.func)]
+
+    def randomize_dynamics(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Run the terms that change the model, of all modes, in some environments; None means all of them."""
+        self._outside.run_in("dynamics", lambda: self._chosen_items(self.dynamics_terms), env_ids)
+
+    def _chosen_items(self, names: Sequence[str]) -> list[Item]:
+        """Items that run terms in the environments of the reset mask."""
+        items: list[Item] = []
+        for name in names:
+            term = self._terms[name]
+            if is_warp_term(term.func):
+                lines = EventSource(self.context, self._model, name, term).calls(term.func)
+                lines = [code("# {}", name), *lines, self.context.code("{moved}[env] = True")]
+                _append(items, Section("events_chosen", lines, [name]).only(self.context.is_reset))
+            else:
+                items.append(self._eager(term.mode, name, self.context.reset_mask.indices))
+        return self._model.complete("chosen", items, last=True)
 
     # -- items
 
-    def startup(self) -> list[Item]:
+    def startup_items(self) -> list[Item]:
         """Items that run once, before the first reset, in all environments."""
         return self._everywhere("startup")
 
-    def step(self) -> list[Item]:
+    def step_items(self) -> list[Item]:
         """Items that run in every step, in all environments. They set ``moved``."""
         return self._everywhere("step")
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that run in the environments whose episode ended, and restart their interval clocks."""
         items: list[Item] = []
         ended = self.context.is_reset
@@ -69,15 +109,15 @@ class EventManager(ManagerBase):
             elif term.min_step_count_between_reset > 0:
                 due, lines = source.mark_due()
                 items.append(Section("events_reset_due", lines, [name]))
-                items.append(self._eager("reset", name, term, _indices_of(self.context.torch(due))))
+                items.append(self._eager("reset", name, _indices_of(self.context.torch(due))))
             else:
-                items.append(self._eager("reset", name, term, self.context.reset_mask.indices))
+                items.append(self._eager("reset", name, self.context.reset_mask.indices))
         own_clocks = [s.clock_name for _, t, s in self._of_mode("interval") if not t.is_global_time]
         if own_clocks:
             _append(items, Section("events_clocks", [code("{}[env] = 0", c) for c in own_clocks]).only(ended))
         return self._model.complete("reset", items, last=not self._changes_model("interval", "step"))
 
-    def interval(self) -> list[Item]:
+    def interval_items(self) -> list[Item]:
         """Items that advance the clocks by a step and run the terms whose time is up. They set ``moved`` there."""
         items: list[Item] = []
         ticks = {name: source.tick() for name, term, source in self._of_mode("interval") if term.is_global_time}
@@ -91,7 +131,7 @@ class EventManager(ManagerBase):
             if not term.is_global_time:
                 _append(items, Section("events_interval", [source.tick()], [name]))
             clock, count = self.context.torch(source.clock), self.context.num_envs
-            items.append(self._eager("interval", name, term, _indices_where_zero(clock, count), moves=True))
+            items.append(self._eager("interval", name, _indices_where_zero(clock, count), moves=True))
         return self._model.complete("interval", items, last=not self._changes_model("step"))
 
     def _everywhere(self, mode: str) -> list[Item]:
@@ -104,7 +144,7 @@ class EventManager(ManagerBase):
                 _append(items, Section(f"events_{mode}", lines, [name]))
             else:
                 everyone = torch.arange(self.context.num_envs, device=self.context.device)
-                items.append(self._eager(mode, name, term, partial(_same, everyone), moves))
+                items.append(self._eager(mode, name, partial(_same, everyone), moves))
         return self._model.complete(mode, items, last=True)
 
     def _of_mode(self, mode: str) -> Iterator[tuple[str, EventTermCfg, EventSource]]:
@@ -116,16 +156,16 @@ class EventManager(ManagerBase):
     def _changes_model(self, *modes: str) -> bool:
         return any(t.mode in modes and self._model.concerns(t.func) for t in self._terms.values())
 
-    def _eager(self, mode: str, name: str, term: EventTermCfg, indices: Indices, moves: bool = False) -> Eager:
+    def _eager(self, mode: str, name: str, indices: Indices, moves: bool = False) -> Eager:
         """Item that calls a torch term with some environments, unless there are none."""
         context = self.context
         moved = context.torch(context.moved)
-        params = resolve_entities(term.params, context.scene.__getitem__)
+        call = self.call(name)
 
         def run() -> None:
             env_ids = indices()
             if len(env_ids):
-                term.func(context.owner, env_ids, **params)
+                call(env_ids)
                 if moves:
                     moved[env_ids] = True
 

@@ -6,17 +6,45 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import torch
+
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, bind_term, block, code
 
 from .context import ManagerContext
 
-__all__ = ["DigitalFilterCfg", "IntegratorCfg", "ModifierCfg", "modifier_lines"]
+__all__ = ["DigitalFilterCfg", "IntegratorCfg", "ModifierBase", "ModifierCfg", "modifier_lines"]
+
+
+class ModifierBase:
+    """Base of modifiers in torch that have a state, made as ``func(cfg, data_dim, device)``.
+
+    Attributes:
+        cfg: The config.
+        data_dim: Shape of the data, ``(num_envs, size)``.
+        device: Device of the data.
+    """
+
+    def __init__(self, cfg: ModifierCfg, data_dim: tuple[int, ...], device: str):
+        """Keep the arguments."""
+        self.cfg, self.data_dim, self.device = cfg, data_dim, device
+
+    def reset(self, env_ids: Sequence[int] | torch.Tensor | None = None) -> None:
+        """Begin new episodes in the environments ``env_ids``; None means all of them. The default does nothing."""
+
+    def __call__(self, data: torch.Tensor, **params: Any) -> torch.Tensor:
+        """The modified data; ``data``, shape ``data_dim``, is not changed."""
+        raise NotImplementedError(f"{type(self).__name__} has no __call__")
 
 
 @configclass
 class ModifierCfg:
-    """Modifier of each number of a term by a Warp function ``func(env, value, ...) -> float``."""
+    """Modifier of the numbers of a term.
+
+    ``func`` is a Warp function of one number, ``func(env, value, ...) -> float``; or a torch function of all,
+    ``func(data, **params)``, or a class derived from :class:`ModifierBase`. With a torch modifier all modifiers and the
+    noise of the term are computed in torch.
+    """
 
     func: Callable[..., object] | None = None
     """The function."""

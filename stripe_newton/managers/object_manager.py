@@ -64,7 +64,7 @@ class ObjectManager(ManagerBase):
 
     # -- items
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log the number of active objects, retire them and spawn new ones.
 
         They belong after the reset of the robots, from which spawned objects keep a distance.
@@ -73,7 +73,7 @@ class ObjectManager(ManagerBase):
             return []
         return [Section("objects_reset", self._respawn, self.active_terms).only(self.context.is_reset)]
 
-    def update(self) -> list[Item]:
+    def update_items(self) -> list[Item]:
         """Items that advance the ages of objects and keep retired ones parked.
 
         They belong after resets and events and before ``moved`` is used, which they set where objects were spawned or

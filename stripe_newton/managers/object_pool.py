@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
 
 import torch
 import warp as wp
@@ -20,7 +21,7 @@ from stripe_newton.scene import InteractiveScene
 from .context import ManagerContext
 from .manager_base import terms_of
 
-__all__ = ["ObjectPool", "ObjectPoolCfg", "PoolStructs", "spawn_object_pools"]
+__all__ = ["ObjectManagerCfg", "ObjectPool", "ObjectPoolCfg", "PoolStructs", "spawn_object_pools"]
 
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -131,6 +132,16 @@ class ObjectPoolCfg:
             yield "max_tries", f"is {self.max_tries}, must be 1 or more"
         if not math.isfinite(self.parking_height):
             yield "parking_height", f"is {self.parking_height}, must be a height [m]"
+
+
+@configclass
+class ObjectManagerCfg:
+    """Config of the object manager: a field for each pool of objects.
+
+    Subclass it, or name them: ``ObjectManagerCfg(NAME=ObjectPoolCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (ObjectPoolCfg,)
 
 
 class PoolStructs(NamedStructs):

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
+import torch
 import warp as wp
 
+from stripe_newton.configclass import config_with
 from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, only
 
 from .context import ManagerContext
 from .image import image_writer
-from .manager_base import ManagerBase
+from .manager_base import ManagerBase, terms_of, with_terms
 from .normalization import running_normalization
 from .observation_source import MIN_PARTS_FOR_PARALLEL_NOISE, ObservationSource
 from .observation_term import ObservationGroupCfg, ObservationTerm, ObservationTermCfg, make_observation_term
@@ -43,8 +46,11 @@ class ObservationManager(ManagerBase):
             allocate: ``allocate(name, size)`` makes the array ``(num_envs, size)`` of ``GROUP`` or ``GROUP.TERM``.
         """
         super().__init__(cfg, context)
+        cfg = _grouped(cfg)
         self._groups = self.terms(cfg, ObservationGroupCfg)
         self._terms = {group: self._make_terms(group, group_cfg) for group, group_cfg in self._groups.items()}
+        shown = {g: with_terms(c, {n: t.cfg for n, t in self._terms[g].items()}) for g, c in self._groups.items()}
+        self.cfg = with_terms(cfg, shown)
         self.buffers: dict[str, wp.array | dict[str, wp.array]] = {}
         self._raw: dict[str, wp.array] = {}
         """Arrays of the groups before normalisation."""
@@ -59,6 +65,7 @@ class ObservationManager(ManagerBase):
             one = make_observation_term(self.context, f"observations.{group}.{name}", term, cfg)
             if one is not None:
                 made[name] = one
+                self._instances |= one.processing.instances if one.processing is not None else {}
         return made
 
     def _allocate(self, group: str, allocate: Allocate) -> None:
@@ -115,22 +122,41 @@ class ObservationManager(ManagerBase):
             flat |= {f"{group}.{n}": b for n, b in buffer.items()} if isinstance(buffer, dict) else {group: buffer}
         return flat
 
+    # -- between steps
+
+    def compute(self) -> dict[str, torch.Tensor | dict[str, torch.Tensor]]:
+        """Observations of the present state by group; a dict by term where the terms are not concatenated.
+
+        In histories and delays the present values take the place of the last ones. So right after a step they are those
+        of the step, but for noise, which is drawn anew, and for modifiers, which go on from their state. Histories,
+        statistics, random streams and states of terms stay as they are.
+        """
+        with self._outside.computed("observations", partial(self.compute_items, again=True), self.instance_states()):
+            return {group: self._copied(group, buffer) for group, buffer in self.buffers.items()}
+
+    def _copied(self, group: str, buffer: wp.array | dict[str, wp.array]) -> torch.Tensor | dict[str, torch.Tensor]:
+        if isinstance(buffer, dict):
+            return {k: self.context.torch(v).clone().view(-1, *self.shape(group, k)) for k, v in buffer.items()}
+        return self.context.torch(buffer).clone().view(-1, *self.shape(group))
+
     # -- items
 
-    def compute(self, where_reset: bool = False) -> list[Item]:
+    def compute_items(self, where_reset: bool = False, again: bool = False) -> list[Item]:
         """Items that write all groups.
 
         Args:
             where_reset: Write them only where an episode just ended, before these environments are reset.
+            again: Replace the last values in delays and histories, and leave the statistics of normalisation.
         """
         # A term that several groups share is written with the first group that has it. So all groups are read before
         # their sections are made.
         shared: list[SharedObservation] = []
-        groups = [self._group_items(group, shared, gather=not where_reset) for group in self._terms]
+        gather = not where_reset and not again
+        groups = [self._group_items(group, shared, gather, again) for group in self._terms]
         items = [item for group in groups for item in group.items()]
         return only(items, self.context.is_reset) if where_reset else items
 
-    def _group_items(self, group: str, shared: list[SharedObservation], gather: bool) -> _GroupItems:
+    def _group_items(self, group: str, shared: list[SharedObservation], gather: bool, again: bool) -> _GroupItems:
         """Items of one group. Wide terms join an equal one in ``shared``, or are added to it for later groups."""
         corrupt, made, parts = self._groups[group].enable_corruption, _GroupItems(group), 0
         for name, term in self._terms[group].items():
@@ -139,9 +165,9 @@ class ObservationManager(ManagerBase):
                 write = image_writer(term.picture, array, term.first)
                 made.first.append(Captured(name, write, [name], fields=frozenset()))
                 continue
-            if term.call is None:
-                made.first.append(Eager("observations", self._torch(term), f"torch term '{name}'", [name]))
-            source = ObservationSource(self.context, term, corrupt)
+            if term.values is not None:
+                made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
+            source = ObservationSource(self.context, term, corrupt, again)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):
                     made.shared.append(SharedObservation(group, name, term, source))
@@ -158,7 +184,7 @@ class ObservationManager(ManagerBase):
             made.last.append(running_normalization(self.context, group, norm, *arrays, gather=gather))
         return made
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that draw biases and lags where an episode begins, and mark histories for refilling."""
         body: list[Code] = []
         for group, terms in self._terms.items():
@@ -167,8 +193,8 @@ class ObservationManager(ManagerBase):
                 body += ObservationSource(self.context, term, corrupt).reset()
         return [Section("observations_reset", body).only(self.context.is_reset)] if body else []
 
-    def _torch(self, term: ObservationTerm) -> Callable[[], None]:
-        call, shape = self.torch_term(term.cfg.func, term.cfg.params), (self.context.num_envs, term.size)
+    def _torch(self, term: ObservationTerm, call: Callable[[], torch.Tensor]) -> Callable[[], None]:
+        shape = self.context.num_envs, term.size
         target, first = (term.scratch, 0) if term.scratch else (term.target, term.first)
 
         def evaluate() -> None:
@@ -177,6 +203,8 @@ class ObservationManager(ManagerBase):
                 raise ValueError(
                     f"{term.path}: returned shape {tuple(values.shape)}, must be (num_envs, size) = {shape}"
                 )
+            if term.processing is not None:
+                values = term.processing(values)
             self.context.torch(self.context.scope.values[target.text])[:, first : first + term.size] = values
 
         return evaluate
@@ -184,6 +212,16 @@ class ObservationManager(ManagerBase):
     def __str__(self) -> str:
         rows = [(g, i, n, t.width) for g, terms in self._terms.items() for i, (n, t) in enumerate(terms.items())]
         return self.table("Observation terms", ("Group", "Index", "Name", "Size"), rows)
+
+
+def _grouped(cfg: object) -> object:
+    """The config; where it has terms without a group, a dict in which these are the group of the policy."""
+    groups = terms_of(cfg)
+    loose = {name: term for name, term in groups.items() if isinstance(term, ObservationTermCfg)}
+    if not loose or "policy" in groups:  # both of them are an error, which the terms in place of groups will be
+        return cfg
+    policy = config_with(ObservationGroupCfg(enable_corruption=True), loose)
+    return {"policy": policy, **{name: group for name, group in groups.items() if name not in loose}}
 
 
 @dataclass

@@ -29,9 +29,19 @@ stream. Fewer parts draw from one stream in one thread, which is faster than the
 class ObservationSource:
     """Source code of one observation term."""
 
-    def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool):
-        """``corrupt``: whether the noise of the term is applied."""
-        self._context, self._term, self._corrupt = context, term, corrupt
+    def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool, again: bool = False):
+        """Bind to a term.
+
+        Args:
+            context: The context of the managers.
+            term: The term.
+            corrupt: Whether the noise of the term is applied.
+            again: Whether values replace the last ones in delays and histories, rather than follow them.
+        """
+        self._context, self._term, self._again = context, term, again
+        # Noise and modifiers in torch have been applied before.
+        self._corrupt = corrupt and term.processing is None
+        self._modifiers = term.cfg.modifiers or () if term.processing is None else ()
 
     @property
     def parts(self) -> int:
@@ -78,19 +88,19 @@ class ObservationSource:
         each = [*self._modify(), *self._add_noise(streams), *self._clip(), *self._scale()]
         lines = block(code("for i in range({}, {}):", first, last), each) if each else []
         if cfg.delay_max_lag:
-            lines += delay_of(self._context, term.path, term.size, cfg).step(element)
+            lines += delay_of(self._context, term.path, term.size, cfg).step(element, self._again)
         if term.history:
             lines += self._push(element)
         elif term.scratch:
             copy = code("{}[env, {} + i] = {}", term.target, term.first, element)
             lines += block(code("for i in range({}):", term.size), [copy])
-        if cfg.modifiers and not term.history:
+        if self._modifiers and not term.history:
             lines.append(code("{}[env] = 0", self._fresh()))
         return lines
 
     def _modify(self) -> list[Code]:
         term, lines = self._term, list[Code]()
-        for index, cfg in enumerate(term.cfg.modifiers):
+        for index, cfg in enumerate(self._modifiers):
             path = f"{term.path}.modifiers.{index}"
             lines += modifier_lines(self._context, path, cfg, term.size, term.element, self._fresh())
         return lines
@@ -130,7 +140,8 @@ class ObservationSource:
     def _push(self, element: Code) -> list[Code]:
         """Lines that append to the history, oldest first. The first observation of an episode fills all of it."""
         term, fresh = self._term, self._fresh()
-        older = code("{}[env, {} + (k + 1) * {} + i]", term.target, term.first, term.size)
+        before = "k" if self._again else "(k + 1)"
+        older = code(f"{{}}[env, {{}} + {before} * {{}} + i]", term.target, term.first, term.size)
         move = code(
             "{}[env, {} + k * {} + i] = wp.where({}[env] != 0, {}, {})",
             term.target, term.first, term.size, fresh, element, older,
@@ -151,7 +162,7 @@ class ObservationSource:
         term, lines = self._term, list[Code]()
         if term.cfg.delay_max_lag:
             lines += delay_of(self._context, term.path, term.size, term.cfg).reset()
-        if term.history or term.cfg.modifiers:
+        if term.history or self._modifiers:
             lines.append(code("{}[env] = 1", self._fresh()))
         if isinstance(term.cfg.noise, NoiseModelWithAdditiveBiasCfg) and self._corrupt:
             lines += self._draw_bias(term.cfg.noise)

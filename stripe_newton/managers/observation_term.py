@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar
 
 import torch
 
@@ -19,8 +20,17 @@ from .image import Picture, find_picture, image
 from .manager_base import is_warp_term
 from .modifiers import ModifierCfg
 from .normalization import RunningNormCfg
+from .term_evaluation import TermEvaluation
+from .term_manager import TorchCall
+from .torch_processing import TorchProcessing, needs_torch
 
-__all__ = ["ObservationGroupCfg", "ObservationTerm", "ObservationTermCfg", "make_observation_term"]
+__all__ = [
+    "ObservationGroupCfg",
+    "ObservationManagerCfg",
+    "ObservationTerm",
+    "ObservationTermCfg",
+    "make_observation_term",
+]
 
 _FLAT = "is False, but histories are always flat; reshape them in the network"
 
@@ -36,8 +46,8 @@ class ObservationTermCfg:
     size: int | Callable[[Mapping[str, int]], int] | None = None
     """Number of values, or a function of the lengths of its index arrays. None where ``@writes`` declares it, as for
     the terms of ``mdp``, and for a torch term: it is called once, when the environment is made, to find its size."""
-    modifiers: Sequence[ModifierCfg] = ()
-    """Modifiers of each value, applied first."""
+    modifiers: Sequence[ModifierCfg] | None = ()
+    """Modifiers of the values, applied first."""
     noise: NoiseCfg | NoiseModelCfg | None = None
     """Noise; a model with bias draws the bias at the start of an episode."""
     clip: tuple[float, float] | None = None
@@ -67,7 +77,12 @@ class ObservationTermCfg:
 
 @configclass
 class ObservationGroupCfg:
-    """Config of a group of observations, such as those of the policy; the fields of a subclass are its terms."""
+    """Config of a group of observations, such as those of the policy: settings, and a field for each term.
+
+    Subclass it, or name the terms: ``ObservationGroupCfg(height=ObservationTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (ObservationTermCfg,)
 
     concatenate_terms: bool = True
     """Join the terms in one tensor; False gives a dict of tensors by term."""
@@ -93,6 +108,24 @@ class ObservationGroupCfg:
             yield "flatten_history_dim", _FLAT
 
 
+@configclass
+class ObservationManagerCfg:
+    """Config of the observation manager: a field for each group.
+
+    Subclass it, or name the groups: ``ObservationManagerCfg(policy=ObservationGroupCfg(...))``. Terms without a group
+    are those of the group ``policy``, with their noise::
+
+        ObservationManagerCfg(height=ObservationTermCfg(func=mdp.base_pos_z))
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (ObservationGroupCfg, ObservationTermCfg)
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        loose = [n for n in type(self).__dataclass_fields__ if isinstance(getattr(self, n), ObservationTermCfg)]
+        if loose and isinstance(getattr(self, "policy", None), ObservationGroupCfg):
+            yield loose[0], "is a term without a group, and there is a group 'policy'; move it into a group"
+
+
 @dataclass
 class ObservationTerm:
     """An observation term whose config has been read without problems.
@@ -101,6 +134,8 @@ class ObservationTerm:
         path: Path of its config.
         cfg: The config.
         call: Call of its Warp function; None for a torch term or a picture.
+        values: Function that returns its values to the host, for a torch term and for torch modifiers and noise.
+        processing: Its modifiers and noise, where these are torch.
         size: Number of values in a step.
         history: Number of steps in the observation; 0 for the current one alone.
         picture: The picture of a camera that it observes, if it is an image term.
@@ -113,6 +148,8 @@ class ObservationTerm:
     cfg: ObservationTermCfg
     call: TermCall | None
     size: int
+    values: Callable[[], torch.Tensor] | None = None
+    processing: TorchProcessing | None = None
     history: int = 0
     picture: Picture | None = None
     scratch: Name | None = None
@@ -174,8 +211,14 @@ def make_observation_term(
         context.problems.append(f"{path}.scale: has {len(cfg.scale)} numbers, the term {size}; give one or {size}")
         return None
     history = cfg.history_length if group.history_length is None else group.history_length
-    term = ObservationTerm(path, cfg, call, size, history)
-    if history or cfg.delay_max_lag or call is None:
+    term = ObservationTerm(path, cfg, call, size, history=history)
+    if needs_torch(cfg, group.enable_corruption):
+        term.processing = TorchProcessing(context, path, cfg, size, group.enable_corruption)
+    if call is None:
+        term.values = TorchCall(context, cfg)
+    elif term.processing is not None:
+        term.call, term.values = None, partial(TermEvaluation(context).value, cfg.func, cfg.params)
+    if history or cfg.delay_max_lag or term.values is not None:
         term.scratch = context.scope.name(f"{path}_now", context.array(f"{path}.now", float, size))
     return term
 

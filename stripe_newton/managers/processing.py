@@ -24,13 +24,15 @@ from stripe_newton.noise import ConstantNoiseCfg, GaussianNoiseCfg, NoiseCfg, Un
 
 from .context import ManagerContext
 
-__all__ = ["Delay", "DelayCfg", "NoiseSource", "delay_of"]
+__all__ = ["KINDS_OF_NOISE", "Delay", "DelayCfg", "NoiseSource", "delay_of"]
 
 _KINDS: dict[type, tuple[wp.Function, str, str | None]] = {
     ConstantNoiseCfg: (sample_constant, "bias", None),
     UniformNoiseCfg: (sample_uniform, "n_min", "n_max"),
     GaussianNoiseCfg: (sample_gaussian, "mean", "std"),
 }
+KINDS_OF_NOISE = tuple(_KINDS)
+"""Configs of noise that kernels draw; other noise is the user's, in torch."""
 _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOISE_ABS)}
 
 
@@ -111,11 +113,17 @@ class Delay:
     filled: Code
     bounds: Code
 
-    def step(self, target: Code) -> list[Code]:
-        """Lines that push each value ``i`` of ``target`` into the ring and replace it by the delayed one."""
+    def step(self, target: Code, again: bool = False) -> list[Code]:
+        """Lines that push each value ``i`` of ``target`` into the ring and replace it by the delayed one.
+
+        Args:
+            target: The value of index ``i``.
+            again: Replace the last value that was pushed instead.
+        """
         ring, head, depth = self.ring, self.head, self.depth
+        advance = [] if again else [code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth)]
         return [
-            code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth),
+            *advance,
             code("past = ({}[env] - {}[env] + {}) % {}", head, self.lag, depth, depth),
             code("fresh = wp.bool({}[env] == 0)", self.filled),
             *block(

@@ -8,7 +8,7 @@ import importlib.util
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -74,6 +74,8 @@ class RecorderManagerBaseCfg:
         stem = Path(self.dataset_export_dir_path) / self.dataset_filename.removesuffix(".hdf5")
         both = mode == kinds.EXPORT_SUCCEEDED_FAILED_IN_SEPARATE_FILES
         return [stem.with_name(f"{stem.name}{end}.hdf5") for end in (["", "_failed"] if both else [""])]
+
+    OPEN: ClassVar[tuple[type, ...]] = (RecorderTermCfg,)
 
     def problems(self) -> Iterator[tuple[str, str]]:
         for name, known in _CHOICES.items():
@@ -168,22 +170,22 @@ class RecorderManager(ManagerBase):
 
     # -- items
 
-    def pre_step(self) -> list[Item]:
+    def pre_step_items(self) -> list[Item]:
         """Items for after the actions are processed, before the physics."""
         return self._items("record_pre_step", self.record_pre_step)
 
-    def post_step(self) -> list[Item]:
+    def post_step_items(self) -> list[Item]:
         """Items for after physics, terminations and rewards, before the reset."""
         return self._items("record_post_step", self.record_post_step)
 
-    def pre_reset(self) -> list[Item]:
+    def pre_reset_items(self) -> list[Item]:
         """Items that conclude the episodes of ``context.reset``. They must run before anything of them is cleared."""
         if not self._terms:
             return []
         reason = "waits for the device to say which episodes ended, and writes those"
         return [Eager("recorders_pre_reset", self._conclude, reason, self.active_terms)]
 
-    def post_reset(self) -> list[Item]:
+    def post_reset_items(self) -> list[Item]:
         """Items that record the start of new episodes. They must run after forward kinematics."""
         return self._items("record_post_reset", lambda: self.record_post_reset(self._resetting))
 

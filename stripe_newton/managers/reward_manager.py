@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from contextlib import AbstractContextManager
+from typing import Any, ClassVar
 
 import torch
 import warp as wp
@@ -14,9 +15,10 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, block, code
 
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import is_warp_term
+from .term_manager import TermManager
 
-__all__ = ["RewardManager", "RewardTermCfg"]
+__all__ = ["RewardManager", "RewardManagerCfg", "RewardTermCfg"]
 
 
 @configclass
@@ -39,24 +41,28 @@ class RewardTermCfg:
             yield "clip", f"is {self.clip}, must be (low, high) with low <= high"
 
 
-class RewardManager(ManagerBase):
+@configclass
+class RewardManagerCfg:
+    """Config of the reward manager: a field for each term.
+
+    Subclass it, or name them: ``RewardManagerCfg(NAME=RewardTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (RewardTermCfg,)
+
+
+class RewardManager(TermManager[RewardTermCfg]):
     """Weighted sum of terms, times the time step if ``scale_by_dt``; keeps the sum of each over the episode."""
 
     name = "rewards"
 
     def __init__(self, cfg: object, context: ManagerContext, scale_by_dt: bool = True):
-        super().__init__(cfg, context)
-        self._terms = self.terms(cfg, RewardTermCfg)
+        super().__init__(cfg, context, RewardTermCfg)
         self._dt = context.step_dt if scale_by_dt else 1.0
         self._sums = context.array("rewards.sums", float, len(self._terms))
         self._values = context.array("rewards.values", float, len(self._terms))
         self._sums_name = context.scope.name("reward_sums", self._sums)
         self._values_name = context.scope.name("reward_terms", self._values)
-
-    @property
-    def active_terms(self) -> list[str]:
-        """Names of the terms."""
-        return list(self._terms)
 
     @property
     def episode_sums(self) -> dict[str, torch.Tensor]:
@@ -69,9 +75,27 @@ class RewardManager(ManagerBase):
         """Weighted terms of the last step, per second where they are scaled by dt, shape ``(num_envs, num_terms)``."""
         return self.context.torch(self._values)
 
+    # -- between steps
+
+    def compute(self) -> torch.Tensor:
+        """Reward of the present state, float, shape ``(num_envs,)``. Sums of the episode and states of terms stay.
+
+        Terms about ends of episodes read those of the last step.
+        """
+        with self._computed():
+            return self.context.torch(self.context.reward).clone()
+
+    def compute_terms(self) -> torch.Tensor:
+        """Weighted terms of the present state, as :attr:`step_reward` has them, shape ``(num_envs, num_terms)``."""
+        with self._computed():
+            return self.step_reward.clone()
+
+    def _computed(self) -> AbstractContextManager[None]:
+        return self._outside.computed("rewards", self.compute_items, self.instance_states())
+
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
         scale = self.context.parameters.add("rewards.dt", self._dt, float)
         body, eager = list[Code](), list[Item]()
@@ -103,14 +127,14 @@ class RewardManager(ManagerBase):
                 return None
             value = call.expression()
         else:
-            eager.append(Eager("rewards", self._torch(index, term), f"torch term '{name}'", [name]))
+            eager.append(Eager("rewards", self._torch(index, name), f"torch term '{name}'", [name]))
             value = code("{}[env, {}]", self._values_name, index)
         if term.clip is None:
             return value
         clip = self.context.parameters.add(f"rewards.{name}.clip", term.clip, wp.vec2)
         return code("wp.clamp({value}, ({clip})[0], ({clip})[1])", value=value, clip=clip)
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log the sums, divided by the longest duration of an episode, and clear them."""
         per_second = self.context.parameters.add("rewards.per_second", 1.0 / self.context.max_episode_length_s, float)
         lines = []
@@ -120,8 +144,8 @@ class RewardManager(ManagerBase):
             lines.append(code("{} = 0.0", sum_))
         return [Section("rewards_log", lines).only(self.context.is_reset)] if lines else []
 
-    def _torch(self, index: int, term: RewardTermCfg) -> Callable[[], None]:
-        call = self.torch_term(term.func, term.params)
+    def _torch(self, index: int, name: str) -> Callable[[], None]:
+        call = self.call(name)
 
         def evaluate() -> None:
             self.step_reward[:, index] = call()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -12,9 +12,10 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, code
 
 from .context import ManagerContext
-from .manager_base import ManagerBase, is_warp_term
+from .manager_base import is_warp_term
+from .term_manager import TermManager
 
-__all__ = ["TerminationManager", "TerminationTermCfg"]
+__all__ = ["TerminationManager", "TerminationManagerCfg", "TerminationTermCfg"]
 
 
 @configclass
@@ -29,20 +30,25 @@ class TerminationTermCfg:
     """The term truncates the episode, as a time limit does, rather than terminates it."""
 
 
-class TerminationManager(ManagerBase):
+@configclass
+class TerminationManagerCfg:
+    """Config of the termination manager: a field for each term.
+
+    Subclass it, or name them: ``TerminationManagerCfg(NAME=TerminationTermCfg(...))``.
+    """
+
+    OPEN: ClassVar[tuple[type, ...]] = (TerminationTermCfg,)
+
+
+class TerminationManager(TermManager[TerminationTermCfg]):
     """Computes ``terminated``, ``truncated`` and their union ``reset``, and counts the causes."""
 
     name = "terminations"
+    FIXED = ("time_out",)
 
     def __init__(self, cfg: object, context: ManagerContext):
-        super().__init__(cfg, context)
-        self._terms = self.terms(cfg, TerminationTermCfg)
+        super().__init__(cfg, context, TerminationTermCfg)
         context.termination_names = list(self._terms)
-
-    @property
-    def active_terms(self) -> list[str]:
-        """Names of the terms."""
-        return list(self._terms)
 
     @property
     def terminated(self) -> torch.Tensor:
@@ -63,9 +69,16 @@ class TerminationManager(ManagerBase):
         """Values of a term in the last step, bool, shape ``(num_envs,)``."""
         return self.context.torch(self.context.episode.term_terminated)[:, self.active_terms.index(name)]
 
+    # -- between steps
+
+    def compute(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Terminated and truncated by the present state, bool, shape ``(num_envs,)`` each. Nothing is reset."""
+        with self._outside.computed("terminations", self.compute_items, self.instance_states()):
+            return self.terminated.clone(), self.time_outs.clone()
+
     # -- items
 
-    def compute(self) -> list[Item]:
+    def compute_items(self) -> list[Item]:
         """Items that evaluate the terms on the state after the physics."""
         line, eager = self.context.code, list[Item]()
         body = [line("terminated = wp.bool({nonfinite}[env])"), line("truncated = wp.bool(False)")]
@@ -88,7 +101,7 @@ class TerminationManager(ManagerBase):
         """Source code of a term's value; None after problems. Its computation is added to ``body`` or ``eager``."""
         kept = self.context.code("{episode.term_terminated}[env, {}]", index)
         if not is_warp_term(term.func):
-            eager.append(Eager("terminations", self._torch(index, term), f"torch term '{name}'", [name]))
+            eager.append(Eager("terminations", self._torch(index, name), f"torch term '{name}'", [name]))
             return kept
         call = bind_term(self.context, term.func, term.params, f"{self.name}.{name}", "termination")
         if call is None:
@@ -97,7 +110,7 @@ class TerminationManager(ManagerBase):
         body += [code("{} = {}  # {}", value, call.expression(), name), code("{} = {}", kept, value)]
         return value
 
-    def reset(self) -> list[Item]:
+    def reset_items(self) -> list[Item]:
         """Items that log how often each term ended an episode."""
         log, line = self.context.log, self.context.code
         lines = []
@@ -107,8 +120,8 @@ class TerminationManager(ManagerBase):
         lines.append(log.line("Episode_Termination/non_finite", line("wp.where({nonfinite}[env], 1.0, 0.0)"), "count"))
         return [Section("terminations_log", lines).only(self.context.is_reset)]
 
-    def _torch(self, index: int, term: TerminationTermCfg) -> Callable[[], None]:
-        call = self.torch_term(term.func, term.params)
+    def _torch(self, index: int, name: str) -> Callable[[], None]:
+        call = self.call(name)
         out = self.context.torch(self.context.episode.term_terminated)
 
         def evaluate() -> None:

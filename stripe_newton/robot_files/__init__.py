@@ -6,6 +6,7 @@ from .file_kind import FileKind, file_kind
 from .importing import extend_report, import_robot_file, inspect_robot_file
 from .mjcf_actuators import ActuatorRow, actuator_rows, actuator_table
 from .mjcf_checks import compile_mjcf
+from .model_names import rename_model, split_links
 
 __all__ = [
     "ActuatorRow",
@@ -18,4 +19,6 @@ __all__ = [
     "file_kind",
     "import_robot_file",
     "inspect_robot_file",
+    "rename_model",
+    "split_links",
 ]

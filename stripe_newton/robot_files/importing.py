@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import mujoco
 import newton
 import warp as wp
 from newton import JointType
@@ -147,13 +148,16 @@ def _add_mjcf(
 ) -> list[Row]:
     own, start = dict(options), MjcfStart(builder)
     keyframe, model = own.pop("keyframe", None), compile_mjcf(path)
+    actuators = own.pop("actuators", True)
+    if own.pop("root_at_prim", False):
+        xform = _without_root_pose(model, wp.transform_identity() if xform is None else xform, own.get("scale", 1.0))
     shapes, friction = builder.default_shape_cfg, builder.default_shape_cfg.mu
     _replace_pgs(builder)
     try:
         # MuJoCo's default friction is 1; Newton's importer would take that of the builder where a file gives none.
         shapes.mu = 1.0
         # verbose: else it skips what it cannot find in silence
-        builder.add_mjcf(_with_plain_defaults(path), xform=xform, verbose=True, **own)
+        builder.add_mjcf(_readable(path, actuators), xform=xform, verbose=True, **own)
     finally:
         shapes.mu = friction
     scale = own.get("scale", 1.0)
@@ -164,14 +168,26 @@ def _add_mjcf(
     return [*mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
 
 
-def _with_plain_defaults(path: Path) -> str:
-    """The file, or its XML where its outermost ``<default>`` names its class, as ``"main"``.
+def _readable(path: Path, actuators: bool) -> str:
+    """The file, or its XML where something of it is not to be read as Newton would.
 
-    Newton would keep these defaults for elements that name the class, where MuJoCo gives them to all.
+    Where its outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for elements that
+    name the class, where MuJoCo gives them to all. Without ``actuators`` these are left out.
     """
     root, _ = _load_and_expand_mjcf(str(path.resolve()))
-    named = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
-    return ElementTree.tostring(root, encoding="unicode") if named else str(path)
+    changes = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
+    if not actuators:
+        for section in root.findall("actuator"):
+            root.remove(section)
+            changes.append(section)
+    return ElementTree.tostring(root, encoding="unicode") if changes else str(path)
+
+
+def _without_root_pose(model: mujoco.MjModel, xform: wp.transform, scale: float) -> wp.transform:
+    """Pose of the file's world that puts its first body at ``xform``."""
+    w, x, y, z = (float(v) for v in model.body_quat[1])
+    root = wp.transform(wp.vec3(*(float(v) * scale for v in model.body_pos[1])), wp.quat(x, y, z, w))
+    return xform * wp.transform_inverse(root)
 
 
 def _replace_pgs(builder: newton.ModelBuilder) -> None:

@@ -35,7 +35,7 @@ def mjcf_rows(
     rows = [
         *_unused(model, options),
         *_integrator(builder, model),
-        *_counts(builder, start, model),
+        *_counts(builder, start, model, options),
         *_shortened_tendons(builder, start, model),
         *_filtered_collisions(model),
     ]
@@ -89,9 +89,14 @@ def _integrator(builder: newton.ModelBuilder, model: mujoco.MjModel) -> Iterator
         yield "option", f"integrator {names[0]}", why
 
 
-def _counts(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:
+def _counts(
+    builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel, options: dict[str, Any]
+) -> Iterator[Row]:
+    read = options.get("actuators", True)
+    if not read and model.nu:
+        yield f"{model.nu} actuators", "not read", "MjcfFileCfg(actuators=False) leaves the joints to the config"
     for what, here, there in (
-        ("actuators", start.actuators_since(builder), model.nu),
+        ("actuators", start.actuators_since(builder), model.nu if read else 0),
         ("equality constraints", start.equalities_since(builder), model.neq),
         ("tendons", start.tendons_since(builder), model.ntendon),
     ):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, overload
 
 import newton
 import warp as wp
@@ -24,10 +24,11 @@ from stripe_newton.assets import (
 )
 from stripe_newton.assets.terrain_base import GroundAsset
 from stripe_newton.configclass import ConfigError
-from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file
+from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim.scene_context import ENV_0
 from stripe_newton.sim.spawners.from_files import FILE_KEY
+from stripe_newton.sim.spawners.model_names import NAMES_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
@@ -38,6 +39,7 @@ from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
+from .scene_parts import Part, part_kind
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
 from .scenery_stage import paths_pattern
 
@@ -65,23 +67,83 @@ class SceneBuilder:
         self.checks: list[Callable[[], Iterable[str]]] = []
         self.authored_joints: AuthoredJoints | None = None
         self.template_labels: list[str] = []
+        self._authored: set[str] = set()
+        """Names of the config's parts that have been added."""
 
     # -- adding
 
-    def build_terrain(self, cfg: TerrainBaseCfg | AssetBaseCfg, name: str = "terrain") -> TerrainBase:
-        """Add the ground of the environments; it becomes ``scene.terrain``."""
+    def author(self) -> None:
+        """Add all that the config names and that is not there yet, in the order of the config."""
+        for name, cfg in self._configured():
+            self._add(name, cfg)
+
+    def _configured(self, kind: str | None = None) -> list[tuple[str, Part]]:
+        """What the config names and that is not there yet, of one kind or of all, by name.
+
+        Raises:
+            ValueError: for a field that is no asset and no sensor, or a name that a field and a dict both have.
+        """
+        parts = self._scene.cfg.parts()
+        names = [name for name, _ in parts]
+        for name, cfg in parts:
+            if names.count(name) > 1:
+                raise ValueError(f"scene.{name}: two parts have this name; give each its own")
+            if part_kind(name, cfg) is None:
+                raise ValueError(f"scene.{name}: {type(cfg).__name__} is no asset or sensor config")
+        return [(n, c) for n, c in parts if n not in self._authored and kind in (None, part_kind(n, c))]
+
+    def _add_kind(self, kind: str) -> list[str]:
+        """Add what the config names of a kind; returns its names."""
+        parts = self._configured(kind)
+        for name, cfg in parts:
+            self._add(name, cfg)
+        return [name for name, _ in parts]
+
+    def _add(self, name: str, cfg: Part) -> None:
+        self._authored.add(name)
+        kind = part_kind(name, cfg)
+        if kind == "terrain":
+            self.build_terrain(cfg)
+        elif kind == "robot":
+            self.build_robot(name, cfg)
+        elif kind == "object":
+            self.build_objects({name: cfg})
+        else:
+            self.build_sensors({name: cfg})
+
+    def build_terrain(self, cfg: TerrainBaseCfg | AssetBaseCfg | None = None) -> TerrainBase | None:
+        """Add the ground of the environments; it becomes ``scene.terrain``. By default it is that of the config."""
+        if cfg is None:
+            self._add_kind("terrain")
+            return self._scene.terrain
         make: Callable[..., Any] = cfg.class_type or GroundAsset
         with self._scene.construction():
             self._scene.terrain = make(cfg)
         return self._scene.terrain
 
-    def build_robot(self, name: str, cfg: ArticulationCfg) -> Articulation:
-        """Add an articulation; it becomes ``scene.articulations[name]``."""
+    @overload
+    def build_robot(self, name: str, cfg: ArticulationCfg) -> Articulation: ...
+
+    @overload
+    def build_robot(self) -> dict[str, Articulation]: ...
+
+    def build_robot(
+        self, name: str | None = None, cfg: ArticulationCfg | None = None
+    ) -> Articulation | dict[str, Articulation]:
+        """Add an articulation; it becomes ``scene.articulations[name]``. By default all those of the config."""
+        if name is None:
+            return {n: self._scene.articulations[n] for n in self._add_kind("robot")}
+        assert cfg is not None
         self._scene.articulations[name] = self._make(cfg)
         return self._scene.articulations[name]
 
-    def build_objects(self, objects: Mapping[str, AssetBaseCfg]) -> dict[str, Any]:
-        """Add rigid objects and static assets by name; they become ``scene.rigid_objects`` and ``scene.extras``."""
+    def build_objects(self, objects: Mapping[str, AssetBaseCfg] | None = None) -> dict[str, Any]:
+        """Add rigid objects and static assets by name; they become ``scene.rigid_objects`` and ``scene.extras``.
+
+        By default all those of the config.
+        """
+        if objects is None:
+            return {n: self._scene[n] for n in self._add_kind("object")}
         made = {name: self._make(cfg) for name, cfg in objects.items()}
         for name, asset in made.items():
             if isinstance(asset, RigidObject):
@@ -90,8 +152,13 @@ class SceneBuilder:
                 self._scene.extras[name] = asset
         return made
 
-    def build_sensors(self, sensors: Mapping[str, SensorCfg]) -> dict[str, SensorBase]:
-        """Add sensors by name; they become ``scene.sensors``. They bind to the model after the assets."""
+    def build_sensors(self, sensors: Mapping[str, SensorCfg] | None = None) -> dict[str, SensorBase]:
+        """Add sensors by name; they become ``scene.sensors``. They bind to the model after the assets.
+
+        By default all those of the config.
+        """
+        if sensors is None:
+            return {n: self._scene.sensors[n] for n in self._add_kind("sensor")}
         made = {name: self._make(cfg) for name, cfg in sensors.items()}
         self._scene.sensors.update(made)
         return made
@@ -229,7 +296,7 @@ class SceneBuilder:
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
         stage = self._scene.stage
-        files, first = self._file_prims(stage, root, ignore), builder.shape_count
+        files, first = self._keyed_prims(FILE_KEY, root, ignore), builder.shape_count
         solver = self._scene.sim.cfg.solver
         report = load_stage(
             builder,
@@ -244,6 +311,8 @@ class SceneBuilder:
             mark_triangles(builder, first, concave_colliders(report.ignored))
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
+        for prim, names in self._keyed_prims(NAMES_KEY, root, ignore):
+            rename_model(builder, str(prim.GetPath()), names)
         self.reports.append(report)
 
     def _use_mujoco_contacts(self, value: bool) -> None:
@@ -251,13 +320,12 @@ class SceneBuilder:
         sim = self._scene.sim
         sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=value))
 
-    def _file_prims(
-        self, stage: Usd.Stage, root: str, ignore: tuple[str, ...]
-    ) -> list[tuple[Usd.Prim, dict[str, Any]]]:
-        prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(FILE_KEY))
+    def _keyed_prims(self, key: str, root: str, ignore: tuple[str, ...]) -> list[tuple[Usd.Prim, dict[str, Any]]]:
+        """Prims below ``root`` with custom data of a key, and these data."""
+        prims = (p for p in Usd.PrimRange(self._scene.stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
         # Where something is ignored it is what lies in the environments: they are loaded with their own root.
         inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
-        return [(p, json.loads(p.GetCustomDataByKey(FILE_KEY))) for p in inside]
+        return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
 
     def _adopt(self, layouts: list[Layout]) -> None:
         """Make assets of the articulations and free bodies that an imported stage brings."""
@@ -282,13 +350,15 @@ def _unique(name: str, taken: list[str]) -> str:
 
 def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> StageReport:
     """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
-    own = dict(options)
+    own, names = dict(options), json.loads(prim.GetCustomDataByKey(NAMES_KEY) or "{}")
     kind, path = own.pop("format"), own.pop("path")
     pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
     position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
     xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
     try:
-        return import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
+        report = import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
+        split_links(builder, str(prim.GetPath()), names.get("links", {}))
+        return report
     except RobotFileError as error:
         raise ValueError(f"{kind.upper()} file at '{prim.GetPath()}': {error}") from error
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,29 +42,48 @@ class SceneController:
     def __init__(self, scene: SceneContents):
         self._scene = scene
         self._defaults: dict[str, torch.Tensor] = {}
+        self.process_actions: Callable[[torch.Tensor], object] | None = None
+        """Function that sets targets from a policy's actions: that of the scene's action manager, if it has one."""
+        self.randomize_by_events: Callable[[Sequence[int] | torch.Tensor | None], None] | None = None
+        """Function that runs the events that change the dynamics, if the scene has an event manager with such terms."""
 
-    def apply_actions(self, targets: Mapping[str, Mapping[str, torch.Tensor]] | None = None) -> None:
+    def apply_actions(
+        self, actions: torch.Tensor | Mapping[str, Mapping[str, torch.Tensor]] | None = None, kind: str = "position"
+    ) -> None:
         """Set joint targets and hand over what assets have pending; call it before a physics step.
 
         Args:
-            targets: By articulation, then by ``"position"``, ``"velocity"`` or ``"effort"``, tensors of shape
-                ``(num_envs, num_joints)`` in the units of ``set_joint_*_target``.
+            actions: A tensor of actions as a policy gives them, shape ``(num_envs, num_actions)``, where the scene has
+                an action manager; else targets of the joints of the only articulation, ``(num_envs, num_joints)``. Or
+                a dict by articulation, then by ``"position"``, ``"velocity"`` or ``"effort"``, of such targets.
+            kind: Kind of the targets, if ``actions`` is a tensor of them. Units are those of ``set_joint_*_target``.
 
         Raises:
-            KeyError: for an articulation or a kind of target that does not exist.
+            KeyError: for an articulation or a kind of target that does not exist, or if not one articulation alone is
+                there for a tensor.
         """
-        for name, kinds in (targets or {}).items():
-            if name not in self._scene.articulations:
-                raise KeyError(
-                    f"no articulation '{name}'; the scene has {', '.join(self._scene.articulations) or 'none'}"
-                )
-            for kind, value in kinds.items():
-                if kind not in ("position", "velocity", "effort"):
-                    raise KeyError(f"no target '{kind}' of '{name}'; there are position, velocity and effort")
-                getattr(self._scene.articulations[name], f"set_joint_{kind}_target")(value)
+        if isinstance(actions, torch.Tensor) and self.process_actions is not None:
+            self.process_actions(actions)
+        elif isinstance(actions, torch.Tensor):
+            robots = list(self._scene.articulations)
+            if len(robots) != 1:
+                raise KeyError(f"the scene has {', '.join(robots) or 'no articulation'}; give a dict by name")
+            self._set_targets(robots[0], {kind: actions})
+        else:
+            for name, kinds in (actions or {}).items():
+                self._set_targets(name, kinds)
         # Targets are written at once, so this does nothing for assets of this package; a subclass may gather its own.
         for asset in self._scene.assets:
             asset.write_data_to_sim()
+
+    def _set_targets(self, name: str, kinds: Mapping[str, torch.Tensor]) -> None:
+        robots = self._scene.articulations
+        if name not in robots:
+            raise KeyError(f"no articulation '{name}'; the scene has {', '.join(robots) or 'none'}")
+        for kind, value in kinds.items():
+            if kind not in ("position", "velocity", "effort"):
+                raise KeyError(f"no target '{kind}' of '{name}'; there are position, velocity and effort")
+            getattr(robots[name], f"set_joint_{kind}_target")(value)
 
     def reset_robots(self, env_ids: EnvIds = None, to_default: bool = True) -> None:
         """Begin new episodes: default state, targets and external forces cleared, solver memory cleared.
@@ -119,6 +138,8 @@ class SceneController:
     ) -> None:
         """Draw new dynamics, uniformly within the given ranges, always from the values the model was built with.
 
+        Without a range the scene's events say what is drawn, those of all modes that change the model.
+
         The draws are those of the events ``randomize_rigid_body_mass``, ``randomize_rigid_body_material``,
         ``randomize_actuator_gains`` and ``randomize_joint_parameters`` of :mod:`stripe_kernels.mdp`, for all bodies,
         shapes and joints.
@@ -133,7 +154,8 @@ class SceneController:
             generator: Source of randomness, default torch's on the CPU.
 
         Raises:
-            ValueError: for a range that is reversed or would make a quantity negative.
+            ValueError: for a range that is reversed or would make a quantity negative, or if there is neither a range
+                nor an event.
         """
         ranges = {
             "mass_scale": mass_scale,
@@ -147,6 +169,10 @@ class SceneController:
             if not 0.0 <= low <= high < math.inf:
                 raise ValueError(f"{name}: range {(low, high)} must be (low, high) with 0 <= low <= high, both finite")
         if not given:
+            if self.randomize_by_events is None:
+                text = f"no event of the scene changes dynamics; give a range: {', '.join(ranges)}"
+                raise ValueError(f"randomize_dynamics: {text}")
+            self.randomize_by_events(None if env_ids is None else self._indices(env_ids))
             return
         sim = self._scene.sim
         with wp.ScopedDevice(sim.device):

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import torch
 from pxr import Sdf, Usd, UsdGeom
 
-from stripe_newton.assets import ArticulationCfg, AssetBase, AssetBaseCfg, TerrainBaseCfg
-from stripe_newton.configclass import MISSING, ConfigError
-from stripe_newton.sensors import SensorCfg
+from stripe_newton.assets import AssetBase
+from stripe_newton.configclass import ConfigError
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_newton.sim.scene_context import ENV_0, authored_path
 from stripe_newton.usd import StageError, ignored_text, open_stage, solver_reason, stage_name
@@ -46,38 +45,28 @@ class InteractiveScene(SceneContents):
     env_regex_ns = "/World/envs/env_.*"
     """Prim path expression of all environments."""
 
-    def __init__(self, cfg: InteractiveSceneCfg, sim: Simulation | None = None, stage: Usd.Stage | None = None):
+    def __init__(
+        self,
+        cfg: InteractiveSceneCfg,
+        sim: Simulation | None = None,
+        stage: Usd.Stage | None = None,
+        author: bool = True,
+    ):
         """Author the config's assets.
 
         Args:
-            cfg: The scene; its fields that are asset or sensor configs are spawned in order.
+            cfg: The scene; its fields that are asset or sensor configs, or dicts of them, are spawned in order.
             sim: Simulation to build, by default a new one with default settings.
             stage: Stage to add to, by default a new one in memory.
+            author: Spawn them now. False leaves that to the caller: ``scene.builder.build_robot()`` and the like.
         """
+        cfg = cfg.completed()
         cfg.validate()
         super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or _new_stage())
         self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
-        self._add_fields()
+        if author:
+            self.builder.author()
         self._regenerator = SceneRegenerator(self, self.builder)
-
-    def _add_fields(self) -> None:
-        for name in type(self.cfg).__dataclass_fields__:
-            value = getattr(self.cfg, name)
-            # Settings rather than assets; but a scene may have named an asset of its own "scenery".
-            if name in InteractiveSceneCfg.__dataclass_fields__ and (name != "scenery" or isinstance(value, str)):
-                continue
-            if value is None or value is MISSING:
-                continue
-            if name == "terrain" or isinstance(value, TerrainBaseCfg):
-                self.builder.build_terrain(value)
-            elif isinstance(value, ArticulationCfg):
-                self.builder.build_robot(name, value)
-            elif isinstance(value, AssetBaseCfg):
-                self.builder.build_objects({name: value})
-            elif isinstance(value, SensorCfg) and value.class_type is not None:
-                self.builder.build_sensors({name: value})
-            else:
-                raise ValueError(f"scene.{name}: {type(value).__name__} is no asset or sensor config")
 
     @classmethod
     def from_usd(

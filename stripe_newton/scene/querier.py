@@ -8,7 +8,7 @@ import warp as wp
 from newton.sensors import SensorContact
 
 from stripe_newton.assets import BoundAsset
-from stripe_newton.sensors.sensor_data import SensorData
+from stripe_newton.sim.contact_probe import ContactProbe
 
 from .scene_contents import SceneContents
 
@@ -16,23 +16,31 @@ __all__ = ["SceneQuerier"]
 
 
 class SceneQuerier:
-    """Reads a built scene. What it returns is a copy, unless said otherwise."""
+    """Reads a built scene. What it returns is a copy, unless said otherwise.
+
+    Where a scene has one articulation, its name may be left out.
+    """
 
     def __init__(self, scene: SceneContents):
         self._scene = scene
         self._contact_sensor: SensorContact | None = None
+        self._probe: ContactProbe | None = None
 
-    def get_robot_state(self, name: str, is_relative: bool = False) -> dict[str, torch.Tensor]:
+    def get_robot_state(self, name: str | None = None, is_relative: bool = False) -> dict[str, torch.Tensor]:
         """State of an articulation or rigid object.
 
         Args:
-            name: Its name in the scene.
+            name: Its name in the scene; by default the only articulation.
             is_relative: Positions relative to the environments' origins.
 
         Returns:
             ``root_pose`` (num_envs, 7), ``root_velocity`` (num_envs, 6), and for an articulation ``joint_position`` and
             ``joint_velocity`` (num_envs, num_joints); world frame, SI units.
+
+        Raises:
+            KeyError: if there is none of that name, or not one articulation alone.
         """
+        name = self._name(name)
         data = self._asset(name).native_data
         state = {"root_pose": data.root_pose_w.clone(), "root_velocity": data.root_vel_w.clone()}
         if is_relative:
@@ -54,30 +62,40 @@ class SceneQuerier:
             "rigid_object": {n: self.get_robot_state(n, is_relative) for n in self._scene.rigid_objects},
         }
 
-    def get_sensor_data(self, name: str) -> SensorData:
-        """Data of a sensor, as the sensor hands it out.
+    def get_sensor_data(self, name: str | None = None) -> dict[str, torch.Tensor]:
+        """Data of a sensor by field, such as ``"net_forces_w"``; by default of all sensors, as ``"SENSOR.FIELD"``.
+
+        Fields that the sensor does not measure are left out.
 
         Raises:
             KeyError: if there is no such sensor.
         """
-        if name not in self._scene.sensors:
-            raise KeyError(f"no sensor '{name}'; the scene has {', '.join(self._scene.sensors) or 'none'}")
-        return self._scene.sensors[name].data
+        sensors = self._scene.sensors
+        if name is None:
+            return {f"{n}.{field}": value for n in sensors for field, value in self.get_sensor_data(n).items()}
+        if name not in sensors:
+            raise KeyError(f"no sensor '{name}'; the scene has {', '.join(sensors) or 'none'}")
+        return {field: value.clone() for field, value in sensors[name].data.tensors().items()}
 
-    def get_contact_forces(self, name: str) -> torch.Tensor:
-        """Net contact force on each body of an asset after the last step, world frame [N].
+    def get_contact_forces(self, name: str | None = None) -> torch.Tensor:
+        """Net contact force on each body of an asset, world frame [N].
 
-        Needs ``SimulationCfg(contact_forces=True)``.
+        They are those of the last step where ``SimulationCfg(contact_forces=True)`` exports them in each. Otherwise a
+        physics step from the present state is computed and undone.
+
+        Args:
+            name: The asset; by default the only articulation.
 
         Returns:
             Shape ``(num_envs, num_bodies, 3)``.
 
         Raises:
-            RuntimeError: if contact forces are not exported.
+            KeyError: if there is none of that name, or not one articulation alone.
+            ValueError: if the solver reports no contact forces.
         """
-        sim = self._scene.sim
-        if not sim.cfg.contact_forces:
-            raise RuntimeError("contact forces are not exported: set 'contact_forces=True' in SimulationCfg")
+        asset, sim = self._asset(self._name(name)), self._scene.sim
+        if not sim.cfg.contact_forces and self._probe is None:
+            self._probe = ContactProbe(sim)
         if self._contact_sensor is None:
             # One sensor of all bodies, made at the first call: it allocates, and few scenes ask for forces.
             bodies = list(range(sim.model.body_count))
@@ -85,10 +103,20 @@ class SceneQuerier:
                 self._contact_sensor = SensorContact(
                     sim.model, sensing_bodies=bodies, measure_total=True, request_contact_attributes=False
                 )
-        # Newton sums the contacts of the last step: it has to be asked after each step that one wants to know of.
-        self._contact_sensor.update(sim.state, sim.contacts, observables=sim.observables)
+        contacts, observables = sim.contacts, sim.observables
+        if self._probe is not None:
+            self._probe.run()
+            contacts, observables = self._probe.contacts, self._probe.observables
+        self._contact_sensor.update(sim.state, contacts, observables=observables)
         forces = wp.to_torch(self._contact_sensor.total_force).view(sim.num_envs, -1, 3)
-        return forces[:, self._asset(name).layout.bodies].clone()
+        return forces[:, asset.layout.bodies].clone()
+
+    def _name(self, name: str | None) -> str:
+        """The name that was given, or that of the only articulation."""
+        robots = list(self._scene.articulations)
+        if name is None and len(robots) != 1:
+            raise KeyError(f"the scene has {', '.join(robots) or 'no articulation'}; give the name of one asset")
+        return robots[0] if name is None else name
 
     def _asset(self, name: str) -> BoundAsset:
         assets: dict[str, BoundAsset] = {**self._scene.articulations, **self._scene.rigid_objects}

@@ -48,9 +48,7 @@ class SceneRegenerator:
 
     def _spawner(self) -> SceneSpawnerCfg | None:
         """Config of the spawner that makes the scene from a specification or a file of one; None if there is none."""
-        cfg = self._scene.cfg
-        fields = (getattr(cfg, name) for name in type(cfg).__dataclass_fields__)
-        spawners = (asset.spawn for asset in fields if isinstance(asset, AssetBaseCfg))
+        spawners = (part.spawn for _, part in self._scene.cfg.parts() if isinstance(part, AssetBaseCfg))
         return next((spawn for spawn in spawners if isinstance(spawn, SceneSpawnerCfg)), None)
 
     def why_not(self) -> str:

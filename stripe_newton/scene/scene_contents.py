@@ -23,6 +23,7 @@ from stripe_newton.sim.scene_context import scene_context
 from stripe_newton.terrains.spiral_grid import spiral_grid
 from stripe_newton.usd.file_errors import path_reason
 
+from .scene_parts import Part, configured_parts, with_prim_paths
 from .scenery_options import SceneryOptionsCfg
 
 if TYPE_CHECKING:
@@ -60,6 +61,14 @@ class InteractiveSceneCfg:
     """Ignored: environments never collide with each other."""
     clone_in_fabric: bool = False
     """Ignored: prims are never copied."""
+
+    def parts(self) -> list[tuple[str, Part]]:
+        """Names and configs of assets and sensors, in order. The items of a dict go by their keys."""
+        return list(configured_parts(self, InteractiveSceneCfg.__dataclass_fields__))
+
+    def completed(self) -> InteractiveSceneCfg:
+        """The config with a prim path for each part that has none: ``{ENV_REGEX_NS}/NAME``, in camel case."""
+        return with_prim_paths(self, InteractiveSceneCfg.__dataclass_fields__)
 
     @property
     def scenery_file(self) -> str | None:

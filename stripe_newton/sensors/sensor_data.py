@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import torch
 import warp as wp
 
 from .warp_struct import struct_fields
@@ -38,6 +39,16 @@ class SensorData:
         if name not in tensors:
             raise AttributeError(f"no '{name}' in the data of this sensor; there is {', '.join(tensors) or 'nothing'}")
         return tensors[name]
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """All tensors by name, views of the sensor's memory. Those of a dict, such as images, go by their keys."""
+        found: dict[str, torch.Tensor] = {}
+        for name, value in {**vars(self), **self._tensors}.items():
+            if isinstance(value, torch.Tensor):
+                found[name] = value
+            elif isinstance(value, dict) and not name.startswith("_"):
+                found |= {key: item for key, item in value.items() if isinstance(item, torch.Tensor)}
+        return found
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._tensors]

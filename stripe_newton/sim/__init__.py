@@ -40,6 +40,7 @@ from .spawners.materials import (
     spawn_preview_surface,
     spawn_rigid_body_material,
 )
+from .spawners.model_names import ModelNamesCfg
 from .spawners.schemas import (
     ArticulationRootPropertiesCfg,
     CollisionPropertiesCfg,
@@ -95,6 +96,7 @@ __all__ = [
     "MeshCylinderCfg",
     "MeshSphereCfg",
     "MjcfFileCfg",
+    "ModelNamesCfg",
     "MuJoCoSolverCfg",
     "PhysicsHook",
     "PreviewSurfaceCfg",

@@ -55,7 +55,7 @@ class SimulationCfg:
     solver: SolverCfg = MuJoCoSolverCfg()
     """The solver and its options."""
     contact_forces: bool = False
-    """Export contact forces in every step, for :meth:`SceneQuerier.get_contact_forces`."""
+    """Export contact forces in every step; :meth:`SceneQuerier.get_contact_forces` then does not compute them anew."""
     observables: Sequence[str] = ()
     """Arrays that the solver reports beyond the state, by Newton's names: ``"body_qdd"`` for accelerations of bodies,
     ``"body_parent_f"`` for the wrenches of their joints."""
@@ -147,7 +147,7 @@ class Simulation:
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
-        if wp.config.log_level == wp.LOG_INFO:
+        if wp.config.log_level == wp.LOG_INFO and type(wp.get_logger()).__module__.startswith("warp"):
             wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)

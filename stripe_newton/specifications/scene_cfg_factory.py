@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from pxr import Sdf, Usd
 
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg
-from stripe_newton.configclass import configclass
+from stripe_newton.configclass import config_with, configclass
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import SceneSpawnerCfg
 from stripe_newton.sim.scene_context import current_stage
@@ -154,19 +154,16 @@ class SceneCfgFactory:
         """Add a sensor; see :meth:`add_asset`."""
         self.add_asset(name, cfg)
 
-    def get_scene(self, robot: ArticulationCfg) -> InteractiveSceneCfg:
+    def get_scene(self, robot: ArticulationCfg | None = None) -> InteractiveSceneCfg:
         """The config, with a field for each asset and sensor. The generated scene is the field ``scenery``.
 
         Args:
-            robot: The robot, with the field ``robot``. Its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``.
+            robot: The robot, with the field ``robot``; its ``prim_path`` is set to ``{ENV_REGEX_NS}/Robot``. None for a
+                scene without one.
         """
         # The terrain is found at this path once the stage is authored: see found_terrain().
         scenery = AssetBaseCfg(prim_path="/World/ground", spawn=self.spawn)
-        fields = {"scenery": scenery, "robot": robot.replace(prim_path="{ENV_REGEX_NS}/Robot"), **self._fields}
-        # A class of its own, as a config has no fields but those that its class declares.
-        body = {"__annotations__": dict.fromkeys(fields, Any), "__module__": __name__, **dict.fromkeys(fields)}
-        made: type[InteractiveSceneCfg] = configclass(type("SpecSceneCfg", (InteractiveSceneCfg,), body))
-        cfg = made(num_envs=self.num_envs, env_spacing=self.env_spacing)
-        for name, value in fields.items():
-            setattr(cfg, name, value)
-        return cfg
+        robots = {} if robot is None else {"robot": robot.replace(prim_path="{ENV_REGEX_NS}/Robot")}
+        fields = {"scenery": scenery, **robots, **self._fields}
+        cfg = InteractiveSceneCfg(num_envs=self.num_envs, env_spacing=self.env_spacing)
+        return config_with(cfg, fields)

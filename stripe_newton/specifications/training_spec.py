@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -70,7 +70,7 @@ class TaskEnvCfg(ManagerBasedRLEnvCfg):
 class TrainingSpec:
     """A scene and a task to train in it. Each can be replaced without the other: ``replace(spec, scene=other)``.
 
-    The configs of managers are those of :class:`ManagerBasedRLEnvCfg`.
+    It takes all that an environment has: further fields are those of :class:`ManagerBasedRLEnvCfg`.
 
     Attributes:
         scene: The scene.
@@ -82,7 +82,10 @@ class TrainingSpec:
         events: Event terms. By default a reset brings every asset to its default state.
         commands: Command terms.
         curriculum: Curriculum terms.
+        objects: Pools of rigid objects.
         metrics: Metric terms.
+        recorders: Recorder terms and the file they write to.
+        managers: Managers of your own by name.
         sensors: Sensor configs by name.
         obstacles: Collider slots for the assets of the scene, so that the time of a step does not depend on their
             number; terms read them as ``obstacles``. None: every collider is a shape of the model.
@@ -90,6 +93,11 @@ class TrainingSpec:
         sim: Time step and solver.
         num_envs: Number of environments.
         env_spacing: Distance between their origins [m].
+        decimation: Physics steps in an environment step.
+        episode_length_s: Duration of an episode [s].
+        scene_seed: Seed of the scene.
+        seed: Seed of the environment's random numbers.
+        viewer: Camera of videos.
     """
 
     scene: SceneSpec
@@ -101,35 +109,58 @@ class TrainingSpec:
     events: TermsCfg = field(default_factory=DefaultEventsCfg)
     commands: TermsCfg = None
     curriculum: TermsCfg = None
+    objects: TermsCfg = None
     metrics: TermsCfg = None
+    recorders: TermsCfg = None
+    managers: TermsCfg = None
     sensors: Mapping[str, SceneEntryCfg] = field(default_factory=dict)
     obstacles: ObstaclesCfg | None = None
     assets: Mapping[str, SceneEntryCfg] = field(default_factory=dict)
     sim: SimulationCfg = field(default_factory=SimulationCfg)
     num_envs: int = 4096
     env_spacing: float = 2.0
+    decimation: int = 4
+    episode_length_s: float = 20.0
+    scene_seed: int = 0
+    seed: int | None = None
+    viewer: ViewerCfg = field(default_factory=ViewerCfg)
+    keep_at_reset: Sequence[str] = ()
+    scale_rewards_by_dt: bool = True
+    is_finite_horizon: bool = False
+    nonfinite_actions: str = "raise"
+    compute_final_obs: bool = False
+
+    def register(
+        self,
+        task_id: str,
+        rsl_rl_cfg: str | Callable[[], object] | None = None,
+        env: str | Callable[..., ManagerBasedRLEnv] = ManagerBasedRLEnv,
+    ) -> str:
+        """Register the task with gymnasium; see :meth:`TaskEnvCfg.register`."""
+        return self.to_env_cfg().register(task_id, rsl_rl_cfg, env)
 
     def to_env_cfg(
         self,
         viewer: ViewerCfg | None = None,
-        decimation: int = 4,
-        episode_length_s: float = 20.0,
-        seed: int = 0,
+        decimation: int | None = None,
+        episode_length_s: float | None = None,
+        seed: int | None = None,
         debug_models: bool = False,
     ) -> TaskEnvCfg:
         """The config of the environment. The scene is generated when the environment is made.
 
         Args:
-            viewer: Camera of videos. None: the default one.
-            decimation: Physics steps per environment step.
+            viewer: Overrides the field of this name, as do the next two.
+            decimation: Physics steps in an environment step.
             episode_length_s: Duration of an episode [s].
-            seed: Seed of the scene, ``cfg.scene.scenery.spawn.seed``.
+            seed: Overrides ``scene_seed``; it becomes ``cfg.scene.scenery.spawn.seed``.
             debug_models: Whether the scene contains markers.
 
         Raises:
             ValueError: if a sensor and an asset have one name.
         """
-        factory = self.scene.create_instance(self.num_envs, self.env_spacing, debug_models, seed)
+        scene_seed = self.scene_seed if seed is None else seed
+        factory = self.scene.create_instance(self.num_envs, self.env_spacing, debug_models, scene_seed)
         for name, cfg in self.assets.items():
             factory.add_asset(name, cfg)
         if self.obstacles is not None:
@@ -137,12 +168,11 @@ class TrainingSpec:
             factory.add_sensor("obstacles", self.obstacles.replace(of_scenery=True))
         for name, cfg in self.sensors.items():
             factory.add_sensor(name, cfg)
-        managers = ("observations", "actions", "rewards", "terminations", "events", "commands", "curriculum", "metrics")
-        return TaskEnvCfg(
-            viewer=viewer or ViewerCfg(),
-            sim=self.sim,
-            decimation=decimation,
-            episode_length_s=episode_length_s,
-            scene=factory.get_scene(self.robot),
-            **{name: getattr(self, name) for name in managers},
-        )
+        given = {"viewer": viewer, "decimation": decimation, "episode_length_s": episode_length_s}
+        values = {name: getattr(self, name) for name in _ENV_FIELDS}
+        values |= {name: value for name, value in given.items() if value is not None}
+        return TaskEnvCfg(scene=factory.get_scene(self.robot), **values)
+
+
+_ENV_FIELDS = [n for n in TaskEnvCfg.__dataclass_fields__ if n in TrainingSpec.__dataclass_fields__ and n != "scene"]
+"""Fields of the environment that are taken over as they are."""

@@ -269,7 +269,7 @@ _DYNAMICS_COLUMNS: dict[str, Callable[[JointRow], str]] = {
 _SHAPE_COLUMNS: dict[str, Callable[[ShapeRow], str]] = {
     "path": lambda s: s.path,
     "type": lambda s: s.type,
-    "size m": lambda s: vector(s.size),
+    "half size m": lambda s: vector(s.size),
     "body": lambda s: s.body.rsplit("/", 1)[-1] or "static",
     "": lambda s: ("collides " if s.collides else "") + ("visible" if s.visible else ""),
     "mu": lambda s: number(s.friction) if s.collides else "",

@@ -142,8 +142,42 @@ SCENES = {
 }
 """Specifications of scenes by name."""
 
+WHAT = {
+    "Ant": "an ant runs toward a goal far away",
+    "CartDoublePole": "a cart keeps up two poles, one on the other",
+    "Cartpole": "a cart keeps up a pole",
+    "Forest-Reach-Quadruped": "a quadruped gets to a goal 10 to 20 m away, between trees",
+    "Forest-Walk-Quadruped": "a quadruped follows velocity commands between trees",
+    "Humanoid": "a humanoid runs toward a goal far away",
+    "PushBall-Ant": "an ant pushes a ball to a goal",
+    "Quadcopter": "a quadcopter flies to a goal",
+    "Reach": "an arm reaches poses with its hand",
+    "Velocity-Flat-Humanoid": "a humanoid follows velocity commands on a plane",
+    "Velocity-Flat-Quadruped": "a quadruped follows velocity commands on a plane",
+    "Velocity-Rough-Humanoid": "a humanoid follows velocity commands on stairs, slopes and blocks",
+    "Velocity-Rough-Quadruped": "a quadruped follows velocity commands on stairs, slopes and blocks",
+}
+"""Descriptions by the part of a task's name that says what it is about."""
+
+FORMS = {
+    "-MARL-Direct": "torch hooks, two agents",
+    "-Direct-Warp": "Warp hooks",
+    "-Direct": "torch hooks",
+    "-Play": "terms, in woods that it was not trained in",
+    "": "terms",
+}
+"""Forms of a task by the rest of its name, the longest first."""
+
+
+def describe(task_id: str) -> str:
+    """Description of a task, such as ``"a cart keeps up a pole (terms)"``."""
+    name = task_id.removeprefix("Stripe-").removesuffix("-v0")
+    end = next(end for end in FORMS if name.endswith(end))
+    return f"{WHAT[name.removesuffix(end)]} ({FORMS[end]})"
+
+
 for _id, (_env, _env_cfg, _rsl_rl_cfg) in TASKS.items():
-    register_task(_id, env=_env, env_cfg=_env_cfg, rsl_rl_cfg=_rsl_rl_cfg)
+    register_task(_id, env=_env, env_cfg=_env_cfg, rsl_rl_cfg=_rsl_rl_cfg, description=describe(_id))
 for _name, _spec in SCENES.items():
     register_scene(_name, _spec)
 

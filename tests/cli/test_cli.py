@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Literal
 
+import gymnasium
 import pytest
 import torch
 import tyro
@@ -21,6 +24,7 @@ import yaml
 from stripe_newton.cli import main, tasks
 from stripe_newton.cli.field_options import apply_options, apply_saved, options_of
 from stripe_newton.cli.shell_command import command, program
+from stripe_newton.cli.tasks import load_cfg, task_ids
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.rl import find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
@@ -137,7 +141,8 @@ def test_saved_config_comes_back():
 
 def test_list(capsys):
     assert main(["list"]) == 0
-    assert TASK in capsys.readouterr().out.splitlines()
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith(f"{TASK} ")]
+    assert line.split(maxsplit=1)[1] == "Cart on a spring, without physics"
     assert main(["list", "--json"]) == 0
     (entry,) = [task for task in json.loads(capsys.readouterr().out) if task["id"] == TASK]
     assert entry["rsl_rl_cfg"] == "tests.helpers.fake_env:FakeCartRunnerCfg"
@@ -216,11 +221,67 @@ def test_tasks_of_one_own_by_file_and_module(capsys, tmp_path):
     text += "    gymnasium.register('My-v0', vector_entry_point='a:b', kwargs={'env_cfg_entry_point': 'a:c'})\n"
     (tmp_path / "my_task_file.py").write_text(text)
     assert main(["list", "--import", "my_task_file.py"]) == 0
-    assert "My-v0" in capsys.readouterr().out.splitlines()
+    assert "My-v0" in capsys.readouterr().out.split()
     assert main(["--import=my_task_file", "list"]) == 0
-    (tmp_path / "broken_task.py").write_text("import no_such_dependency\n")
-    with pytest.raises(ModuleNotFoundError, match="no_such_dependency"):
-        main(["--import", "broken_task.py", "list"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "import no_such_dependency",
+            "mine.py cannot be imported: mine.py:1: ModuleNotFoundError: No module named 'no_s",
+        ),
+        ("x = 1\ndef f(:", "mine.py cannot be imported: mine.py:2: SyntaxError: "),
+        (
+            "x = 1\n\ny = x.z",
+            "mine.py cannot be imported: mine.py:3: AttributeError: 'int' object has no attribute 'z'",
+        ),
+    ],
+)
+def test_an_error_in_a_users_file_is_a_line_with_its_place(capsys, monkeypatch, text, message):
+    Path("mine.py").write_text(f"{text}\n")
+    (line,) = error_of(capsys, "--import", "mine.py", "list").splitlines()
+    assert message in line
+    assert line.endswith("(STRIPE_NEWTON_TRACEBACK=1 shows the traceback)")
+    monkeypatch.setenv("STRIPE_NEWTON_TRACEBACK", "1")
+    with pytest.raises((ModuleNotFoundError, SyntaxError, AttributeError)):
+        main(["--import", "mine.py", "list"])
+
+
+def test_an_error_in_a_users_config_is_a_line_too(capsys):
+    Path("their_config.py").write_text(
+        "from stripe_newton.registration import register_task\n"
+        "from tests.helpers.fake_env import FakeCartCfg\n\n"
+        "class Forgotten(FakeCartCfg):\n    pass\n\n"
+        "def wrong():\n    return 1 / 0\n\n"
+        "for name in ('Forgotten', 'wrong'):\n"
+        "    register_task(f'Test-{name}-v0', env='a:b', env_cfg=f'their_config:{name}')\n"
+    )
+    try:
+        message = error_of(capsys, "play", "Test-Forgotten-v0", "--agent", "zero", "--import", "their_config.py")
+        assert "class 'Forgotten' of their_config, a subclass of FakeCartCfg, has no @configclass" in message
+        message = error_of(capsys, "play", "Test-wrong-v0", "--agent", "zero", "--import", "their_config.py")
+        assert "the env config of Test-wrong-v0: their_config.py:8: ZeroDivisionError: division by zero" in message
+    finally:
+        for name in ("Forgotten", "wrong"):
+            gymnasium.registry.pop(f"Test-{name}-v0", None)
+
+
+@pytest.mark.parametrize(
+    "line", ["train --help", "eval --help", "export --help", "play --help", "bench --help", "inspect --help"]
+    + ["train Stripe-None-v0", "train Stripe-Cartpole-v0 --num-envz 2", "play Stripe-Cartpole-v0 --checkpoint none"],
+)  # fmt: skip
+def test_help_and_errors_load_nothing_heavy(line):
+    code = f"import sys; from stripe_newton.cli import main; main({line.split()}); print(*sys.modules)"
+    out = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": PYTHONPATH},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not {"torch", "warp", "newton", "rsl_rl", "matplotlib"} & set(out.stdout.splitlines()[-1].split())
 
 
 # -- train, eval, play
@@ -404,3 +465,14 @@ def test_the_commands_to_run_next_start_in_the_callers_shell(tmp_path, monkeypat
     assert program() == "stripe-newton"
     monkeypatch.setattr(tasks, "_imported", ["my task.py"])
     assert command("play", "My-v0") == "stripe-newton play My-v0 --import 'my task.py'"
+
+
+def test_configs_of_every_task_are_copied_and_pickled():
+    """Sweeps and other processes need that; Warp functions and generated scenes are among the values."""
+    for task in (name for name in task_ids() if name.startswith("Stripe-")):
+        for kind in ("env", "agent"):
+            cfg = load_cfg(task, kind)
+            names = cfg.to_dict() if "Forest" not in task else {}  # a specification has no name that would compare
+            for other in (copy.deepcopy(cfg), pickle.loads(pickle.dumps(cfg))):
+                assert type(other) is type(cfg)
+                assert not names or other.to_dict() == names

@@ -26,6 +26,13 @@ def cartpole_cfg(**changes) -> CartpoleEnvCfg:
     return cfg
 
 
+def test_make_says_that_environments_are_vectors():
+    with pytest.raises(
+        gymnasium.error.Error, match=rf"'{TASK}' is always a vector .* call gymnasium.make_vec\('{TASK}'"
+    ):
+        gymnasium.make(TASK)
+
+
 def test_make_vec():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stripe_newton.sim.simulation.resolve_device", lambda name: "cpu")

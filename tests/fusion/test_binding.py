@@ -26,7 +26,7 @@ def test_own_term_by_one_line_of_config(cart):
     cart.entity("robot").data.joint_vel[:] = torch.tensor([[1.0, 2.0]]) * torch.arange(4.0)[:, None]
     params = {"asset_cfg": SceneEntityCfg("robot", joint_names=["cart_to_pole"]), "mass": 3.0}
     manager = RewardManager({"energy": RewardTermCfg(cart_energy, params, weight=-0.5)}, cart, scale_by_dt=False)
-    run(cart, manager.compute())
+    run(cart, manager.compute_items())
     expected = -0.5 * 0.5 * 3.0 * (2.0 * torch.arange(4.0)) ** 2
     torch.testing.assert_close(wp.to_torch(cart.reward), expected)
     assert cart.parameters["rewards.energy.mass"] == 3.0
@@ -77,7 +77,7 @@ def test_all_problems_at_once_and_nothing_is_compiled(cart):
         "three": RewardTermCfg(cart_energy, {"mass": 1.0, "asset_cfg": SceneEntityCfg("cube")}, weight=1.0),
         "four": "alive",
     }
-    RewardManager(wrong, cart).compute()
+    RewardManager(wrong, cart).compute_items()
     paths = {p.partition(":")[0] for p in cart.problems}
     assert paths >= {
         "rewards.one.params.mass",

@@ -16,7 +16,7 @@ from tests.helpers.term_kernels import import_source
 def kernel_of(func, weight: float = 1.0):
     context = manager_context(robot="cartpole")
     manager = RewardManager({"own": RewardTermCfg(func, weight=weight)}, context, scale_by_dt=False)
-    work = plan(context, manager.compute())
+    work = plan(context, manager.compute_items())
     work.run()
     (kernel,) = (k for k in work.kernels if "own" in k.terms)
     return kernel, wp.to_torch(context.reward).tolist()

@@ -81,7 +81,7 @@ def test_parameters_in_source(cart):
 
 def test_weight_changes_without_compiling(cart):
     manager = RewardManager({"alive": RewardTermCfg(mdp.is_alive, weight=2.0)}, cart, scale_by_dt=False)
-    work = plan(cart, manager.compute())
+    work = plan(cart, manager.compute_items())
     work.run()
     files, kernels = generated_files(), work.kernels
     assert wp.to_torch(cart.reward).tolist() == [2.0] * 4

@@ -32,5 +32,5 @@ def test_a_struct_of_a_users_own_is_bound_by_type_and_name(cart):
     assert "is 'calm', must name a Wind: breeze, storm" in problems_of(cart, wind_speed, {"wind_name": "calm"})
     cart.problems.clear()
     terms = {n: RewardTermCfg(wind_speed, {"wind": n}, weight=1.0) for n in ("breeze", "storm")}
-    run(cart, RewardManager(terms, cart, scale_by_dt=False).compute())
+    run(cart, RewardManager(terms, cart, scale_by_dt=False).compute_items())
     assert wp.to_torch(cart.reward).tolist() == [32.0] * 4

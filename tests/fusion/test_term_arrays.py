@@ -23,7 +23,7 @@ def test_terms_share_a_state(cart):
     }
     rewards = RewardManager(counting, cart, scale_by_dt=False)
     metrics = MetricsManager({"read": MetricTermCfg(read_counter, {"counter": TermState("counter")})}, cart)
-    work = plan(cart, rewards.compute(), metrics.compute())
+    work = plan(cart, rewards.compute_items(), metrics.compute_items())
     for _ in range(3):
         work.run()
     assert wp.to_torch(cart.arrays["state.counter"]).tolist() == [3.0] * 4

@@ -37,6 +37,8 @@ class FakeSceneCfg:
 
 @configclass
 class FakeCartCfg:
+    """Cart on a spring, without physics."""
+
     seed: int | None = None
     """Seed."""
 

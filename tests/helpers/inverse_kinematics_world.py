@@ -78,7 +78,7 @@ class World:
         self.problems = context.problems
         if not self.problems:
             self._process, self._apply = (
-                plan(context, items()) for items in (self.manager.process, self.manager.apply)
+                plan(context, items()) for items in (self.manager.process_items, self.manager.apply_items)
             )
 
     def put(self, joints: np.ndarray, turn_root: bool = False) -> None:

@@ -84,10 +84,10 @@ class ObservationWorld:
         context.owner = context
         self.robot = context.entity("robot").data.struct
         self.manager = ObservationManager(groups, context)
-        self.items = self.manager.compute()
+        self.items = self.manager.compute_items()
         self._compute = plan(context, self.items)
-        self._reset = plan(context, self.manager.reset())
-        self._where_reset = plan(context, self.manager.compute(where_reset=True)) if where_reset else None
+        self._reset = plan(context, self.manager.reset_items())
+        self._where_reset = plan(context, self.manager.compute_items(where_reset=True)) if where_reset else None
 
     def step(self, joint_pos: Any = None) -> None:
         """Move the joints, then observe."""

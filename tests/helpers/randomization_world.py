@@ -60,9 +60,9 @@ class RandomizedWorld:
         context.seed(seed)
         self.robot = scene.articulations["robot"]
         self.manager = EventManager(events, context)
-        self._reset = self.manager.reset()
+        self._reset = self.manager.reset_items()
         self._startup, self._interval, self._step = (
-            getattr(self.manager, n)() for n in ("startup", "interval", "step")
+            getattr(self.manager, f"{n}_items")() for n in ("startup", "interval", "step")
         )
         self._plans: dict[str, Any] = {}
 

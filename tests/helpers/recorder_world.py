@@ -71,7 +71,12 @@ class World:
         self.owner = context.owner = Owner(num_envs, success)
         context.termination_names = ["success"] if success is not None else []
         self.manager = manager = RecorderManager(cfg, context)
-        self.items = [manager.pre_step(), manager.post_step(), manager.pre_reset(), manager.post_reset()]
+        self.items = [
+            manager.pre_step_items(),
+            manager.post_step_items(),
+            manager.pre_reset_items(),
+            manager.post_reset_items(),
+        ]
         if context.problems:
             return
         advance, restart = Eager("physics", self._advance, "test"), Eager("reset", self._restart, "test")

@@ -43,7 +43,7 @@ class World:
         poses[..., 3:] /= poses[..., 3:].norm(dim=-1, keepdim=True)
         self.manager = ActionManager(terms, context)
         self.process_items, self.apply_items, self.reset_items = (
-            self.manager.process(), self.manager.apply(), self.manager.reset(),
+            self.manager.process_items(), self.manager.apply_items(), self.manager.reset_items(),
         )  # fmt: skip
         assert not context.problems, context.problems
         self._process, self._apply, self._reset = (
@@ -493,7 +493,7 @@ def test_built_in_term_with_own_process():
 def problems(terms: Any) -> list[str]:
     context: ManagerContext = manager_context(2)
     manager = ActionManager(terms, context)
-    for items in (manager.process, manager.apply, manager.reset):
+    for items in (manager.process_items, manager.apply_items, manager.reset_items):
         items()
     return context.problems
 

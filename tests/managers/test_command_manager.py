@@ -35,7 +35,7 @@ class World:
         self.robot = context.entity("robot").data.struct
         self.scatter()
         self.manager = CommandManager(terms, context)
-        items = self.manager.compute(), self.manager.reset()
+        items = self.manager.compute_items(), self.manager.reset_items()
         assert not context.problems, context.problems
         self._compute, self._reset = (plan(context, i, [Captured("log", context.log.finish)]) for i in items)
 
@@ -392,13 +392,13 @@ def test_terms_read_commands_by_name_and_kind():
 
 def test_null_command_has_no_numbers():
     world = World({"nothing": cfgs.NullCommandCfg(), "off": None, "walk": velocity()})
-    assert world.manager.active_terms == ["walk", "nothing"]
+    assert world.manager.active_terms == ["nothing", "walk"]
     with pytest.raises(KeyError, match="'nothing' is a NullCommand"):
         world.manager.get_command("nothing")
     with pytest.raises(KeyError, match="no command 'run'; there is walk"):
         world.manager.get_command("run")
     alone = CommandManager({"nothing": cfgs.NullCommandCfg()}, manager_context(2))
-    assert alone.compute() == alone.reset() == []
+    assert alone.compute_items() == alone.reset_items() == []
 
 
 def test_table_shows_kind_size_and_time():
@@ -469,8 +469,8 @@ def no_number(env: int, command: CommandData) -> bool:
 def test_problems_say_where_and_what_would_be_right(term, start, parts):
     context = manager_context(2)
     manager = CommandManager({"t": term}, context)
-    manager.compute()
-    manager.reset()
+    manager.compute_items()
+    manager.reset_items()
     assert len(context.problems) == 1, context.problems
     assert context.problems[0].startswith(f"{start}:")
     for part in parts:

@@ -64,8 +64,8 @@ class World:
         cfg = RewardTermCfg(func=one, weight=2.0)
         self.rewards = RewardManager({"alive": cfg}, context, scale_by_dt=False)
         self.manager = CurriculumManager(terms, context)
-        outcome = self.rewards.compute()
-        per_env, end = self.manager.compute(), self.manager.update()
+        outcome = self.rewards.compute_items()
+        per_env, end = self.manager.compute_items(), self.manager.update_items()
         self.items = [*per_env, *end]
         self.stages: Plan | None = None
         if not context.problems:

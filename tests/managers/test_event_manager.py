@@ -157,7 +157,7 @@ def test_terms_run_when_and_with_what_a_plain_account_says():
     context = manager_context(num_envs, seed=seed)
     context.owner = calls
     manager = EventManager(events(calls), context)
-    stages = plan(context, manager.reset(), manager.interval(), manager.step())
+    stages = plan(context, manager.reset_items(), manager.interval_items(), manager.step_items())
     reference, rng = Reference(num_envs, seed), np.random.default_rng(0)
     for now in range(1, STEPS + 1):
         ended = np.ones(num_envs, bool) if now == 1 else rng.random(num_envs) < 0.2
@@ -179,7 +179,7 @@ def test_terms_run_when_and_with_what_a_plain_account_says():
 def test_the_first_reset_always_counts_and_the_spacing_can_be_changed():
     context = manager_context(2)
     term = noting("rare", mode="reset", min_step_count_between_reset=10)
-    stages = plan(context, EventManager({"rare": term}, context).reset())
+    stages = plan(context, EventManager({"rare": term}, context).reset_items())
 
     def reset_at(step: int, mask: list[bool]) -> list[int]:
         set_reset(context, mask)
@@ -202,7 +202,7 @@ def test_times_between_runs_are_uniform():
     context = manager_context(num_envs)
     bounds = ((low - 0.999) * DT, high * DT)
     term = noting("push", mode="interval", interval_range_s=bounds)
-    stages = plan(context, EventManager({"push": term}, context).interval())
+    stages = plan(context, EventManager({"push": term}, context).interval_items())
     ran = np.zeros((steps, num_envs), bool)
     before = np.zeros(num_envs, int)
     for k in range(steps):
@@ -222,7 +222,7 @@ def history(num_envs: int, global_time: bool, steps: int = 60) -> np.ndarray:
     context = manager_context(num_envs, seed=3)
     term = noting("push", mode="interval", interval_range_s=(0.03, 0.3), is_global_time=global_time)
     manager = EventManager({"push": term}, context)
-    stages = plan(context, manager.reset(), manager.interval())
+    stages = plan(context, manager.reset_items(), manager.interval_items())
     set_reset(context, [True] * num_envs)
     runs = []
     for k in range(steps):
@@ -245,7 +245,7 @@ def test_what_environments_draw_does_not_depend_on_their_number(global_time):
 def test_a_fixed_time_is_counted_in_whole_steps(seconds, steps):
     context = manager_context(1)
     term = noting("push", mode="interval", interval_range_s=(seconds, seconds))
-    stages = plan(context, EventManager({"push": term}, context).interval())
+    stages = plan(context, EventManager({"push": term}, context).interval_items())
     runs = []
     for _ in range(3 * steps):
         stages.run()
@@ -256,7 +256,7 @@ def test_a_fixed_time_is_counted_in_whole_steps(seconds, steps):
 def test_the_bounds_may_be_changed_while_it_runs():
     context = manager_context(1)
     term = noting("push", mode="interval", interval_range_s=(4.0 * DT, 4.0 * DT))
-    stages = plan(context, EventManager({"push": term}, context).interval())
+    stages = plan(context, EventManager({"push": term}, context).interval_items())
 
     def after(steps: int) -> int:
         for _ in range(steps):
@@ -273,7 +273,7 @@ def test_resets_restart_clocks_but_the_global_one():
     fixed = {"mode": "interval", "interval_range_s": (5.0 * DT, 5.0 * DT)}
     terms = {"own": noting("own", **fixed), "all": noting("all", is_global_time=True, **fixed)}
     manager = EventManager(terms, context)
-    stages = plan(context, manager.reset(), manager.interval())
+    stages = plan(context, manager.reset_items(), manager.interval_items())
     for step in range(1, 8):
         set_reset(context, [step == 1, step == 3, False])
         stages.run()
@@ -291,7 +291,7 @@ def test_moved_is_set_where_a_term_ran():
     for term in (noting("push", **fixed), calls.term("push", **fixed)):
         manager = EventManager({"push": term}, context)
         wp.to_torch(context.array("events.push.steps_left", int)).zero_()
-        stages = plan(context, manager.reset(), manager.interval())
+        stages = plan(context, manager.reset_items(), manager.interval_items())
         for step in range(1, 4):
             set_reset(context, [False, step == 2, False, False])
             context.moved.zero_()
@@ -299,7 +299,7 @@ def test_moved_is_set_where_a_term_ran():
             assert context.moved.numpy().tolist() == ([True, False, True, True] if step == 3 else [False] * 4)
     for term in (noting("always", mode="step"), calls.term("always", mode="step")):
         context.moved.zero_()
-        run(context, EventManager({"always": term}, context).step())
+        run(context, EventManager({"always": term}, context).step_items())
         assert context.moved.numpy().all()
 
 
@@ -314,7 +314,7 @@ def test_startup_runs_everywhere_in_order():
         "third": noting("third", mode="startup"),
     }
     manager = EventManager(terms, context)
-    items = manager.startup()
+    items = manager.startup_items()
     assert [list(i.terms) for i in items] == [["first"], ["second"], ["third"]]
     run(context, items)
     assert state(context, "first_runs").tolist() == [1, 1, 1]
@@ -345,7 +345,7 @@ def test_prestartup_terms_run_without_a_model():
 
 def test_neighbouring_warp_terms_share_a_section_and_the_order_is_kept():
     context, calls = manager_context(1), Calls()
-    names = [list(i.terms) for i in EventManager(events(calls), context).reset()]
+    names = [list(i.terms) for i in EventManager(events(calls), context).reset_items()]
     assert names == [
         ["at_reset", "spaced"],
         ["torch_at_reset"],
@@ -354,7 +354,7 @@ def test_neighbouring_warp_terms_share_a_section_and_the_order_is_kept():
         ["after_torch"],
         [],
     ]
-    eager = [i for i in EventManager(events(calls), context).interval() if isinstance(i, Eager)]
+    eager = [i for i in EventManager(events(calls), context).interval_items() if isinstance(i, Eager)]
     assert [i.reason for i in eager] == ["torch term 'torch_often'", "torch term 'torch_all'"]
 
 
@@ -365,7 +365,7 @@ def test_a_term_about_a_robot_writes_where_it_should():
     term = EventTermCfg(func=stretch, params={"asset_cfg": legs, "pos": 0.25}, mode="reset")
     before = context.entity("robot").data.joint_pos.clone()
     set_reset(context, [False, True, False])
-    run(context, EventManager({"stretch": term}, context).reset())
+    run(context, EventManager({"stretch": term}, context).reset_items())
     expected = before.clone()
     expected[1, [1, 3]] = 0.25
     assert torch.equal(context.entity("robot").data.joint_pos, expected)
@@ -391,7 +391,7 @@ def test_the_scene_is_reset_as_a_whole_or_one_asset(everything):
     params = {} if everything else {"asset_cfg": SceneEntityCfg("box")}
     term = EventTermCfg(func=mdp.reset_scene_to_default, params=params, mode="reset")
     set_reset(context, [True, False, True])
-    run(context, EventManager({"everything": term}, context).reset())
+    run(context, EventManager({"everything": term}, context).reset_items())
     torch.testing.assert_close(box.root_state_w[[0, 2]], fresh[2][[0, 2]])
     assert not torch.allclose(box.root_state_w[1], fresh[2][1])
     same = torch.isclose(robot.joint_pos, fresh[1]).all(dim=1)
@@ -422,7 +422,7 @@ def test_all_problems_are_gathered():
     }
     manager = EventManager(terms, context)
     assert manager.active_terms == ["good", "lacking", "extra"]
-    for items in (manager.startup, manager.reset, manager.interval, manager.step):
+    for items in (manager.startup_items, manager.reset_items, manager.interval_items, manager.step_items):
         items()
     text = "\n".join(context.problems)
     for part in (
@@ -495,13 +495,13 @@ def test_torch_events_get_their_joints_as_indices():
     )
     manager = EventManager({"mine": term}, context)
     set_reset(context, [False, True])
-    run(context, manager.reset())
+    run(context, manager.reset_items())
     assert seen == [([1], [1])]
 
 
-def test_a_class_is_no_term():
+def test_a_class_of_another_kind_is_no_term():
     context = manager_context(num_envs=2, robot="cartpole")
     EventManager({"mine": EventTermCfg(func=dict, mode="reset")}, context)
     assert context.problems == [
-        "events.mine.func: is the class 'dict', must be a function, such as a method of an instance of it"
+        "events.mine.func: is the class 'dict', must be a function, or a class derived from ManagerTermBase"
     ]

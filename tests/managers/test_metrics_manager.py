@@ -36,7 +36,7 @@ class World:
         context.owner = self
         self.manager = MetricsManager(terms, context)
         self.vel = context.entity("robot").data.joint_vel
-        items = self.manager.compute(), self.manager.reset()
+        items = self.manager.compute_items(), self.manager.reset_items()
         self.eager = [item for part in items for item in part if isinstance(item, Eager)]
         self.plan = None if context.problems else plan(context, *items, [Captured("log", context.log.finish)])
 
@@ -119,7 +119,7 @@ def test_a_torch_term_is_eager_and_says_so():
 @pytest.mark.parametrize("cfg", [None, {}, {"off": None}])
 def test_without_terms_there_is_nothing_to_do(cfg):
     manager = MetricsManager(cfg, manager_context(NUM_ENVS, "cartpole"))
-    assert manager.compute() == manager.reset() == manager.active_terms == []
+    assert manager.compute_items() == manager.reset_items() == manager.active_terms == []
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ class World:
         self.context = ManagerContext(scene, SUBSTEPS * DT, SUBSTEPS, 1.0, 60)
         self.manager = ObjectManager(pools, self.context)
         assert not self.context.problems, self.context.problems
-        self.plan = plan(self.context, self.manager.reset(), self.manager.update())
+        self.plan = plan(self.context, self.manager.reset_items(), self.manager.update_items())
         self.moved = wp.to_torch(self.context.moved)
 
     def after_physics(self, reset: list[int] | slice = slice(0, 0)) -> None:
@@ -324,7 +324,7 @@ def test_only_environments_with_something_new_are_marked_as_moved(world):
     assert not world.moved.any()
     retire = world.context.scope.call(mdp.retire_object, "env", world.manager["balls"].struct_name, 3)
     item = Section("retire_one", block(code("if env == 2:"), [retire]))
-    run(world.context, [item], world.manager.update())
+    run(world.context, [item], world.manager.update_items())
     assert world.moved.tolist() == [False, False, True, False]
     assert world.manager["balls"].active.sum(dim=1).tolist() == [4, 4, 3, 4]
 
@@ -436,7 +436,7 @@ def test_a_pool_whose_bodies_are_not_in_the_scene_is_a_problem():
     context = manager_context(num_envs=1, objects=boxes().bodies("boxes"))
     manager = ObjectManager(Pools(), context)
     assert manager.active_terms == []
-    assert manager.reset() == manager.update() == []
+    assert manager.reset_items() == manager.update_items() == []
     first, second = context.problems
     assert first == "objects.odd: is int, must be ObjectPoolCfg or None"
     assert second.startswith("objects.balls.objects: the scene has no rigid object balls_0, balls_1; call ")

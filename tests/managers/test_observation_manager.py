@@ -429,9 +429,14 @@ LEG = joints("front_left_leg")
             ["2 numbers", "one or 8"],
         ),
         (
-            Term(mdp.joint_pos, noise=NoiseCfg(func=torch_squares)),
-            "observations.policy.t.noise",
-            ["NoiseCfg", "UniformNoiseCfg"],
+            Term(mdp.joint_pos, modifiers=[IntegratorCfg(dt=0.1)], noise=NoiseCfg(func=torch_squares)),
+            "observations.policy.t.modifiers.0",
+            ["computed by kernels", "torch"],
+        ),
+        (
+            Term(mdp.joint_pos, modifiers=[ModifierCfg(func=dict)]),
+            "observations.policy.t.modifiers.0.func",
+            ["dict", "ModifierBase"],
         ),
         (
             Term(mdp.joint_pos, modifiers=[ModifierCfg()]),
@@ -457,8 +462,8 @@ def test_problems_say_where_and_what_would_be_right(term, start, parts):
     context = manager_context(2)
     context.owner = context
     manager = ObservationManager({"policy": group({"t": term}, enable_corruption=True)}, context)
-    manager.compute()
-    manager.reset()
+    manager.compute_items()
+    manager.reset_items()
     assert len(context.problems) == 1, context.problems
     assert context.problems[0].startswith(f"{start}:")
     for part in parts:

@@ -33,7 +33,7 @@ def context() -> ManagerContext:
 def problems_of(context: ManagerContext, func: Any, **params: Any) -> list[str]:
     """Error of an event manager about one term."""
     context.problems = []
-    EventManager({"term": EventTermCfg(func=func, mode="reset", params=params)}, context).reset()
+    EventManager({"term": EventTermCfg(func=func, mode="reset", params=params)}, context).reset_items()
     return [p.removeprefix("events.term.") for p in context.problems]
 
 
@@ -114,4 +114,4 @@ def test_parameters_without_effect_warn_by_name(context):
     params = {"static_friction_range": (0.5, 1.0), "num_buckets": 250, "asset_cfg": SceneEntityCfg("box")}
     term = EventTermCfg(func=mdp.randomize_rigid_body_material, mode="startup", params=params)
     with pytest.warns(UserWarning, match=r"events\.friction\.params\.num_buckets has no effect: the number of"):
-        EventManager({"friction": term}, context).startup()
+        EventManager({"friction": term}, context).startup_items()

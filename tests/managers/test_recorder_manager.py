@@ -491,10 +491,12 @@ def test_what_was_recorded_can_be_replayed():
         step.add_(1.0)
         set_reset(context, step >= lengths)
 
-    pieces = [manager.pre_reset(), [Eager("reset", restart, "test")], manager.post_reset()]
+    pieces = [manager.pre_reset_items(), [Eager("reset", restart, "test")], manager.post_reset_items()]
     set_reset(context, [True] * count)
     plan(context, *pieces).run()
-    run_step = plan(context, manager.pre_step(), [Eager("physics", advance, "test")], manager.post_step(), *pieces)
+    run_step = plan(
+        context, manager.pre_step_items(), [Eager("physics", advance, "test")], manager.post_step_items(), *pieces
+    )
     for _ in range(12):
         env.actions = torch.randn(env.actions.shape, generator=generator)
         run_step.run()

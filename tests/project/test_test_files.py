@@ -12,7 +12,7 @@ from tests.helpers.checkout import ROOT
 
 TESTS = ROOT / "tests"
 FILES = sorted(TESTS.rglob("test_*.py"))
-OTHER_FOLDERS = {"benchmarks", "helpers", "kernels", "project", "tasks", "tools"}
+OTHER_FOLDERS = {"benchmarks", "designs", "helpers", "kernels", "project", "tasks", "tools"}
 """Folders that mirror no subpackage of ``stripe_newton``."""
 MARKS = ("gpu", "slow")
 

@@ -9,7 +9,7 @@ import torch
 
 from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import Articulation, ArticulationCfg, AssetBaseCfg, RigidObject, RigidObjectCfg
-from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import (
     CollisionPropertiesCfg,
@@ -191,9 +191,23 @@ def test_contact_forces_of_a_stack():
     assert numpy(scene.querier.get_contact_forces("low"))[0, 0, 2] == pytest.approx(3.0 * G, rel=0.03)
 
 
-def test_contact_forces_must_be_asked_for():
-    scene = make_scene({"box": box()})
-    with pytest.raises(RuntimeError, match="contact_forces=True"):
+@pytest.mark.parametrize("solver", [CONTACTS, MuJoCoSolverCfg(fused=False)], ids=["fused", "MuJoCo Warp"])
+def test_contact_forces_on_demand_are_those_that_are_exported_and_leave_no_trace(solver):
+    objects = {"ground": GROUND, "low": box("Low"), "high": box("High", size=0.2, mass=1.0, z=0.5)}
+    exported = make_scene(objects, sim=sim_cfg(solver=solver, contact_forces=True))
+    asked, never = (make_scene(objects, sim=sim_cfg(solver=solver)) for _ in range(2))
+    for _ in range(4):
+        for scene in (exported, asked, never):
+            scene.sim.step(100)
+        force = numpy(asked.querier.get_contact_forces("low"))
+        np.testing.assert_array_equal(asked.sim.state.joint_q.numpy(), never.sim.state.joint_q.numpy())
+    np.testing.assert_allclose(force, numpy(exported.querier.get_contact_forces("low")), atol=0.05)
+    np.testing.assert_allclose(force, [[[0.0, 0.0, 3.0 * G]]] * 2, atol=0.1)
+
+
+def test_who_cannot_be_asked_is_said():
+    scene = make_scene({"box": box()}, sim=sim_cfg(solver=FeatherstoneSolverCfg()))
+    with pytest.raises(ValueError, match="does not report them"):
         scene.querier.get_contact_forces("box")
     with pytest.raises(ValueError, match="does not report them"):
         make_scene({"box": box()}, sim=sim_cfg(solver=FeatherstoneSolverCfg(), contact_forces=True))
@@ -201,6 +215,8 @@ def test_contact_forces_must_be_asked_for():
         scene.querier.get_sensor_data("imu")
     with pytest.raises(KeyError, match="no articulation or rigid object 'dog'; the scene has box"):
         scene.querier.get_robot_state("dog")
+    with pytest.raises(KeyError, match="the scene has no articulation; give the name of one asset"):
+        scene.querier.get_robot_state()
 
 
 # -- states
@@ -249,6 +265,29 @@ def test_controller_targets(tmp_path):
         scene.controller.apply_actions({"dog": {}})
     with pytest.raises(KeyError, match="no target 'torque' of 'robot'"):
         scene.controller.apply_actions({"robot": {"torque": torch.zeros(2, 1)}})
+    scene.controller.apply_actions(torch.tensor([[3.0], [4.0]]), kind="velocity")  # of the only articulation
+    assert scene["robot"].data.joint_vel_target[:, 0].tolist() == [3.0, 4.0]
+    with pytest.raises(ValueError, match="no event of the scene changes dynamics; give a range: mass_scale"):
+        scene.controller.randomize_dynamics()
+
+
+def test_parts_of_a_config_are_built_one_kind_at_a_time():
+    @configclass
+    class PartsCfg(InteractiveSceneCfg):
+        robot: ArticulationCfg = CARTPOLE_CFG
+        things: dict[str, AssetBaseCfg] = {"ground": GROUND, "red_box": box().replace(prim_path=MISSING)}
+
+    scene = InteractiveScene(PartsCfg(num_envs=2, env_spacing=2.0), Simulation(sim_cfg()), author=False)
+    assert scene.keys() == []
+    assert list(scene.builder.build_objects()) == ["ground", "red_box"]
+    assert list(scene.builder.build_robot()) == ["robot"]
+    assert scene.builder.build_robot() == scene.builder.build_sensors() == {}  # nothing is left, or there is none
+    assert scene.builder.build_terrain() is None
+    scene.build()
+    assert [a.path for a in scene.assets] == ["/World/ground", "/World/envs/env_0/RedBox", "/World/envs/env_0/Robot"]
+    twice = PartsCfg(num_envs=1, env_spacing=0.0, things={"robot": GROUND})
+    with pytest.raises(ValueError, match=r"scene\.robot: two parts have this name"):
+        InteractiveScene(twice, Simulation(sim_cfg()))
 
 
 # -- randomised dynamics

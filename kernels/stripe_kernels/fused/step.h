@@ -67,7 +67,7 @@ FN void integrate(World& w, const Parameters& P, int lane) {
     }
     SYNC();
     solve<true>(w, 0, 0, &World::Ma, 1, lane);
-    if (IMPLICIT && NFREE) step_free_bodies(w, P, lane);
+    if (IMPLICIT != 0 && NFREE > 0) step_free_bodies(w, P, lane);
     EACH(i, NV) w.v[i] += h * w.s[i];
     SYNC();
     EACH(j, NJ) {

@@ -11,7 +11,7 @@ or rates about x, y, z [rad/s].
 import warp as wp
 
 from ..data import ArticulationData
-from ..term_info import for_each_asset
+from ..term_info import for_each_asset, resets
 from . import frames, random
 
 __all__ = [
@@ -38,6 +38,7 @@ def _write_joint(env: int, robot: ArticulationData, joint: int, pos: float, vel:
     robot.joint_vel[env, joint] = wp.clamp(vel, -speed, speed)
 
 
+@resets("joints")
 @wp.func
 def reset_joints_by_offset(
     env: int,
@@ -61,6 +62,7 @@ def reset_joints_by_offset(
         _write_joint(env, robot, joint, pos, vel)
 
 
+@resets("joints")
 @wp.func
 def reset_joints_by_scale(
     env: int,
@@ -96,6 +98,7 @@ def _draw_bounds(bounds: wp.vec2, limits: wp.vec2, scale: bool, offset: float) -
     return wp.vec2(low + offset, high + offset)
 
 
+@resets("joints")
 @wp.func
 def reset_joints_within_limits_range(
     env: int,
@@ -131,6 +134,7 @@ def reset_joints_within_limits_range(
         robot.joint_vel[env, joint] = wp.clamp(vel, -speed, speed)
 
 
+@resets("root")
 @wp.func
 def reset_root_state_uniform(
     env: int,
@@ -156,6 +160,7 @@ def reset_root_state_uniform(
     robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
 
 
+@resets("root")
 @wp.func
 def reset_root_state_with_random_orientation(
     env: int,
@@ -178,6 +183,7 @@ def reset_root_state_with_random_orientation(
     robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
 
 
+@resets("root")
 @wp.func
 def reset_root_to_default(env: int, robot: ArticulationData):
     """Reset the root to its default state: part of ``reset_scene_to_default``.
@@ -192,6 +198,7 @@ def reset_root_to_default(env: int, robot: ArticulationData):
     robot.root_vel[env] = robot.default_root_vel[env]
 
 
+@resets("joints")
 @wp.func
 def reset_joints_to_default(env: int, robot: ArticulationData):
     """Reset all joints to their default state: part of ``reset_scene_to_default``.
@@ -221,6 +228,7 @@ def reset_joint_targets_to_default(env: int, robot: ArticulationData):
 
 
 @for_each_asset
+@resets("root", "joints")
 @wp.func
 def reset_scene_to_default(env: int, robot: ArticulationData, reset_joint_targets: bool = True):
     """Reset root and joints to their default state; with ``reset_joint_targets`` the joint targets too.

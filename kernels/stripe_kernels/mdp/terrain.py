@@ -8,7 +8,7 @@ origins, and a term that draws a patch takes the origin instead.
 import warp as wp
 
 from ..data import ArticulationData, EpisodeData, Pose2dCommandData, VelocityCommandData
-from ..term_info import needs_terrain
+from ..term_info import needs_terrain, resets
 from ..terrain import TerrainData, ground_below, max_ground_below
 from . import frames, random
 
@@ -138,6 +138,7 @@ def _draw_patch(env: int, terrain: TerrainData, patches: wp.array3d[wp.vec3], rn
 
 
 @needs_terrain(patches="init_pos")
+@resets("root")
 @wp.func
 def reset_root_state_from_terrain(
     env: int,
@@ -167,6 +168,7 @@ def reset_root_state_from_terrain(
     robot.root_vel[env] = robot.default_root_vel[env] + random.uniform_twist(env, rng, velocity_range)
 
 
+@resets("root")
 @wp.func
 def reset_root_state_uniform_on_terrain(
     env: int,

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 from stripe_newton.configclass import configclass
 
 from .field_checks import Problems, at_least, one_of, positive
@@ -11,7 +13,14 @@ from .ppo_cfg import RslRlPpoAlgorithmCfg
 
 __all__ = ["RslRlBaseRunnerCfg", "RslRlOnPolicyRunnerCfg"]
 
+LOG_WRITERS = {"wandb": "WandbLogWriter", "neptune": "NeptuneLogWriter"}
+"""rsl_rl's writers by the package that they need."""
 COMPILE_MODES = ("default", "max-autotune-no-cudagraphs")
+
+
+def _is_installed(package: str) -> bool:
+    spec = importlib.util.find_spec(package)
+    return spec is not None and spec.origin is not None  # a folder of that name, as it leaves behind, has no origin
 
 
 @configclass
@@ -50,7 +59,10 @@ class RslRlBaseRunnerCfg:
     torch_compile_mode: str | None = None
     """Mode of ``torch.compile`` for the networks (``"default"`` or ``"max-autotune-no-cudagraphs"``), or ``None``."""
     logger: str | dict[str, object] = "tensorboard"
-    """``"tensorboard"``, or ``{"class_name": "WandbLogWriter", "project_name": ...}`` for a second writer beside it."""
+    """``"tensorboard"``; ``"wandb"`` or ``"neptune"`` for a second writer beside it, or ``{"class_name": ..., ...}``
+    for another one, by rsl_rl's name or as ``module:Class``."""
+    log_project: str | None = None
+    """Project of Weights & Biases or Neptune; by default ``experiment_name``."""
 
     def problems(self) -> Problems:
         yield from at_least(self, 1, "num_steps_per_env", "max_iterations", "save_interval")
@@ -65,14 +77,33 @@ class RslRlBaseRunnerCfg:
         for name, groups in self.obs_groups.items():
             if not isinstance(groups, (list, tuple)) or not groups:
                 yield f"obs_groups.{name}", f"is {groups!r}, must be a list of observation groups"
-        if self.logger != "tensorboard" and not (isinstance(self.logger, dict) and "class_name" in self.logger):
-            yield "logger", f"is {self.logger!r}, must be 'tensorboard' or a dict with a 'class_name'"
+        yield from self._logger_problems()
+
+    def _logger_problems(self) -> Problems:
+        if isinstance(self.logger, dict) and "class_name" in self.logger:
+            return
+        names = ("tensorboard", *LOG_WRITERS)
+        if self.logger not in names:
+            yield "logger", f"is {self.logger!r}, must be {', '.join(names)}, or a dict with a 'class_name'"
+        elif self.logger != "tensorboard" and not _is_installed(str(self.logger)):
+            yield "logger", f"is '{self.logger}', which is not installed: pip install {self.logger}"
+
+    @property
+    def second_writer(self) -> dict[str, object] | None:
+        """rsl_rl's config of the writer beside tensorboard; None if there is none."""
+        if isinstance(self.logger, dict):
+            return self.logger
+        if self.logger not in LOG_WRITERS:
+            return None
+        project = self.log_project or self.experiment_name or "stripe-newton"
+        return {"class_name": LOG_WRITERS[self.logger], "project_name": project}
 
     def to_rsl_rl(self) -> dict[str, object]:
         """The nested dict that rsl_rl's runner expects; functions and classes are named as ``module:name``."""
         cfg = self.to_dict()
         for name in _UNKNOWN_TO_RSL_RL:
             cfg.pop(name, None)
+        cfg["logger"] = self.second_writer or "tensorboard"
         return cfg
 
 
@@ -80,6 +111,7 @@ _UNKNOWN_TO_RSL_RL = (
     "experiment_name",
     "max_iterations",
     "init_at_random_ep_len",
+    "log_project",
     "regenerate_interval",
     "runner",
     "matmul_precision",

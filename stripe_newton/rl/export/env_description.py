@@ -136,7 +136,7 @@ def action_terms(env: TorchVectorEnv, assets: Mapping[str, ArticulationInfo]) ->
     if managed is None:
         return None
     manager = managed.action_manager
-    return [_action_term(manager, manager.get_term(name), name, assets) for name in manager.active_terms]
+    return [_action_term(manager, manager.layout(name), name, assets) for name in manager.active_terms]
 
 
 def _action_term(
@@ -154,8 +154,8 @@ def _action_term(
         **_action_values(manager, layout, name, assets),
         "delay_steps": [cfg.delay_min_lag, cfg.delay_max_lag],
         "noise": _noise(cfg.noise),
-        "process": qualified_name(layout.functions["process"]),
-        "apply": qualified_name(layout.functions["apply"]),
+        "process": qualified_name(layout.functions.get("process") or cfg.class_type),
+        "apply": qualified_name(layout.functions.get("apply") or cfg.class_type),
         **_further(cfg),
     }
     return cast(ActionTermInfo, plain(found))
@@ -233,7 +233,7 @@ def _group(env: ManagerBasedRLEnv, group: str) -> dict[str, object]:
                 "clip": term.clip,
                 "history_length": history,
                 "history_order": "oldest first" if history else None,
-                "modifiers": list(term.modifiers),
+                "modifiers": list(term.modifiers or ()),
                 "noise": _noise(term.noise if cfg.enable_corruption else None),
                 "delay_steps": [term.delay_min_lag, term.delay_max_lag],
             }

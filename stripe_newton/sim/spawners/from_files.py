@@ -18,6 +18,7 @@ from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 from . import schemas
 from .materials import PreviewSurfaceCfg, RigidBodyMaterialCfg, bind_material
+from .model_names import ModelNamesCfg, author_names
 from .spawner_cfg import Orientation, RigidObjectSpawnerCfg, SpawnerCfg, Translation, finish, place
 
 __all__ = [
@@ -71,6 +72,7 @@ def spawn_from_usd(
         UsdShade.MaterialBindingAPI(prim).Bind(UsdShade.Material(material), UsdShade.Tokens.strongerThanDescendants)
     place(prim, translation, orientation, cfg.scale)  # first: a root link is fixed where it then stands
     _set_properties(prim, cfg)
+    author_names(prim, cfg.names)
     return finish(prim, cfg)
 
 
@@ -104,6 +106,7 @@ def _spawn_file(
     options = {"format": kind, "path": str(file), **cfg.importer_options()}
     # Custom data, so that an exported stage refers to the file and a scene that opens it imports it again.
     prim.SetCustomDataByKey(FILE_KEY, json.dumps(options))
+    author_names(prim, cfg.names)
     place(prim, translation, orientation)
     return finish(prim, cfg)
 
@@ -164,9 +167,13 @@ class UsdFileCfg(RigidObjectSpawnerCfg):
     """Appearance, in place of the file's."""
     visual_material_path: str = "material"
     """Path of the visual material below the prim."""
+    names: ModelNamesCfg | None = None
+    """Other names for joints and bodies."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from _missing(self.usd_path, "usd_path")
+        if self.names is not None and self.names.links:
+            yield "names.links", "is set, but shapes of a USD file stay with their bodies; leave it empty"
 
 
 @configclass
@@ -184,6 +191,8 @@ class _ImporterCfg(SpawnerCfg):
     """Whether bodies of the asset collide with each other."""
     merge_fixed_joints: bool = False
     """Merge bodies that fixed joints connect."""
+    names: ModelNamesCfg | None = None
+    """Other names for joints and bodies."""
     articulation_props: schemas.ArticulationRootPropertiesCfg | None = None
     """Only ``enabled_self_collisions`` and ``fix_root_link`` apply; they override the fields above."""
     rigid_props: schemas.RigidBodyPropertiesCfg | None = None
@@ -247,9 +256,14 @@ class MjcfFileCfg(_ImporterCfg):
     """Geometries and bodies left out, by name: the file's own ground."""
     keyframe: str | None = None
     """Keyframe of the file for what ``init_state`` leaves ``None``: positions of the joints, pose of a free root."""
+    actuators: bool = True
+    """Read the actuators of the file; without them only the drives of the config's actuator groups act."""
+    root_at_prim: bool = False
+    """Put the root body at the prim, and so at ``init_state``, also if the file has it elsewhere in its world."""
 
     def importer_options(self) -> dict[str, object]:
-        return {**super().importer_options(), "ignore_names": self.ignore_names, "keyframe": self.keyframe}
+        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "root_at_prim")}
+        return {**super().importer_options(), **own}
 
 
 @configclass

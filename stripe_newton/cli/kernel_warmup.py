@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kernel warm-up: the first time on a machine, compiles the large kernel modules of the libraries in several processes.
+
+Warp compiles a module when its first kernel is launched, one after the other, which takes most of a first start. Here
+processes compile them side by side into Warp's kernel cache, from which the command then loads them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TextIO
+
+__all__ = ["MODULES", "compile_modules", "warm_up"]
+
+MODULES = {
+    "newton._src.solvers.mujoco.kernels": 12.0,
+    "newton._src.sim.articulation": 9.0,
+    "mujoco_warp._src.smooth": 3.5,
+    "newton._src.geometry.inertia": 2.5,
+    "mujoco_warp._src.set_const": 2.2,
+    "newton._src.geometry.bvh": 1.4,
+    "stripe_kernels.mujoco_model": 0.5,
+    "stripe_kernels.actuators": 0.5,
+    "stripe_kernels.sensors.contact": 0.5,
+    "stripe_kernels.actuation": 0.3,
+    "stripe_kernels.episode": 0.2,
+}
+"""Modules that every task needs, with the time that they take to compile, relative to each other."""
+_MOST_WORKERS = 4
+"""Each has a context on the GPU of its own."""
+
+
+def warm_up(device: str, out: TextIO | None = None) -> bool:
+    """Compile the modules for a device, unless that was done before. Returns whether it was necessary.
+
+    A process that fails is left alone: the command then compiles what is missing, and says what is wrong.
+
+    Args:
+        device: ``"cpu"`` or ``"cuda:N"``.
+        out: Stream for the progress; by default the standard error.
+    """
+    import warp as wp  # here, as --help needs it not
+
+    wp.init()  # after which the folder of the cache is known
+    stamp = Path(str(wp.config.kernel_cache_dir)) / f"stripe_newton_{_versions()}_{_architecture(device)}.warm"
+    shares = _shares(min(os.cpu_count() or 1, _MOST_WORKERS))
+    # Modules of another version may be there; what is missing is then compiled one by one.
+    if stamp.exists() or len(shares) < 2 or all(any(stamp.parent.glob(f"wp_{name}_*")) for name in MODULES):
+        return False
+    out = out or sys.stderr
+    command = [sys.executable, "-m", "stripe_newton.cli.kernel_warmup", device]
+    workers = [
+        subprocess.Popen([*command, *share], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        for share in shares
+    ]
+    try:
+        well = _follow(workers, out)
+    except BaseException:
+        for worker in workers:
+            worker.kill()
+        raise
+    if well:
+        stamp.touch()
+    return True
+
+
+def _follow(workers: Sequence[subprocess.Popen[str]], out: TextIO) -> bool:
+    """Show how many modules are done until all workers have ended. Returns whether all ended well."""
+    began, total, done = time.perf_counter(), len(MODULES), 0
+    title = f"compiling kernels in {len(workers)} processes, once for this machine"
+    if not out.isatty():
+        print(title, file=out, flush=True)
+    for worker in workers:
+        os.set_blocking(worker.stdout.fileno(), False)  # type: ignore[union-attr]  # it is a pipe
+    while any(worker.poll() is None for worker in workers):
+        done += sum(line.startswith("compiled ") for worker in workers for line in worker.stdout or ())
+        if out.isatty():
+            bar = "#" * round(20 * done / total)
+            print(f"\r{title} [{bar:<20}] {time.perf_counter() - began:.0f} s ", end="", file=out, flush=True)
+        time.sleep(0.2)
+    print(f"{chr(13) if out.isatty() else ''}{title}: {time.perf_counter() - began:.0f} s{' ' * 24}".rstrip(), file=out)
+    return all(worker.returncode == 0 for worker in workers)
+
+
+def _shares(count: int) -> list[list[str]]:
+    """The modules in shares of about the same time, the longest first."""
+    shares: list[list[str]] = [[] for _ in range(count)]
+    for name, _ in sorted(MODULES.items(), key=lambda item: -item[1]):
+        min(shares, key=lambda share: sum(MODULES[n] for n in share)).append(name)
+    return [share for share in shares if share]
+
+
+def _versions() -> str:
+    return "_".join(importlib.metadata.version(name) for name in ("warp-lang", "newton", "mujoco-warp"))
+
+
+def _architecture(device: str) -> str:
+    import warp as wp
+
+    return "cpu" if device == "cpu" else f"sm{wp.get_device(device).arch}"
+
+
+def compile_modules(device: str, names: Sequence[str]) -> None:
+    """Compile modules and print the name of each that is done: the part of one process."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_WARNING
+    for name in names:
+        importlib.import_module(name)
+        wp.force_load(device, modules=[wp.get_module(name)], max_workers=1)
+        print(f"compiled {name}", flush=True)
+
+
+if __name__ == "__main__":
+    compile_modules(sys.argv[1], sys.argv[2:])

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Config dicts: a config as nested dicts of plain values, fit for YAML, and back."""
+
+from __future__ import annotations
+
+import enum
+import importlib
+import os
+import re
+import typing
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NoReturn
+
+from .config_base import MISSING, Config, ConfigError, field_names, is_config, unknown_field
+
+__all__ = ["from_dict", "resolve_name", "to_dict"]
+
+_SAME_IN_YAML = ({"bool"}, {"int", "float"}, {"str"}, {"list", "tuple"}, {"dict"})
+_PLAIN_TYPES = set().union(*_SAME_IN_YAML)
+
+
+def to_dict(self: Config) -> dict[str, object]:
+    """Nested dicts of plain values, fit for YAML: functions and classes become ``module:name``."""
+    return {name: _plain(getattr(self, name)) for name in field_names(self)}
+
+
+def _plain(value: object) -> object:
+    if value is MISSING:
+        return "MISSING"
+    if is_config(value):
+        return to_dict(value)
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted((_plain(v) for v in value), key=repr)
+    if isinstance(value, enum.Enum):
+        return value.name
+    if isinstance(value, (bool, int, float, str, type(None))):
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if callable(value) and hasattr(value, "__qualname__"):
+        return f"{value.__module__}:{value.__qualname__}"
+    return repr(value)
+
+
+def from_dict(self: Config, data: Mapping[str, object]) -> None:
+    """Set fields from nested dicts, in place. Fields that ``data`` does not name are not changed.
+
+    Configs are merged, also those inside lists and dicts; other lists and dicts are replaced. ``from_dict(to_dict())``
+    changes nothing. A plain value gets the type of the value that it replaces, for example a tuple from a list.
+
+    Raises:
+        ConfigError: all keys that are not fields and all values that do not fit, with their paths.
+    """
+    problems: list[str] = []
+    _load(self, data, "", problems)
+    if problems:
+        raise ConfigError(problems)
+
+
+def _load(obj: Config, data: Mapping[str, object], path: str, problems: list[str]) -> None:
+    for name, value in data.items():
+        where = f"{path}{name}"
+        if name not in type(obj).__dataclass_fields__:
+            problems.append(f"{where}: {unknown_field(obj, name)}")
+            continue
+        if isinstance(value, str) and value == "MISSING":
+            continue
+        old = getattr(obj, name)
+        if (old is None or old is MISSING) and isinstance(value, Mapping):
+            old = _new_config(obj, name) or old
+        words = _annotation_words(type(obj).__dataclass_fields__[name].type)
+        setattr(obj, name, _fit(old, value, words, where, problems))
+
+
+def _annotation_words(annotation: object) -> set[str]:
+    """Names of the types that an annotation allows, without those in brackets, such as ``{"tuple", "None"}``."""
+    text = re.sub(r"\b(typing\.)?(Optional|Union)\[(.*)\]", r"\3, None", str(annotation))
+    while "[" in text and (shorter := re.sub(r"\[[^\[\]]*\]", "", text)) != text:
+        text = shorter
+    return set(re.findall(r"\w+", text))
+
+
+def _fit(old: object, value: object, words: set[str], where: str, problems: list[str]) -> object:
+    """:func:`_convert`; a value that does not fit is reported, and the old one returned."""
+    try:
+        return _convert(old, value, words, where, problems)
+    except (TypeError, ValueError) as error:
+        problems.append(f"{where}: {error}")
+        return old
+
+
+def _convert(old: object, value: object, words: set[str], where: str, problems: list[str]) -> object:
+    """A plain value as the type of ``old``, or as a type that its annotation names."""
+    plain = _plain(old)
+    if type(value) is type(plain) and value == plain and not is_config(old):
+        return old
+    if is_config(old):
+        if value is None and words & {"None", "NoneType", "Any"}:
+            return None
+        if not isinstance(value, Mapping):
+            return _refuse(value, f"a mapping of {type(old).__name__}'s fields")
+        _load(old, value, f"{where}.", problems)
+        return old
+    _check_type(value, words)
+    if isinstance(value, Mapping) and isinstance(old, Mapping):
+        return _convert_mapping(old, value, where, problems)
+    if isinstance(value, (list, tuple)):
+        return _convert_items(old, value, words, where, problems)
+    if isinstance(value, str):
+        return _convert_text(old, value, words)
+    return value
+
+
+def _convert_mapping(
+    old: Mapping[Any, object], value: Mapping[Any, object], where: str, problems: list[str]
+) -> dict[Any, object]:
+    new_keys = [k for k in value if k not in old] if any(map(is_config, old.values())) else []
+    if new_keys:  # their config class is unknown
+        raise ValueError(f"has no '{new_keys[0]}', only {', '.join(map(str, old))}; add it in Python")
+    return {k: _fit(old.get(k, MISSING), v, {"Any"}, f"{where}.{k}", problems) for k, v in value.items()}
+
+
+def _convert_items(
+    old: object, value: Sequence[object], words: set[str], where: str, problems: list[str]
+) -> Collection[object]:
+    items = list(old) if isinstance(old, (list, tuple)) else []
+    # Items beyond the old ones have the type of the last one.
+    items += [items[-1] if items and not is_config(items[-1]) else MISSING] * (len(value) - len(items))
+    new = [_fit(o, v, {"Any"}, f"{where}.{i}", problems) for i, (o, v) in enumerate(zip(items, value))]
+    return _as_container(old, new, words)
+
+
+def _convert_text(old: object, value: str, words: set[str]) -> object:
+    if isinstance(old, enum.Enum):
+        names = [member.name for member in type(old)]
+        return type(old)[value] if value in names else _refuse(value, f"one of {', '.join(names)}")
+    if isinstance(old, os.PathLike):
+        return type(old)(value)  # type: ignore[call-arg]
+    if callable(old) or (":" in value and words & {"Callable", "type"}):
+        try:
+            return resolve_name(value)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ValueError(f"'{value}' cannot be imported ({error}), expected 'module:name'") from error
+    return value
+
+
+def _as_container(old: object, items: list[object], words: set[str]) -> Any:
+    if isinstance(old, (tuple, set, frozenset)):
+        return type(old)(items)
+    if hasattr(old, "new_tensor"):
+        return old.new_tensor(items)
+    if hasattr(old, "tolist") and hasattr(old, "dtype"):
+        import numpy as np
+
+        return np.asarray(items, dtype=old.dtype)
+    return tuple(items) if "tuple" in words and not isinstance(old, list) else items
+
+
+def _check_type(value: object, words: set[str]) -> None:
+    """Raise an error for a plain value if the annotation names only plain types, and not its type."""
+    same = next((kinds for kinds in _SAME_IN_YAML if type(value).__name__ in kinds), set())
+    expected = words & _PLAIN_TYPES
+    if same and expected and not words & same and words <= _PLAIN_TYPES | {"None", "NoneType", "class"}:
+        _refuse(value, " or ".join(sorted(expected)))
+
+
+def _refuse(value: object, expected: str) -> NoReturn:
+    raise ValueError(f"got {value!r} ({type(value).__name__}), expected {expected}")
+
+
+def _new_config(obj: Config, name: str) -> Config | None:
+    """A default config of the class that the annotation of a field names; None if it does not name exactly one."""
+    try:
+        hint = typing.get_type_hints(type(obj))[name]
+    except (NameError, KeyError, TypeError):
+        return None
+    classes = [c for c in (hint, *typing.get_args(hint)) if getattr(c, "__is_configclass__", False)]
+    return classes[0]() if len(classes) == 1 else None
+
+
+def resolve_name(name: str) -> Any:
+    """The object that ``module:qualified.name`` names."""
+    module, _, path = name.partition(":")
+    if not path:
+        raise ValueError("no ':' between module and name")
+    value: Any = importlib.import_module(module)
+    for part in path.split("."):
+        value = getattr(value, part)
+    return value

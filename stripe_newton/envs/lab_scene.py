@@ -1,0 +1,525 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lab scene: a scene with its managers, which are made from a config of terms, and a step that is one CUDA graph."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import ClassVar
+
+import torch
+import warp as wp
+
+from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, TerrainBaseCfg
+from stripe_newton.configclass import ConfigError, configclass, is_config
+from stripe_newton.fusion import Captured, Eager, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
+from stripe_newton.managers import (
+    ActionManager,
+    CommandManager,
+    CurriculumManager,
+    CustomManagerCfg,
+    EventManager,
+    ManagerBase,
+    MetricsManager,
+    ObjectManager,
+    ObservationManager,
+    RecorderManager,
+    RewardManager,
+    TerminationManager,
+    prestartup_events,
+    spawn_object_pools,
+)
+from stripe_newton.managers.custom_manager import make_custom_managers
+from stripe_newton.managers.default_reset import default_reset_items
+from stripe_newton.managers.manager_base import terms_of
+from stripe_newton.managers.outside_step import OutsideStep
+from stripe_newton.scene import InteractiveSceneCfg, SceneBuilder, SceneController, SceneQuerier
+from stripe_newton.sensors import SensorCfg
+from stripe_newton.sim import SimulationCfg
+
+from .env_state import EnvState
+from .manager_based_rl_env_cfg import MAX_STEPS, ManagerBasedRLEnvCfg
+from .name_checks import name_problems
+from .stepped_scene import Extras, Observations, SteppedScene
+
+__all__ = ["LabScene", "LabSceneCfg"]
+
+_OBSERVABLES = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
+"""Fields of articulations that the solver reports on request only, with Newton's name of the request."""
+_FIELDS = "observations", "rewards", "terminations", "events", "curriculum", "metrics", "commands", "actions"
+_BODY_FIELDS = frozenset({"body_pose", "body_vel"})
+"""Fields that forward kinematics computes."""
+_ROOT_FIELDS = frozenset({"root_pose", "root_vel"})
+"""Fields that forward kinematics computes for a fixed base; those of a floating base are joint coordinates."""
+
+
+@configclass
+class LabSceneCfg(InteractiveSceneCfg):
+    """Config of a scene by what stands in it: terrain, robot, objects and sensors, in this order.
+
+    A prim path that is not given is ``{ENV_REGEX_NS}/NAME``, with the name in camel case. Further assets and sensors
+    may be fields of a subclass.
+    """
+
+    terrain: TerrainBaseCfg | AssetBaseCfg | None = None
+    """The ground."""
+    robot: ArticulationCfg | None = None
+    """The robot."""
+    objects: dict[str, AssetBaseCfg] = {}
+    """Rigid objects, static assets and lights by name."""
+    sensors: dict[str, SensorCfg] = {}
+    """Sensors by name."""
+
+
+class LabScene(SteppedScene):
+    """The scene of a task with its managers: builds and steps both, and answers at any moment, without gymnasium.
+
+    Terms are Warp functions. Each manager generates source code, neighbouring managers become one kernel, and a step is
+    one CUDA graph. A torch term runs eagerly between graphs; :meth:`describe` lists which. A step runs in this order:
+    actions, physics, terminations, rewards, metrics; for environments that ended curriculum, log and reset; then
+    interval events, forward kinematics, commands, observations. :class:`ManagerBasedRLEnv` is a lab scene with the
+    interface of gymnasium.
+
+    A scene without a task has no terms; a step is then the physics, and a reset brings back the default state::
+
+        with LabScene(LabSceneCfg(num_envs=4, env_spacing=3.0, robot=ANT_CFG), sim=SimulationCfg(dt=1 / 120)) as lab:
+            lab.reset()
+            lab.step()
+            lab.querier.get_robot_state()
+
+    Attributes:
+        action_manager, observation_manager, reward_manager, termination_manager, event_manager, command_manager,
+        curriculum_manager, object_manager, metrics_manager, recorder_manager: The managers.
+        custom_managers: Managers of your own, by name.
+    """
+
+    cfg: ManagerBasedRLEnvCfg
+    needs_policy: ClassVar[bool] = False
+    """Whether there must be a group of observations for a policy."""
+
+    def __init__(
+        self,
+        cfg: ManagerBasedRLEnvCfg | InteractiveSceneCfg,
+        render_mode: str | None = None,
+        *,
+        sim: SimulationCfg | None = None,
+        decimation: int = 1,
+        **kwargs: object,
+    ):
+        """Build scene, simulation and managers.
+
+        Args:
+            cfg: Config of a task, which is copied, or of a scene without one.
+            render_mode: ``"rgb_array"`` for :meth:`render` to return pictures.
+            sim: Settings of the simulation, for a scene without a task.
+            decimation: Physics steps in a step, for a scene without a task.
+            kwargs: Not used; a subclass may have arguments of its own, and unknown ones are an error.
+
+        Raises:
+            ConfigError: all problems of the config at once.
+            TypeError: for an unknown argument, or settings of the simulation beside the config of a task, which has its
+                own.
+        """
+        if isinstance(cfg, InteractiveSceneCfg):
+            cfg = _without_task(cfg, sim or SimulationCfg(), decimation)
+        elif sim is not None or decimation != 1:
+            raise TypeError(f"{type(cfg).__name__} has 'sim' and 'decimation' itself; set them there")
+        super().__init__(cfg, render_mode, **kwargs)
+        self._make_managers()
+        stages = self._stages()
+        problems = self.context.problems
+        if self.needs_policy and "policy" not in self.observation_manager.buffers:
+            problems.append("observations: has no group 'policy'; the learner needs it")
+        if problems:
+            raise ConfigError(problems)
+        graph = self.cfg.sim.use_cuda_graph
+        self._plan = Plan("step", stages, self.context.scope, self.num_envs, self.device, graph)
+        self._action_input = wp.to_torch(self.action_manager.input)
+        self._make_spaces()
+        self._startup()
+
+    # -- the scene
+
+    @property
+    def builder(self) -> SceneBuilder:
+        """Builds the scene."""
+        return self.scene.builder
+
+    @property
+    def controller(self) -> SceneController:
+        """Changes the scene: actions, resets, dynamics."""
+        return self.scene.controller
+
+    @property
+    def querier(self) -> SceneQuerier:
+        """Reads the scene: states, sensors, contacts."""
+        return self.scene.querier
+
+    # -- construction
+
+    def _make_managers(self) -> None:
+        cfg, context = self.cfg, self.context
+        if self._reads("external_wrench"):
+            self.sim.enable_external_wrench()
+        self._provide_structs()
+        # First, as terms of the others may read structs that they offer.
+        self.custom_managers = make_custom_managers(cfg.managers, context)
+        self.event_manager = EventManager(cfg.events, context)
+        self.object_manager = ObjectManager(cfg.objects, context)
+        self.action_manager = ActionManager(cfg.actions, context)
+        self.command_manager = CommandManager(cfg.commands, context)
+        self.termination_manager = TerminationManager(cfg.terminations, context)
+        self.reward_manager = RewardManager(cfg.rewards, context, cfg.scale_rewards_by_dt)
+        self.metrics_manager = MetricsManager(cfg.metrics, context)
+        self.observation_manager = ObservationManager(cfg.observations, context, self._reserve_observations)
+        self.curriculum_manager = CurriculumManager(cfg.curriculum, context)
+        self.recorder_manager = RecorderManager(cfg.recorders, context)
+        self._outside = OutsideStep(context)
+        if self.action_manager.total_action_dim:
+            self.controller.process_actions = self.action_manager.process
+        if self.event_manager.dynamics_terms:
+            self.controller.randomize_by_events = self.event_manager.randomize_dynamics
+
+    def _provide_structs(self) -> None:
+        """Offer structs of a subclass to its terms, by ``self.context.provide(struct, name)``. The default offers none.
+
+        A term then has an argument of the struct's type, and is given the struct of the name in its params.
+        """
+
+    def _terms(self) -> Iterator[wp.Function]:
+        """Warp functions of all terms in the config."""
+        todo: list[object] = [getattr(self.cfg, name) for name in (*_FIELDS, "managers")]
+        while todo:
+            cfg = todo.pop()
+            for value in cfg.values() if isinstance(cfg, dict) else vars(cfg).values() if is_config(cfg) else ():
+                if isinstance(value, wp.Function):
+                    yield value
+                elif isinstance(value, dict) or is_config(value):
+                    todo.append(value)
+                if isinstance(value, CustomManagerCfg):
+                    yield from value.class_type.functions
+
+    def _reads(self, field: str) -> bool:
+        """Whether a Warp term reads or writes a field, or cannot be known not to."""
+        return any(usage_of(function).may_use([field]) for function in self._terms())
+
+    def _prepare_simulation(self) -> None:
+        wanted = [observable for field, observable in _OBSERVABLES.items() if self._reads(field)]
+        self.sim.cfg.observables = tuple(dict.fromkeys([*self.sim.cfg.observables, *wanted]))
+
+    def _name_problems(self) -> Iterator[str]:
+        return name_problems({name: getattr(self.cfg, name) for name in _FIELDS}, self.scene)
+
+    def _setup_scene(self) -> None:
+        spawn_object_pools(self.cfg.objects, self.scene)
+        for item in prestartup_events(self.cfg.events, self):
+            item.function()
+        self.scene.clone_environments()
+
+    def _num_terminations(self) -> int:
+        return len(terms_of(self.cfg.terminations))
+
+    def _reserve_observations(self, name: str, size: int) -> wp.array:
+        shape = self.num_envs, size
+        array = self.outputs.reserve(f"obs.{name}", wp.float32, shape)
+        self.context.arrays[f"obs.{name}"] = array
+        if self.cfg.compute_final_obs:
+            self.outputs.reserve(f"final.{name}", wp.float32, shape)
+        return array
+
+    # -- answers between steps
+
+    def compute_observations(self) -> Observations:
+        """Observations of the present state by group; see :meth:`ObservationManager.compute`."""
+        return self.observation_manager.compute()
+
+    def compute_rewards(self) -> torch.Tensor:
+        """Reward of the present state, and of the ends of episodes that it means, float, shape ``(num_envs,)``.
+
+        Sums of the episode and states of terms stay as they are.
+        """
+        managers = self.termination_manager, self.reward_manager
+        states = [state for manager in managers for state in manager.instance_states()]
+        with self._outside.computed("rewards", lambda: [i for m in managers for i in m.compute_items()], states):
+            return self.reward_buf.clone()
+
+    def compute_terminations(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Terminated and truncated by the present state, bool, shape ``(num_envs,)`` each. Nothing is reset."""
+        return self.termination_manager.compute()
+
+    def _make_spaces(self) -> None:
+        """Make spaces of observations and actions. A lab scene has none; startup events may ask for them."""
+
+    def _startup(self) -> None:
+        items = self.event_manager.startup_items()
+        items += [item for manager in self.custom_managers.values() for item in manager.startup_items()]
+        if items:
+            context = self.context
+            plan = Plan("startup", [Stage("startup", items)], context.scope, self.num_envs, self.device, False)
+            if context.problems:
+                raise ConfigError(context.problems)
+            plan.run()
+            self.sim.forward()
+
+    # -- the step
+
+    def step(
+        self, action: torch.Tensor | None = None
+    ) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
+        """See :meth:`SteppedScene.step`. A scene without action terms takes no actions.
+
+        Raises:
+            ValueError: also if there are no actions for the action terms.
+        """
+        if action is None:
+            action = torch.empty(self._action_shape, device=self.device)
+            if action.numel():
+                raise ValueError(f"step needs actions of shape {tuple(action.shape)}")
+        return super().step(action)
+
+    def _stages(self) -> list[Stage]:
+        context, safety, record = self.context, self._safety, self.recorder_manager
+        in_step = context.within_step
+        apply, process = self.action_manager.apply_items(), self.action_manager.process_items()
+        # Actions may be processed by one thread for each number. The count then takes part in that kernel's layout
+        # (one of its threads does it), so that the two are not cut into two kernels.
+        parts = int(any(isinstance(item, Section) and item.parts for item in process))
+        own = list(self.custom_managers.values())
+        apply += [item for m in own for item in m.substep_items()]
+        process += [item for m in own for item in m.action_items()]
+        actions = [self._count_section(parts), *process, *record.pre_step_items()]
+        measured = self._measure("launch_measured")
+        # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
+        # read which episodes end.
+        after = [item for m in own for item in m.physics_items()]
+        outcome = [safety.after_physics(), *after, *self.termination_manager.compute_items()]
+        rewards = [*self.reward_manager.compute_items(), *self.metrics_manager.compute_items()]
+        rewards += [item for m in own for item in m.reward_items()]
+        # The curriculum reads sums and states of the episode that ended, so it runs before the reset clears them.
+        curriculum = only(self.curriculum_manager.compute_items(), in_step, context.is_finite)
+        curriculum += only([item for m in own for item in m.log_items()], in_step, context.is_reset)
+        reset: list[Item] = [
+            *record.pre_reset_items(),
+            *self.reward_manager.reset_items(),
+            *self.metrics_manager.reset_items(),
+            safety.begin_reset(),
+            *self._scenery_items(),
+            # Before the events, which override it: what nobody resets must not go on from the last episode.
+            *self._default_reset_items(),
+            *self.event_manager.reset_items(),
+            # After the events, as spawned objects keep a distance from the positions that robots are reset to.
+            *self.object_manager.reset_items(),
+            *self.action_manager.reset_items(),
+            *self.command_manager.reset_items(),
+            *self.observation_manager.reset_items(),
+            *only([item for m in own for item in m.reset_items()], context.is_reset),
+            # Class terms read the states that the events have set, and the length of the episode that ended.
+            *self._reset_classes(),
+            safety.end_reset(),
+            *self._measure("launch_reset"),
+        ]
+        events = [*self.event_manager.interval_items(), *self.event_manager.step_items()]
+        objects = self.object_manager.update_items()
+        # Commands, observed sensors and observations follow forward kinematics: they read the bodies of new episodes.
+        commands = only(self.command_manager.compute_items(), in_step)
+        before = [item for m in own for item in m.observation_items()]
+        observe = only([*before, *self.observation_manager.compute_items()], context.within_step_or_reset)
+        observed = self._measure("launch_observed")
+        final = self._final_observations()
+        # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
+        # of this step reads it.
+        end = self.curriculum_manager.update_items()
+        log = Captured("log", context.log.finish, beside=True, fields=frozenset())
+        readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
+        self._bodies_later = self._may_leave_bodies(readers)
+        after_physics = [
+            *([Stage("measurements", measured)] if measured else []),
+            Stage("outcome", only(outcome, in_step)),
+            Stage("rewards", [*only(rewards, in_step), *record.post_step_items()]),
+            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset_items(), in_step)]),
+            Stage("reset", reset),
+            Stage("events", only(events, in_step)),
+            Stage("objects", only(objects, in_step)),
+            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset_items()]),
+            Stage("commands", commands),
+            Stage("log", [*end, log]),
+            Stage("sensors", observed),
+            Stage("observations", observe),
+        ]
+        return [Stage("actions", actions), Stage("physics", [self._physics(apply)]), *self._counting(after_physics)]
+
+    def _default_reset_items(self) -> list[Item]:
+        """The item that brings assets to their default state that neither an event nor a pool resets."""
+        events = [term for _, term in self.event_manager.items()]
+        pooled = [name for pool in self.object_manager.pools.values() for name in pool.names]
+        return default_reset_items(self.context, events, pooled, self.cfg.keep_at_reset)
+
+    def _counting(self, stages: list[Stage]) -> list[Stage]:
+        """Let the first host function after the physics count the step: torch terms see a count that includes it."""
+        for index, stage in enumerate(stages):
+            for place, item in enumerate(stage.items):
+                if isinstance(item, Eager):
+                    first = dataclasses.replace(item, function=partial(self._count_and_run, item.function))
+                    items = [*stage.items[:place], first, *stage.items[place + 1 :]]
+                    return [*stages[:index], Stage(stage.name, items), *stages[index + 1 :]]
+        return stages
+
+    def _count_and_run(self, function: Callable[[], None]) -> None:
+        self.count_step()
+        function()
+
+    def _reset_classes(self) -> list[Item]:
+        """Items that reset class terms and torch action terms, manager by manager."""
+        managers = (
+            self.observation_manager,
+            self.action_manager,
+            self.reward_manager,
+            self.metrics_manager,
+            self.curriculum_manager,
+            self.command_manager,
+            self.event_manager,
+            self.termination_manager,
+        )
+        return [item for manager in managers for item in manager.reset_instance_items()]
+
+    def _may_leave_bodies(self, readers: list[Item]) -> bool:
+        """Whether nothing needs the bodies between the reset and the next physics step, which computes them anyway.
+
+        Args:
+            readers: All that runs in between, from forward kinematics to the end of the step and, in the next one, up
+                to the physics.
+        """
+        sim, solver = self.sim, self.sim.cfg.solver
+        if not (solver.finds_contacts and solver.reduced_coordinates and solver.in_place):
+            return False  # the solver, or Newton's collision pipeline, starts from body poses
+        if sim.turns_wrenches:
+            return False
+        all_float = all(a.layout.floating for a in self.scene.articulations.values())
+        fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
+        return not any(may_use(item, fields, self.context.scope.functions) for item in readers)
+
+    def _physics(self, apply: Sequence[Section | Eager]) -> Captured | Eager:
+        """The physics steps, each after the action terms that compute targets from the state."""
+        steps, sim = self.cfg.decimation, self.sim
+        what = f"{type(sim.solver).__name__}, {steps} physics steps"
+        if not apply:
+            return Captured(what, lambda: sim.launch(steps))
+        parts = [self._apply_part(index, item) for index, item in enumerate(apply)]
+        what = f"{what}, before each: {', '.join(t for item in apply for t in item.terms)}"
+        if all(isinstance(item, Section) for item in apply):
+            return Captured(what, lambda: sim.launch(steps, parts[0]))
+
+        def run() -> None:
+            for _ in range(steps):
+                for part in parts:
+                    part()
+                sim.step(1)
+
+        classes = ", ".join(t for item in apply if isinstance(item, Eager) for t in item.terms)
+        return Eager(what, run, f"torch action terms: {classes}", [t for item in apply for t in item.terms])
+
+    def _apply_part(self, index: int, item: Section | Eager) -> Callable[[], None]:
+        if isinstance(item, Eager):
+            return item.function
+        return fuse(
+            f"step_apply_{index}" if index else "step_apply", [item], self.context.scope, self.num_envs, self.device
+        ).launch
+
+    def _final_observations(self) -> list[Item]:
+        """Items that copy the last observations of episodes that end, where ``compute_final_obs`` is set."""
+        if not self.cfg.compute_final_obs:
+            return []
+        copies, scope = [], self.context.scope
+        compute = self.observation_manager.compute_items(where_reset=True)
+        for name, buffer in self.observation_manager.flat_buffers().items():
+            source = scope.name(f"obs_{name}", buffer)
+            target = scope.name(f"final_{name}", self.outputs.array(f"final.{name}"))
+            copy = code("{}[env, i] = {}[env, i]", target, source)
+            copies += block(code("for i in range({}.shape[1]):", target), [copy])
+        keep = Section("final_observations", copies).only(self.context.is_reset)
+        return only([*compute, keep], self.context.within_step)
+
+    @property
+    def _action_shape(self) -> tuple[int, ...]:
+        return self.num_envs, self.action_manager.total_action_dim
+
+    def _take_action(self, action: torch.Tensor) -> None:
+        self._action_input.copy_(action)
+
+    def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
+        return self._groups(values, "obs")
+
+    def _final_extras(self, values: dict[str, torch.Tensor]) -> Extras:
+        if not self.cfg.compute_final_obs:
+            return {}
+        ended = values["terminated"] | values["truncated"]
+        return {"final_obs": self._groups(values, "final"), "_final_obs": ended}
+
+    def _groups(self, values: dict[str, torch.Tensor], prefix: str) -> Observations:
+        groups: Observations = {}
+        manager = self.observation_manager
+        for name, buffer in manager.buffers.items():
+            if isinstance(buffer, dict):
+                groups[name] = {k: values[f"{prefix}.{name}.{k}"].view(-1, *manager.shape(name, k)) for k in buffer}
+            else:
+                groups[name] = values[f"{prefix}.{name}"].view(-1, *manager.shape(name))
+        return groups
+
+    # -- public properties
+
+    @property
+    def managers(self) -> list[ManagerBase]:
+        """All managers that have terms."""
+        every = [v for v in vars(self).values() if isinstance(v, ManagerBase)]
+        return [m for m in every if m.active_terms] + list(self.custom_managers.values())
+
+    @property
+    def actions(self) -> torch.Tensor:
+        """Actions of the last step, shape ``(num_envs, total_action_dim)``."""
+        return self.action_manager.action
+
+    @property
+    def processed_actions(self) -> torch.Tensor:
+        """Actions of the last step after the action terms' scale, offset and clip, shape ``(num_envs, n)``."""
+        return self.action_manager.processed_actions
+
+    def describe(self, kernels: bool = False) -> str:
+        """The managers with their terms, the stages of a step, and what of it is one CUDA graph, in plain text.
+
+        Args:
+            kernels: Also the source of the generated kernels.
+        """
+        return "\n\n".join([*map(str, self.managers), super().describe(kernels)])
+
+    def set_state(self, state: EnvState) -> None:
+        """See :meth:`SteppedScene.set_state`. Recordings of the episodes under way are dropped."""
+        super().set_state(state)
+        self.recorder_manager.clear()
+
+    def state_parts(self) -> list[dict[str, torch.Tensor]]:
+        """Tensors of class terms; see :meth:`SteppedScene.state_parts`."""
+        every = [v for v in vars(self).values() if isinstance(v, ManagerBase)]
+        every += self.custom_managers.values()
+        return [part for manager in every for part in manager.instance_states()]
+
+    def close_extras(self, **kwargs: object) -> None:
+        """Release the recorder's file, renderer and simulation."""
+        if "recorder_manager" in vars(self):  # the constructor may have failed before
+            self.recorder_manager.close()
+        super().close_extras(**kwargs)
+
+
+def _without_task(scene: InteractiveSceneCfg, sim: SimulationCfg, decimation: int) -> ManagerBasedRLEnvCfg:
+    """Config of a scene without a task: no terms, and episodes that only a reset ends."""
+    return ManagerBasedRLEnvCfg(
+        scene=scene,
+        sim=sim,
+        decimation=decimation,
+        episode_length_s=MAX_STEPS * decimation * sim.dt,
+        observations={},
+        actions={},
+        rewards={},
+        terminations={},
+        events={},
+    )
