@@ -9,7 +9,7 @@ from newton.actuators import DriveNeuralLSTM, DriveNeuralMLP
 
 from stripe_newton.configclass import MISSING, configclass
 
-from .actuator_cfg import PerJoint
+from .actuator_cfg import PerJointLimit
 from .explicit_actuators import DCMotorCfg, Law
 
 __all__ = ["ActuatorNetLSTMCfg", "ActuatorNetMLPCfg"]
@@ -26,7 +26,7 @@ class ActuatorNetLSTMCfg(DCMotorCfg):
     network_file: str = MISSING
     """The network: ONNX as ``newton.actuators.DriveNeuralLSTM`` reads it, or TorchScript of one LSTM followed by one
     linear layer, ``effort, (h, c) = net(input, (h, c))``, which is converted."""
-    saturation_effort: PerJoint = None
+    saturation_effort: PerJointLimit = None
     """Effort of the motor at standstill [N or N m]; ``None`` for no torque-speed curve."""
 
     def problems(self) -> Iterator[tuple[str, str]]:

@@ -13,24 +13,22 @@ import functools
 import inspect
 import itertools
 import keyword
-import sys
 import textwrap
 import types
 import typing
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeGuard
+from typing import Annotated, TypeAlias, TypeGuard
 
 import tyro
 
 from stripe_newton.configclass import MISSING, Config, is_config, to_dict
+from stripe_newton.value_types import TypeForm, annotation_of
 
 __all__ = ["Node", "Options", "TypeForm", "apply_options", "apply_saved", "options_of"]
 
 Node: TypeAlias = Config | MutableMapping[str, object]
 """A config, or a dict with string keys inside one: what becomes a group of options."""
-TypeForm: TypeAlias = Any
-"""A type as an annotation has it: a class, a union, a generic. Python has no common type for them."""
 Options: TypeAlias = object
 """An instance of a dataclass that :func:`options_of` made; its fields are those of the config."""
 
@@ -160,7 +158,7 @@ def _options_type(cfg: Node, name: str) -> type:
 
 def _kind(cfg: Node, name: str, value: object) -> TypeForm | None:
     """The type that tyro parses a field as, or None if the field cannot be given on a command line."""
-    kind = _plain_part(_annotation(type(cfg), name)) if is_config(cfg) else None
+    kind = _plain_part(annotation_of(type(cfg), name)) if is_config(cfg) else None
     if value is MISSING:
         return None if kind is None else kind | None
     if kind is not None and _fits(value, kind):
@@ -235,21 +233,6 @@ def _fits_items(values: tuple[object, ...], kinds: tuple[TypeForm, ...]) -> bool
     if len(kinds) == 2 and kinds[1] is Ellipsis:
         return all(_fits(value, kinds[0]) for value in values)
     return len(values) == len(kinds) and all(map(_fits, values, kinds))
-
-
-def _annotation(cls: type, name: str) -> TypeForm | None:
-    """The annotation of a field, evaluated in the module that has it; None if it cannot be."""
-    for base in cls.__mro__:
-        kind = inspect.get_annotations(base).get(name)
-        if kind is None:
-            continue
-        if not isinstance(kind, str):
-            return kind
-        try:
-            return eval(kind, vars(sys.modules[base.__module__]) | {"typing": typing}, dict(vars(base)))
-        except Exception:  # names that exist for type checkers alone
-            return None
-    return None
 
 
 def _docs(cls: type) -> dict[str, str]:
