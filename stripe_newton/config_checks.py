@@ -26,28 +26,31 @@ def validate(self: Config) -> None:
         ConfigError: all fields that are ``MISSING`` or of another type than their annotation, and all problems that
             config classes report.
     """
-    wrong = list(_wrong_types(self, ""))
-    # What a class checks takes right types for granted, also of the configs inside it.
-    broken = {id(cfg) for parents, _ in wrong for cfg in parents}
-    problems = [line for _, line in wrong]
-    known = {line.partition(":")[0] for line in problems}
-    problems += [line for line in _walk(self, "", broken) if line.partition(":")[0] not in known]
+    problems = _problems(self)
     if problems:
         raise ConfigError(problems)
 
 
+def _problems(cfg: Config) -> list[str]:
+    wrong = list(_wrong_types(cfg, ""))
+    # What a class checks takes right types for granted, also of the configs inside it.
+    broken = {id(cfg) for parents, _ in wrong for cfg in parents}
+    problems = [line for _, line in wrong]
+    known = {line.partition(":")[0] for line in problems}
+    return problems + [line for line in _walk(cfg, "", broken) if line.partition(":")[0] not in known]
+
+
 def check_types(*configs: tuple[str, Config]) -> None:
-    """Check the types of all fields, and no more, before values of configs that are not complete yet are used.
+    """Check the types of all fields, before values of configs that are not complete yet are used.
 
     Args:
         configs: Pairs of a path for the messages, such as ``"env"``, and a config.
 
     Raises:
-        ConfigError: all fields of another type than their annotation.
+        ConfigError: all problems, if one of them is a field of another type than its annotation.
     """
-    problems = [line for path, cfg in configs for _, line in _wrong_types(cfg, f"{path}.")]
-    if problems:
-        raise ConfigError(problems)
+    if any(True for _, cfg in configs for _ in _wrong_types(cfg, "")):
+        raise ConfigError([f"{path}.{line}" for path, cfg in configs for line in _problems(cfg)])
 
 
 # -- types

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from .config_base import MISSING, Config, ConfigError, field_names, is_config, unknown_field
 from .config_checks import wrong_type
+from .trusted_code import why_not_trusted
 from .value_types import short
 
 __all__ = ["from_dict", "resolve_name", "to_dict"]
@@ -146,11 +147,20 @@ def _convert_text(old: object, value: str, words: set[str]) -> object:
     if isinstance(old, os.PathLike):
         return type(old)(value)  # type: ignore[call-arg]
     if callable(old) or (":" in value and words & {"Callable", "type"}):
+        if problem := _foreign(old, value):
+            raise ValueError(problem)
         try:
             return resolve_name(value)
         except (ImportError, AttributeError, ValueError) as error:
             raise ValueError(f"'{value}' cannot be imported ({error}), expected 'module:name'") from error
     return value
+
+
+def _foreign(old: object, name: str) -> str:
+    """Why a function or class is not resolved: it is of a module that is not trusted, nor that of the old one."""
+    if name.partition(":")[0] == getattr(old, "__module__", None) not in (None, "builtins"):
+        return ""
+    return why_not_trusted(name)
 
 
 def _as_container(old: object, items: list[object], words: set[str]) -> Any:

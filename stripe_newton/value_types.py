@@ -31,8 +31,11 @@ from typing import Annotated, Any, Literal, TypeAlias
 from typing_extensions import is_typeddict
 
 __all__ = [
+    "CODE",
     "INFINITE",
+    "WRITTEN",
     "AnyFloat",
+    "CodeName",
     "NonNegativeFloat",
     "NonNegativeInt",
     "NonNegativeLimit",
@@ -43,8 +46,10 @@ __all__ = [
     "TypeForm",
     "UnitFloat",
     "ValueType",
+    "WrittenPath",
     "annotation_of",
     "annotations_of",
+    "has_mark",
     "mismatches",
     "short",
     "value_type",
@@ -87,6 +92,15 @@ class Range:
 INFINITE = "infinity means something"
 """Mark of a number that may be infinite, for an annotation: ``Annotated[float, INFINITE]``. NaN stays wrong."""
 
+CODE = "names code"
+"""Mark of a text that names a class, a function, or a file of code."""
+WRITTEN = "names a place that is written"
+"""Mark of a text that names a file or folder that is written."""
+
+CodeName: TypeAlias = Annotated[str, CODE]
+"""A name of a class or function, ``module:Name``, or a file of code. Of saved configs only trusted ones are used."""
+WrittenPath: TypeAlias = Annotated[str, WRITTEN]
+"""A file or folder that is written. None is taken from a saved config."""
 AnyFloat: TypeAlias = Annotated[float, INFINITE]
 """A number that may be infinite."""
 PositiveFloat: TypeAlias = Annotated[float, Range(above=0.0)]
@@ -202,6 +216,14 @@ def _evaluated(text: str, base: type) -> TypeForm | None:
         return eval(text, {"__builtins__": {}}, names)
     except Exception:  # such as a subscript of a class that takes none at run time
         return None
+
+
+def has_mark(kind: TypeForm, mark: str) -> bool:
+    """Whether an annotation, or a part of it, has a mark such as :data:`CODE`."""
+    args = typing.get_args(kind)
+    if typing.get_origin(kind) is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
+        return True
+    return any(has_mark(arg, mark) for arg in args if arg is not Ellipsis and not isinstance(arg, (str, list)))
 
 
 # -- types of values

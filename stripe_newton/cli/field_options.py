@@ -22,8 +22,9 @@ from typing import Annotated, TypeAlias, TypeGuard
 
 import tyro
 
-from stripe_newton.configclass import MISSING, Config, is_config, to_dict
-from stripe_newton.value_types import TypeForm, annotation_of
+from stripe_newton.configclass import MISSING, Config, ConfigError, is_config, to_dict
+from stripe_newton.trusted_code import why_not_trusted
+from stripe_newton.value_types import CODE, WRITTEN, TypeForm, annotation_of, has_mark, short
 
 __all__ = ["Node", "Options", "TypeForm", "apply_options", "apply_saved", "options_of"]
 
@@ -71,7 +72,11 @@ def apply_saved(cfg: Config, saved: Mapping[str, object], path: str) -> list[str
         path: Path of ``cfg`` in messages, such as ``"env"``.
 
     Returns:
-        Values that could not be applied, each as ``path: why``: fields that are gone, other functions and classes.
+        Values that could not be applied, each as ``path: why``: fields that are gone, other functions and classes,
+        places that were written.
+
+    Raises:
+        ConfigError: for a name of code that is not trusted.
     """
     return _apply_saved(cfg, to_dict(cfg), saved, path)
 
@@ -83,19 +88,35 @@ def _apply_saved(cfg: Node, now: Mapping[str, object], saved: Mapping[str, objec
         where = f"{path}.{name}"
         item, plain = current.get(name), now.get(name)
         if name not in current and is_config(cfg):
-            leftovers.append(f"{where}: was {value!r}, the field is no longer there")
+            leftovers.append(f"{where}: was {short(value)}, the field is no longer there")
         elif _is_node(item) and isinstance(value, Mapping) and isinstance(plain, Mapping):
             leftovers += _apply_saved(item, plain, value, where)
         elif name in current and plain == value:
             continue
         elif _is_moved_file(item, value):
             continue  # the run was made on another machine, or the package was installed elsewhere
+        elif is_config(cfg) and has_mark(annotation_of(type(cfg), name), WRITTEN):
+            leftovers.append(f"{where}: was {short(value)}, which is not written again unless it is given as an option")
         elif _is_plain(value) and (item is MISSING or _is_plain(item)):
+            _check_code(cfg, name, value, where)
             # YAML has no tuples: they come back as lists.
             _put(cfg, name, tuple(value) if isinstance(item, tuple) and isinstance(value, list) else value)
         else:
-            leftovers.append(f"{where}: was {value!r}, is {plain!r}")
+            leftovers.append(f"{where}: was {short(value)}, is {short(plain)}")
     return leftovers
+
+
+def _check_code(cfg: Node, name: str, value: object, where: str) -> None:
+    """Check that a saved value, which may come from anybody, names no code of somebody else.
+
+    Raises:
+        ConfigError: if it does.
+    """
+    kind = annotation_of(type(cfg), name) if is_config(cfg) else None
+    if isinstance(value, str) and (name == "class_name" or has_mark(kind, CODE)):
+        problem = why_not_trusted(value)
+        if problem:
+            raise ConfigError([f"{where}: {problem}"])
 
 
 def _items(cfg: Node) -> list[tuple[str, object]]:

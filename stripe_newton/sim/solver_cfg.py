@@ -15,7 +15,7 @@ import newton
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.static_meshes import MUST, add_triangles_attribute, has_triangles
-from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, WrittenPath
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -170,7 +170,7 @@ class MuJoCoSolverCfg(SolverCfg):
     """Compute no contacts."""
     disable_sensors: bool | None = None
     """Compute no MuJoCo sensors."""
-    save_to_mjcf: str | None = None
+    save_to_mjcf: WrittenPath | None = None
     """Write the MuJoCo model to this file."""
     use_mujoco_contacts: bool | None = None
     """MuJoCo's collision detection, which takes the hull of each mesh; ``False``: Newton's pipeline. Default: MuJoCo's,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from stripe_newton.configclass import configclass
-from stripe_newton.value_types import PositiveFloat, PositiveInt
+from stripe_newton.value_types import CodeName, PositiveFloat, PositiveInt
 
 from .field_checks import Problems, one_of
 from .model_cfg import RslRlMLPModelCfg
@@ -18,7 +18,7 @@ __all__ = ["RslRlDistillationAlgorithmCfg", "RslRlDistillationRunnerCfg"]
 class RslRlDistillationAlgorithmCfg:
     """Distillation: supervised learning of the teacher's actions in the states that the student visits."""
 
-    class_name: str = "Distillation"
+    class_name: CodeName = "Distillation"
     """Algorithm: rsl_rl's name or ``module:Class``."""
     num_learning_epochs: PositiveInt = 1
     """Epochs: passes over the steps of an iteration."""

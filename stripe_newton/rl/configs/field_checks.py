@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
-__all__ = ["Problems", "layer_widths", "one_of"]
+from stripe_newton.value_types import short
 
+__all__ = ["Problems", "folder_names", "layer_widths", "one_of", "why_no_folder_name"]
+
+_NAME = re.compile(r"(?![. _-])[\w .+=@,-]{1,100}(?<! )")
+"""Names of folders that stay where they are, and that a shell and other systems take as they are."""
 Problems = Iterator[tuple[str, str]]
 """Result of the method ``problems`` of a config: pairs of a field and what is wrong with it."""
 
@@ -24,3 +29,24 @@ def layer_widths(cfg: object, *fields: str) -> Problems:
         value = getattr(cfg, field)
         if not all(n > 0 or n == -1 for n in value):
             yield field, f"is {value!r}, must be a sequence of positive widths (-1: the width of the input)"
+
+
+def folder_names(cfg: object, *fields: str, parts: bool = False) -> Problems:
+    """Fields must be names of folders below the log folder; with ``parts`` they may be nested, ``a/b``."""
+    for field in fields:
+        if problem := why_no_folder_name(getattr(cfg, field), parts):
+            yield field, problem
+
+
+def why_no_folder_name(name: str, parts: bool = False) -> str:
+    """What is wrong with a name of a folder below the log folder; empty if nothing is.
+
+    Args:
+        name: The name.
+        parts: Whether it may have several parts, ``a/b``.
+    """
+    wrong = [part for part in (name.split("/") if parts else [name]) if name and not _NAME.fullmatch(part)]
+    if not wrong:
+        return ""
+    kind = "names, with '/' between them" if parts else "a name"
+    return f"is {short(name)}, must be {kind}: letters, digits, spaces and ._+=@,- and begin with none of ._- or space"

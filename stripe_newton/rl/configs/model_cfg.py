@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from stripe_newton.configclass import configclass
-from stripe_newton.value_types import PositiveFloat, PositiveInt
+from stripe_newton.value_types import CodeName, PositiveFloat, PositiveInt
 
 from .field_checks import Problems, layer_widths, one_of
 
@@ -35,7 +35,7 @@ class RslRlMLPModelCfg:
     class GaussianDistributionCfg:
         """Gaussian actions with one standard deviation for each action, independent of the state."""
 
-        class_name: str = "GaussianDistribution"
+        class_name: CodeName = "GaussianDistribution"
         """Name of the distribution in rsl_rl, or ``module:Class``."""
         init_std: PositiveFloat = 1.0
         """Initial standard deviation, in units of the action."""
@@ -55,7 +55,7 @@ class RslRlMLPModelCfg:
     class HeteroscedasticGaussianDistributionCfg:
         """Gaussian actions whose standard deviation is a second output of the network."""
 
-        class_name: str = "HeteroscedasticGaussianDistribution"
+        class_name: CodeName = "HeteroscedasticGaussianDistribution"
         """Name of the distribution in rsl_rl, or ``module:Class``."""
         init_std: PositiveFloat = 1.0
         """Initial standard deviation, in units of the action."""
@@ -71,7 +71,7 @@ class RslRlMLPModelCfg:
     class BetaDistributionCfg:
         """Beta actions, for action spaces with bounds."""
 
-        class_name: str = "BetaDistribution"
+        class_name: CodeName = "BetaDistribution"
         """Name of the distribution in rsl_rl, or ``module:Class``."""
         action_range: tuple[float, float] = (-1.0, 1.0)
         """Lower and upper bound of every action."""
@@ -80,7 +80,7 @@ class RslRlMLPModelCfg:
             if not self.action_range[0] < self.action_range[1]:
                 yield "action_range", f"is {self.action_range!r}, must be (low, high) with low < high"
 
-    class_name: str = "MLPModel"
+    class_name: CodeName = "MLPModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     hidden_dims: tuple[int, ...] = (256, 128, 64)
     """Widths of the hidden layers; -1 is the width of the input."""
@@ -102,7 +102,7 @@ class RslRlMLPModelCfg:
 class RslRlRNNModelCfg(RslRlMLPModelCfg):
     """A recurrent network (LSTM or GRU) followed by a multilayer perceptron."""
 
-    class_name: str = "RNNModel"
+    class_name: CodeName = "RNNModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     rnn_type: str = "lstm"
     """Kind of recurrent layer: ``"lstm"`` or ``"gru"``."""
@@ -150,7 +150,7 @@ class RslRlCNNModelCfg(RslRlMLPModelCfg):
             yield from one_of(self, "activation", ACTIVATIONS)
             yield from one_of(self, "global_pool", ("none", "max", "avg"))
 
-    class_name: str = "CNNModel"
+    class_name: CodeName = "CNNModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     cnn_cfg: CNNCfg | dict[str, CNNCfg] = CNNCfg()
     """The encoder of every image group, or a dict with one encoder for each group."""

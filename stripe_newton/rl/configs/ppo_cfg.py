@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from stripe_newton.configclass import configclass
-from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt, UnitFloat
+from stripe_newton.value_types import CodeName, NonNegativeFloat, PositiveFloat, PositiveInt, UnitFloat
 
 from .field_checks import Problems, layer_widths, one_of
 from .model_cfg import ACTIVATIONS
@@ -62,7 +62,7 @@ class RslRlRndCfg:
 class RslRlSymmetryCfg:
     """Symmetry of a task: mirrored samples, or a loss for actions that are not mirrored."""
 
-    data_augmentation_func: Callable[..., object] | str | None = None
+    data_augmentation_func: Callable[..., object] | CodeName | None = None
     """``func(env, obs, actions) -> (obs, actions)`` returns the original samples followed by the mirrored ones. A
     function or ``module:name``."""
     use_data_augmentation: bool = False
@@ -85,7 +85,7 @@ class RslRlPpoAlgorithmCfg:
         Schulman et al. "Proximal policy optimization algorithms", arXiv:1707.06347 (2017).
     """
 
-    class_name: str = "PPO"
+    class_name: CodeName = "PPO"
     """Name of the algorithm in rsl_rl, or ``module:Class``."""
     num_learning_epochs: PositiveInt = 5
     """Epochs: how often each sample of an iteration is used."""

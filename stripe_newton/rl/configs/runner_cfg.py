@@ -8,7 +8,7 @@ import importlib.util
 from stripe_newton.configclass import configclass
 from stripe_newton.value_types import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 
-from .field_checks import Problems, one_of
+from .field_checks import Problems, folder_names, one_of
 from .model_cfg import RslRlMLPModelCfg, RslRlRNNModelCfg
 from .ppo_cfg import RslRlPpoAlgorithmCfg
 
@@ -66,6 +66,8 @@ class RslRlBaseRunnerCfg:
     """Project of Weights & Biases or Neptune; by default ``experiment_name``."""
 
     def problems(self) -> Problems:
+        yield from folder_names(self, "experiment_name", parts=True)
+        yield from folder_names(self, "run_name")
         yield from one_of(self, "runner", ("graph", "rsl_rl"))
         yield from one_of(self, "matmul_precision", ("highest", "high", "medium"))
         if self.torch_compile_mode is not None:
