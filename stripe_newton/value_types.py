@@ -28,6 +28,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
+import typing_extensions
 from typing_extensions import is_typeddict
 
 __all__ = [
@@ -450,7 +451,7 @@ def _parts(value: Any, kind: TypeForm) -> Iterator[tuple[str, object, TypeForm]]
         fitting = [part for part in args if value_type(part).fits(value)]
         yield from _parts(value, fitting[0])
     elif is_typeddict(kind):
-        hints = typing.get_type_hints(kind)
+        hints = typing_extensions.get_type_hints(kind, include_extras=True)
         for name, hint in hints.items():
             if name in value:
                 yield name, value[name], hint
