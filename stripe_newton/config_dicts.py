@@ -12,11 +12,11 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NoReturn
 
 from .config_base import MISSING, Config, ConfigError, field_names, is_config, unknown_field
+from .config_checks import wrong_type
+from .trusted_code import why_not_trusted
+from .value_types import short
 
 __all__ = ["from_dict", "resolve_name", "to_dict"]
-
-_SAME_IN_YAML = ({"bool"}, {"int", "float"}, {"str"}, {"list", "tuple"}, {"dict"})
-_PLAIN_TYPES = set().union(*_SAME_IN_YAML)
 
 
 def to_dict(self: Config) -> dict[str, object]:
@@ -74,8 +74,13 @@ def _load(obj: Config, data: Mapping[str, object], path: str, problems: list[str
         old = getattr(obj, name)
         if (old is None or old is MISSING) and isinstance(value, Mapping):
             old = _new_config(obj, name) or old
-        words = _annotation_words(type(obj).__dataclass_fields__[name].type)
-        setattr(obj, name, _fit(old, value, words, where, problems))
+        words, before = _annotation_words(type(obj).__dataclass_fields__[name].type), len(problems)
+        new = _fit(old, value, words, where, problems)
+        problem = None if len(problems) > before or new is old else wrong_type(obj, name, new)
+        if problem is None:
+            setattr(obj, name, new)
+        else:
+            problems.append(f"{where}: {problem}")
 
 
 def _annotation_words(annotation: object) -> set[str]:
@@ -107,7 +112,6 @@ def _convert(old: object, value: object, words: set[str], where: str, problems: 
             return _refuse(value, f"a mapping of {type(old).__name__}'s fields")
         _load(old, value, f"{where}.", problems)
         return old
-    _check_type(value, words)
     if isinstance(value, Mapping) and isinstance(old, Mapping):
         return _convert_mapping(old, value, where, problems)
     if isinstance(value, (list, tuple)):
@@ -143,11 +147,20 @@ def _convert_text(old: object, value: str, words: set[str]) -> object:
     if isinstance(old, os.PathLike):
         return type(old)(value)  # type: ignore[call-arg]
     if callable(old) or (":" in value and words & {"Callable", "type"}):
+        if problem := _foreign(old, value):
+            raise ValueError(problem)
         try:
             return resolve_name(value)
         except (ImportError, AttributeError, ValueError) as error:
             raise ValueError(f"'{value}' cannot be imported ({error}), expected 'module:name'") from error
     return value
+
+
+def _foreign(old: object, name: str) -> str:
+    """Why a function or class is not resolved: it is of a module that is not trusted, nor that of the old one."""
+    if name.partition(":")[0] == getattr(old, "__module__", None) not in (None, "builtins"):
+        return ""
+    return why_not_trusted(name)
 
 
 def _as_container(old: object, items: list[object], words: set[str]) -> Any:
@@ -162,16 +175,8 @@ def _as_container(old: object, items: list[object], words: set[str]) -> Any:
     return tuple(items) if "tuple" in words and not isinstance(old, list) else items
 
 
-def _check_type(value: object, words: set[str]) -> None:
-    """Raise an error for a plain value if the annotation names only plain types, and not its type."""
-    same = next((kinds for kinds in _SAME_IN_YAML if type(value).__name__ in kinds), set())
-    expected = words & _PLAIN_TYPES
-    if same and expected and not words & same and words <= _PLAIN_TYPES | {"None", "NoneType", "class"}:
-        _refuse(value, " or ".join(sorted(expected)))
-
-
 def _refuse(value: object, expected: str) -> NoReturn:
-    raise ValueError(f"got {value!r} ({type(value).__name__}), expected {expected}")
+    raise ValueError(f"is {short(value)}, must be {expected}")
 
 
 def _new_config(obj: Config, name: str) -> Config | None:

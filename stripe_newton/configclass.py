@@ -14,16 +14,17 @@ from __future__ import annotations
 
 import copy as _copy
 import dataclasses
+import enum
 import functools
 import inspect
 import pickle
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from typing_extensions import dataclass_transform
 
 from .config_base import MISSING, Config, ConfigError, NoConfigClassError, field_names, is_config, unknown_field
+from .config_checks import check_types, validate
 from .config_dicts import from_dict, resolve_name, to_dict
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Config",
     "ConfigError",
     "NoConfigClassError",
+    "check_types",
     "config_with",
     "configclass",
     "from_dict",
@@ -102,8 +104,16 @@ def _own_fields(cls: type) -> dict[str, object]:
     own = dict(inspect.get_annotations(cls))
     for name, value in vars(cls).items():
         if name not in own and _is_plain_attribute(cls, name, value):
-            own[name] = known.get(name, "Any" if value is None else type(value))
+            own[name] = known.get(name, _type_of_default(value))
     return own
+
+
+def _type_of_default(value: object) -> object:
+    """The annotation of a field that has none and no base has one: no stricter than its default says."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return int | float if isinstance(value, int) else float
+    plain = isinstance(value, (bool, str, bytes, list, tuple, dict, set, frozenset, enum.Enum)) or is_config(value)
+    return type(value) if plain else "Any"
 
 
 def _is_plain_attribute(cls: type, name: str, value: object) -> bool:
@@ -317,47 +327,3 @@ def _replace(self: AnyConfig, **changes: object) -> AnyConfig:
 def _copy_config(self: T) -> T:
     """A copy that shares no mutable value with the original."""
     return _clone(self)
-
-
-def validate(self: Config) -> None:
-    """Check a config and all configs in it.
-
-    A field without effect whose value is not the default gives a warning with its name.
-
-    Raises:
-        ConfigError: all fields that are ``MISSING``, and all problems that config classes report.
-    """
-    problems = list(_walk(self, ""))
-    if problems:
-        raise ConfigError(problems)
-
-
-def _warn_of_ignored(config: Config) -> None:
-    """Warn of each field that has been set and has no effect. Python shows equal warnings from one place once."""
-    for cls in type(config).__mro__:
-        for name, reason in vars(cls).get("IGNORED", {}).items():
-            field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
-            default = field.default if field.default_factory is MISSING else field.default_factory()
-            if getattr(config, name) != default:
-                warnings.warn(f"{cls.__name__}.{name} has no effect: {reason}", stacklevel=2)
-
-
-def _walk(value: object, path: str) -> Iterator[str]:
-    if is_config(value):
-        value = value.completed() if hasattr(value, "completed") else value
-        _warn_of_ignored(value)
-        missing = [name for name in field_names(value) if getattr(value, name) is MISSING]
-        yield from (f"{path}{name}: is missing, {type(value).__name__} needs a value" for name in missing)
-        try:
-            yield from (f"{path}{name}: {message}" for name, message in getattr(value, "problems", tuple)())
-        except (TypeError, AttributeError):  # a check may fail on a missing value, which has been reported already
-            if not missing:
-                raise
-        for name in field_names(value):
-            yield from _walk(getattr(value, name), f"{path}{name}.")
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _walk(item, f"{path}{key}.")
-    elif isinstance(value, (list, tuple)):
-        for index, item in enumerate(value):
-            yield from _walk(item, f"{path}{index}.")

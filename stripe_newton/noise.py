@@ -35,8 +35,8 @@ __all__ = [
     "uniform_noise",
 ]
 
-Value = torch.Tensor | float
-"""Number of a config: a float, or a tensor that broadcasts against the data."""
+Value = torch.Tensor | float | Sequence[float]
+"""Number of a config: a float, or numbers that broadcast against the data."""
 _OPERATIONS = ("add", "scale", "abs")
 
 

@@ -6,7 +6,6 @@ A config writes its group of joints onto the builder of one environment, before 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,14 +13,17 @@ import newton
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.matching import match_names, match_values
+from stripe_newton.value_types import AnyFloat
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-__all__ = ["ActuatorCfg", "ImplicitActuatorCfg", "PerJoint"]
+__all__ = ["ActuatorCfg", "ImplicitActuatorCfg", "PerJoint", "PerJointLimit"]
 
 PerJoint = float | dict[str, float] | None
 """One number for all joints of the group, or numbers by joint-name expression; ``None`` keeps those of the file."""
+PerJointLimit = AnyFloat | dict[str, AnyFloat] | None
+"""As :data:`PerJoint`, and infinity is no limit."""
 
 
 @configclass
@@ -34,14 +36,14 @@ class ActuatorCfg:
     """Position gain [N/m or N m/rad]."""
     damping: PerJoint = None
     """Velocity gain [N s/m or N m s/rad]."""
-    effort_limit: PerJoint = None
+    effort_limit: PerJointLimit = None
     """Largest effort [N or N m]."""
-    effort_limit_sim: PerJoint = None
+    effort_limit_sim: PerJointLimit = None
     """Limit of the solver's drive [N or N m]. It defaults to ``effort_limit``. An explicit actuator uses it only where
     ``effort_limit`` is ``None``."""
-    velocity_limit: PerJoint = None
+    velocity_limit: PerJointLimit = None
     """Speed the actuator is rated for [m/s or rad/s]; reported as ``joint_vel_limits``."""
-    velocity_limit_sim: PerJoint = None
+    velocity_limit_sim: PerJointLimit = None
     """Speed that the joint is held to after every physics step [m/s or rad/s]."""
     armature: PerJoint = None
     """Inertia added to the joint [kg or kg m^2]."""
@@ -59,13 +61,8 @@ class ActuatorCfg:
         for name in self._not_negative:
             value = getattr(self, name)
             for key, number in value.items() if isinstance(value, Mapping) else [("", value)]:
-                if number is None or number is MISSING:
-                    continue
-                where = f"{name}[{key!r}]" if key else name
-                if not isinstance(number, (int, float)) or math.isnan(number):
-                    yield where, f"is {number!r}, must be a number"
-                elif number < 0:
-                    yield where, f"is {number}, must not be negative"
+                if number is not None and number is not MISSING and number < 0:
+                    yield f"{name}[{key!r}]" if key else name, f"is {number}, must not be negative"
 
     def apply(self, builder: newton.ModelBuilder, names: Sequence[str], dofs: Sequence[int]) -> list[int]:
         """Write this group onto the builder; explicit actuators that the file has for its joints are replaced.

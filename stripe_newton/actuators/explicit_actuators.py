@@ -13,8 +13,9 @@ from newton.actuators import ClampingDCMotor, ClampingMaxEffort, ClampingPositio
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.matching import match_names, match_values
+from stripe_newton.value_types import NonNegativeInt
 
-from .actuator_cfg import ActuatorCfg, PerJoint
+from .actuator_cfg import ActuatorCfg, PerJoint, PerJointLimit
 from .drive_table import coordinate
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class PIDActuatorCfg(IdealPDActuatorCfg):
 
     integral_gain: PerJoint = 0.0
     """Gain of the integrated position error [N/(m s) or N m/(rad s)]."""
-    integral_limit: PerJoint = math.inf
+    integral_limit: PerJointLimit = math.inf
     """Largest integrated position error, against wind-up [m s or rad s]."""
 
     _not_negative: ClassVar[tuple[str, ...]] = (*ActuatorCfg._not_negative, "integral_gain", "integral_limit")
@@ -129,7 +130,7 @@ class DCMotorCfg(IdealPDActuatorCfg):
     is the ``saturation_effort`` and ``v`` the ``velocity_limit``.
     """
 
-    saturation_effort: PerJoint = MISSING
+    saturation_effort: PerJointLimit = MISSING
     """Effort of the motor at standstill [N or N m]."""
 
     _not_negative: ClassVar[tuple[str, ...]] = (*ActuatorCfg._not_negative, "saturation_effort")
@@ -165,9 +166,9 @@ class DelayedPDActuatorCfg(IdealPDActuatorCfg):
     the same for all joints of the group. Until the episode is as old as the delay, its first targets hold.
     """
 
-    min_delay: int = 0
+    min_delay: NonNegativeInt = 0
     """Least delay [physics steps]."""
-    max_delay: int = 0
+    max_delay: NonNegativeInt = 0
     """Largest delay [physics steps]."""
 
     def problems(self) -> Iterator[tuple[str, str]]:

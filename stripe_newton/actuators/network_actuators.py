@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from newton.actuators import DriveNeuralLSTM, DriveNeuralMLP
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import CodeName
 
-from .actuator_cfg import PerJoint
+from .actuator_cfg import PerJointLimit
 from .explicit_actuators import DCMotorCfg, Law
 
 __all__ = ["ActuatorNetLSTMCfg", "ActuatorNetMLPCfg"]
@@ -23,10 +24,10 @@ class ActuatorNetLSTMCfg(DCMotorCfg):
     ``saturation_effort``.
     """
 
-    network_file: str = MISSING
+    network_file: CodeName = MISSING
     """The network: ONNX as ``newton.actuators.DriveNeuralLSTM`` reads it, or TorchScript of one LSTM followed by one
     linear layer, ``effort, (h, c) = net(input, (h, c))``, which is converted."""
-    saturation_effort: PerJoint = None
+    saturation_effort: PerJointLimit = None
     """Effort of the motor at standstill [N or N m]; ``None`` for no torque-speed curve."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
@@ -53,7 +54,7 @@ class ActuatorNetMLPCfg(ActuatorNetLSTMCfg):
     from the present physics step; what lies before the episode is zero. Limited as :class:`ActuatorNetLSTMCfg`.
     """
 
-    network_file: str = MISSING
+    network_file: CodeName = MISSING
     """The network: ONNX, or TorchScript, which is converted; input ``(n, 2 * len(input_idx))``, output ``(n, 1)``."""
     pos_scale: float | None = None
     """Factor on position errors. Where this and the following are ``None``, the file's metadata decide, and without

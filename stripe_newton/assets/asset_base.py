@@ -47,6 +47,8 @@ class AssetInitialStateCfg:
 class AssetBaseCfg:
     """A static asset: ground, light, obstacle. :class:`ArticulationCfg` and :class:`RigidObjectCfg` derive from it."""
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     prim_path: str = MISSING
     """Prim path: ``/World/envs/env_.*/Name`` or ``{ENV_REGEX_NS}/Name`` for one in every environment."""
     spawn: SpawnerCfg | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import newton
 import warp as wp
@@ -28,6 +28,8 @@ __all__ = ["GroundAsset", "TerrainBase", "TerrainBaseCfg"]
 @configclass
 class TerrainBaseCfg:
     """Base of the terrain configs: a field of the scene's config of this type becomes ``scene.terrain``."""
+
+    MAY_BE_NONE: ClassVar[bool] = True
 
     class_type: Callable[..., TerrainBase] | None = None
     """Class that the scene makes of this config."""

@@ -9,6 +9,8 @@ from typing import TypeVar
 
 import tyro
 
+from stripe_newton.configclass import check_types, is_config
+
 from .field_options import Node, apply_options, options_of
 from .tasks import find_task, task_argument
 from .user_error import UserError
@@ -54,6 +56,9 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
 
     Returns:
         The command's own options.
+
+    Raises:
+        ConfigError: for values of configs that are not of the field's type, or out of its range.
     """
     # One dataclass for all options, made from the values of the configs, so that help shows them as defaults.
     nested = {name: type(options_of(cfg, name)) for name, cfg in configs.items()}
@@ -62,4 +67,5 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
     args: T = tyro.cli(full, args=argv, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,))
     for name, cfg in configs.items():
         apply_options(cfg, getattr(args, name))
+    check_types(*((name, cfg) for name, cfg in configs.items() if is_config(cfg)))
     return args

@@ -27,7 +27,8 @@ def run(argv: list[str]) -> int:
     if args.episodes < 1:
         raise UserError(f"--episodes {args.episodes}: must be at least 1")
     # More environments than episodes would only wait.
-    configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, args.episodes)
+    default = min(configs.env.scene.num_envs, args.episodes)
+    configs.env.scene.num_envs = default if args.num_envs is None else args.num_envs
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)
     if configs.agent is not None:

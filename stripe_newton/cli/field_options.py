@@ -13,24 +13,23 @@ import functools
 import inspect
 import itertools
 import keyword
-import sys
 import textwrap
 import types
 import typing
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeGuard
+from typing import Annotated, TypeAlias, TypeGuard
 
 import tyro
 
-from stripe_newton.configclass import MISSING, Config, is_config, to_dict
+from stripe_newton.configclass import MISSING, Config, ConfigError, is_config, to_dict
+from stripe_newton.trusted_code import why_not_trusted
+from stripe_newton.value_types import CODE, WRITTEN, TypeForm, annotation_of, has_mark, short
 
 __all__ = ["Node", "Options", "TypeForm", "apply_options", "apply_saved", "options_of"]
 
 Node: TypeAlias = Config | MutableMapping[str, object]
 """A config, or a dict with string keys inside one: what becomes a group of options."""
-TypeForm: TypeAlias = Any
-"""A type as an annotation has it: a class, a union, a generic. Python has no common type for them."""
 Options: TypeAlias = object
 """An instance of a dataclass that :func:`options_of` made; its fields are those of the config."""
 
@@ -73,7 +72,11 @@ def apply_saved(cfg: Config, saved: Mapping[str, object], path: str) -> list[str
         path: Path of ``cfg`` in messages, such as ``"env"``.
 
     Returns:
-        Values that could not be applied, each as ``path: why``: fields that are gone, other functions and classes.
+        Values that could not be applied, each as ``path: why``: fields that are gone, other functions and classes,
+        places that were written.
+
+    Raises:
+        ConfigError: for a name of code that is not trusted.
     """
     return _apply_saved(cfg, to_dict(cfg), saved, path)
 
@@ -85,19 +88,35 @@ def _apply_saved(cfg: Node, now: Mapping[str, object], saved: Mapping[str, objec
         where = f"{path}.{name}"
         item, plain = current.get(name), now.get(name)
         if name not in current and is_config(cfg):
-            leftovers.append(f"{where}: was {value!r}, the field is no longer there")
+            leftovers.append(f"{where}: was {short(value)}, the field is no longer there")
         elif _is_node(item) and isinstance(value, Mapping) and isinstance(plain, Mapping):
             leftovers += _apply_saved(item, plain, value, where)
         elif name in current and plain == value:
             continue
         elif _is_moved_file(item, value):
             continue  # the run was made on another machine, or the package was installed elsewhere
+        elif is_config(cfg) and has_mark(annotation_of(type(cfg), name), WRITTEN):
+            leftovers.append(f"{where}: was {short(value)}, which is not written again unless it is given as an option")
         elif _is_plain(value) and (item is MISSING or _is_plain(item)):
+            _check_code(cfg, name, value, where)
             # YAML has no tuples: they come back as lists.
             _put(cfg, name, tuple(value) if isinstance(item, tuple) and isinstance(value, list) else value)
         else:
-            leftovers.append(f"{where}: was {value!r}, is {plain!r}")
+            leftovers.append(f"{where}: was {short(value)}, is {short(plain)}")
     return leftovers
+
+
+def _check_code(cfg: Node, name: str, value: object, where: str) -> None:
+    """Check that a saved value, which may come from anybody, names no code of somebody else.
+
+    Raises:
+        ConfigError: if it does.
+    """
+    kind = annotation_of(type(cfg), name) if is_config(cfg) else None
+    if isinstance(value, str) and (name == "class_name" or has_mark(kind, CODE)):
+        problem = why_not_trusted(value)
+        if problem:
+            raise ConfigError([f"{where}: {problem}"])
 
 
 def _items(cfg: Node) -> list[tuple[str, object]]:
@@ -160,7 +179,7 @@ def _options_type(cfg: Node, name: str) -> type:
 
 def _kind(cfg: Node, name: str, value: object) -> TypeForm | None:
     """The type that tyro parses a field as, or None if the field cannot be given on a command line."""
-    kind = _plain_part(_annotation(type(cfg), name)) if is_config(cfg) else None
+    kind = _plain_part(annotation_of(type(cfg), name)) if is_config(cfg) else None
     if value is MISSING:
         return None if kind is None else kind | None
     if kind is not None and _fits(value, kind):
@@ -235,21 +254,6 @@ def _fits_items(values: tuple[object, ...], kinds: tuple[TypeForm, ...]) -> bool
     if len(kinds) == 2 and kinds[1] is Ellipsis:
         return all(_fits(value, kinds[0]) for value in values)
     return len(values) == len(kinds) and all(map(_fits, values, kinds))
-
-
-def _annotation(cls: type, name: str) -> TypeForm | None:
-    """The annotation of a field, evaluated in the module that has it; None if it cannot be."""
-    for base in cls.__mro__:
-        kind = inspect.get_annotations(base).get(name)
-        if kind is None:
-            continue
-        if not isinstance(kind, str):
-            return kind
-        try:
-            return eval(kind, vars(sys.modules[base.__module__]) | {"typing": typing}, dict(vars(base)))
-        except Exception:  # names that exist for type checkers alone
-            return None
-    return None
 
 
 def _docs(cls: type) -> dict[str, str]:

@@ -62,7 +62,8 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
         raise UserError(f"--steps {args.steps}: must be at least 1")
     if args.viewer is None:
         args.viewer = "viser" if importlib.util.find_spec("viser") else "video"
-    configs.env.scene.num_envs = args.num_envs or min(configs.env.scene.num_envs, 16)
+    default = min(configs.env.scene.num_envs, 16)
+    configs.env.scene.num_envs = default if args.num_envs is None else args.num_envs
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
     set_device(configs.env, args.device)
     if configs.agent is not None:

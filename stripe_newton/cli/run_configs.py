@@ -7,9 +7,10 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stripe_newton.configclass import ConfigError, validate
+from stripe_newton.configclass import ConfigError, check_types, validate
 from stripe_newton.rl import RslRlOnPolicyRunnerCfg, RunFolder
 from stripe_newton.rl.configs import RunnerCfg
+from stripe_newton.trusted_code import trust
 
 from .field_options import apply_saved
 from .tasks import load_cfg
@@ -32,6 +33,14 @@ class Configs:
         """The agent's config, in a command that has loaded it."""
         assert self.agent is not None
         return self.agent
+
+    def check_types(self) -> None:
+        """Check the types of all fields, before the values are used to complete the configs.
+
+        Raises:
+            ConfigError: all values that do not fit, with paths as on the command line.
+        """
+        check_types(*((name, cfg) for name, cfg in vars(self).items() if cfg is not None))
 
 
 def is_same_task(of_run: str | None, task: str) -> bool:
@@ -57,12 +66,14 @@ def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_d
     if not is_same_task(of_run, task):
         raise UserError(f"{run.path if run else ''} is a run of {of_run}, not of {task}")
     configs = Configs(load_cfg(task, "env"), load_cfg(task, "agent") if agent else None)
+    for cfg in vars(configs).values():
+        trust(type(cfg).__module__)  # a run of a task may name code of the task's own package
     if run is not None:
         saved = run.read_params()
         # Another machine may play a policy than trained it.
         if not same_device:
-            saved["env"].get("sim", {}).pop("device", None)
-        scenery = saved["env"].get("scene", {}).get("scenery")
+            _group(saved["env"], "sim").pop("device", None)
+        scenery = _group(saved["env"], "scene").get("scenery")
         if of_run == task and isinstance(scenery, str):
             configs.env.scene.scenery = scenery
             configs.env.complete()  # it brings terms of its own, which the run's values are compared with
@@ -71,7 +82,14 @@ def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_d
         if leftovers:
             lines = "\n".join(f"  {line}" for line in leftovers)
             print(f"warning: the task has changed since {run.path} was made:\n{lines}", file=sys.stderr)
+        configs.check_types()
     return configs
+
+
+def _group(saved: dict, name: str) -> dict:
+    """A group of fields of a saved config; empty if it is none, which shows when its values are applied."""
+    found = saved.get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def check(configs: Configs) -> None:

@@ -17,6 +17,7 @@ import gymnasium
 
 from stripe_newton.configclass import resolve_name
 from stripe_newton.rl.configs import RunnerCfg
+from stripe_newton.trusted_code import trust
 
 from .user_error import UserError, user_code
 
@@ -113,7 +114,7 @@ def import_options() -> list[str]:
 
 
 def _import(target: str) -> None:
-    import_target(target, "--import")
+    trust(import_target(target, "--import").__name__)
     if target not in _imported:
         _imported.append(target)
 
@@ -166,6 +167,7 @@ def load_entry_points() -> None:
     """Import the packages of the entry-point group, so that their tasks and scenes are registered."""
     for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
         entry_point.load()
+        trust(entry_point.module)
 
 
 # -- names

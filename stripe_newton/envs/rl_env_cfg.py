@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import SimulationCfg
+from stripe_newton.value_types import PositiveInt, Range, Seed
 from stripe_newton.viewers import ViewerCfg
 
 __all__ = ["RLEnvCfg"]
@@ -23,13 +23,13 @@ class RLEnvCfg:
     """Camera of ``render()`` and of videos."""
     sim: SimulationCfg = SimulationCfg()
     """Time step, gravity, device, solver."""
-    seed: int | None = None
+    seed: Seed | None = None
     """Seed of the random numbers; ``None`` leaves them unseeded."""
-    decimation: int = MISSING
+    decimation: PositiveInt = MISSING
     """Physics steps in an environment step."""
     is_finite_horizon: bool = False
     """The time limit is part of the task: learners then treat a time-out as the end, not as truncation."""
-    episode_length_s: float = MISSING
+    episode_length_s: Annotated[float, Range(above=0.0, at_most=1.0e9)] = MISSING
     """Duration of an episode [s]."""
     scene: InteractiveSceneCfg = MISSING
     """The scene."""
@@ -51,10 +51,5 @@ class RLEnvCfg:
         """
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if self.decimation is not MISSING and (not isinstance(self.decimation, int) or self.decimation < 1):
-            yield "decimation", f"is {self.decimation!r}, must be a whole number of physics steps, 1 or more"
-        length = self.episode_length_s
-        if length is not MISSING and not (math.isfinite(length) and length > 0):
-            yield "episode_length_s", f"is {length!r}, must be a positive time [s]"
         if self.nonfinite_actions not in ("raise", "clamp"):
             yield "nonfinite_actions", f"is '{self.nonfinite_actions}', must be 'raise' or 'clamp'"

@@ -13,6 +13,7 @@ from stripe_kernels.mdp import ACTIONS, DIFFERENTIAL_IK_METHODS, process_differe
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.controllers import DifferentialIKControllerCfg
 from stripe_newton.noise import NoiseCfg
+from stripe_newton.value_types import AnyFloat, NonNegativeInt, PositiveInt
 
 __all__ = [
     "ActionManagerCfg",
@@ -47,6 +48,8 @@ class ActionTermCfg:
     whose slices ``action`` and ``processed`` have ``action_size`` and ``processed_size`` numbers.
     """
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     class_type: type | None = None
     """Class of a torch term, derived from :class:`ActionTerm`, made as ``class_type(cfg, env)``; the fields below, but
     for ``asset_name``, are then without effect. None for a term of Warp functions."""
@@ -62,9 +65,9 @@ class ActionTermCfg:
     """Warp function that sets targets from processed actions."""
     reset: Callable[..., object] | None = None
     """Warp function ``(env, ..., processed)`` that runs where an episode begins."""
-    action_size: int | None = None
+    action_size: PositiveInt | None = None
     """Number of actions; by default one for each joint."""
-    processed_size: int | None = None
+    processed_size: PositiveInt | None = None
     """Number of processed actions; by default one for each joint."""
     per_substep: bool = True
     """Run ``apply`` before each physics step. False runs it once, which is enough if it does not read the state."""
@@ -72,9 +75,9 @@ class ActionTermCfg:
     """Further arguments of the functions."""
     noise: NoiseCfg | None = None
     """Noise on the raw actions."""
-    delay_min_lag: int = 0
+    delay_min_lag: NonNegativeInt = 0
     """Least delay of the actions [steps]."""
-    delay_max_lag: int = 0
+    delay_max_lag: NonNegativeInt = 0
     """Largest delay [steps]; each episode draws one within the bounds."""
 
     @property
@@ -114,7 +117,7 @@ class JointActionCfg(ActionTermCfg):
     """Factor on the actions."""
     offset: PerJoint = 0.0
     """Added to the scaled actions, in the unit of the targets."""
-    clip: Mapping[str, tuple[float, float]] | None = None
+    clip: Mapping[str, tuple[AnyFloat, AnyFloat]] | None = None
     """Bounds of the processed actions by joint-name expression."""
 
     @property
@@ -229,7 +232,7 @@ class BinaryJointPositionActionCfg(JointActionCfg):
     """Position targets of a gripper from one number: 0 or more opens it, less closes it."""
 
     kind: str = "BinaryJointPosition"
-    action_size: int | None = 1
+    action_size: PositiveInt | None = 1
     open_command_expr: Mapping[str, float] = MISSING
     """Positions when open, by expression [m or rad]."""
     close_command_expr: Mapping[str, float] = MISSING
@@ -256,8 +259,8 @@ class NonHolonomicActionCfg(JointActionCfg):
 
     kind: str = "NonHolonomic"
     per_substep: bool = True
-    action_size: int | None = 2
-    processed_size: int | None = 2
+    action_size: PositiveInt | None = 2
+    processed_size: PositiveInt | None = 2
     body_name: str = MISSING
     """Body whose heading is the forward direction."""
     x_joint_name: str = MISSING

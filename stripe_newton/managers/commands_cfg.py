@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import AnyFloat, NonNegativeFloat, UnitFloat
 
 __all__ = [
     "CommandManagerCfg",
@@ -23,10 +24,6 @@ __all__ = [
 Range = tuple[float, float]
 
 
-def _is_share(value: float) -> bool:
-    return 0.0 <= value <= 1.0
-
-
 @configclass
 class _RangesCfg:
     """Bounds: pairs of numbers."""
@@ -34,8 +31,8 @@ class _RangesCfg:
     def problems(self) -> Iterator[tuple[str, str]]:
         for name in type(self).__dataclass_fields__:
             bounds = getattr(self, name)
-            if bounds not in (None, MISSING) and not -math.inf < bounds[0] <= bounds[1] < math.inf:
-                yield name, f"is {bounds}, must be (low, high) with low <= high, both finite"
+            if bounds not in (None, MISSING) and not bounds[0] <= bounds[1]:
+                yield name, f"is {bounds}, must be (low, high) with low <= high"
 
 
 @configclass
@@ -47,12 +44,14 @@ class CommandTermCfg:
     Other arguments are taken from ``params`` and from fields of the config, which a subclass may add.
     """
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     class_type: type | None = None
     """Class of a torch term, derived from :class:`CommandTerm`, made as ``class_type(cfg, env)``; ``resample``,
     ``update``, ``size`` and ``metrics`` are then without effect. None for a term of Warp functions."""
     asset_name: str = "robot"
     """Asset that is commanded."""
-    resampling_time_range: Range = MISSING
+    resampling_time_range: tuple[AnyFloat, AnyFloat] = MISSING
     """Bounds of the time between two samples [s]."""
     resample: Callable[..., object] | None = None
     """Warp function that samples a command."""
@@ -93,7 +92,7 @@ class CommandManagerCfg:
 class NullCommandCfg(CommandTermCfg):
     """No command."""
 
-    resampling_time_range: Range = (math.inf, math.inf)
+    resampling_time_range: tuple[AnyFloat, AnyFloat] = (math.inf, math.inf)
 
 
 @configclass
@@ -117,9 +116,9 @@ class UniformVelocityCommandCfg(CommandTermCfg):
     """A share of the environments turns to a heading rather than at a rate."""
     heading_control_stiffness: float = 1.0
     """Yaw rate for an error of one radian [1/s]."""
-    rel_standing_envs: float = 0.0
+    rel_standing_envs: UnitFloat = 0.0
     """Share of the environments that stands."""
-    rel_heading_envs: float = 1.0
+    rel_heading_envs: UnitFloat = 1.0
     """Share of the environments that turns to a heading, for ``heading_command``."""
     ranges: Ranges = MISSING
     """Bounds."""
@@ -128,9 +127,6 @@ class UniformVelocityCommandCfg(CommandTermCfg):
         yield from CommandTermCfg.problems(self)
         if self.heading_command and self.ranges is not MISSING and self.ranges.heading is None:
             yield "ranges.heading", "is None, but heading_command is set; give bounds [rad]"
-        for name in ("rel_standing_envs", "rel_heading_envs"):
-            if not _is_share(getattr(self, name)):
-                yield name, f"is {getattr(self, name)}, must be in [0, 1]"
 
 
 @configclass
@@ -143,26 +139,15 @@ class NormalVelocityCommandCfg(CommandTermCfg):
 
         mean_vel: tuple[float, float, float] = MISSING
         """Means: forward, sideways [m/s], yaw rate [rad/s]."""
-        std_vel: tuple[float, float, float] = MISSING
+        std_vel: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = MISSING
         """Standard deviations."""
-        zero_prob: tuple[float, float, float] = MISSING
+        zero_prob: tuple[UnitFloat, UnitFloat, UnitFloat] = MISSING
         """Probabilities that a component is zero."""
 
-        def problems(self) -> Iterator[tuple[str, str]]:
-            if self.std_vel is not MISSING and min(self.std_vel) < 0.0:
-                yield "std_vel", f"is {self.std_vel}, must not be negative"
-            if self.zero_prob is not MISSING and not all(map(_is_share, self.zero_prob)):
-                yield "zero_prob", f"is {self.zero_prob}, must be in [0, 1]"
-
-    rel_standing_envs: float = 0.0
+    rel_standing_envs: UnitFloat = 0.0
     """Share of the environments that stands."""
     ranges: Ranges = MISSING
     """Distribution."""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        yield from CommandTermCfg.problems(self)
-        if not _is_share(self.rel_standing_envs):
-            yield "rel_standing_envs", f"is {self.rel_standing_envs}, must be in [0, 1]"
 
 
 @configclass

@@ -24,6 +24,8 @@ __all__ = ["CurriculumManager", "CurriculumManagerCfg", "CurriculumTermCfg"]
 class CurriculumTermCfg:
     """Config of a curriculum term: a function that changes the task in the course of training."""
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float`` that runs for each environment whose episode ended, Warp function without
     ``env`` that one thread runs in every step, or torch function ``(env, env_ids, **params)`` that returns a number, a

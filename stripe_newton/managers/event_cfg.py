@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import NonNegativeInt
 
 __all__ = ["EventManagerCfg", "EventTermCfg"]
 
@@ -17,6 +18,8 @@ _MODES = ("prestartup", "startup", "reset", "interval", "step")
 @configclass
 class EventTermCfg:
     """Config of an event term: a function that changes environments, and the times at which it runs."""
+
+    MAY_BE_NONE: ClassVar[bool] = True
 
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...)``, or torch function ``(env, env_ids, **params)`` with an int64 tensor of
@@ -32,7 +35,7 @@ class EventTermCfg:
     """
     is_global_time: bool = False
     """Use one clock for all environments, which resets do not restart, rather than one for each."""
-    min_step_count_between_reset: int = 0
+    min_step_count_between_reset: NonNegativeInt = 0
     """Least number of environment steps between two runs in the same environment; for mode ``"reset"``."""
 
     def problems(self) -> Iterator[tuple[str, str]]:

@@ -20,6 +20,8 @@ __all__ = ["MetricTermCfg", "MetricsManager", "MetricsManagerCfg"]
 class MetricTermCfg:
     """Config of a metric term: a quantity whose mean over the steps of an episode is logged as ``Metrics/NAME``."""
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float``, or torch function ``(env, **params)`` that returns ``(num_envs,)``."""
     params: dict[str, Any] = {}

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import warp as wp
 
 from stripe_kernels.processing import merge_statistics, normalize, sum_moments
 from stripe_newton.configclass import configclass
 from stripe_newton.fusion import Captured
+from stripe_newton.value_types import INFINITE, PositiveFloat, Range
 
 from .context import ManagerContext
 
@@ -21,9 +24,9 @@ _PARTS = 64
 class RunningNormCfg:
     """Running normalisation: ``clamp((x - mean) / (std + eps), -clip, clip)`` over all observations so far."""
 
-    eps: float = 1.0e-2
+    eps: PositiveFloat = 1.0e-2
     """Added to the standard deviation."""
-    clip: float = 10.0
+    clip: Annotated[float, INFINITE, Range(above=0.0)] = 10.0
     """Bound of the normalised values."""
     update: bool = True
     """Keep updating mean and variance; the parameter ``observations.GROUP.normalization.update`` changes it."""

@@ -17,6 +17,7 @@ from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import NamedStructs
 from stripe_newton.fusion.warp_types import Struct, struct_of
 from stripe_newton.scene import InteractiveScene
+from stripe_newton.value_types import PositiveInt
 
 from .context import ManagerContext
 from .manager_base import terms_of
@@ -39,9 +40,11 @@ class ObjectPoolCfg:
     active objects. A box on the ground takes 4 contacts and 16 constraints, a ball 1 and 4.
     """
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     objects: dict[str, RigidObjectCfg] | RigidObjectCfg = MISSING
     """The objects by name, or one object of which ``count`` copies are made. ``init_state`` is an object's home."""
-    count: int = 1
+    count: PositiveInt = 1
     """Number of copies, if ``objects`` is one config. ``_0``, ``_1``, ... is appended to prim paths and names."""
     spacing: float = 1.0
     """Distance between the homes of copies [m], which form a square about the ``init_state``."""
@@ -61,7 +64,7 @@ class ObjectPoolCfg:
     """Least horizontal distance from the root of the robot [m]; it needs ``pose_range``."""
     robot_name: str = "robot"
     """Robot of ``min_robot_distance``."""
-    max_tries: int = 16
+    max_tries: PositiveInt = 16
     """Poses tried for each object; an object for which none keeps the distances stays retired."""
     target_range: Range | None = None
     """Bounds of target poses that a reset draws, as in ``pose_range``. ``None`` keeps the targets, which are the homes

@@ -14,6 +14,7 @@ from stripe_kernels.term_info import Each, observation_size
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Name, TermCall, bind_term, code, resolve_entities
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+from stripe_newton.value_types import AnyFloat, NonNegativeInt
 
 from .context import ManagerContext
 from .image import Picture, find_picture, image
@@ -39,6 +40,8 @@ _FLAT = "is False, but histories are always flat; reshape them in the network"
 class ObservationTermCfg:
     """Config of an observation term. Values pass modifiers, noise, clip, scale, delay and history, in this order."""
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ..., out)``, or torch function ``(env, **params)`` that returns ``(num_envs, size)``."""
     params: dict[str, Any] = {}
@@ -50,13 +53,13 @@ class ObservationTermCfg:
     """Modifiers of the values, applied first."""
     noise: NoiseCfg | NoiseModelCfg | None = None
     """Noise; a model with bias draws the bias at the start of an episode."""
-    clip: tuple[float, float] | None = None
+    clip: tuple[AnyFloat, AnyFloat] | None = None
     """Bounds of the values."""
     scale: float | Sequence[float] | None = None
     """Factor for all values, or one for each."""
-    delay_min_lag: int = 0
+    delay_min_lag: NonNegativeInt = 0
     """Least delay [steps]."""
-    delay_max_lag: int = 0
+    delay_max_lag: NonNegativeInt = 0
     """Largest delay [steps]; each episode draws one within the bounds."""
     history_length: int = 0
     """Number of past and current steps in the observation, oldest first; 0 for the current one alone."""
@@ -81,6 +84,8 @@ class ObservationGroupCfg:
 
     Subclass it, or name the terms: ``ObservationGroupCfg(height=ObservationTermCfg(...))``.
     """
+
+    MAY_BE_NONE: ClassVar[bool] = True
 
     OPEN: ClassVar[tuple[type, ...]] = (ObservationTermCfg,)
 

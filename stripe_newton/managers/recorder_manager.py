@@ -15,6 +15,7 @@ import torch
 
 from stripe_newton.configclass import configclass
 from stripe_newton.fusion import Eager, Item
+from stripe_newton.value_types import WrittenPath
 
 from .context import ManagerContext
 from .episode_file import Episode, EpisodeFile
@@ -49,9 +50,9 @@ class DatasetExportMode(enum.IntEnum):
 class RecorderManagerBaseCfg:
     """Config of the recorder manager: the file to write to; the fields that a subclass adds are the terms."""
 
-    dataset_export_dir_path: str = "logs/recordings"
+    dataset_export_dir_path: WrittenPath = "logs/recordings"
     """Folder of the file; it is created."""
-    dataset_filename: str = "dataset"
+    dataset_filename: WrittenPath = "dataset"
     """Name of the file, with or without ``.hdf5``."""
     dataset_export_mode: DatasetExportMode = DatasetExportMode.EXPORT_ALL
     """Episodes that are written."""

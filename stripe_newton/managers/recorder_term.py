@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -20,6 +20,8 @@ Recorded = tuple[str | None, torch.Tensor | Episode | None]
 @configclass
 class RecorderTermCfg:
     """Config of a recorder term."""
+
+    MAY_BE_NONE: ClassVar[bool] = True
 
     class_type: type = MISSING
     """Subclass of :class:`RecorderTerm`, made with this config and the environment."""

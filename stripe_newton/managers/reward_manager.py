@@ -13,6 +13,7 @@ import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, block, code
+from stripe_newton.value_types import AnyFloat
 
 from .context import ManagerContext
 from .manager_base import is_warp_term
@@ -25,13 +26,15 @@ __all__ = ["RewardManager", "RewardManagerCfg", "RewardTermCfg"]
 class RewardTermCfg:
     """Config of a reward term."""
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> float``, or torch function ``(env, **params)`` that returns ``(num_envs,)``."""
     params: dict[str, Any] = {}
     """Further arguments of the function."""
     weight: float = MISSING
     """Factor; a term of weight 0 is not evaluated."""
-    clip: tuple[float, float] | None = None
+    clip: tuple[AnyFloat, AnyFloat] | None = None
     """Bounds of the term's value, before the weight."""
 
     def problems(self) -> Iterator[tuple[str, str]]:

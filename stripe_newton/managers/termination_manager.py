@@ -22,6 +22,8 @@ __all__ = ["TerminationManager", "TerminationManagerCfg", "TerminationTermCfg"]
 class TerminationTermCfg:
     """Config of a termination term: a condition that ends an episode."""
 
+    MAY_BE_NONE: ClassVar[bool] = True
+
     func: Callable[..., object] = MISSING
     """Warp function ``(env, ...) -> bool``, or torch function ``(env, **params)`` that returns bool ``(num_envs,)``."""
     params: dict[str, Any] = {}

@@ -32,7 +32,7 @@ from .configs import (
     RslRlRNNModelCfg,
     RslRlSymmetryCfg,
 )
-from .errors import CheckpointError, ExportError
+from .errors import CheckpointError, DivergedError, ExportError
 
 if TYPE_CHECKING:
     from .distillation import DistillationRunner
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CheckpointError",
     "DistillationRunner",
+    "DivergedError",
     "EvalResult",
     "ExportError",
     "ExportedPolicy",

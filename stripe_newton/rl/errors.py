@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of training that the user can fix: checkpoints and exports."""
+"""Errors of training that the user can fix: checkpoints, diverged policies and exports."""
 
 from __future__ import annotations
 
-__all__ = ["CheckpointError", "CheckpointWriteError", "ExportError"]
+__all__ = ["CheckpointError", "CheckpointWriteError", "DivergedError", "ExportError"]
 
 
 class CheckpointError(ValueError):
@@ -12,6 +12,10 @@ class CheckpointError(ValueError):
 
 class CheckpointWriteError(CheckpointError):
     """A checkpoint that could not be written; the file that was there before is untouched."""
+
+
+class DivergedError(RuntimeError):
+    """A policy whose weights or losses are not finite any more."""
 
 
 class ExportError(RuntimeError):

@@ -19,11 +19,12 @@ from stripe_newton.configclass import ConfigError
 
 from .configs import RslRlBaseRunnerCfg, RslRlDistillationRunnerCfg
 from .distributed import join, world
-from .errors import CheckpointError, CheckpointWriteError
+from .errors import CheckpointError, CheckpointWriteError, DivergedError
 from .graphs.loop import learn_in_graphs
 from .graphs.rollout import GraphRollout
 from .runner_settings import env_mismatches, rsl_rl_settings, why_no_graphs
 from .runs.checkpoint import CheckpointData, load_checkpoint, save_checkpoint
+from .runs.divergence import check_networks
 from .runs.interrupt import on_first_signal
 from .runs.run_folder import RunFolder
 from .runs.run_logger import RunLogger, StopTraining
@@ -118,7 +119,16 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
         Returns:
             Whether all iterations were done.
+
+        Raises:
+            DivergedError: if the policy has diverged, with the iteration and the last sound checkpoint.
+            CheckpointError: if another training runs in the run folder.
         """
+        writes = self.run_folder is not None and not self.logger.disable_logs
+        with self.run_folder.hold() if writes else contextlib.nullcontext():
+            return self._learn_held(num_learning_iterations, init_at_random_ep_len)
+
+    def _learn_held(self, num_learning_iterations: int | None, init_at_random_ep_len: bool | None) -> bool:
         count = self.agent_cfg.max_iterations - self.iterations_done
         count = count if num_learning_iterations is None else num_learning_iterations
         if count <= 0:
@@ -138,11 +148,23 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             except StopTraining:
                 # It leaves the loop from within the logger, before rsl_rl's loop would save.
                 self._save_final()
+            except (ValueError, RuntimeError) as error:
+                # Weights that are not finite show in many places: in the sampling, in the environment, in the losses.
+                if not isinstance(error, DivergedError):
+                    self._check_weights(f"iteration {self.iterations_done + 1}", error)
+                raise
             finally:
                 if self.logger.writer is not None:
                     self.logger.stop_logging_writer()
         self._raise_if_unsaved()
         return self.iterations_done == target
+
+    def _check_weights(self, where: str, error: Exception) -> None:
+        """Raise the error about a diverged policy, if that is the cause of an error."""
+        try:
+            check_networks(self.networks, where, self.run_folder)
+        except DivergedError as cause:
+            raise cause from error
 
     def _prepare_run_folder(self) -> None:
         """Write the configs, and move checkpoints aside that are later than where the run goes on."""
@@ -189,10 +211,12 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
         Raises:
             CheckpointWriteError: outside :meth:`learn`, if the file cannot be written.
+            DivergedError: if the weights are not finite; nothing is written then.
         """
         path = Path(path)
         if self.run_folder is not None and path.parent == self.run_folder.path:
             path = self.run_folder.checkpoints / path.name
+        check_networks(self.networks, f"iteration {self.iterations_done}", self.run_folder)
         # Before the return of the other ranks: they send their states here.
         state = gather_state(self)
         if self.gpu_global_rank:
@@ -230,6 +254,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
         Raises:
             CheckpointError: if the file is missing, damaged, of another program, or of other networks.
+            DivergedError: if its weights are not finite.
         """
         return self._load(path, load_cfg, strict, map_location).get("infos")
 
@@ -320,7 +345,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
                 self.logger.iterations_done = data["iter"] + 1
         except KeyError as error:
             raise CheckpointError(f"{path}: lacks {error}") from None
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
             # torch's message has a headline and then a line for each parameter; three of them are enough.
             detail = "; ".join(line.strip() for line in str(error).splitlines()[1:4]) or str(error)
             raise CheckpointError(f"{path}: has other networks or observations: {detail}") from None
+        check_networks(self.networks, str(path), RunFolder.of_checkpoint(Path(path)))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -21,6 +20,7 @@ from stripe_newton.sensors.sensor_data import SensorData
 from stripe_newton.sim.host_flags import HostFlags
 from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers.pair_list import remove_geom_pairs
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt
 
 from .capsules import MAX_CELLS, Capsules, list_cells
 from .scenery import Scenery
@@ -59,22 +59,22 @@ class ObstaclesCfg(SensorCfg):
     """Function that returns the obstacles instead, such as with :meth:`Capsules.from_colliders`."""
     of_scenery: bool = False
     """Whether the obstacles are the colliders of the assets of the scene's specification, which then are no shapes."""
-    capacity: int | None = None
+    capacity: PositiveInt | None = None
     """Limit on the obstacles that may take their place later; by default as many as there are, a quarter more with
     ``of_scenery``."""
     asset_name: str = "robot"
     """The asset that touches them, by its name in the scene."""
-    slots: int = 8
+    slots: PositiveInt = 8
     """Number of obstacles that a robot can touch at a time."""
-    reach: float = 1.5
+    reach: PositiveFloat = 1.5
     """Distance from the robot's root within which no obstacle may be missed [m]: the robot's extent from its root, and
     the distance it moves in a step of the environment."""
-    sight: float | None = None
+    sight: PositiveFloat | None = None
     """Distance from the root up to which obstacles are found [m], for terms that see them from afar; they also get
     slots that nearer ones leave free. By default ``reach``. It is the size of a cell of the grid, too."""
-    directions: int = 32
+    directions: PositiveInt = 32
     """Number of directions about the robot in which ``mdp.obstacle_proximity`` looks."""
-    friction: float | None = None
+    friction: NonNegativeFloat | None = None
     """Coefficient of friction; by default that of ``SimulationCfg.physics_material``."""
 
     @property
@@ -102,18 +102,9 @@ class ObstaclesCfg(SensorCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from self._source_problems()
-        for name in ("slots", "directions"):
-            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
-                yield name, f"is {getattr(self, name)!r}, must be a whole number, 1 or more"
-        if not (math.isfinite(self.reach) and self.reach > 0.0):
-            yield "reach", f"is {self.reach}, must be a distance above 0 [m]"
-        if self.sight is not None and not (math.isfinite(self.sight) and self.sight >= self.reach):
+        if self.sight is not None and self.sight < self.reach:
             yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"
-        if self.friction is not None and not (math.isfinite(self.friction) and self.friction >= 0.0):
-            yield "friction", f"is {self.friction}, must be 0 or more"
-        if self.capacity is not None and (not isinstance(self.capacity, int) or self.capacity < 1):
-            yield "capacity", f"is {self.capacity!r}, must be a whole number, 1 or more"
-        elif self.capacity is not None and self.positions is not None:
+        if self.capacity is not None and self.positions is not None:
             given = np.asarray(self.positions)
             if given.ndim == 2 and len(given) > self.capacity:
                 yield "capacity", f"is {self.capacity}, but there are {len(given)} obstacles"

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 from pxr import Usd
 
-from stripe_newton.assets import Articulation, AssetBase, RigidObject, TerrainBase
+from stripe_newton.assets import Articulation, AssetBase, AssetBaseCfg, RigidObject, TerrainBase
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.sensors import SensorBase
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.scene_context import scene_context
 from stripe_newton.terrains.spiral_grid import spiral_grid
 from stripe_newton.usd.file_errors import path_reason
+from stripe_newton.value_types import NonNegativeFloat, PositiveInt
 
 from .scene_parts import Part, configured_parts, with_prim_paths
 from .scenery_options import SceneryOptionsCfg
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
     from .imported_scenery import ImportedScenery
 
 __all__ = ["InteractiveSceneCfg", "SceneContents"]
+
+
+_GREATEST_EXTENT = 1.0e5
+"""Side of the square of all environments, at whose edge float32 has steps of 8 mm [m]."""
 
 
 @configclass
@@ -44,13 +49,14 @@ class InteractiveSceneCfg:
             robot: ArticulationCfg = CARTPOLE_CFG.replace(prim_path="{ENV_REGEX_NS}/Robot")
     """
 
-    num_envs: int = MISSING
+    num_envs: PositiveInt = MISSING
     """Number of environments."""
-    env_spacing: float = MISSING
+    env_spacing: NonNegativeFloat = MISSING
     """Distance between neighbouring environments [m]. With 0 all stand at the origin, where float32 is finest. Without
     effect in a scenery, where environments share one world."""
-    scenery: str | None = None
-    """USD file of a world that somebody else wrote, as the scenery of all environments, such as ``room.usd``."""
+    scenery: str | AssetBaseCfg | None = None
+    """USD file of a world that somebody else wrote, as the scenery of all environments, such as ``room.usd``. In scenes
+    of a specification, the asset that is made of it."""
     scenery_options: SceneryOptionsCfg = SceneryOptionsCfg()
     """Pose and size of the scenery, what becomes of the task's ground, and where robots start."""
     lazy_sensor_update: bool = True
@@ -83,10 +89,11 @@ class InteractiveSceneCfg:
     }
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if self.num_envs is not MISSING and (not isinstance(self.num_envs, int) or self.num_envs < 1):
-            yield "num_envs", f"is {self.num_envs!r}, must be a whole number, 1 or more"
-        if self.env_spacing is not MISSING and not (math.isfinite(self.env_spacing) and self.env_spacing >= 0):
-            yield "env_spacing", f"is {self.env_spacing!r}, must be a distance, 0 or more [m]"
+        if self.num_envs is not MISSING and self.env_spacing is not MISSING:
+            extent = self.env_spacing * math.sqrt(self.num_envs)
+            if extent > _GREATEST_EXTENT:
+                text = f"is {self.env_spacing}, which puts {self.num_envs} environments on a square of {extent:.3g} m"
+                yield "env_spacing", f"{text}; float32 is too coarse there, at most {_GREATEST_EXTENT:g} m can be"
         if self.scenery_file is not None and (reason := path_reason(Path(self.scenery_file).expanduser())):
             yield "scenery", f"'{self.scenery_file}': {reason}"
 

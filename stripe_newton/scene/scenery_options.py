@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from stripe_newton.configclass import configclass
 from stripe_newton.terrains.start_spots import StartSpotsCfg
+from stripe_newton.value_types import PositiveFloat
 
 __all__ = ["SceneryOptionsCfg"]
 
@@ -22,7 +22,7 @@ class SceneryOptionsCfg:
     """Position of the stage's origin [m]."""
     rot: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     """Orientation of the stage, quaternion (x, y, z, w), after its up axis was turned to Z."""
-    scale: float = 1.0
+    scale: PositiveFloat = 1.0
     """Factor on its size, after its units were converted to metres."""
     ground: str = "auto"
     """The task's own ground: ``"replace"`` leaves it out, ``"keep"`` keeps it, ``"auto"`` replaces it where the stage
@@ -33,11 +33,7 @@ class SceneryOptionsCfg:
     """Places where robots start."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if not all(math.isfinite(x) for x in self.pos):
-            yield "pos", f"is {self.pos}, must be three finite lengths [m]"
         if not 0.99 < sum(x * x for x in self.rot) ** 0.5 < 1.01:
             yield "rot", f"is {self.rot}, must be a unit quaternion in the order (x, y, z, w)"
-        if not (math.isfinite(self.scale) and self.scale > 0.0):
-            yield "scale", f"is {self.scale}, must be positive"
         if self.ground not in _GROUND:
             yield "ground", f"is '{self.ground}', must be one of {', '.join(map(repr, _GROUND))}"

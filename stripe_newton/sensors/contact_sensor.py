@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import newton
@@ -19,6 +18,7 @@ from stripe_newton.matching import match_names
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers import SolverFused
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt
 
 from .clock import SensorClock, period_steps
 from .corruption import Corruption
@@ -52,7 +52,7 @@ class ContactSensorCfg(SensorBaseCfg):
     """Whether times in the air and in contact are kept."""
     track_pose: bool = False
     """Whether ``pos_w`` and ``quat_w`` are handed out."""
-    force_threshold: float = 1.0
+    force_threshold: NonNegativeFloat = 1.0
     """Force above which a body is in contact [N]."""
     substeps: bool | None = None
     """Measure after every physics step, so that the history holds physics steps and times are as fine; otherwise once,
@@ -60,17 +60,8 @@ class ContactSensorCfg(SensorBaseCfg):
     noise: NoiseCfg | NoiseModelCfg | None = None
     """Noise on ``net_forces_w`` and its history; times and ``force_matrix_w`` have none. A noise model draws its bias
     at the start of an episode."""
-    delay: int = 0
+    delay: NonNegativeInt = 0
     """Age of ``net_forces_w`` and its history, in measurements; times and ``force_matrix_w`` are not late."""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        yield from super().problems()
-        if not (math.isfinite(self.force_threshold) and self.force_threshold >= 0.0):
-            yield "force_threshold", f"is {self.force_threshold}, must be a force, 0 or more [N]"
-        if not isinstance(self.delay, int) or self.delay < 0:
-            yield "delay", f"is {self.delay!r}, must be a whole number of measurements, 0 or more"
-        if isinstance(self.filter_prim_paths_expr, str):
-            yield "filter_prim_paths_expr", f"is the text '{self.filter_prim_paths_expr}', must be a list of paths"
 
 
 class ContactSensor(SensorBase):

@@ -12,6 +12,7 @@ import warp as wp
 from stripe_kernels.sensors import frame as kernels
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+from stripe_newton.value_types import NonNegativeInt
 
 from . import prim_paths
 from .clock import SensorClock
@@ -63,7 +64,7 @@ class FrameTransformerCfg(SensorBaseCfg):
     noise: Mapping[str, NoiseCfg | NoiseModelCfg] = {}
     """Noise by output, such as ``{"target_pos_source": GaussianNoiseCfg(std=0.01)}``; positions alone may have it. A
     noise model draws its bias at the start of an episode."""
-    delay: int = 0
+    delay: NonNegativeInt = 0
     """Age of all outputs, in measurements."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
@@ -71,7 +72,7 @@ class FrameTransformerCfg(SensorBaseCfg):
         if self.target_frames is not MISSING and not self.target_frames:
             yield "target_frames", "is empty, must have one frame at least"
         what = "a frame transformer"
-        yield from output_problems(self.noise, self.delay, self.history_length, _NOISY_OUTPUTS, what)
+        yield from output_problems(self.noise, self.history_length, _NOISY_OUTPUTS, what)
 
 
 class FrameTransformerData(SensorData):

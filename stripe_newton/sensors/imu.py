@@ -12,6 +12,7 @@ import warp as wp
 from stripe_kernels.sensors import imu as kernels
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+from stripe_newton.value_types import NonNegativeInt
 
 from . import prim_paths
 from .clock import SensorClock
@@ -60,12 +61,12 @@ class ImuCfg(SensorBaseCfg):
     noise: Mapping[str, NoiseCfg | NoiseModelCfg] = {}
     """Noise by output, such as ``{"ang_vel_b": GaussianNoiseCfg(std=0.02)}``; a noise model draws its bias at the start
     of an episode."""
-    delay: int = 0
+    delay: NonNegativeInt = 0
     """Age of all outputs, in measurements."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()
-        yield from output_problems(self.noise, self.delay, self.history_length, _NOISY_OUTPUTS, "an IMU")
+        yield from output_problems(self.noise, self.history_length, _NOISY_OUTPUTS, "an IMU")
 
 
 class Imu(SensorBase):

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import PositiveFloat
 
 __all__ = ["PinholeIntrinsics"]
 
@@ -21,22 +21,16 @@ T = TypeVar("T", bound="PinholeIntrinsics")
 class PinholeIntrinsics:
     """Focal length and film. Only their ratios count; USD gives them in tenths of a scene unit."""
 
-    focal_length: float = 24.0
+    focal_length: PositiveFloat = 24.0
     """Distance from the lens to the film."""
-    horizontal_aperture: float = 20.955
+    horizontal_aperture: PositiveFloat = 20.955
     """Width of the film, in the same unit."""
-    vertical_aperture: float | None = None
+    vertical_aperture: PositiveFloat | None = None
     """Height of the film; ``None`` for square pixels."""
     horizontal_aperture_offset: float = 0.0
     """Distance by which the optical axis meets the film to the right of its middle, in the same unit."""
     vertical_aperture_offset: float = 0.0
     """Distance by which it meets the film below its middle, in the same unit."""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        for name in ("focal_length", "horizontal_aperture", "vertical_aperture"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                yield name, f"is {value}, must be above 0"
 
     @classmethod
     def from_intrinsic_matrix(

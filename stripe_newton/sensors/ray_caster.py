@@ -7,7 +7,7 @@ import math
 import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import newton
 import numpy as np
@@ -22,6 +22,7 @@ from stripe_kernels.sensors.ray_field import RayField
 from stripe_kernels.sensors.ray_shapes import cast_rays
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
+from stripe_newton.value_types import INFINITE, NonNegativeInt, Range
 
 from .clock import SensorClock
 from .corruption import Corruption
@@ -64,7 +65,7 @@ class RayCasterCfg(SensorBaseCfg):
     upright, ``"world"`` its position alone."""
     attach_yaw_only: bool | None = None
     """Former spelling: True is ``ray_alignment="yaw"``."""
-    max_distance: float = 1.0e6
+    max_distance: Annotated[float, INFINITE, Range(above=0.0)] = 1.0e6
     """Length of the rays [m]; nothing beyond it is hit."""
     mesh_prim_paths: Sequence[str] = ()
     """Prims that the rays hit, with all below them, such as ``/World/ground`` or ``{ENV_REGEX_NS}/Box_.*``; expressions
@@ -79,7 +80,7 @@ class RayCasterCfg(SensorBaseCfg):
     noise: NoiseCfg | NoiseModelCfg | None = None
     """Noise of the lengths of the rays [m]; rays that hit nothing have none. A noise model draws its bias for an
     episode."""
-    delay: int = 0
+    delay: NonNegativeInt = 0
     """Age of pose and hits, in measurements."""
 
     @property
@@ -91,17 +92,10 @@ class RayCasterCfg(SensorBaseCfg):
         yield from super().problems()
         if self.ray_alignment not in _ALIGNMENTS:
             yield "ray_alignment", f"is {self.ray_alignment!r}, must be 'base', 'yaw' or 'world'"
-        if not self.max_distance > 0.0:
-            yield "max_distance", f"is {self.max_distance}, must be a distance above 0 [m]"
         yield from self._path_problems()
         wrong = set(self.ray_cast_drift_range) - {"x", "y", "z"}
         if wrong:
             yield "ray_cast_drift_range", f"has {', '.join(sorted(wrong))}, its keys are x, y and z"
-        for name, bounds in (("drift_range", self.drift_range), *self.ray_cast_drift_range.items()):
-            if len(bounds) != 2 or not all(math.isfinite(b) for b in bounds):
-                yield name, f"is {bounds}, must be two finite lengths [m]"
-        if not isinstance(self.delay, int) or self.delay < 0:
-            yield "delay", f"is {self.delay!r}, must be a whole number of measurements, 0 or more"
         if self.history_length:
             yield "history_length", "is not kept by ray casters; set it on the observation term"
 

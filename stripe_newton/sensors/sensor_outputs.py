@@ -94,13 +94,12 @@ class SensorOutputs(Generic[T]):
 
 
 def output_problems(
-    noise: Mapping[str, NoiseCfg | NoiseModelCfg], delay: int, history_length: int, outputs: tuple[str, ...], what: str
+    noise: Mapping[str, NoiseCfg | NoiseModelCfg], history_length: int, outputs: tuple[str, ...], what: str
 ) -> Iterator[tuple[str, str]]:
-    """Problems of the ``noise``, ``delay`` and ``history_length`` of a config.
+    """Problems of the ``noise`` and ``history_length`` of a config.
 
     Args:
         noise: Noise by output.
-        delay: Age of what is read, in measurements.
         history_length: Past measurements that the config asks for; these sensors keep none.
         outputs: Outputs that may have noise.
         what: What the sensor is, such as "an IMU".
@@ -108,7 +107,5 @@ def output_problems(
     for name in noise:
         if name not in outputs:
             yield "noise", f"has '{name}', must be of {', '.join(outputs)}"
-    if not isinstance(delay, int) or delay < 0:
-        yield "delay", f"is {delay!r}, must be a whole number of measurements, 0 or more"
     if history_length:
         yield "history_length", f"is not kept by {what}; give the observation term a history instead"

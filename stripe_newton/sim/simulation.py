@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import newton
 import numpy as np
@@ -22,6 +21,7 @@ from stripe_newton.configclass import configclass
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
 from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
+from stripe_newton.value_types import PositiveInt, Range
 
 from .capture import capture_graph
 from .connect_anchors import ConnectAnchors
@@ -51,9 +51,9 @@ class SimulationCfg:
 
     device: str | None = None
     """``"cpu"``, ``"cuda"`` or ``"cuda:N"``. Default: the first GPU where there is one, else the CPU."""
-    dt: float = 1.0 / 60.0
+    dt: Annotated[float, Range(above=0.0, at_most=1.0)] = 1.0 / 60.0
     """Time step of the physics [s]."""
-    render_interval: int = 1
+    render_interval: PositiveInt = 1
     """Physics steps between updates of the live viewer of ``stripe-newton play``."""
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81)
     """Gravity in the world frame [m/s^2]. ``None`` takes the stage's own."""
@@ -75,12 +75,6 @@ class SimulationCfg:
     """Replay the physics as one CUDA graph (on a GPU). Switch off to debug a kernel."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if not (isinstance(self.dt, (int, float)) and math.isfinite(self.dt) and self.dt > 0):
-            yield "dt", f"is {self.dt!r}, must be a positive number of seconds"
-        if not isinstance(self.render_interval, int) or self.render_interval < 1:
-            yield "render_interval", f"is {self.render_interval!r}, must be a whole number of steps, 1 or more"
-        if self.gravity is not None and not (len(self.gravity) == 3 and all(map(math.isfinite, self.gravity))):
-            yield "gravity", f"is {self.gravity!r}, must be three finite numbers [m/s^2] or None"
         if self.on_overflow not in ("grow", "raise", "warn"):
             yield "on_overflow", f"is '{self.on_overflow}', must be 'grow', 'raise' or 'warn'"
         if self.device is not None and self.device.split(":")[0] not in ("cpu", "cuda"):

@@ -7,7 +7,6 @@ Every field is an argument of that solver unless it says otherwise, and ``None``
 from __future__ import annotations
 
 import dataclasses
-import math
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
@@ -24,6 +23,7 @@ from stripe_newton.solvers.static_meshes import (
     has_triangles,
     moves_other_kinds,
 )
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, WrittenPath
 
 from .contact_room import contact_room
 from .ground_contacts import use_triangles
@@ -110,11 +110,7 @@ class SolverCfg:
         return False
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name, value in self.arguments().items():
-            if isinstance(value, float) and not math.isfinite(value):
-                yield name, f"is {value}, must be finite"
-            elif name.endswith(("iterations", "njmax", "nconmax")) and isinstance(value, int) and value < 0:
-                yield name, f"is {value}, must not be negative"
+        return iter(())
 
 
 @configclass
@@ -132,21 +128,21 @@ class MuJoCoSolverCfg(SolverCfg):
 
     separate_worlds: bool | None = None
     """Map each Newton world to a MuJoCo world. Default: yes."""
-    njmax: int | None = None
+    njmax: NonNegativeInt | None = None
     """Constraints a world has room for. Default: those of a world in which each body lies on others."""
-    njmax_nnz: int | None = None
+    njmax_nnz: NonNegativeInt | None = None
     """Non-zeros of the sparse constraint Jacobian a world has room for."""
-    nconmax: int | None = None
+    nconmax: NonNegativeInt | None = None
     """Contact points a world has room for. Default: as for ``njmax``, up to eight for each body that can move."""
-    iterations: int | None = None
+    iterations: NonNegativeInt | None = None
     """Solver iterations. MuJoCo's default is 100."""
-    ls_iterations: int | None = None
+    ls_iterations: NonNegativeInt | None = None
     """Line search iterations. MuJoCo's default is 50."""
-    ccd_iterations: int | None = None
+    ccd_iterations: NonNegativeInt | None = None
     """Iterations of convex collision detection."""
-    sdf_iterations: int | None = None
+    sdf_iterations: NonNegativeInt | None = None
     """Iterations of signed distance collision detection."""
-    sdf_initpoints: int | None = None
+    sdf_initpoints: NonNegativeInt | None = None
     """Starting points of signed distance collision detection."""
     solver: str | None = None
     """``"newton"`` (default) or ``"cg"``."""
@@ -156,17 +152,17 @@ class MuJoCoSolverCfg(SolverCfg):
     """Friction cone: ``"pyramidal"`` (default) or ``"elliptic"``."""
     jacobian: str | None = None
     """``"auto"`` (default), ``"dense"`` or ``"sparse"``."""
-    impratio: float | None = None
+    impratio: PositiveFloat | None = None
     """Ratio of frictional to normal constraint impedance."""
-    tolerance: float | None = None
+    tolerance: NonNegativeFloat | None = None
     """Residual at which the solver stops."""
-    ls_tolerance: float | None = None
+    ls_tolerance: NonNegativeFloat | None = None
     """Residual at which the line search stops."""
-    ccd_tolerance: float | None = None
+    ccd_tolerance: NonNegativeFloat | None = None
     """Tolerance of convex collision detection."""
-    density: float | None = None
+    density: NonNegativeFloat | None = None
     """Density of the medium [kg/m^3], for drag and lift."""
-    viscosity: float | None = None
+    viscosity: NonNegativeFloat | None = None
     """Viscosity of the medium [Pa s]."""
     wind: tuple[float, float, float] | None = None
     """Velocity of the medium [m/s]."""
@@ -178,15 +174,15 @@ class MuJoCoSolverCfg(SolverCfg):
     """Up to four contact points for a pair of convex shapes."""
     enable_sleeping: bool | None = None
     """Whether resting bodies sleep (GPU only)."""
-    nvmax: int | None = None
+    nvmax: PositiveInt | None = None
     """Active degrees of freedom a world has room for while sleeping is enabled."""
-    sleep_tolerance: float | None = None
+    sleep_tolerance: NonNegativeFloat | None = None
     """Velocity below which a body may sleep."""
     disable_contacts: bool | None = None
     """Compute no contacts."""
     disable_sensors: bool | None = None
     """Compute no MuJoCo sensors."""
-    save_to_mjcf: str | None = None
+    save_to_mjcf: WrittenPath | None = None
     """Write the MuJoCo model to this file."""
     use_mujoco_contacts: bool | None = None
     """MuJoCo's collision detection, which takes the hull of each mesh; ``False``: Newton's pipeline. Default: MuJoCo's,
@@ -341,9 +337,9 @@ class FeatherstoneSolverCfg(SolverCfg):
 
     solver_class: ClassVar[str] = "SolverFeatherstone"
 
-    angular_damping: float | None = None
+    angular_damping: NonNegativeFloat | None = None
     """Damping of angular velocity."""
-    update_mass_matrix_interval: int | None = None
+    update_mass_matrix_interval: PositiveInt | None = None
     """Steps between updates of the mass matrix."""
     use_tile_gemm: bool | None = None
     """Use Warp's tile operators (a kernel is compiled for each articulation size)."""
@@ -358,23 +354,23 @@ class XPBDSolverCfg(SolverCfg):
     solver_class: ClassVar[str] = "SolverXPBD"
     reduced_coordinates: ClassVar[bool] = False
 
-    iterations: int | None = None
+    iterations: NonNegativeInt | None = None
     """Constraint iterations a step."""
-    joint_linear_relaxation: float | None = None
+    joint_linear_relaxation: NonNegativeFloat | None = None
     """Relaxation of linear joint corrections."""
-    joint_angular_relaxation: float | None = None
+    joint_angular_relaxation: NonNegativeFloat | None = None
     """Relaxation of angular joint corrections."""
-    joint_linear_compliance: float | None = None
+    joint_linear_compliance: NonNegativeFloat | None = None
     """Compliance of linear joint constraints [m/N]."""
-    joint_angular_compliance: float | None = None
+    joint_angular_compliance: NonNegativeFloat | None = None
     """Compliance of angular joint constraints [rad/(N m)]."""
-    rigid_contact_relaxation: float | None = None
+    rigid_contact_relaxation: NonNegativeFloat | None = None
     """Relaxation of contact corrections."""
-    rigid_contact_restitution_iterations: int | None = None
+    rigid_contact_restitution_iterations: NonNegativeInt | None = None
     """Outer iterations of the restitution solve."""
     rigid_contact_con_weighting: bool | None = None
     """Divide a body's correction by its number of contacts."""
-    angular_damping: float | None = None
+    angular_damping: NonNegativeFloat | None = None
     """Damping of angular velocity [1/s]."""
     enable_restitution: bool | None = None
     """Apply restitution."""
@@ -387,15 +383,15 @@ class SemiImplicitSolverCfg(SolverCfg):
     solver_class: ClassVar[str] = "SolverSemiImplicit"
     reduced_coordinates: ClassVar[bool] = False
 
-    angular_damping: float | None = None
+    angular_damping: NonNegativeFloat | None = None
     """Damping of angular velocity."""
-    joint_attach_ke: float | None = None
+    joint_attach_ke: NonNegativeFloat | None = None
     """Stiffness that holds joints together."""
-    joint_attach_kd: float | None = None
+    joint_attach_kd: NonNegativeFloat | None = None
     """Damping that holds joints together."""
-    joint_mimic_ke: float | None = None
+    joint_mimic_ke: NonNegativeFloat | None = None
     """Stiffness of mimic joints."""
-    joint_mimic_kd: float | None = None
+    joint_mimic_kd: NonNegativeFloat | None = None
     """Damping of mimic joints."""
 
 
@@ -420,7 +416,7 @@ class KaminoSolverCfg(SolverCfg):
     """``"euler"`` (default) or ``"moreau"``."""
     rotation_correction: str | None = None
     """``"twopi"`` (default), ``"continuous"`` or ``"none"``."""
-    angular_velocity_damping: float | None = None
+    angular_velocity_damping: NonNegativeFloat | None = None
     """Damping of angular velocity."""
 
     @property

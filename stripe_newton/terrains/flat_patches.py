@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt
 
 __all__ = ["FlatPatchSamplingCfg", "Range", "find_flat_patches"]
 
@@ -23,9 +23,9 @@ _SLACK = 1.0e-6
 class FlatPatchSamplingCfg:
     """Flat patches to sample on each tile."""
 
-    num_patches: int = MISSING
+    num_patches: PositiveInt = MISSING
     """Patches per tile. Where fewer places are level, some are taken more than once."""
-    patch_radius: float | Sequence[float] = MISSING
+    patch_radius: PositiveFloat | Sequence[PositiveFloat] = MISSING
     """Radius that must be level [m]. Of several radii the largest counts."""
     x_range: Range = (-1.0e6, 1.0e6)
     """Range of the x coordinate, relative to the tile's origin [m]."""
@@ -33,7 +33,7 @@ class FlatPatchSamplingCfg:
     """Range of the y coordinate, relative to the tile's origin [m]."""
     z_range: Range = (-1.0e6, 1.0e6)
     """Range of the height, relative to the tile's origin [m]."""
-    max_height_diff: float = MISSING
+    max_height_diff: NonNegativeFloat = MISSING
     """Largest height difference within a patch [m]."""
 
     @property
@@ -43,12 +43,6 @@ class FlatPatchSamplingCfg:
         return float(max(self.patch_radius) if several else self.patch_radius)  # type: ignore[arg-type]
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if self.num_patches is not MISSING and self.num_patches < 1:
-            yield "num_patches", f"is {self.num_patches}, must be 1 or more"
-        if self.patch_radius is not MISSING and not (math.isfinite(self.radius) and self.radius > 0.0):
-            yield "patch_radius", f"is {self.patch_radius}, must be positive [m]"
-        if self.max_height_diff is not MISSING and not self.max_height_diff >= 0.0:
-            yield "max_height_diff", f"is {self.max_height_diff}, must be 0 or more [m]"
         for name in ("x_range", "y_range", "z_range"):
             low, high = getattr(self, name)
             if not low <= high:

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from stripe_kernels import start_spots as kernels
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
 
 __all__ = ["Floors", "StartSpotsCfg", "choose_spots", "find_floors"]
 
@@ -34,20 +35,20 @@ _REASONS = {
 class StartSpotsCfg:
     """Places where robots start: level, clear of everything, and on a floor that is large enough."""
 
-    num_spots: int | None = None
+    num_spots: PositiveInt | None = None
     """Number of places. ``None``: one for each environment, at least 64 and at most 1024."""
-    min_spots: int = 1
+    min_spots: PositiveInt = 1
     """Fewer places than this are an error."""
-    radius: float | None = None
+    radius: PositiveFloat | None = None
     """Radius around the place that is level and clear [m]. ``None``: that of what stands in an environment at its
     start, and 5 cm. Resets that move a robot away from its origin need more."""
-    height: float | None = None
+    height: PositiveFloat | None = None
     """Free height above the place [m]. ``None``: that of what stands in an environment, and 5 cm."""
-    max_height_diff: float = 0.03
+    max_height_diff: PositiveFloat = 0.03
     """Largest height difference of the ground within the radius [m]."""
-    max_step: float = 0.25
+    max_step: PositiveFloat = 0.25
     """Greatest step between parts of one floor [m]. Floors that stairs connect are one."""
-    min_area: float = 4.0
+    min_area: NonNegativeFloat = 4.0
     """Least area of a floor with what it connects to [m^2]: table tops are none."""
     reachable_from: tuple[float, float, float] | None = None
     """A point of the floor that places must be connected with [m], to leave out roofs. ``None``: any floor."""
@@ -55,24 +56,10 @@ class StartSpotsCfg:
     """Lower corner of the box in which places are looked for [m]. ``None``: everywhere."""
     upper: tuple[float, float, float] | None = None
     """Upper corner of that box [m]."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the choice. The same seed gives the same places."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        if self.num_spots is not None and self.num_spots < 1:
-            yield "num_spots", f"is {self.num_spots}, must be 1 or more, or None"
-        if self.min_spots < 1:
-            yield "min_spots", f"is {self.min_spots}, must be 1 or more"
-        for name in ("radius", "height"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                yield name, f"is {value}, must be positive [m], or None"
-        for name in ("max_height_diff", "max_step"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                yield name, f"is {value}, must be positive [m]"
-        if not self.min_area >= 0.0:
-            yield "min_area", f"is {self.min_area}, must be 0 or more [m^2]"
         corners = zip(self.lower or (), self.upper or (), strict=False)
         if not all(low < high for low, high in corners):
             yield "lower", f"is {self.lower}, must be below upper, {self.upper} [m]"

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt, Seed, UnitFloat
 
 from .flat_patches import find_flat_patches
 from .ground import Ground
@@ -22,33 +23,33 @@ __all__ = ["TerrainGenerator", "TerrainGeneratorCfg"]
 class TerrainGeneratorCfg:
     """A grid of tiles: rows along x are levels of difficulty, columns along y are kinds of ground."""
 
-    seed: int | None = None
+    seed: Seed | None = None
     """Seed of everything random; ``None`` is 0. A tile depends on it and on its own place in the grid alone."""
     curriculum: bool = False
     """Difficulty grows with the row and each column is of one kind. Otherwise both are random on every tile."""
     size: Range = MISSING
     """Size of a tile in x and y [m]."""
-    border_width: float = 0.0
+    border_width: NonNegativeFloat = 0.0
     """Width of the ground around all tiles [m]."""
     border_height: float = 1.0
     """A negative number raises the ground around the tiles above their edges by its magnitude [m]; otherwise it is
     level with them."""
-    num_rows: int = 1
+    num_rows: PositiveInt = 1
     """Number of rows (levels)."""
-    num_cols: int = 1
+    num_cols: PositiveInt = 1
     """Number of columns (types)."""
     color_scheme: str = "none"
     """Ignored: the ground has the colour of ``TerrainImporterCfg.visual_material``."""
-    horizontal_scale: float = 0.1
+    horizontal_scale: PositiveFloat = 0.1
     """Distance between neighbouring heights [m]."""
-    vertical_scale: float = 0.005
+    vertical_scale: NonNegativeFloat = 0.005
     """Heights of the ``Hf...`` kinds are multiples of it [m]."""
     slope_threshold: float | None = 0.75
     """Ignored: a wall of a height field is always one cell wide."""
     sub_terrains: dict[str, Any] = MISSING
     """Kinds of tiles by name, each a :class:`SubTerrainBaseCfg`. ``Any`` lets type checkers accept the fields of its
     subclasses: ``cfg.sub_terrains["boxes"].grid_height_range = (0.02, 0.1)``."""
-    difficulty_range: Range = (0.0, 1.0)
+    difficulty_range: tuple[UnitFloat, UnitFloat] = (0.0, 1.0)
     """Difficulty of the first and the last level."""
     use_cache: bool = False
     """Ignored: tiles are generated each time."""
@@ -63,20 +64,9 @@ class TerrainGeneratorCfg:
     }
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name in ("num_rows", "num_cols"):
-            if getattr(self, name) < 1:
-                yield name, f"is {getattr(self, name)}, must be 1 or more"
-        step = self.horizontal_scale
-        if not (math.isfinite(step) and step > 0.0):
-            yield "horizontal_scale", f"is {step}, must be positive [m]"
-            return  # the checks below divide by it
-        if not self.vertical_scale >= 0.0:
-            yield "vertical_scale", f"is {self.vertical_scale}, must be 0 or more [m]"
-        if not (math.isfinite(self.border_width) and self.border_width >= 0.0):
-            yield "border_width", f"is {self.border_width}, must be 0 or more [m]"
         yield from self._length_problems()
         low, high = self.difficulty_range
-        if not 0.0 <= low <= high <= 1.0:
+        if not low <= high:
             yield "difficulty_range", f"is {(low, high)}, must be (low, high) with 0 <= low <= high <= 1"
         if self.sub_terrains is not MISSING:
             yield from self._sub_terrain_problems()

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import NonNegativeInt
 
 __all__ = ["ORIGIN_TYPES", "ViewerCfg"]
 
@@ -32,7 +33,7 @@ class ViewerCfg:
     """Asset that ``origin_type="asset_root"`` follows: a name in its prim path, such as ``"Robot"``, in any case.
     None: the first asset of the environment."""
 
-    env_index: int = 0
+    env_index: NonNegativeInt = 0
     """Environment to show, unless the caller names others."""
 
     resolution: tuple[int, int] = (640, 360)

@@ -89,5 +89,5 @@ def test_a_script_runs_unmodified_and_ends_with_a_picture_of_its_last_state(scri
 
 
 def test_a_script_that_is_not_there_is_named():
-    with pytest.raises(SystemExit, match="no script 'nowhere/falling.py'"):
+    with pytest.raises(SystemExit, match=r"no script 'nowhere/falling\.py'"):
         run_script("nowhere/falling.py", [])

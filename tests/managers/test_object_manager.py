@@ -417,7 +417,7 @@ def test_wrong_configs_are_reported_together():
     with pytest.raises(ConfigError) as error:
         wrong.validate()
     text = str(error.value)
-    for part in ("count: holds no object", "num_active: is (2, 1)", "has 'w'", "min_distance: is -1.0",
+    for part in ("count: is 0", "num_active: is (2, 1)", "has 'w'", "min_distance: is -1.0",
                  "has (1.0, 0.0) for 'x'", "max_tries: is 0"):  # fmt: skip
         assert part in text
     with pytest.raises(ConfigError, match="min_distance: has no effect without 'pose_range'"):

@@ -176,7 +176,7 @@ def test_terms_read_frames_of_this_step_and_of_the_new_episode():
         ),
         ({"target_frames": [FrameCfg(prim_path=f"{ROBOT}/base")] * 2}, "base is there twice, give each its name"),
         ({"noise": {"target_quat_w": GaussianNoiseCfg()}}, "noise: has 'target_quat_w', must be of source_pos_w"),
-        ({"delay": 0.5}, "delay: is 0.5, must be a whole number of measurements"),
+        ({"delay": 0.5}, "delay: is 0.5, must be a whole number of at least 0"),
         ({"history_length": 1}, "history_length: is not kept by a frame transformer"),
     ],
 )

@@ -259,7 +259,7 @@ def test_a_period_skips_steps_and_a_reset_measures_at_once(tmp_path):
         ({"prim_path": "{ENV_REGEX_NS}/Robot/(upper|lower)"}, "upper, lower match, it must name one"),
         ({"noise": {"quat_w": GaussianNoiseCfg()}}, "noise: has 'quat_w', must be of pos_w"),
         ({"noise": {"ang_vel_b": GaussianNoiseCfg(std=(0.1, 0.2))}}, "noise.std: has 2 numbers, must have 1 or 3"),
-        ({"delay": -1}, "delay: is -1, must be a whole number of measurements"),
+        ({"delay": -1}, "delay: is -1, must be a whole number of at least 0"),
         ({"history_length": 2}, "history_length: is not kept by an IMU"),
         ({"offset": OffsetCfg(rot=(0.0, 0.0, 0.0, 2.0))}, "must be a unit quaternion"),
         ({"update_period": 0.5 * DT, "prim_path": "{ENV_REGEX_NS}/Robot/.*"}, "match, it must name one"),

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import CodeName, PositiveFloat, PositiveInt
 
-from .field_checks import Problems, at_least, one_of, positive
+from .field_checks import Problems, one_of
 from .model_cfg import RslRlMLPModelCfg
 from .ppo_cfg import OPTIMIZERS
 from .runner_cfg import RslRlBaseRunnerCfg
@@ -17,15 +18,15 @@ __all__ = ["RslRlDistillationAlgorithmCfg", "RslRlDistillationRunnerCfg"]
 class RslRlDistillationAlgorithmCfg:
     """Distillation: supervised learning of the teacher's actions in the states that the student visits."""
 
-    class_name: str = "Distillation"
+    class_name: CodeName = "Distillation"
     """Algorithm: rsl_rl's name or ``module:Class``."""
-    num_learning_epochs: int = 1
+    num_learning_epochs: PositiveInt = 1
     """Epochs: passes over the steps of an iteration."""
-    gradient_length: int = 15
+    gradient_length: PositiveInt = 15
     """Steps whose losses are summed for one gradient step. It should divide ``num_steps_per_env``."""
-    learning_rate: float = 1e-3
+    learning_rate: PositiveFloat = 1e-3
     """Learning rate."""
-    max_grad_norm: float | None = None
+    max_grad_norm: PositiveFloat | None = None
     """Largest norm of the gradient, or ``None`` for no bound."""
     optimizer: str = "adam"
     """``"adam"``, ``"adamw"``, ``"sgd"`` or ``"rmsprop"``."""
@@ -35,10 +36,6 @@ class RslRlDistillationAlgorithmCfg:
     """Whether the networks run in bfloat16 during the update."""
 
     def problems(self) -> Problems:
-        yield from at_least(self, 1, "num_learning_epochs", "gradient_length")
-        yield from positive(self, "learning_rate")
-        if self.max_grad_norm is not None:
-            yield from positive(self, "max_grad_norm")
         yield from one_of(self, "optimizer", OPTIMIZERS)
         yield from one_of(self, "loss_type", ("mse", "huber"))
 
@@ -47,7 +44,7 @@ class RslRlDistillationAlgorithmCfg:
 class RslRlDistillationRunnerCfg(RslRlBaseRunnerCfg):
     """A distillation run. The teacher must have the networks and observation groups of the run that trained it."""
 
-    num_steps_per_env: int = 120
+    num_steps_per_env: PositiveInt = 120
     """Environment steps in an iteration."""
     obs_groups: dict[str, list[str]] = {"student": ["policy"], "teacher": ["policy"]}
     """Observation groups that the student and the teacher read, concatenated in this order."""

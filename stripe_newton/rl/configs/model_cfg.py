@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import CodeName, PositiveFloat, PositiveInt
 
-from .field_checks import Problems, at_least, layer_widths, one_of, positive
+from .field_checks import Problems, layer_widths, one_of
 
 __all__ = ["ACTIVATIONS", "RslRlCNNModelCfg", "RslRlMLPModelCfg", "RslRlRNNModelCfg"]
 
@@ -34,11 +35,11 @@ class RslRlMLPModelCfg:
     class GaussianDistributionCfg:
         """Gaussian actions with one standard deviation for each action, independent of the state."""
 
-        class_name: str = "GaussianDistribution"
+        class_name: CodeName = "GaussianDistribution"
         """Name of the distribution in rsl_rl, or ``module:Class``."""
-        init_std: float = 1.0
+        init_std: PositiveFloat = 1.0
         """Initial standard deviation, in units of the action."""
-        std_range: tuple[float, float] = (1e-6, 1e6)
+        std_range: tuple[PositiveFloat, PositiveFloat] = (1e-6, 1e6)
         """Bounds of the standard deviation: smallest, largest."""
         std_type: str = "scalar"
         """Parameter that is learned: the deviation itself (``"scalar"``) or its logarithm (``"log"``)."""
@@ -46,42 +47,40 @@ class RslRlMLPModelCfg:
         """Whether the standard deviation is learned. If not, it stays ``init_std``."""
 
         def problems(self) -> Problems:
-            yield from positive(self, "init_std")
             yield from one_of(self, "std_type", ("scalar", "log"))
-            if len(self.std_range) != 2 or not self.std_range[0] <= self.std_range[1]:
+            if not self.std_range[0] <= self.std_range[1]:
                 yield "std_range", f"is {self.std_range!r}, must be (smallest, largest)"
 
     @configclass
     class HeteroscedasticGaussianDistributionCfg:
         """Gaussian actions whose standard deviation is a second output of the network."""
 
-        class_name: str = "HeteroscedasticGaussianDistribution"
+        class_name: CodeName = "HeteroscedasticGaussianDistribution"
         """Name of the distribution in rsl_rl, or ``module:Class``."""
-        init_std: float = 1.0
+        init_std: PositiveFloat = 1.0
         """Initial standard deviation, in units of the action."""
-        std_range: tuple[float, float] = (1e-6, 1e6)
+        std_range: tuple[PositiveFloat, PositiveFloat] = (1e-6, 1e6)
         """Bounds of the standard deviation: smallest, largest."""
         std_type: str = "scalar"
         """Output of the network: the deviation itself (``"scalar"``) or its logarithm (``"log"``)."""
 
         def problems(self) -> Problems:
-            yield from positive(self, "init_std")
             yield from one_of(self, "std_type", ("scalar", "log"))
 
     @configclass
     class BetaDistributionCfg:
         """Beta actions, for action spaces with bounds."""
 
-        class_name: str = "BetaDistribution"
+        class_name: CodeName = "BetaDistribution"
         """Name of the distribution in rsl_rl, or ``module:Class``."""
         action_range: tuple[float, float] = (-1.0, 1.0)
         """Lower and upper bound of every action."""
 
         def problems(self) -> Problems:
-            if len(self.action_range) != 2 or not self.action_range[0] < self.action_range[1]:
+            if not self.action_range[0] < self.action_range[1]:
                 yield "action_range", f"is {self.action_range!r}, must be (low, high) with low < high"
 
-    class_name: str = "MLPModel"
+    class_name: CodeName = "MLPModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     hidden_dims: tuple[int, ...] = (256, 128, 64)
     """Widths of the hidden layers; -1 is the width of the input."""
@@ -103,19 +102,18 @@ class RslRlMLPModelCfg:
 class RslRlRNNModelCfg(RslRlMLPModelCfg):
     """A recurrent network (LSTM or GRU) followed by a multilayer perceptron."""
 
-    class_name: str = "RNNModel"
+    class_name: CodeName = "RNNModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     rnn_type: str = "lstm"
     """Kind of recurrent layer: ``"lstm"`` or ``"gru"``."""
-    rnn_hidden_dim: int = 256
+    rnn_hidden_dim: PositiveInt = 256
     """Width of the recurrent state."""
-    rnn_num_layers: int = 1
+    rnn_num_layers: PositiveInt = 1
     """Number of stacked recurrent layers."""
 
     def problems(self) -> Problems:
         yield from super().problems()
         yield from one_of(self, "rnn_type", ("lstm", "gru"))
-        yield from at_least(self, 1, "rnn_hidden_dim", "rnn_num_layers")
 
 
 @configclass
@@ -126,13 +124,13 @@ class RslRlCNNModelCfg(RslRlMLPModelCfg):
     class CNNCfg:
         """One convolutional encoder. A single value, rather than a tuple, applies to every layer."""
 
-        output_channels: tuple[int, ...] = (16, 32, 32)
+        output_channels: tuple[PositiveInt, ...] = (16, 32, 32)
         """Output channels of each layer."""
-        kernel_size: int | tuple[int, ...] = 3
+        kernel_size: PositiveInt | tuple[PositiveInt, ...] = 3
         """Kernel size in pixels."""
-        stride: int | tuple[int, ...] = 1
+        stride: PositiveInt | tuple[PositiveInt, ...] = 1
         """Stride in pixels."""
-        dilation: int | tuple[int, ...] = 1
+        dilation: PositiveInt | tuple[PositiveInt, ...] = 1
         """Dilation in pixels."""
         padding: str = "none"
         """Padding: none, zeros, reflect, replicate or circular."""
@@ -148,12 +146,11 @@ class RslRlCNNModelCfg(RslRlMLPModelCfg):
         """Whether the output is flattened; the MLP that follows needs a flat input."""
 
         def problems(self) -> Problems:
-            yield from layer_widths(self, "output_channels")
             yield from one_of(self, "padding", ("none", "zeros", "reflect", "replicate", "circular"))
             yield from one_of(self, "activation", ACTIVATIONS)
             yield from one_of(self, "global_pool", ("none", "max", "avg"))
 
-    class_name: str = "CNNModel"
+    class_name: CodeName = "CNNModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     cnn_cfg: CNNCfg | dict[str, CNNCfg] = CNNCfg()
     """The encoder of every image group, or a dict with one encoder for each group."""

@@ -6,8 +6,9 @@ from __future__ import annotations
 import importlib.util
 
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 
-from .field_checks import Problems, at_least, one_of, positive
+from .field_checks import Problems, folder_names, one_of
 from .model_cfg import RslRlMLPModelCfg, RslRlRNNModelCfg
 from .ppo_cfg import RslRlPpoAlgorithmCfg
 
@@ -27,15 +28,15 @@ def _is_installed(package: str) -> bool:
 class RslRlBaseRunnerCfg:
     """A training run: the fields that are the same for PPO and distillation."""
 
-    seed: int = 42
+    seed: Seed = 42
     """Seed of Python, NumPy and torch, and of the environment unless that has a seed of its own."""
-    num_steps_per_env: int = 24
+    num_steps_per_env: PositiveInt = 24
     """Environment steps in an iteration."""
-    max_iterations: int = 1500
+    max_iterations: PositiveInt = 1500
     """Iterations of the whole run; those before a resume count."""
-    save_interval: int = 50
+    save_interval: PositiveInt = 50
     """Iterations between checkpoints."""
-    regenerate_interval: int = 0
+    regenerate_interval: NonNegativeInt = 0
     """Iterations after which the scene is generated anew from its specification, 0 for never. The seed of the new
     scene is that of the config plus the number of scenes before it."""
     init_at_random_ep_len: bool = True
@@ -46,7 +47,7 @@ class RslRlBaseRunnerCfg:
     """Suffix of the run folder's name."""
     obs_groups: dict[str, list[str]] = {}
     """Observation groups that each network reads, concatenated in this order."""
-    clip_actions: float | None = None
+    clip_actions: PositiveFloat | None = None
     """Bound of the absolute value of every action, or ``None`` for none."""
     check_for_nan: bool = True
     """Whether NaN in observations or rewards ends the run with an error."""
@@ -65,11 +66,8 @@ class RslRlBaseRunnerCfg:
     """Project of Weights & Biases or Neptune; by default ``experiment_name``."""
 
     def problems(self) -> Problems:
-        yield from at_least(self, 1, "num_steps_per_env", "max_iterations", "save_interval")
-        if not isinstance(self.regenerate_interval, int) or self.regenerate_interval < 0:
-            yield "regenerate_interval", f"is {self.regenerate_interval!r}, must be a whole number, 0 or more"
-        if self.clip_actions is not None:
-            yield from positive(self, "clip_actions")
+        yield from folder_names(self, "experiment_name", parts=True)
+        yield from folder_names(self, "run_name")
         yield from one_of(self, "runner", ("graph", "rsl_rl"))
         yield from one_of(self, "matmul_precision", ("highest", "high", "medium"))
         if self.torch_compile_mode is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import signal
 import statistics
 import threading
@@ -92,7 +91,7 @@ class Sweep:
 
     def close(self) -> None:
         """Unlock the folder."""
-        os.close(self._lock)
+        self._lock.release()
 
     def run(self) -> bool:
         """Run all trials.
@@ -181,7 +180,8 @@ class Sweep:
         words = [*self.cfg.words(item.params), "--seed", str(run.seed), "--device", slot.device, *more]
         words += ["--log-dir", str(run.path), "--final-video", "False"]
         # The process inherits the lock of the folder, and holds it until it has saved.
-        self.running.append((item, SweepProcess(run, slot, [*self.command, *words], keep_open=[self._lock])))
+        shared = [] if self._lock.descriptor is None else [self._lock.descriptor]
+        self.running.append((item, SweepProcess(run, slot, [*self.command, *words], keep_open=shared)))
         names = short_names(self.cfg.varied)
         shown = ", ".join(f"{name} {format_number(item.params[field])}" for field, name in names.items())
         going_on = " goes on" if more else ""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import itertools
 import os
 import time
@@ -14,6 +13,9 @@ import optuna
 import yaml
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
+
+from stripe_newton.file_lock import FileLock
+from stripe_newton.input_files import InputFileError, read_yaml
 
 from .sweep_cfg import SweepCfg
 
@@ -27,7 +29,7 @@ class SweepError(Exception):
     """A sweep that cannot be started or continued."""
 
 
-def lock_folder(folder: Path, show: Callable[[str], None]) -> int:
+def lock_folder(folder: Path, show: Callable[[str], None]) -> FileLock:
     """Lock a folder for this process and for those that inherit the lock.
 
     The runs of a sweep inherit it. So they still hold it after the sweep was killed, until they have saved.
@@ -36,31 +38,22 @@ def lock_folder(folder: Path, show: Callable[[str], None]) -> int:
         folder: The folder.
         show: Called with a line of text if this has to wait.
 
-    Returns:
-        The file descriptor; closing it unlocks the folder.
-
     Raises:
         SweepError: if a sweep is running in it.
     """
-    path = folder / "lock"
-    lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    lock = FileLock(folder / "lock")
     end = time.monotonic() + _SAVING_SECONDS
     for attempt in itertools.count():
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
-        except BlockingIOError:
-            owner = path.read_text(encoding="utf-8") or "0"
-            if _is_alive(int(owner)) or time.monotonic() > end:
-                os.close(lock)
-                raise SweepError(f"{folder}: a sweep is running here (process {owner})") from None
-            if attempt == 0:
-                show("waiting for the runs of the earlier sweep to save")
-            time.sleep(0.5)
-    # The process in the file tells a sweep that runs from one whose runs are still saving.
-    os.ftruncate(lock, 0)
-    os.write(lock, str(os.getpid()).encode())
-    return lock
+        owner = lock.acquire()
+        if owner is None:
+            return lock
+        # The owner tells a sweep that runs from one whose runs are still saving.
+        if not owner.is_dead() or time.monotonic() > end:
+            raise SweepError(f"{folder}: a sweep is running here ({owner})")
+        if attempt == 0:
+            show("waiting for the runs of the earlier sweep to save")
+        time.sleep(0.5)
+    raise AssertionError("the loop has no end")
 
 
 def write_cfg(folder: Path, cfg: SweepCfg) -> None:
@@ -71,7 +64,13 @@ def write_cfg(folder: Path, cfg: SweepCfg) -> None:
     """
     path = folder / "sweep.yaml"
     if path.exists():
-        differences = cfg.differences(yaml.safe_load(path.read_text(encoding="utf-8")) or {})
+        try:
+            before = read_yaml(path) or {}
+        except InputFileError as error:
+            raise SweepError(f"{error}; delete it, or give this sweep a 'name' of its own") from None
+        if not isinstance(before, dict):
+            raise SweepError(f"{path}: contains {type(before).__name__}, must be the settings of a sweep")
+        differences = cfg.differences(before)
         if differences:
             raise SweepError(
                 f"{folder}: contains another sweep, which cannot continue as this one: {'; '.join(differences)}. "
@@ -124,15 +123,3 @@ def _cut_half_line(journal: Path) -> None:
     data = journal.read_bytes() if journal.exists() else b""
     if data and not data.endswith(b"\n"):
         journal.write_bytes(data[: data.rfind(b"\n") + 1])
-
-
-def _is_alive(process: int) -> bool:
-    if process <= 0:
-        return False
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # it is another user's
-        return True
-    return True

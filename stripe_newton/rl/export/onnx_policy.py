@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from stripe_newton.rl.errors import CheckpointError
+from stripe_newton.rl.errors import CheckpointError, DivergedError
 from stripe_newton.rl.torch_vector_env import TorchVectorEnv
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 
 from .env_description import action_terms, articulations, observation_groups
-from .metadata_format import ObservationGroupInfo, ObservationTermInfo, PolicyMetadata
+from .metadata_format import NetworkInfo, ObservationGroupInfo, ObservationTermInfo, PolicyMetadata
 from .policy_metadata import read_policy_metadata
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class OnnxPolicy:
             CheckpointError: if the file is missing, damaged, without metadata, or of other observations, joints or
                 actions than the environment's; the message names each.
         """
-        path = Path(path).expanduser()
+        self._path = path = Path(path).expanduser()
         self.metadata = read_policy_metadata(path)
         problems = list(_mismatches(self.metadata, env))
         if problems:
@@ -58,6 +58,7 @@ class OnnxPolicy:
         self._session = _open(path, str(env.device))
         network = self.metadata["network"]
         self._inputs, self._states = network["inputs"], network["states"]
+        _check_names(path, self._session, network)
         self._names = ["actions", *(state["output"] for state in self._states)]
         self._clip = self.metadata["actions"]["clip"]
         self._num_envs, self._device = env.num_envs, env.device
@@ -71,6 +72,10 @@ class OnnxPolicy:
             joined = torch.cat(groups, dim=-1) if groups else torch.zeros(self._num_envs, 0)
             arrays[entry["name"]] = joined.detach().to("cpu", torch.float32).contiguous().numpy()
         actions, *hidden = self._session.run(self._names, arrays | self._hidden)
+        if not np.isfinite(actions).all():
+            finite = all(np.isfinite(array).all() for array in arrays.values())
+            cause = "its weights are not finite: the training had diverged" if finite else "so were its observations"
+            raise DivergedError(f"{self._path}: the policy's actions are not finite; {cause}")
         self._hidden = {s["input"]: value for s, value in zip(self._states, hidden, strict=True)}
         out = torch.from_numpy(actions).to(self._device)
         return out if self._clip is None else out.clamp(-self._clip, self._clip)
@@ -101,6 +106,25 @@ def _open(path: Path, device: str) -> onnxruntime.InferenceSession:
         return onnxruntime.InferenceSession(str(path), providers=providers)
     except Exception as error:  # its errors have no common base
         raise CheckpointError(f"{path}: onnxruntime cannot run it ({str(error).splitlines()[0][:160]})") from None
+
+
+def _check_names(path: Path, session: onnxruntime.InferenceSession, network: NetworkInfo) -> None:
+    """Check that the network has the inputs and outputs that its metadata names, and states of their sizes.
+
+    Raises:
+        CheckpointError: if it has not.
+    """
+    inputs = {item.name: item.shape for item in session.get_inputs()}
+    outputs = [item.name for item in session.get_outputs()]
+    named = [entry["name"] for entry in network["inputs"]] + [state["input"] for state in network["states"]]
+    wrong = sorted(set(named) ^ set(inputs))
+    wrong += [name for name in ("actions", *(state["output"] for state in network["states"])) if name not in outputs]
+    for state in network["states"]:
+        sizes = [size for size in inputs.get(state["input"], ()) if isinstance(size, int)]
+        if sizes != [size for size in state["shape"] if size != "batch"]:
+            wrong.append(f"{state['input']} of shape {state['shape']}")
+    if wrong:
+        raise CheckpointError(f"{path}: its metadata are of another network: they differ in {', '.join(wrong)}")
 
 
 # -- comparison with the environment

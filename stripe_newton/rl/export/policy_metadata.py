@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, cast
 
 from rsl_rl.models import CNNModel, MLPModel
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.rl.errors import CheckpointError
 from stripe_newton.rl.torch_vector_env import TorchVectorEnv, rl_env_of
+from stripe_newton.value_types import mismatches
 
 from .env_description import action_terms, articulations, commands, observation_groups, sensors, sensors_of
 from .metadata_format import NetworkInfo, NetworkInput, NetworkState, Plain, PolicyMetadata
@@ -84,18 +86,21 @@ def read_policy_metadata(path: str | os.PathLike) -> PolicyMetadata:
     if path.is_dir():
         inside = [path / "policy.json", path / "exported" / "policy.json"]
         path = next((file for file in inside if file.is_file()), inside[0])
-    if not path.is_file():
-        raise CheckpointError(f"{path}: does not exist; 'stripe-newton export RUN' writes it")
+    if problem := why_no_file(path):
+        raise CheckpointError(f"{path}: {problem}; 'stripe-newton export RUN' writes it")
     read = {".onnx": _read_onnx, ".json": _read_json}.get(path.suffix, _read_torchscript)
     try:
         data = read(path)
-    except (ValueError, KeyError, OSError, zipfile.BadZipFile) as error:
-        raise CheckpointError(f"{path}: has no metadata of a policy ({str(error).splitlines()[0][:120]})") from None
+    except (ValueError, KeyError, OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise CheckpointError(f"{path}: has no metadata of a policy ({reason})") from None
     version = data.get("format_version") if isinstance(data, dict) else None
-    if not isinstance(version, int):
+    if not isinstance(version, int) or isinstance(version, bool):
         raise CheckpointError(f"{path}: has no metadata of a policy; was it written by 'stripe-newton export RUN'?")
     if version > FORMAT_VERSION:
         raise CheckpointError(f"{path}: has metadata of version {version}, this package reads up to {FORMAT_VERSION}")
+    if wrong := list(mismatches(data, PolicyMetadata)):
+        raise CheckpointError(f"{path}: has wrong metadata: {'; '.join(wrong[:3])}")
     return cast(PolicyMetadata, data)
 
 

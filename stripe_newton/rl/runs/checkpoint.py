@@ -9,6 +9,7 @@ import os
 import pickle
 import random
 import shutil
+import struct
 import warnings
 import zipfile
 from pathlib import Path
@@ -17,8 +18,11 @@ from typing import Any, TypedDict
 import numpy as np
 import torch
 from torch.types import Storage
+from typing_extensions import Required
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.rl.errors import CheckpointError, CheckpointWriteError
+from stripe_newton.value_types import NonNegativeInt, mismatches
 
 __all__ = [
     "CheckpointData",
@@ -35,6 +39,17 @@ __all__ = [
 CheckpointData = dict[str, Any]
 """Contents of a checkpoint: tensors and plain values, nested. The keys are those of rsl_rl's algorithm, and ``iter``,
 ``infos`` and ``stripe_newton`` (:class:`TrainingState`)."""
+
+
+class _Contents(TypedDict, total=False):
+    """The parts of a checkpoint that every reader uses."""
+
+    iter: Required[NonNegativeInt]
+    actor_state_dict: dict[str, torch.Tensor]
+    critic_state_dict: dict[str, torch.Tensor]
+    student_state_dict: dict[str, torch.Tensor]
+    optimizer_state_dict: dict[str, object]
+    stripe_newton: dict[str, object] | None
 
 
 class RngState(TypedDict, total=False):
@@ -94,15 +109,31 @@ def _sync_folder(folder: Path) -> None:
 
 def damage_of(path: str | os.PathLike) -> str | None:
     """Damage of a file that :func:`save_checkpoint` wrote, found by its checksums; None if it is whole."""
+    if problem := why_no_file(path):
+        return problem
     try:
         with zipfile.ZipFile(path) as archive:
-            bad = archive.testzip()
+            return _damage_of_zip(archive, os.path.getsize(path))
     except zipfile.BadZipFile:
         with open(path, "rb") as file:
             magic = file.read(2)
         return "is damaged or cut short" if magic in (b"PK", b"") else "was not written by torch.save"
     except OSError as error:
         return f"cannot be read: {error.strerror or error}"
+    except (ValueError, RuntimeError, struct.error) as error:  # what zipfile raises for headers that make no sense
+        return f"is damaged ({_first_line(error)})"
+
+
+def _damage_of_zip(archive: zipfile.ZipFile, size: int) -> str | None:
+    members = archive.infolist()
+    # Before anything is unpacked: torch.save neither packs nor encrypts, so what it wrote is no larger than the file.
+    if any(member.flag_bits & 1 for member in members):
+        return "is an encrypted archive, which torch.save does not write"
+    if any(member.compress_type != zipfile.ZIP_STORED for member in members):
+        return "is a packed archive, which torch.save does not write"
+    if sum(member.file_size for member in members) > size:
+        return "is damaged: its parts are larger than the file"
+    bad = archive.testzip()
     return None if bad is None else f"is damaged: the checksum of '{bad}' is wrong"
 
 
@@ -115,8 +146,6 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         CheckpointError: if the file is missing, damaged, or not a checkpoint of rsl_rl 5.
     """
     path = Path(path)
-    if not path.exists():
-        raise CheckpointError(f"{path}: does not exist")
     damage = damage_of(path)
     if damage is not None:
         raise CheckpointError(f"{path}: {damage}")
@@ -127,7 +156,7 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         reason = next((line.strip() for line in str(error).splitlines() if "GLOBAL" in line), _first_line(error))
         text = "contains more than tensors and plain values, so it is not read"
         raise CheckpointError(f"{path}: {text} ({reason})") from None
-    except (RuntimeError, EOFError, OSError) as error:
+    except Exception as error:  # whatever a pickle of somebody else's makes torch run into
         raise CheckpointError(f"{path}: was not written by torch.save ({_first_line(error)})") from None
     # rsl_rl before version 5 had other keys, and other programs have none of these.
     if not isinstance(data, dict) or not {"actor_state_dict", "student_state_dict"} & set(data):
@@ -135,6 +164,8 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         raise CheckpointError(
             f"{path}: is not a checkpoint of rsl_rl 5, expected a dict with 'actor_state_dict', found {found}"
         )
+    if wrong := list(mismatches(data, _Contents)):
+        raise CheckpointError(f"{path}: has wrong contents: {'; '.join(wrong[:3])}")
     return data
 
 

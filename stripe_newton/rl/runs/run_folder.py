@@ -8,18 +8,26 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 
 import yaml
 
 from stripe_newton.configclass import Config
+from stripe_newton.file_lock import FileLock
+from stripe_newton.input_files import InputFileError, read_yaml
+from stripe_newton.rl.configs.field_checks import why_no_folder_name
 from stripe_newton.rl.errors import CheckpointError
+from stripe_newton.value_types import short
 
 __all__ = ["Params", "RunFolder", "find_checkpoint", "find_newest", "find_run"]
 
-_CHECKPOINT = re.compile(r"model_(\d+)\.pt")
+_CHECKPOINT = re.compile(r"model_(\d{1,18})\.pt")
+LOCK_NAME = "lock"
+"""File by which a running training keeps others out."""
+_held: set[Path] = set()
+"""Run folders that this process holds."""
 
 Params = dict[str, dict]
 """Configs of a run by ``"env"`` and ``"agent"``, as nested dicts of plain values."""
@@ -52,7 +60,15 @@ class RunFolder:
 
     @classmethod
     def create(cls, root: str | os.PathLike, experiment: str, run_name: str = "") -> RunFolder:
-        """Make a new folder ``root/experiment/DATE_TIME[_run_name]``; a number is added if that one exists."""
+        """Make a new folder ``root/experiment/DATE_TIME[_run_name]``; a number is added if that one exists.
+
+        Raises:
+            ValueError: if a name leads out of ``root``, or has characters that no folder should have.
+            OSError: if the folder cannot be made.
+        """
+        for what, name, parts in (("experiment", experiment, True), ("run_name", run_name, False)):
+            if problem := why_no_folder_name(name, parts):
+                raise ValueError(f"{what}: {problem}")
         stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S") + (f"_{run_name}" if run_name else "")
         for number in range(1, 1000):
             # `mkdir` fails if another process was faster, so two runs never share a folder.
@@ -94,9 +110,49 @@ class RunFolder:
                 moved.append(target)
         return moved
 
+    @contextlib.contextmanager
+    def hold(self) -> Iterator[None]:
+        """Keep other trainings out of the folder within this context. In one process it may be nested.
+
+        Raises:
+            CheckpointError: if another training holds it, with its process, host and time; or if a part of the folder
+                is a link that leads out of it.
+        """
+        key = self.path.resolve()
+        if key in _held:  # by an outer context
+            yield
+            return
+        self._check_links()
+        lock = FileLock(self.path / LOCK_NAME)
+        try:
+            owner = lock.acquire()
+        except OSError as error:
+            raise CheckpointError(f"{self.path}: cannot be locked: {error.strerror or error}") from error
+        if owner is not None:
+            raise CheckpointError(
+                f"{self.path}: another training runs in this folder: {owner}; wait until it has ended, or stop it"
+            )
+        _held.add(key)
+        try:
+            yield
+        finally:
+            _held.discard(key)
+            lock.release()
+
+    def _check_links(self) -> None:
+        """Check that what is written below the folder stays there.
+
+        Raises:
+            CheckpointError: for a part of the folder that is a link to another place.
+        """
+        root = self.path.resolve()
+        for part in (self.checkpoints, self.params, self.videos, self.exported):
+            if part.is_symlink() and not part.resolve().is_relative_to(root):
+                raise CheckpointError(f"{part}: is a link to {part.resolve()}, outside of the run folder; remove it")
+
     def remove_unused(self) -> None:
         """Remove the folder of a run that did not begin. A folder with more than the configs in it is left alone."""
-        if self.path.is_dir() and {file.name for file in self.path.iterdir()} <= {self.params.name}:
+        if self.path.is_dir() and {file.name for file in self.path.iterdir()} <= {self.params.name, LOCK_NAME}:
             shutil.rmtree(self.path, ignore_errors=True)
 
     def write_task(self, task: str) -> None:
@@ -105,8 +161,11 @@ class RunFolder:
 
     def read_task(self) -> str | None:
         """The name of the task in ``params/run.yaml``, or None if there is none."""
-        data = self._read("run") if (self.params / "run.yaml").exists() else {}
-        return data.get("task")
+        data = self._read("run") if os.path.lexists(self.params / "run.yaml") else {}
+        task = data.get("task")
+        if task is not None and not isinstance(task, str):
+            raise CheckpointError(f"{self.params / 'run.yaml'}: task: is {short(task)}, must be text")
+        return task
 
     def write_params(self, env_cfg: Config | Mapping, agent_cfg: Config | Mapping, num_envs: int | None = None) -> None:
         """Write ``params/env.yaml`` and ``params/agent.yaml``.
@@ -149,12 +208,12 @@ class RunFolder:
 
     def _read(self, name: str) -> dict:
         file = self.params / f"{name}.yaml"
+        if not os.path.lexists(file):
+            raise CheckpointError(f"{file}: is missing; is {self.path} a run folder?")
         try:
-            data = yaml.safe_load(file.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise CheckpointError(f"{file}: is missing; is {self.path} a run folder?") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise CheckpointError(f"{file}: is not valid YAML ({str(error).splitlines()[0]})") from None
+            data = read_yaml(file)
+        except InputFileError as error:
+            raise CheckpointError(str(error)) from None
         if not isinstance(data, dict):
             raise CheckpointError(f"{file}: contains {type(data).__name__}, expected a mapping")
         return data

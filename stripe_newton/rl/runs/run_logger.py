@@ -18,9 +18,12 @@ from rsl_rl.utils.log_writer import LogWriter
 from rsl_rl.utils.logger import Logger
 
 from stripe_newton.rl.distributed import exchange, stop_asked
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt
 
+from .divergence import check_losses
 from .log_writers import RankLogWriter, RunLogWriter
 from .metrics_csv import merge_rows
+from .run_folder import RunFolder
 
 __all__ = ["LoggerState", "RunLogger", "StopTraining"]
 
@@ -34,9 +37,9 @@ class StopTraining(Exception):
 class LoggerState(TypedDict, total=False):
     """Totals of a run, and the episodes that its log is averaged over. The keys are names of rsl_rl's attributes."""
 
-    tot_timesteps: int
+    tot_timesteps: NonNegativeInt
     """Samples of all environments."""
-    tot_time: float
+    tot_time: NonNegativeFloat
     """Duration of all iterations [s]."""
     rewbuffer: list[float]
     """Returns of the last episodes that ended."""
@@ -130,8 +133,10 @@ class RunLogger(Logger):
         The arguments are those of rsl_rl's ``Logger.log``.
 
         Raises:
+            DivergedError: if a loss is not finite.
             StopTraining: if the run was asked to stop; all ranks stop after the same iteration.
         """
+        check_losses(loss_dict, it, None if self.log_dir is None else RunFolder(self.log_dir))
         if self.read_std is not None:
             action_std = self.read_std()
         with contextlib.redirect_stdout(io.StringIO()):

@@ -16,6 +16,7 @@ from rsl_rl.extensions import RandomNetworkDistillation
 from stripe_newton.rl.distributed import gather
 from stripe_newton.rl.errors import CheckpointError
 from stripe_newton.rl.torch_vector_env import EnvState, TorchVectorEnv, rl_env_of
+from stripe_newton.value_types import PositiveFloat, mismatches
 
 from .checkpoint import RngState, from_bytes, get_rng_state, load_checkpoint, set_rng_state, to_bytes
 from .run_logger import LoggerState
@@ -46,7 +47,7 @@ class TrainingState(TypedDict, total=False):
     """Memory of each network by name; None if no network is recurrent."""
     last_hidden: tuple | None
     """Memory from which a distillation's next update starts."""
-    learning_rate: float
+    learning_rate: PositiveFloat
     """The learning rate, which the adaptive schedule changes."""
     logger: LoggerState
     """Totals, returns and lengths of the log."""
@@ -99,6 +100,8 @@ def restore_state(
     Raises:
         CheckpointError: if the state is that of another environment.
     """
+    if wrong := list(mismatches(state, TrainingState, "stripe_newton")):
+        raise CheckpointError(f"{path}: cannot be resumed: {'; '.join(wrong[:3])}")
     same_ranks = 1 + len(state.get("ranks", ())) == runner.gpu_world_size
     if not same_ranks:
         print(
@@ -117,7 +120,7 @@ def restore_state(
             set_rng_state(state["rng"], runner.device)
     except KeyError as error:
         raise CheckpointError(f"{path}: lacks {error}, was it written by another version?") from None
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, TypeError, AttributeError, IndexError, OverflowError) as error:
         raise CheckpointError(f"{path}: does not fit this environment: {error}") from error
 
 

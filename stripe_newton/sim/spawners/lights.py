@@ -10,6 +10,7 @@ from pxr import Gf, Usd, UsdLux
 
 from stripe_newton.configclass import configclass
 from stripe_newton.sim.scene_context import authored_path, current_stage
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat
 
 from .spawner_cfg import Orientation, SpawnerCfg, Translation, finish, place
 
@@ -55,7 +56,7 @@ class LightCfg(SpawnerCfg):
     """UsdLux type."""
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear RGB."""
-    intensity: float = 1.0
+    intensity: NonNegativeFloat = 1.0
     """Brightness [nit]."""
     exposure: float = 0.0
     """Doublings of the brightness."""
@@ -63,7 +64,7 @@ class LightCfg(SpawnerCfg):
     """Divide the power by the size of the light."""
     enable_color_temperature: bool = False
     """Use ``color_temperature``."""
-    color_temperature: float = 6500.0
+    color_temperature: PositiveFloat = 6500.0
     """Colour of a black body [K]."""
 
     sizes: ClassVar[tuple[str, ...]] = ()
@@ -107,7 +108,7 @@ class SphereLightCfg(LightCfg):
 
     sizes: ClassVar[tuple[str, ...]] = ("radius",)
 
-    radius: float = 0.5
+    radius: NonNegativeFloat = 0.5
     """Radius [m]."""
 
 
@@ -119,7 +120,7 @@ class DiskLightCfg(LightCfg):
 
     prim_type: str = "DiskLight"
     """UsdLux type."""
-    radius: float = 0.5
+    radius: NonNegativeFloat = 0.5
     """Radius [m]."""
 
 
@@ -131,7 +132,7 @@ class CylinderLightCfg(LightCfg):
 
     prim_type: str = "CylinderLight"
     """UsdLux type."""
-    radius: float = 0.5
+    radius: NonNegativeFloat = 0.5
     """Radius [m]."""
-    length: float = 1.0
+    length: NonNegativeFloat = 1.0
     """Length [m]."""

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 
 from pxr import Gf, Sdf, Usd, UsdPhysics, UsdShade
 
 from stripe_newton.configclass import configclass
 from stripe_newton.sim.scene_context import authored_path, current_stage
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, UnitFloat
 
 __all__ = [
     "PreviewSurfaceCfg",
@@ -69,13 +69,13 @@ class RigidBodyMaterialCfg:
 
     func: Callable[..., Usd.Prim] = spawn_rigid_body_material
     """Function that authors the material."""
-    static_friction: float = 0.5
+    static_friction: NonNegativeFloat = 0.5
     """Coefficient of static friction; kept in the stage. Newton's solvers have one coefficient, the dynamic one."""
-    dynamic_friction: float = 0.5
+    dynamic_friction: NonNegativeFloat = 0.5
     """Coefficient of friction."""
-    restitution: float = 0.0
+    restitution: NonNegativeFloat = 0.0
     """Coefficient of restitution; solvers without restitution (MuJoCo) ignore it."""
-    density: float | None = None
+    density: PositiveFloat | None = None
     """Density [kg/m^3] of bodies that have no mass of their own."""
     friction_combine_mode: str = "max"
     """PhysX's rule for the friction of two colliders; kept in the stage. Newton's solvers have their own (MuJoCo: the
@@ -84,12 +84,6 @@ class RigidBodyMaterialCfg:
     """PhysX's rule for the restitution of two colliders; kept in the stage."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name in ("static_friction", "dynamic_friction", "restitution"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                yield name, f"is {value}, must be zero or more"
-        if self.density is not None and not (math.isfinite(self.density) and self.density > 0):
-            yield "density", f"is {self.density}, must be positive [kg/m^3] or None"
         for name in ("friction_combine_mode", "restitution_combine_mode"):
             if getattr(self, name) not in ("average", "min", "multiply", "max"):
                 yield name, f"is '{getattr(self, name)}', must be 'average', 'min', 'multiply' or 'max'"
@@ -105,9 +99,9 @@ class PreviewSurfaceCfg:
     """Linear RGB."""
     emissive_color: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Linear RGB."""
-    roughness: float = 0.5
+    roughness: UnitFloat = 0.5
     """Roughness, from 0 (mirror) to 1 (matt)."""
-    metallic: float = 0.0
+    metallic: UnitFloat = 0.0
     """Metalness, from 0 (dielectric) to 1 (metal)."""
-    opacity: float = 1.0
+    opacity: UnitFloat = 1.0
     """Opacity, from 0 (clear) to 1 (opaque)."""

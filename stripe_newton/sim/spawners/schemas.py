@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.configclass import configclass
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, NonNegativeLimit, PositiveFloat
 
 __all__ = [
     "ArticulationRootPropertiesCfg",
@@ -42,29 +43,29 @@ class RigidBodyPropertiesCfg:
     """Whether its motion is prescribed."""
     disable_gravity: bool | None = None
     """PhysX only; Newton reads gravity for the whole world."""
-    linear_damping: float | None = None
+    linear_damping: NonNegativeFloat | None = None
     """PhysX only [1/s]."""
-    angular_damping: float | None = None
+    angular_damping: NonNegativeFloat | None = None
     """PhysX only [1/s]."""
-    max_linear_velocity: float | None = None
+    max_linear_velocity: NonNegativeLimit | None = None
     """PhysX only [m/s]."""
-    max_angular_velocity: float | None = None
+    max_angular_velocity: NonNegativeLimit | None = None
     """PhysX only [deg/s]."""
-    max_depenetration_velocity: float | None = None
+    max_depenetration_velocity: NonNegativeLimit | None = None
     """PhysX only [m/s]."""
-    max_contact_impulse: float | None = None
+    max_contact_impulse: NonNegativeLimit | None = None
     """PhysX only."""
     enable_gyroscopic_forces: bool | None = None
     """PhysX only; Newton's solvers always include them."""
     retain_accelerations: bool | None = None
     """PhysX only."""
-    solver_position_iteration_count: int | None = None
+    solver_position_iteration_count: NonNegativeInt | None = None
     """PhysX only."""
-    solver_velocity_iteration_count: int | None = None
+    solver_velocity_iteration_count: NonNegativeInt | None = None
     """PhysX only."""
-    sleep_threshold: float | None = None
+    sleep_threshold: NonNegativeFloat | None = None
     """PhysX only."""
-    stabilization_threshold: float | None = None
+    stabilization_threshold: NonNegativeFloat | None = None
     """PhysX only."""
 
 
@@ -78,13 +79,13 @@ class ArticulationRootPropertiesCfg:
     """Whether bodies of the articulation collide with each other."""
     fix_root_link: bool | None = None
     """Add (``True``) or remove (``False``) the fixed joint between world and root body."""
-    solver_position_iteration_count: int | None = None
+    solver_position_iteration_count: NonNegativeInt | None = None
     """PhysX only."""
-    solver_velocity_iteration_count: int | None = None
+    solver_velocity_iteration_count: NonNegativeInt | None = None
     """PhysX only."""
-    sleep_threshold: float | None = None
+    sleep_threshold: NonNegativeFloat | None = None
     """PhysX only."""
-    stabilization_threshold: float | None = None
+    stabilization_threshold: NonNegativeFloat | None = None
     """PhysX only."""
 
 
@@ -112,16 +113,10 @@ class CollisionPropertiesCfg:
 class MassPropertiesCfg:
     """Mass of a body; ``None`` leaves what the prim says."""
 
-    mass: float | None = None
+    mass: PositiveFloat | None = None
     """Mass [kg]; it overrides the density."""
-    density: float | None = None
+    density: PositiveFloat | None = None
     """Density [kg/m^3]."""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        for name in ("mass", "density"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                yield name, f"is {value}, must be positive and finite"
 
 
 @configclass
@@ -130,13 +125,13 @@ class JointDrivePropertiesCfg:
 
     drive_type: str | None = None
     """``"force"`` or ``"acceleration"``."""
-    max_effort: float | None = None
+    max_effort: NonNegativeLimit | None = None
     """Limit of the drive [N or N m]."""
-    max_velocity: float | None = None
+    max_velocity: NonNegativeLimit | None = None
     """Velocity limit [m/s or rad/s]."""
-    stiffness: float | None = None
+    stiffness: NonNegativeFloat | None = None
     """Position gain [N/m or N m/rad]."""
-    damping: float | None = None
+    damping: NonNegativeFloat | None = None
     """Velocity gain [N s/m or N m s/rad]."""
 
 

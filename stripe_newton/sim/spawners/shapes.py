@@ -16,6 +16,7 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.sim.scene_context import authored_path, current_stage
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat
 
 from . import schemas
 from .materials import PreviewSurfaceCfg, RigidBodyMaterialCfg, bind_material
@@ -109,7 +110,7 @@ def _with_axis(geometry: UsdGeom.Capsule | UsdGeom.Cylinder | UsdGeom.Cone, cfg:
 class CuboidCfg(ShapeCfg):
     """A box centred at its origin."""
 
-    size: tuple[float, float, float] = MISSING
+    size: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = MISSING
     """Edge lengths [m]."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
@@ -127,7 +128,7 @@ class SphereCfg(ShapeCfg):
 
     lengths: ClassVar[tuple[str, ...]] = ("radius",)
 
-    radius: float = MISSING
+    radius: PositiveFloat = MISSING
     """Radius [m]."""
 
     def author(self, stage: Usd.Stage, path: str) -> Usd.Prim:
@@ -142,9 +143,9 @@ class CapsuleCfg(ShapeCfg):
 
     lengths: ClassVar[tuple[str, ...]] = ("radius", "height")
 
-    radius: float = MISSING
+    radius: PositiveFloat = MISSING
     """Radius [m]."""
-    height: float = MISSING
+    height: NonNegativeFloat = MISSING
     """Length of the cylindrical part [m]."""
     axis: str = "Z"
     """Axis of symmetry."""

@@ -134,7 +134,10 @@ def test_what_a_file_leaves_out():
         ("agent.algorithm: [1]", ["agent.algorithm: is a group of fields", "agent.algorithm.gamma"]),
         ("agent.algorithm.gamma: [high]", ["agent.algorithm.gamma: 'high' does not fit", "0.99", "float"]),
         ("agent.algorithm.num-learning-epochs: [1.5]", ["num-learning-epochs: 1.5 does not fit", "int"]),
-        ("agent.algorithm.gamma: [0.9, 1.5]", ["agent.algorithm.gamma: 1.5 is rejected", "must lie in [0, 1]"]),
+        (
+            "agent.algorithm.gamma: [0.9, 1.5]",
+            ["agent.algorithm.gamma: 1.5 is rejected", "must be a number from 0 to 1"],
+        ),
         ("env.limit: [-1.0]", ["env.limit: -1.0 is rejected", "must be above 0"]),
         ("agent.algorithm.gamma: []", ["agent.algorithm.gamma: has no values", "give a list"]),
         ("agent.algorithm.gamma: [0.9, 0.9]", ["agent.algorithm.gamma: has values twice"]),

@@ -1,0 +1,470 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Value types: whether a value is of the type that an annotation says, and that type in words.
+
+Configs, saved runs and metadata of policies are checked by these rules:
+
+* a number is finite in float32, unless its annotation has :data:`INFINITE`;
+* it is within the :class:`Range` of its annotation;
+* a bool is no number, and an ``int`` is a ``float``;
+* a list will do for a tuple and the other way round, as YAML has no tuples;
+* what cannot be decided, such as a protocol or a name that exists for type checkers alone, fits.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import enum
+import functools
+import inspect
+import math
+import numbers
+import os
+import re
+import reprlib
+import sys
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeAlias
+
+import typing_extensions
+from typing_extensions import is_typeddict
+
+__all__ = [
+    "CODE",
+    "INFINITE",
+    "WRITTEN",
+    "AnyFloat",
+    "CodeName",
+    "NonNegativeFloat",
+    "NonNegativeInt",
+    "NonNegativeLimit",
+    "PositiveFloat",
+    "PositiveInt",
+    "Range",
+    "Seed",
+    "TypeForm",
+    "UnitFloat",
+    "ValueType",
+    "WrittenPath",
+    "annotation_of",
+    "annotations_of",
+    "has_mark",
+    "mismatches",
+    "short",
+    "value_type",
+]
+
+TypeForm: TypeAlias = Any
+"""A type as an annotation has it: a class, a union, a generic. Python has no common type for them."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Bounds of a number, for an annotation: ``Annotated[float, Range(above=0.0)]``."""
+
+    at_least: float | None = None
+    """Smallest number."""
+    at_most: float | None = None
+    """Largest number."""
+    above: float | None = None
+    """Bound that is smaller than every number."""
+    below: float | None = None
+    """Bound that is larger than every number."""
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is within the bounds."""
+        return (
+            (self.at_least is None or value >= self.at_least)
+            and (self.at_most is None or value <= self.at_most)
+            and (self.above is None or value > self.above)
+            and (self.below is None or value < self.below)
+        )
+
+    def __str__(self) -> str:
+        if self.at_least is not None and self.at_most not in (None, _MOST):
+            return f"from {self.at_least:.12g} to {self.at_most:.12g}"
+        most = None if self.at_most == _MOST else self.at_most  # a bound that few come near to
+        named = {"of at least": self.at_least, "above": self.above, "at most": most, "below": self.below}
+        return " and ".join(f"{words} {value:.12g}" for words, value in named.items() if value is not None)
+
+
+INFINITE = "infinity means something"
+"""Mark of a number that may be infinite, for an annotation: ``Annotated[float, INFINITE]``. NaN stays wrong."""
+
+CODE = "names code"
+"""Mark of a text that names a class, a function, or a file of code."""
+WRITTEN = "names a place that is written"
+"""Mark of a text that names a file or folder that is written."""
+
+CodeName: TypeAlias = Annotated[str, CODE]
+"""A name of a class or function, ``module:Name``, or a file of code. Of saved configs only trusted ones are used."""
+WrittenPath: TypeAlias = Annotated[str, WRITTEN]
+"""A file or folder that is written. None is taken from a saved config."""
+AnyFloat: TypeAlias = Annotated[float, INFINITE]
+"""A number that may be infinite."""
+PositiveFloat: TypeAlias = Annotated[float, Range(above=0.0)]
+"""A finite number above 0."""
+NonNegativeFloat: TypeAlias = Annotated[float, Range(at_least=0.0)]
+"""A finite number of at least 0."""
+NonNegativeLimit: TypeAlias = Annotated[float, INFINITE, Range(at_least=0.0)]
+"""A number of at least 0, or infinity for no limit."""
+UnitFloat: TypeAlias = Annotated[float, Range(at_least=0.0, at_most=1.0)]
+"""A number from 0 to 1."""
+_MOST = 2**31 - 1
+PositiveInt: TypeAlias = Annotated[int, Range(at_least=1, at_most=_MOST)]
+"""A whole number of at least 1 that fits 32 bits, as indices on a device do."""
+NonNegativeInt: TypeAlias = Annotated[int, Range(at_least=0, at_most=_MOST)]
+"""A whole number of at least 0 that fits 32 bits."""
+Seed: TypeAlias = Annotated[int, Range(at_least=0, at_most=_MOST)]
+"""A seed that Python, NumPy, torch and Warp all take."""
+
+
+@dataclass(frozen=True)
+class ValueType:
+    """What an annotation allows."""
+
+    text: str
+    """In words, such as ``"a number above 0 or None"``."""
+    fits: Callable[[object], bool]
+    """Whether a value is of this type."""
+
+    def problem(self, value: object) -> str | None:
+        """What is wrong with a value, and what would be right; None if it fits."""
+        if self.fits(value):
+            return None
+        return f"is {short(value)}, must be {self.text}{_too_large(value)}"
+
+
+_ANYTHING = ValueType("anything", lambda value: True)
+
+
+class _ShortRepr(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = 80
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = self.maxfrozenset = 8
+        self.maxlong = 40
+        self.maxlevel = 4
+
+
+def short(value: object) -> str:
+    """The text of a value, cut where it is long; never an error."""
+    try:
+        return " ".join(_ShortRepr().repr(value).split())
+    except Exception:  # the value's own __repr__
+        return f"a {type(value).__name__}"
+
+
+# -- annotations
+
+
+class _UnknownType(type):
+    """Type of :class:`_Unknown`, which may be used in an annotation like any type."""
+
+    def __getattr__(cls, name: str) -> type:
+        if name.startswith("__"):  # what Python itself looks for
+            raise AttributeError(name)
+        return cls
+
+    def __getitem__(cls, item: object) -> type:
+        return cls
+
+
+class _Unknown(metaclass=_UnknownType):
+    """Stands for names in annotations that exist for type checkers alone."""
+
+
+class _Names(dict):
+    """Names for the evaluation of an annotation."""
+
+    def __missing__(self, name: str) -> object:
+        return vars(typing).get(name, _Unknown)
+
+
+@functools.cache
+def annotation_of(cls: type, name: str) -> TypeForm | None:
+    """The annotation of a field, evaluated in the module that has it.
+
+    Args:
+        cls: The class that has or inherits the field.
+        name: The field.
+
+    Returns:
+        The annotation, or None if there is none or it cannot be evaluated.
+    """
+    return next(iter(annotations_of(cls, name)), None)
+
+
+@functools.cache
+def annotations_of(cls: type, name: str) -> tuple[TypeForm, ...]:
+    """Annotations of a field in a class and its bases, those that can be evaluated, nearest first."""
+    found: list[TypeForm] = []
+    for base in cls.__mro__:
+        kind = inspect.get_annotations(base).get(name)
+        if kind is not None:
+            kind = _evaluated(kind, base) if isinstance(kind, str) else kind
+            if kind is not None:
+                found.append(kind)
+    return tuple(found)
+
+
+def _evaluated(text: str, base: type) -> TypeForm | None:
+    module = sys.modules.get(base.__module__)
+    names = _Names({**vars(__import__("builtins")), **(vars(module) if module else {}), **vars(base)})
+    try:
+        return eval(text, {"__builtins__": {}}, names)
+    except Exception:  # such as a subscript of a class that takes none at run time
+        return None
+
+
+def has_mark(kind: TypeForm, mark: str) -> bool:
+    """Whether an annotation, or a part of it, has a mark such as :data:`CODE`."""
+    args = typing.get_args(kind)
+    if typing.get_origin(kind) is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
+        return True
+    return any(has_mark(arg, mark) for arg in args if arg is not Ellipsis and not isinstance(arg, (str, list)))
+
+
+# -- types of values
+
+
+def value_type(kind: TypeForm) -> ValueType:
+    """What an annotation allows."""
+    try:
+        return _cached(kind)
+    except TypeError:  # unhashable metadata
+        return _value_type(kind)
+
+
+def _value_type(kind: TypeForm) -> ValueType:
+    if kind in _PLAIN:
+        return _PLAIN[kind]
+    if is_typeddict(kind):
+        return ValueType("a mapping", lambda value: isinstance(value, Mapping))
+    origin = typing.get_origin(kind)
+    if origin in _GENERIC:
+        return _GENERIC[origin](typing.get_args(kind))
+    return _class(kind) if isinstance(kind, type) and origin is None else _ANYTHING
+
+
+_cached = functools.cache(_value_type)
+
+
+def _is_one_of(value: object, choices: tuple[object, ...]) -> bool:
+    # By type as well: True == 1.
+    return any(type(value) is type(choice) and value == choice for choice in choices)
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, numbers.Real) and not _is_bool(value)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, numbers.Integral) and not _is_bool(value)
+
+
+def _is_bool(value: object) -> bool:
+    return isinstance(value, bool) or type(value).__name__ in ("bool_", "bool")  # NumPy's has no common base with it
+
+
+def _is_finite(value: Any) -> bool:
+    # What a larger number becomes on a device is infinity.
+    return _is_real(value) and abs(value) <= _LARGEST
+
+
+def _is_not_nan(value: object) -> bool:
+    return _is_real(value) and value == value
+
+
+def _too_large(value: Any) -> str:
+    """Why a number that is finite is none that a device can hold; empty for other values."""
+    if not _is_real(value) or value != value or value in (math.inf, -math.inf):
+        return ""
+    if _is_whole(value) and _MOST < value <= _LARGEST:
+        return f", and {_MOST} at most"
+    return "" if _is_finite(value) else ", and 3.4e38 at most, as float32 holds no more"
+
+
+_LARGEST = 3.4028234663852886e38
+"""Largest number of float32."""
+_SETS = (set, frozenset)
+_FUNCTION = ValueType("a function or class", callable)
+_PLAIN: dict[TypeForm, ValueType] = {
+    bool: ValueType("True or False", _is_bool),
+    int: ValueType("a whole number", _is_whole),
+    float: ValueType("a finite number", _is_finite),
+    complex: ValueType("a number", lambda value: isinstance(value, numbers.Number) and not _is_bool(value)),
+    str: ValueType("text", lambda value: isinstance(value, str)),
+    bytes: ValueType("bytes", lambda value: isinstance(value, bytes)),
+    type(None): ValueType("None", lambda value: value is None),
+    None: ValueType("None", lambda value: value is None),
+    list: ValueType("a list", lambda value: isinstance(value, (list, tuple))),
+    tuple: ValueType("a tuple", lambda value: isinstance(value, (list, tuple))),
+    dict: ValueType("a dict", lambda value: isinstance(value, Mapping)),
+    set: ValueType("a set", lambda value: isinstance(value, _SETS)),
+    type: ValueType("a class", lambda value: isinstance(value, type)),
+    os.PathLike: ValueType("a path", lambda value: isinstance(value, os.PathLike)),
+    Callable: _FUNCTION,
+    collections.abc.Sequence: ValueType("a sequence", lambda value: isinstance(value, (list, tuple, range))),
+    collections.abc.Mapping: ValueType("a dict", lambda value: isinstance(value, Mapping)),
+    object: _ANYTHING,
+    Any: _ANYTHING,
+    _Unknown: _ANYTHING,
+}
+
+
+def _annotated(args: tuple[TypeForm, ...]) -> ValueType:
+    """A type with bounds, or one that may be infinite."""
+    inner, marks = value_type(args[0]), args[1:]
+    if INFINITE in [mark for mark in marks if isinstance(mark, str)]:
+        inner = ValueType("a number (also infinite)", _is_not_nan)
+    for mark in marks:
+        if isinstance(mark, Range):
+            inner = _bounded(inner, mark)
+    return inner
+
+
+def _bounded(inner: ValueType, bounds: Range) -> ValueType:
+    text = inner.text.replace("finite ", "")
+    return ValueType(f"{text} {bounds}", lambda value: inner.fits(value) and bounds.holds(value))  # type: ignore[arg-type]
+
+
+def _literal(args: tuple[object, ...]) -> ValueType:
+    return ValueType(" or ".join(map(repr, args)), lambda value: _is_one_of(value, args))
+
+
+def _union(args: tuple[TypeForm, ...]) -> ValueType:
+    parts = [value_type(arg) for arg in args]
+    texts = list(dict.fromkeys(part.text for part in parts))
+    # A whole number is a number.
+    if "a finite number" in texts and "a whole number" in texts:
+        texts.remove("a whole number")
+    text = "anything" if "anything" in texts else " or ".join(texts)
+    return ValueType(text, lambda value: any(part.fits(value) for part in parts))
+
+
+def _plural(item: ValueType) -> str:
+    if item.text == "text":
+        return "texts"
+    found = re.fullmatch(r"a ((?:finite |whole )?number)(.*)", item.text)
+    return f"{found[1]}s{found[2]}" if found and " or " not in item.text else f"items, each {item.text}"
+
+
+def _tuple(args: tuple[TypeForm, ...]) -> ValueType:
+    if len(args) == 2 and args[1] is Ellipsis:
+        return _sequence(value_type(args[0]))
+    items = [value_type(arg) for arg in args]
+    alike = len({item.text for item in items}) == 1
+    text = f"{len(items)} {_plural(items[0])}" if alike else f"({', '.join(item.text for item in items)})"
+
+    def fits(value: object) -> bool:
+        if not isinstance(value, (list, tuple)) or len(value) != len(items):
+            return False
+        return all(item.fits(part) for item, part in zip(items, value, strict=True))
+
+    return ValueType(text, fits)
+
+
+def _list(args: tuple[TypeForm, ...]) -> ValueType:
+    return _sequence(value_type(args[0]))
+
+
+def _set(args: tuple[TypeForm, ...]) -> ValueType:
+    item = value_type(args[0])
+    return ValueType(f"a set of {_plural(item)}", lambda value: isinstance(value, _SETS) and all(map(item.fits, value)))
+
+
+def _sequence(item: ValueType) -> ValueType:
+    def fits(value: object) -> bool:
+        return isinstance(value, (list, tuple, range)) and all(map(item.fits, value))
+
+    return ValueType("a sequence" if item is _ANYTHING else f"a sequence of {_plural(item)}", fits)
+
+
+def _mapping(args: tuple[TypeForm, ...]) -> ValueType:
+    key, item = map(value_type, args)
+
+    def fits(value: object) -> bool:
+        return isinstance(value, Mapping) and all(key.fits(k) and item.fits(v) for k, v in value.items())
+
+    return ValueType("a dict" if item is _ANYTHING else f"a dict of {_plural(item)}", fits)
+
+
+_GENERIC: dict[object, Callable[[tuple[TypeForm, ...]], ValueType]] = {
+    Annotated: _annotated,
+    Literal: _literal,
+    typing.Union: _union,
+    types.UnionType: _union,
+    tuple: _tuple,
+    list: _list,
+    collections.abc.Sequence: _list,
+    collections.abc.Iterable: _list,
+    collections.abc.Collection: _list,
+    set: _set,
+    frozenset: _set,
+    collections.abc.Set: _set,
+    dict: _mapping,
+    collections.abc.Mapping: _mapping,
+    collections.abc.MutableMapping: _mapping,
+    type: lambda args: _PLAIN[type],
+    collections.abc.Callable: lambda args: _FUNCTION,
+}
+"""Types of values by the generic that an annotation is made of."""
+
+
+def _class(cls: type) -> ValueType:
+    """Instances of a class; any value for a protocol, which would have to be asked for all its attributes."""
+    if getattr(cls, "_is_protocol", False):
+        return _ANYTHING
+    if issubclass(cls, enum.Enum):
+        names = ", ".join(member.name for member in cls)
+        return ValueType(f"a {cls.__name__}: one of {names}", lambda value: isinstance(value, cls))
+    article = "an" if cls.__name__[0] in "AEIO" else "a"
+    return ValueType(f"{article} {cls.__name__}", lambda value: isinstance(value, cls))
+
+
+# -- nested values
+
+
+def mismatches(value: object, kind: TypeForm, path: str = "") -> Iterator[str]:
+    """What does not fit in a nested value, each as ``path: what is wrong, what would be right``.
+
+    Args:
+        value: Such as the content of a file.
+        kind: Its type; typed dicts are gone through key by key.
+        path: Where the value is, for the messages.
+    """
+    problem = value_type(kind).problem(value)
+    parts = () if problem else _parts(value, kind)
+    if problem:
+        yield f"{path}: {problem}" if path else problem
+    for name, part, inner in parts:
+        yield from mismatches(part, inner, f"{path}.{name}" if path else name)
+
+
+def _parts(value: Any, kind: TypeForm) -> Iterator[tuple[str, object, TypeForm]]:
+    """Parts of a value that fits so far, which may hold typed dicts: name, part and type."""
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        fitting = [part for part in args if value_type(part).fits(value)]
+        yield from _parts(value, fitting[0])
+    elif is_typeddict(kind):
+        hints = typing_extensions.get_type_hints(kind, include_extras=True)
+        for name, hint in hints.items():
+            if name in value:
+                yield name, value[name], hint
+            elif name in kind.__required_keys__:
+                yield name, _Missing(), hint
+    elif origin is list and value_type(args[0]) is not _ANYTHING:
+        yield from ((str(index), item, args[0]) for index, item in enumerate(value))
+    elif origin is dict and value_type(args[1]) is not _ANYTHING:
+        yield from ((str(key), item, args[1]) for key, item in value.items())
+
+
+class _Missing:
+    """Stands for a key that a mapping lacks."""
+
+    def __repr__(self) -> str:
+        return "missing"
