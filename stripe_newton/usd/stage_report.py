@@ -175,7 +175,7 @@ class StageReport:
         """Tables of at most 120 columns. Long tables are folded and say how many rows are left out."""
         head = [
             shorten(self.file, WIDTH),
-            f"{count(self.bodies, 'body', 'bodies')}, {self.dofs} degrees of freedom in "
+            f"{count(self.bodies, 'body', 'bodies')}, {self.dofs} degree{'s'[: self.dofs != 1]} of freedom in "
             f"{count(self.articulations, 'articulation')}, {count(self.shapes, 'shape')}, "
             f"{count(self.materials, 'physics material')}, {count(self.lights, 'light')}, "
             f"{count(self.sites, 'site')}",
