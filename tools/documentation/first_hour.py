@@ -145,7 +145,7 @@ def machine() -> str:
     """The machine in words, with what else it had to do."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     load = os.getloadavg()[0]
-    busy = f", which {load:.0f} other processes shared" if load > 0.5 * cores else ""
+    busy = f", beside other work (a load of {load:.0f})" if load > 0.5 * cores else ""
     return f"{cores} cores of a CPU ({platform.machine()}){busy}; no GPU; Python {platform.python_version()}"
 
 
@@ -176,6 +176,8 @@ def main() -> None:
             else:
                 apply_block(step, recorder.folder)
                 recorder.lines.append(f"`{step.file}` is {'changed' if step.kind == 'diff' else 'written'}.\n")
+        if recorder.lines[-1].startswith("\n## "):  # a part without commands
+            recorder.lines.pop()
         args.output.write_text(_page(recorder, args.page, name), encoding="utf-8")
 
 
