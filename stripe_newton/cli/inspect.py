@@ -120,11 +120,11 @@ def _inspect_robot(path: Path, kind: str) -> _Inspection:
     from stripe_newton.sim import MjcfFileCfg, Simulation, SimulationCfg, UrdfFileCfg
     from stripe_newton.viewers import SceneRenderer, ViewerCfg
 
-    warm_up("cpu")
     try:
         report = inspect_robot_file(path)
     except RobotFileError as error:
         raise UserError(str(error)) from None
+    warm_up("cpu")  # not before a file that is refused
     held = any(row.base == "fixed" for row in report.articulations)
     spawn = (
         UrdfFileCfg(asset_path=str(path), fix_base=held)
