@@ -169,11 +169,11 @@ def test_the_package_has_a_copy_of_a_file_that_stands_alone():
         (["class"], "must be the name of a Python package"),
         (["json"], "Python has a package of this name"),
         (["there"], "exists already"),
-        (["mine", "--direct", "--scene"], "--direct and --scene: give one of them"),
-        (["mine", "--robot", "nowhere.xml"], "nowhere.xml: does not exist"),
-        (["mine", "--robot", "notes.txt"], "notes.txt"),
-        (["mine", "--robot", "stone.xml"], "no joint that moves"),
-        (["mine", "--floating"], "--floating: only with --robot"),
+        (["new_mine", "--direct", "--scene"], "--direct and --scene: give one of them"),
+        (["new_mine", "--robot", "nowhere.xml"], "nowhere.xml: does not exist"),
+        (["new_mine", "--robot", "notes.txt"], "notes.txt"),
+        (["new_mine", "--robot", "stone.xml"], "no joint that moves"),
+        (["new_mine", "--floating"], "--floating: only with --robot"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -187,4 +187,4 @@ def test_what_cannot_be_made_is_one_line(argv, word, capsys):
     error = capsys.readouterr().err
     assert word in error
     assert len(error.strip().splitlines()) == 1
-    assert not Path("mine").exists()
+    assert not Path("new_mine").exists()
