@@ -44,7 +44,7 @@ def check_early(command: str, argv: Sequence[str]) -> None:
                 raise UserError(f"{name} {value}: does not exist")
     if task is not None:
         own = [task, *(word for word in _without_fields(argv) if word != task)]
-        args = tyro.cli(
+        args: object = tyro.cli(
             OPTIONS[command], args=own, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,)
         )
         if isinstance(args, PlayArgs):
