@@ -221,8 +221,9 @@ def _evaluated(text: str, base: type) -> TypeForm | None:
 
 def has_mark(kind: TypeForm, mark: str) -> bool:
     """Whether an annotation, or a part of it, has a mark such as :data:`CODE`."""
+    origin: object = typing.get_origin(kind)
     args = typing.get_args(kind)
-    if typing.get_origin(kind) is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
+    if origin is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
         return True
     return any(has_mark(arg, mark) for arg in args if arg is not Ellipsis and not isinstance(arg, (str, list)))
 
@@ -446,7 +447,8 @@ def mismatches(value: object, kind: TypeForm, path: str = "") -> Iterator[str]:
 
 def _parts(value: Any, kind: TypeForm) -> Iterator[tuple[str, object, TypeForm]]:
     """Parts of a value that fits so far, which may hold typed dicts: name, part and type."""
-    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    origin: object = typing.get_origin(kind)
+    args = typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         fitting = [part for part in args if value_type(part).fits(value)]
         yield from _parts(value, fitting[0])

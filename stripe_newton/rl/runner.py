@@ -124,8 +124,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             DivergedError: if the policy has diverged, with the iteration and the last sound checkpoint.
             CheckpointError: if another training runs in the run folder.
         """
-        writes = self.run_folder is not None and not self.logger.disable_logs
-        with self.run_folder.hold() if writes else contextlib.nullcontext():
+        folder = None if self.logger.disable_logs else self.run_folder
+        with contextlib.nullcontext() if folder is None else folder.hold():
             return self._learn_held(num_learning_iterations, init_at_random_ep_len)
 
     def _learn_held(self, num_learning_iterations: int | None, init_at_random_ep_len: bool | None) -> bool:
