@@ -92,7 +92,8 @@ def _wrong_types(value: object, path: str, parents: tuple[Config, ...] = ()) -> 
     """Values of wrong types."""
     if is_config(value):
         around = (*parents, value)
-        for name in field_names(value):
+        ignored = _ignored_fields(type(value))  # they have no effect, whatever is in them; a warning says so
+        for name in [name for name in field_names(value) if name not in ignored]:
             item = getattr(value, name)
             problem = wrong_type(value, name, item)
             if problem is not None:
@@ -102,6 +103,12 @@ def _wrong_types(value: object, path: str, parents: tuple[Config, ...] = ()) -> 
     else:
         for key, item in _items(value):
             yield from _wrong_types(item, f"{path}{key}.", parents)
+
+
+@functools.cache
+def _ignored_fields(cls: type) -> frozenset[str]:
+    """Fields without effect, of a class and its bases."""
+    return frozenset(name for base in cls.__mro__ for name in vars(base).get("IGNORED", {}))
 
 
 def _items(value: object) -> Iterator[tuple[object, object]]:

@@ -26,6 +26,7 @@ from typing_extensions import dataclass_transform
 from .config_base import MISSING, Config, ConfigError, NoConfigClassError, field_names, is_config, unknown_field
 from .config_checks import check_types, validate
 from .config_dicts import from_dict, resolve_name, to_dict
+from .value_types import InheritedText
 
 __all__ = [
     "MISSING",
@@ -104,7 +105,8 @@ def _own_fields(cls: type) -> dict[str, object]:
     own = dict(inspect.get_annotations(cls))
     for name, value in vars(cls).items():
         if name not in own and _is_plain_attribute(cls, name, value):
-            own[name] = known.get(name, _type_of_default(value))
+            kind = known.get(name, _type_of_default(value))
+            own[name] = InheritedText(kind) if name in known and isinstance(kind, str) else kind
     return own
 
 

@@ -37,6 +37,7 @@ __all__ = [
     "WRITTEN",
     "AnyFloat",
     "CodeName",
+    "InheritedText",
     "NonNegativeFloat",
     "NonNegativeInt",
     "NonNegativeLimit",
@@ -183,6 +184,10 @@ class _Names(dict):
         return vars(typing).get(name, _Unknown)
 
 
+class InheritedText(str):
+    """The text of an annotation that a field without one has from a base, whose module alone has the names in it."""
+
+
 @functools.cache
 def annotation_of(cls: type, name: str) -> TypeForm | None:
     """The annotation of a field, evaluated in the module that has it.
@@ -203,11 +208,13 @@ def annotations_of(cls: type, name: str) -> tuple[TypeForm, ...]:
     found: list[TypeForm] = []
     for base in cls.__mro__:
         kind = inspect.get_annotations(base).get(name)
+        if isinstance(kind, str):
+            kind = None if isinstance(kind, InheritedText) else _evaluated(kind, base)
         if kind is not None:
-            kind = _evaluated(kind, base) if isinstance(kind, str) else kind
-            if kind is not None:
-                found.append(kind)
-    return tuple(found)
+            found.append(kind)
+    # A bare number says nothing of the range that a base gives it: `decimation: int = 4` stays at least 1.
+    bounded = {typing.get_args(kind)[0] for kind in found if typing.get_origin(kind) is Annotated}
+    return tuple(kind for kind in found if kind not in (int, float) or kind not in bounded)
 
 
 def _evaluated(text: str, base: type) -> TypeForm | None:

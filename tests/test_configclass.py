@@ -21,6 +21,7 @@ import pytest
 
 from stripe_newton import trusted_code
 from stripe_newton.configclass import MISSING, ConfigError, config_with, configclass, is_config, resolve_name
+from stripe_newton.value_types import PositiveFloat, PositiveInt
 
 
 class Shape(enum.Enum):
@@ -572,3 +573,26 @@ def test_config_with_gives_any_config_further_fields():
     assert (robot_with_tail.tail.mass, robot_with_tail.seed) == (0.5, 3)
     assert not hasattr(robot(), "tail")
     assert pickle.loads(pickle.dumps(robot_with_tail)).tail.mass == 0.5
+
+
+def test_the_range_of_a_base_holds_in_subclasses_that_name_the_bare_type():
+    @configclass
+    class Steps:
+        number: PositiveInt = 1
+        scale: float = 1.0
+
+    @configclass
+    class Long(Steps):
+        number: int = 4
+        scale: PositiveFloat = 1.0
+
+    @configclass
+    class Longer(Long):
+        number = 8
+
+    for cls in (Long, Longer):
+        with pytest.raises(ConfigError, match=r"number: is 0, must be a whole number of at least 1"):
+            cls(number=0).validate()
+        with pytest.raises(ConfigError, match=r"scale: is 0\.0, must be a number above 0"):
+            cls(scale=0.0).validate()
+        cls(number=2, scale=0.5).validate()

@@ -67,7 +67,8 @@ class CompileLog:
             return
         self.count, took = self.count + 1, float(found["ms"]) / 1000.0
         self.seconds += took
-        name = found["name"].rpartition(".")[2][:40]
+        # Of a kernel that a function makes: its own name, without that function's and Warp's hash.
+        name = re.sub(r".*__locals__|_[0-9a-f]{8}$", "", found["name"].rpartition(".")[2])[:40].strip("_")
         if self._out.isatty():
             text = f"compiling kernels, once: {self.count} done in {self.seconds:.0f} s ({name})"
             print(f"\r{text:<79}", end="", file=self._out, flush=True)

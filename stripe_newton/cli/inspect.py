@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 import tyro
-import warp as wp
 
 from stripe_newton.rl.torch_vector_env import rl_env_of
 
 from .arguments import parse
+from .compile_log import CompileLog
 from .device import set_device, set_seeds
 from .env_and_policy import build_env
 from .options import InspectArgs
@@ -50,7 +50,7 @@ def run(argv: list[str]) -> int:
     """Run the command."""
     from stripe_newton.viewers import save_image  # here, as --help needs none of it; the same below
 
-    wp.config.log_level = wp.LOG_WARNING
+    log = CompileLog.install()
     task = task_argument(argv)
     if task in task_ids():  # only a task has options for the fields of its config
         configs = load_configs(task, None, agent=False)
@@ -62,6 +62,7 @@ def run(argv: list[str]) -> int:
         if not is_file:
             _refuse_name(args.target)
         found = _inspect_file(Path(args.target))
+    log.finish()
     path = args.out / f"{Path(args.target).stem if is_file else args.target}.png"
     save_image(path, found.picture)
     if args.json:

@@ -56,9 +56,9 @@ def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
     Raises:
         UserError: if the file is no robot, or cannot be simulated.
     """
-    import warp as wp
+    from .compile_log import CompileLog  # here, as the templates without a robot need no Warp; likewise below
 
-    wp.config.log_level = wp.LOG_WARNING  # before Newton, which begins to talk when it is loaded
+    log = CompileLog.install()
     from stripe_newton.robot_files import RobotFileError, file_kind, inspect_robot_file
     from stripe_newton.usd import StageError, inspect_stage
 
@@ -92,6 +92,7 @@ def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
         "BASE": "floats" if floating else "is held",
         "UNDECIDED": " (the file does not say; --floating lets it float)" if undecided and not floating else "",
     }
+    log.finish()
     values |= _drives(joints, weight)
     if is_alone(kind.name, path):  # the package gets a copy
         values |= {"COPY": path.name, "PLACE": f'FILE = Path(__file__).parent / "{path.name}"'}

@@ -89,7 +89,10 @@ class RewardManager(TermManager[RewardTermCfg]):
             return self.context.torch(self.context.reward).clone()
 
     def compute_terms(self) -> torch.Tensor:
-        """Weighted terms of the present state, as :attr:`step_reward` has them, shape ``(num_envs, num_terms)``."""
+        """Weighted terms of the present state, as :attr:`step_reward` has them, shape ``(num_envs, num_terms)``.
+
+        Where rewards are scaled by the time step, these are not yet.
+        """
         with self._computed():
             return self.step_reward.clone()
 

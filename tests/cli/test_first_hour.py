@@ -43,7 +43,7 @@ def test_the_log_counts_compiled_modules_and_drops_other_messages():
     out = io.StringIO()
     log = CompileLog(out)
     log.info("Module a.b 1234567 load on device 'cpu' took 250.00 ms  (compiled)")
-    log.info("Module c 7654321 load on device 'cpu' took 6000.00 ms  (compiled)")
+    log.info("Module _create__locals__c_7654abcd 7654321 load on device 'cpu' took 6000.00 ms  (compiled)")
     log.info("Module d 7654321 load on device 'cpu' took 1.00 ms  (cached)")
     log.info("Kernel cache: somewhere")
     assert (log.count, log.seconds) == (2, 6.25)
