@@ -99,7 +99,8 @@ def file_scene(path: str, kind: str, max_hull_vertices: int | None = None) -> In
     if kind not in ("urdf", "mjcf"):
         settings = SimulationCfg(gravity=None, device="cpu", dt=DT, solver=SOLVER)
         return InteractiveScene.from_usd(path, sim_cfg=settings)
-    settings, options = SimulationCfg(device="cpu", dt=DT, solver=SOLVER), dict[str, Any](max_hull_vertices=max_hull_vertices)
+    settings = SimulationCfg(device="cpu", dt=DT, solver=SOLVER)
+    options: dict[str, Any] = {"max_hull_vertices": max_hull_vertices}
     if kind == "urdf":
         options["fix_base"] = True if undecided_root(ElementTree.parse(path).getroot()) else None
     else:
