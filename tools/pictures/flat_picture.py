@@ -42,8 +42,8 @@ def main(path: Path) -> None:
             env.step(torch.zeros(ROBOTS, env.action_manager.total_action_dim, device=env.device))
         resolution = (SIZE[0] * OVERSAMPLING, SIZE[1] * OVERSAMPLING)
         # A fine shadow map: the posts of the railing are 3 cm wide.
-        frame = {"azimuth": -135.0, "elevation": 45.0, "margin": 1.06, "follow": False}
-        view = ViewerCfg(**frame, resolution=resolution, shadow_resolution=2048)
+        look = {"eye": (-10.7, -10.7, 13.8), "lookat": (0.2, 0.2, 0.3), "origin_type": "world"}
+        view = ViewerCfg(**look, resolution=resolution, shadow_resolution=2048)
         picture = SceneRenderer(env.sim, view, range(ROBOTS)).render()
         env.close()
     path.parent.mkdir(parents=True, exist_ok=True)
