@@ -228,6 +228,8 @@ class SceneBuilder:
         if not sim.cfg.solver.finds_contacts:
             for report in self.reports:  # those of meshes that move were written before the solver was chosen
                 report.ignored = rows_by_triangles(report.ignored)
+        if scene.scenery is not None:
+            scene.scenery.show_rows(self.reports)
         if scene.scenery is not None and isinstance(scene.terrain, SceneryGround):
             scene.scenery.bind(sim, scene.terrain)
         # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.

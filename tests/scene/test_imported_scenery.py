@@ -307,7 +307,9 @@ def test_instancers_and_units_of_a_scenery_are_converted_with_a_row():
     posts.CreatePrototypesRel().SetTargets(["/Room/posts/kinds/post", "/Room/posts/kinds/crate"])
     posts.CreateProtoIndicesAttr([0, 1, 0])
     posts.CreatePositionsAttr([(-200.0, 0.0, 0.0), (0.0, 0.0, 0.0), (200.0, -200.0, 0.0)])
-    scene = ball_scene(write(stage, "posts.usda"))
+    with pytest.warns(UserWarning, match=r"posts.usda: 2 things left out, converted or replaced") as shown:
+        scene = ball_scene(write(stage, "posts.usda"))
+    assert sum("posts.usda" in str(warning.message) for warning in shown) == 1
     model, labels = scene.sim.model, [str(label) for label in scene.sim.model.shape_label]
     shared = [i for i, label in enumerate(labels) if "posts_instances" in label and model.shape_body.numpy()[i] < 0]
     np.testing.assert_allclose(
