@@ -31,13 +31,14 @@ def listed_files() -> list[tuple[str, str]]:
     return found
 
 
-def try_foreign_files(folders: dict[str, Path], record: Path, timeout: float) -> None:
+def try_foreign_files(folders: dict[str, Path], record: Path, timeout: float, workers: int = 2) -> None:
     """Try the files whose source has a folder here and that the record does not have; add them to the record.
 
     Args:
         folders: Folder by source.
         record: A file with a line of JSON for each file that was tried.
         timeout: Seconds that a file may take.
+        workers: Processes at a time.
     """
     known = {(row["source"], row["file"]) for row in _read(record)}
     files = [pair for pair in listed_files() if pair[0] in folders and pair not in known]
@@ -54,7 +55,7 @@ def try_foreign_files(folders: dict[str, Path], record: Path, timeout: float) ->
         print(f"{answer.outcome:9} {source} {file} {row['reason']}", flush=True)
 
     paths = [str(folders[source] / file) for source, file in files]
-    try_files(paths, [sys.executable, str(TRIAL)], 2, timeout, tell)
+    try_files(paths, [sys.executable, str(TRIAL)], workers, timeout, tell)
 
 
 def _reason(text: str, path: Path) -> str:

@@ -125,6 +125,7 @@ class RunFolder:
         self._check_links()
         lock = FileLock(self.path / LOCK_NAME)
         try:
+            self.path.mkdir(parents=True, exist_ok=True)  # of a runner that was made by hand
             owner = lock.acquire()
         except OSError as error:
             raise CheckpointError(f"{self.path}: cannot be locked: {error.strerror or error}") from error
