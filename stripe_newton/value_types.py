@@ -213,8 +213,12 @@ def annotations_of(cls: type, name: str) -> tuple[TypeForm, ...]:
         if kind is not None:
             found.append(kind)
     # A bare number says nothing of the range that a base gives it: `decimation: int = 4` stays at least 1.
-    bounded = {typing.get_args(kind)[0] for kind in found if typing.get_origin(kind) is Annotated}
+    bounded = {typing.get_args(kind)[0] for kind in found if _origin(kind) is Annotated}
     return tuple(kind for kind in found if kind not in (int, float) or kind not in bounded)
+
+
+def _origin(kind: TypeForm) -> object:
+    return typing.get_origin(kind)
 
 
 def _evaluated(text: str, base: type) -> TypeForm | None:
