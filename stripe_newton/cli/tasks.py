@@ -227,6 +227,9 @@ def load_cfg(task: str, kind: Literal["env", "agent"]) -> RLEnvCfg | RunnerCfg:
 
 def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchVectorEnv:
     """The vector environment of a task, made from ``cfg``; several agents are shown as one."""
+    from .kernel_lock import compile_once  # here, as it loads Warp, which commands that build nothing do not need
+
+    compile_once()
     creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point, task)
     with user_code(f"the environment of {task}"):
         env = creator(cfg=cfg, render_mode=render_mode)

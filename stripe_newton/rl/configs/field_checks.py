@@ -45,6 +45,8 @@ def why_no_folder_name(name: str, parts: bool = False) -> str:
         name: The name.
         parts: Whether it may have several parts, ``a/b``.
     """
+    if not isinstance(name, str):
+        return f"is {short(name)}, must be text"
     wrong = [part for part in (name.split("/") if parts else [name]) if name and not _NAME.fullmatch(part)]
     if not wrong:
         return ""
