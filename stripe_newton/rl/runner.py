@@ -24,7 +24,7 @@ from .graphs.loop import learn_in_graphs
 from .graphs.rollout import GraphRollout
 from .runner_settings import env_mismatches, rsl_rl_settings, why_no_graphs
 from .runs.checkpoint import CheckpointData, describe_room, load_checkpoint, save_checkpoint
-from .runs.divergence import check_networks
+from .runs.divergence import check_networks, is_of_environment
 from .runs.interrupt import on_first_signal
 from .runs.run_folder import RunFolder
 from .runs.run_logger import RunLogger, StopTraining
@@ -168,6 +168,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         try:
             check_networks(self.networks, where, self.run_folder)
         except DivergedError as cause:
+            if is_of_environment(error):  # whose NaN has gone into the weights, or the other way round
+                raise ValueError(f"{error}; weights of the policy are not finite either") from error
             raise cause from error
 
     def _prepare_run_folder(self) -> None:

@@ -38,7 +38,7 @@ def folder_names(cfg: object, *fields: str, parts: bool = False) -> Problems:
             yield field, problem
 
 
-def why_no_folder_name(name: str, parts: bool = False) -> str:
+def why_no_folder_name(name: object, parts: bool = False) -> str:
     """What is wrong with a name of a folder below the log folder; empty if nothing is.
 
     Args:

@@ -124,16 +124,19 @@ def join(device: str) -> None:
     if dist.is_initialized():
         return
     timeout = timedelta(seconds=float(os.environ.get(_TIMEOUT, "1800")))
-    me, store = world(), None
+    # Without a store torch reads rank and size from the environment variables of torchrun.
+    me, store = World(-1, 0, -1), None
     if LAUNCHER in os.environ:
+        me = world()
         store = dist.FileStore(str(_launcher_folder() / "store"), me.size)
-    numbers = {} if store is None else {"rank": me.rank, "world_size": me.size}
     if torch.device(device).type == "cpu":
-        dist.init_process_group("gloo", timeout=timeout, store=store, **numbers)
+        dist.init_process_group("gloo", timeout=timeout, store=store, rank=me.rank, world_size=me.size)
     else:
         # gloo as well: `exchange` and `gather` send objects of the host.
-        on_gpu = torch.device(device)
-        dist.init_process_group("cpu:gloo,cuda:nccl", timeout=timeout, store=store, device_id=on_gpu, **numbers)
+        backends, on_gpu = "cpu:gloo,cuda:nccl", torch.device(device)
+        dist.init_process_group(
+            backends, timeout=timeout, store=store, rank=me.rank, world_size=me.size, device_id=on_gpu
+        )
 
 
 def exchange(value: T) -> list[T]:

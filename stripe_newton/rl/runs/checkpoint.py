@@ -8,6 +8,7 @@ import io
 import os
 import pickle
 import random
+import re
 import shutil
 import struct
 import warnings
@@ -190,7 +191,8 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         data = _load(path, device)
     except pickle.UnpicklingError as error:
         # The line that names the refused class stands in the middle of torch's long explanation.
-        reason = next((line.strip() for line in str(error).splitlines() if "GLOBAL" in line), _first_line(error))
+        named = re.search(r"GLOBAL (\S+)", str(error))
+        reason = named[1] if named else _first_line(error)
         text = "contains more than tensors and plain values, so it is not read"
         raise CheckpointError(f"{path}: {text} ({reason})") from None
     except Exception as error:  # whatever a pickle of somebody else's makes torch run into

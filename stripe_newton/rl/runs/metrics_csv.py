@@ -94,8 +94,9 @@ class MetricsCsv:
         if "iteration" not in columns or len(set(columns)) < len(columns):
             raise ValueError("is damaged: its first line does not name the columns")
         whole_rows = [row for row in reader if None not in row.values()]
+        rows: list[Row] = [row for row in whole_rows if int(row["iteration"]) < first_iteration]
         self.columns = columns
-        return [row for row in whole_rows if int(row["iteration"]) < first_iteration]
+        return rows
 
     def write(self, row: Row) -> None:
         """Append a row; ``row["iteration"]`` is its iteration.
