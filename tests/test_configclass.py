@@ -21,6 +21,8 @@ import pytest
 
 from stripe_newton import trusted_code
 from stripe_newton.configclass import MISSING, ConfigError, config_with, configclass, is_config, resolve_name
+from stripe_newton.envs import mdp
+from stripe_newton.managers import RewardTermCfg
 
 
 class Shape(enum.Enum):
@@ -572,3 +574,15 @@ def test_config_with_gives_any_config_further_fields():
     assert (robot_with_tail.tail.mass, robot_with_tail.seed) == (0.5, 3)
     assert not hasattr(robot(), "tail")
     assert pickle.loads(pickle.dumps(robot_with_tail)).tail.mass == 0.5
+
+
+def test_a_config_of_the_same_kind_may_take_the_place_of_another():
+    @configclass
+    class Actions:
+        joint: mdp.JointEffortActionCfg = mdp.JointEffortActionCfg(asset_name="robot", joint_names=[".*"])
+
+    cfg = Actions(joint=mdp.JointPositionActionCfg(asset_name="robot", joint_names=[".*"]))
+    cfg.validate()
+    cfg.joint = RewardTermCfg(func=len, weight=1.0)
+    with pytest.raises(ConfigError, match=r"joint: is RewardTermCfg.*must be a JointEffortActionCfg"):
+        cfg.validate()

@@ -34,7 +34,7 @@ def make_deterministic(device: str | None) -> None:
     torch.use_deterministic_algorithms(True)
     torch.backends.cudnn.benchmark = False
     # Memory that is filled for safety would cost time, and every result is written before it is read.
-    torch.utils.deterministic.fill_uninitialized_memory = False
+    setattr(torch.utils.deterministic, "fill_uninitialized_memory", False)  # noqa: B010  (typed as read-only)
     if device == "cpu":
         # Sums are split over the threads, and machines have other numbers of them.
         torch.set_num_threads(1)

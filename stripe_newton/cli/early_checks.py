@@ -55,7 +55,7 @@ def with_flag_values(command: str, argv: Sequence[str]) -> list[str]:
         return list(argv)
     flags = {f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(OPTIONS[command]) if _is_flag(field)}
     words: list[str] = []
-    for word, following in zip(argv, [*argv[1:], ""], strict=True):
+    for word, following in pairwise([*argv, ""]):
         lacks = word in flags and (not following or following.startswith("--"))
         words += [word, "True"] if lacks else [word]
     return words

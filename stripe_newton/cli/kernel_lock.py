@@ -36,7 +36,12 @@ def compile_once() -> None:
 
     @functools.wraps(compile_module)
     def compile_locked(
-        self: wp.Module, device: object = None, output_dir: object = None, output_name: object = None, *args, **kwargs
+        self: wp.Module,
+        device: object = None,
+        output_dir: object = None,
+        output_name: object = None,
+        *args: object,
+        **kwargs: object,
     ) -> bool:
         there = output_dir is None or output_name is None or os.path.exists(f"{output_dir}/{output_name}")
         with contextlib.nullcontext() if there else hold_cache(Path(f"{output_dir}.lock"), self.name):

@@ -36,6 +36,7 @@ from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split
 from .train_resume import Changes, check_changes, differences
 from .train_sweep import SweepOptions, run_sweep
 from .user_error import UserError
+from .written_places import try_place
 
 __all__ = ["TrainArgs", "run"]
 
@@ -59,6 +60,8 @@ def _train(task: str, argv: Sequence[str]) -> int:
     # The configs of the resumed run, before the options of this command change them.
     before = {name: cfg.to_dict() for name, cfg in vars(configs).items()}
     args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.need_agent())
+    if resumed is None:
+        try_place("--log-dir", args.log_dir, folder=True)
     _apply_shortcuts(args, configs)
     check(configs)
     if args.sweep is not None:

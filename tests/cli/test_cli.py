@@ -58,6 +58,13 @@ def error_of(capsys, *args: str) -> str:
     return captured.err + captured.out
 
 
+CONFIG_IS_NONE = (
+    b"import gymnasium\ngymnasium.register('Own-v0', vector_entry_point=print, "
+    b"kwargs={'env_cfg_entry_point': lambda: None})\n"
+)
+CONFIG_IS_GONE = CONFIG_IS_NONE.replace(b"lambda: None", b"'json:Cfg'")
+
+
 # -- options for config fields
 
 
@@ -273,6 +280,29 @@ def test_an_error_in_a_users_file_is_a_line_with_its_place(capsys, monkeypatch, 
         main(["--import", "mine.py", "list"])
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"import sys; sys.exit(3)\n", r"ends the program while it is imported (sys.exit(3))"),
+        (b"class Odd(BaseException): pass\nraise Odd('odd')\n", "cannot be imported: Odd: odd"),
+        (b"x = 1\0\n", "cannot be imported"),
+        (b"\xef\xbb\xbf\xff'\n", "cannot be imported"),
+        (CONFIG_IS_NONE, "task 'Own-v0' is registered with a config that is None, must be one of @configclass"),
+        (CONFIG_IS_GONE, "task 'Own-v0' is registered with 'json:Cfg', which the module does not have"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_one_line(capsys, content, message):
+    Path("broken_module.py").write_bytes(content)
+    sys.modules.pop("broken_module", None)
+    try:
+        found = error_of(capsys, "bench", "Own-v0", "--import", "broken_module.py", "--device", "cpu")
+    finally:
+        gymnasium.registry.pop("Own-v0", None)
+    assert "broken_module" in found or "Own-v0" in found
+    assert message in found
+    assert len(found.splitlines()) == 1
+
+
 def test_an_error_in_a_users_config_is_a_line_too(capsys):
     Path("their_config.py").write_text(
         "from stripe_newton.registration import register_task\n"
@@ -452,7 +482,7 @@ def test_errors_of_the_system_are_one_line(capsys, monkeypatch):
     from stripe_newton.cli import train as module
 
     def failing(error: Exception):
-        def fail(*_):
+        def fail(*_, **__):
             raise error
 
         return fail

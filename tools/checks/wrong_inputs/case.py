@@ -13,7 +13,7 @@ OUTCOMES = ("works", "clear", "unclear", "traceback", "crash", "hang", "silent")
 """``works``: the input turned out to be right. ``clear``: one message that names what is wrong. ``unclear``: one that
 does not. ``traceback``: an error that nobody raised on purpose. ``crash`` also counts memory without bound. ``silent``:
 a wrong input was taken, or something was written or run that must not be."""
-BAD = ("traceback", "crash", "hang", "silent")
+BAD = ("traceback", "crash", "hang", "silent", "broken")
 """Outcomes that must not be."""
 MOST_LINES = 30
 """Lines of a message that a reader still reads."""
@@ -54,7 +54,8 @@ def judge_message(text: str, names: list[str]) -> str:
 
 def table(cases: list[Case]) -> str:
     """The outcomes by group, in Markdown."""
-    groups = list(dict.fromkeys(case.group for case in cases))
+    cases = [case for case in cases if case.outcome]  # a run may be ended early
+    groups = sorted({case.group for case in cases})
     rows = [(group, [case.outcome for case in cases if case.group == group]) for group in groups]
     rows.append(("all", [case.outcome for case in cases]))
     lines = [f"| class | tried | {' | '.join(OUTCOMES)} |", "|---|" + "---:|" * (1 + len(OUTCOMES))]

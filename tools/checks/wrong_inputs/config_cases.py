@@ -25,11 +25,11 @@ WORDS = ("nan", "inf", "-inf", "abc", "1e999", "[1]", "True", "None", "", "0x10"
 def config_cases(rng: random.Random, count: int) -> list[Case]:
     """About so many cases."""
     share = count // 100
-    cases = list(python_cases(rng, 24 * share, nonfinite=False))
-    cases += python_cases(rng, 10 * share, nonfinite=True)
-    cases += yaml_cases(rng, 10 * share)
-    cases += field_options(rng, 12 * share)
-    cases += extremes(rng, 9 * share)
+    cases = list(python_cases(rng, 30 * share, nonfinite=False))
+    cases += python_cases(rng, 14 * share, nonfinite=True)
+    cases += yaml_cases(rng, 8 * share)
+    cases += field_options(rng, 9 * share)
+    cases += extremes(rng, 5 * share)
     return cases + list(sweep_cases(rng, 8 * share))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 import yaml
 
-__all__ = ["RECIPES", "prepare"]
+__all__ = ["RECIPES", "make_big_zip", "prepare"]
 
 
 def prepare(steps: list[list[Any]], templates: dict[str, str]) -> None:
@@ -26,6 +26,8 @@ def prepare(steps: list[list[Any]], templates: dict[str, str]) -> None:
         if name == "copy_run":
             task, target = arguments
             shutil.copytree(templates[task], target)
+        elif name == "big_zip":
+            shutil.copy(templates[name], _newest(*arguments))
         else:
             RECIPES[name](*arguments)
 
@@ -130,9 +132,8 @@ def _zip(file: str, kind: str) -> None:
         path.write_bytes(content)
 
 
-def _big_zip(file: str, gigabytes: int) -> None:
-    """A small file that unpacks to many gigabytes."""
-    path = _newest(file) if Path(file).is_dir() else Path(file)
+def make_big_zip(path: Path, gigabytes: int = 12) -> None:
+    """Write a small file that unpacks to many gigabytes."""
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
         archive.open("archive/data.pkl", "w", force_zip64=True) as member,
@@ -247,7 +248,6 @@ RECIPES: dict[str, Callable[..., object]] = {
     "nan_weights": _nan_weights,
     "damage": _damage,
     "zip": _zip,
-    "big_zip": _big_zip,
     "onnx_metadata": _onnx_metadata,
     "onnx_weights": _onnx_weights,
     "bomb": _bomb,

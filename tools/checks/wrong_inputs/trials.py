@@ -246,8 +246,8 @@ def _try_command(case: dict[str, Any], folder: str) -> Result:
         return _judge_success(case, out.text())
     text = out.text()
     # What commands print before they fail is no part of the message.
-    begin = text.rfind("error: ")
-    message = text[begin:] if begin >= 0 else text
+    begin = max(text.rfind("\nerror: "), 0)
+    message = text[begin:]
     outcome = judge_message(message, case["names"])
     return outcome, text
 

@@ -41,7 +41,8 @@ def make_cases(count: int, seed: int) -> list[Case]:
 
     rng = random.Random(seed)
     cases = [*config_cases(rng, count), *command_cases(rng, count), *file_cases(rng, count), *call_cases(rng, count)]
-    return sorted(cases, key=lambda case: case.group)
+    rng.shuffle(cases)  # so that what is done when a run is ended early is a share of each group
+    return cases
 
 
 def make_templates(out: Path) -> dict[str, str]:
@@ -55,7 +56,12 @@ def make_templates(out: Path) -> dict[str, str]:
             command = [sys.executable, "-m", "stripe_newton.cli", "train", task, *words]
             subprocess.run(command, check=True, capture_output=True)
         found[task] = str(next(logs.glob("*/*")).resolve())
-    return found
+    big = out / "templates" / "big.zip"
+    if not big.exists():
+        from recipes import make_big_zip  # here, as it loads torch
+
+        make_big_zip(big)
+    return found | {"big_zip": str(big.resolve())}
 
 
 def try_cases(
