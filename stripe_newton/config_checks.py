@@ -62,12 +62,24 @@ def wrong_type(cfg: Config, name: str, value: object) -> str | None:
     kinds = annotations_of(cls, name)
     if not kinds or value is MISSING or _is_default(cls, name, value):
         return None
-    if value is None and _families(kinds[0]):
+    if value is None and _may_be_left_out(kinds[0]):
         return None
-    if isinstance(value, _families(kinds[0])):  # one action term in the place of another
+    if any(_are_related(type(value), kind) for kind in kinds):
         return None
     # What a base allows is right in a subclass, too: a term by name in a dict, where its annotation names a config.
     return None if any(value_type(kind).fits(value) for kind in kinds) else value_type(kinds[0]).problem(value)
+
+
+def _are_related(cls: type, kind: object) -> bool:
+    """Whether a config may take the place of another kind: an action term that of an action term, a shape of a shape.
+
+    A task names the class of its own term, and users put other classes there; the base of both says what fits.
+    """
+    for part in (kind, *typing.get_args(kind)):
+        roots = [base for base in getattr(part, "__mro__", ()) if "__is_configclass__" in vars(base)]
+        if roots and issubclass(cls, roots[-1]):
+            return True
+    return False
 
 
 def _is_default(cls: type[Config], name: str, value: object) -> bool:
@@ -77,11 +89,9 @@ def _is_default(cls: type[Config], name: str, value: object) -> bool:
 
 
 @functools.cache
-def _families(kind: object) -> tuple[type, ...]:
-    """Base classes of the configs in an annotation that may be left out or give way to another: terms and assets."""
-    classes = [part for part in (kind, *typing.get_args(kind)) if isinstance(part, type)]
-    roots = [[cls for cls in part.__mro__ if "MAY_BE_NONE" in vars(cls)][-1:] for part in classes]
-    return tuple(root for found in roots for root in found)
+def _may_be_left_out(kind: object) -> bool:
+    """Whether an annotation names a config that may be left out, as a term or an asset."""
+    return any(getattr(part, "MAY_BE_NONE", False) for part in (kind, *typing.get_args(kind)))
 
 
 _Wrong: TypeAlias = tuple[tuple[Config, ...], str]
