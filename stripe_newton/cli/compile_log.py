@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes.util
+import logging
 import os
 import re
 import sys
@@ -53,6 +54,7 @@ class CompileLog:
         log = cls()
         wp.set_logger(log)
         wp.config.log_level = wp.LOG_INFO  # below it Warp does not say what it compiles
+        logging.getLogger("newton").setLevel(logging.WARNING)  # it prints files that it writes, as commands do
         with _quiet() if ctypes.util.find_library("cuda") is None else nullcontext():
             wp.init()
         return log

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import tyro
 
-from .options import OPTIONS
-from .tasks import find_task, task_argument
+from .arguments import task_of
+from .options import OPTIONS, PlayArgs
+from .tasks import task_argument
 from .user_error import UserError
 
 __all__ = ["check_early", "with_flag_values"]
@@ -26,16 +27,14 @@ def check_early(command: str, argv: Sequence[str]) -> None:
     """Check what can be checked before the command is loaded, which takes seconds.
 
     Raises:
-        UserError: for a task or file that does not exist.
+        UserError: for no task, a task or file that does not exist, or options that do not go together.
         SystemExit: after help, or for an unknown option.
     """
     if command not in OPTIONS:
         return
     wants_help, task = bool({"-h", "--help"} & set(argv)), None
     if command in _OF_TASKS:
-        task = task_argument(argv)
-        if task is not None:
-            find_task(task)
+        task = None if wants_help and task_argument(argv) is None else task_of(argv, command, OPTIONS[command])
     if wants_help and task is None:  # with a task, help shows the fields of its configs
         tyro.cli(OPTIONS[command], args=["--help"], prog=f"stripe-newton {command}")
     if wants_help:
@@ -46,7 +45,11 @@ def check_early(command: str, argv: Sequence[str]) -> None:
                 raise UserError(f"{name} {value if value.isprintable() else repr(value)}: does not exist")
     if task is not None:
         own = [task, *(word for word in _without_fields(argv) if word != task)]
-        tyro.cli(OPTIONS[command], args=own, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,))
+        args = tyro.cli(
+            OPTIONS[command], args=own, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,)
+        )
+        if isinstance(args, PlayArgs):
+            args.check()
 
 
 def with_flag_values(command: str, argv: Sequence[str]) -> list[str]:

@@ -58,7 +58,8 @@ def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvW
 
     device = configs.env.sim.device
     if world().rank == 0:
-        print(f"{task}: building {configs.env.scene.num_envs} environments on {device}", file=sys.stderr, flush=True)
+        count = configs.env.scene.num_envs
+        print(f"{task}: building {count} environment{'s'[: count > 1]} on {device}", file=sys.stderr, flush=True)
     log = CompileLog.install()
     if world().rank == 0:
         warm_up(device or resolve_device(None))

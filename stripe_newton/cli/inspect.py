@@ -19,6 +19,7 @@ from .arguments import parse
 from .compile_log import CompileLog
 from .device import set_device, set_seeds
 from .env_and_policy import build_env
+from .kernel_warmup import warm_up
 from .options import InspectArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import find_task, task_argument, task_ids
@@ -126,6 +127,7 @@ def _inspect_robot(path: Path, kind: str) -> _Inspection:
         report = inspect_robot_file(path)
     except RobotFileError as error:
         raise UserError(str(error)) from None
+    warm_up("cpu")
     held = any(row.base == "fixed" for row in report.articulations)
     spawn = (
         UrdfFileCfg(asset_path=str(path), fix_base=held)

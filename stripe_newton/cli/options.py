@@ -9,6 +9,8 @@ from typing import Literal
 
 import tyro
 
+from .user_error import UserError
+
 __all__ = ["OPTIONS", "BenchArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
 
 
@@ -106,6 +108,17 @@ class PlayArgs:
     """Seed of everything."""
     device: tyro.conf.DisallowNone[str | None] = None
     """cpu or cuda:N; by default the first GPU where there is one."""
+
+    def check(self) -> None:
+        """Check what the options alone tell.
+
+        Raises:
+            UserError: for neither or both of a checkpoint and an agent, or for no steps.
+        """
+        if (self.checkpoint is None) == (self.agent is None):
+            raise UserError("play needs either --checkpoint RUN_OR_FILE or --agent zero|random")
+        if self.steps is not None and self.steps < 1:
+            raise UserError(f"--steps {self.steps}: must be at least 1")
 
 
 @dataclass

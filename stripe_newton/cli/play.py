@@ -58,10 +58,7 @@ def run(argv: list[str]) -> int:
 
 
 def _prepare(args: PlayArgs, configs: Configs) -> None:
-    if (args.checkpoint is None) == (args.agent is None):
-        raise UserError("play needs either --checkpoint RUN_OR_FILE or --agent zero|random")
-    if args.steps is not None and args.steps < 1:
-        raise UserError(f"--steps {args.steps}: must be at least 1")
+    args.check()
     if args.viewer is None:
         args.viewer = "viser" if importlib.util.find_spec("viser") else "video"
     default = min(configs.env.scene.num_envs, 16)

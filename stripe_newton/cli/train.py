@@ -203,9 +203,10 @@ def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
     if not complete:
         ranks = ["--gpus", str(world().size)] if world().size > 1 else []
         print(f"stopped; continue with:\n  {command('train', task, *ranks, '--resume', path)}")
-    files = [folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]]
     print(f"run folder: {folder.path}")
-    print("\n".join(f"  {file.relative_to(folder.path)}" for file in files if file.exists()))
+    for file in (folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]):
+        if file.exists():
+            print(f"  {file.relative_to(folder.path)}")
     print("next:")
     for verb in ("play", "eval"):
         print(f"  {command(verb, task, '--checkpoint', path)}")

@@ -20,7 +20,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -102,6 +101,7 @@ class Recorder:
         self.folder = folder
         self.env = env
         self.lines: list[str] = []
+        self.machine = machine()  # now, before the recording adds to the load
         self.began = time.monotonic()
 
     def run(self, command: str) -> None:
@@ -131,15 +131,22 @@ class Recorder:
 
 
 def _clock(seconds: float) -> str:
-    return f"{int(seconds // 60)} min {seconds % 60:02.0f} s" if seconds >= 60 else f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+def _packages(env: dict[str, str]) -> str:
+    """Versions of the packages that the commands used."""
+    code = f"from importlib.metadata import version; print(*[f'{{n}} {{version(n)}}' for n in {PACKAGES}], sep=', ')"
+    return subprocess.run(["python", "-c", code], env=env, text=True, capture_output=True, check=True).stdout.strip()
 
 
 def machine() -> str:
-    """The machine in words."""
-    info = Path("/proc/cpuinfo")
-    names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{names[0] if names else platform.machine()}, {cores} cores, Python {platform.python_version()}"
+    """The machine in words, with what else it had to do."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    load = os.getloadavg()[0]
+    busy = f", which {load:.0f} other processes shared" if load > 0.5 * cores else ""
+    return f"{cores} cores of a CPU ({platform.machine()}){busy}; no GPU; Python {platform.python_version()}"
 
 
 def main() -> None:
@@ -174,14 +181,14 @@ def main() -> None:
 
 def _page(recorder: Recorder, page: Path, folder: str) -> str:
     total = _clock(time.monotonic() - recorder.began)
-    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    packages = _packages(recorder.env)
     head = f"""# The first hour
 
 A recording of [the tutorial]({page.name}), in {total}. `python tools/documentation/first_hour.py` did what the page
 says, in a new folder and with an empty kernel cache. Below each command stands how long it took, and how long the hour
 had lasted when it ended.
 
-- {machine()}, no GPU
+- {recorder.machine}
 - {packages}
 """
     text = head + "\n".join(recorder.lines)

@@ -88,7 +88,9 @@ def export_policy(
             raise ExportError(
                 f"{type(policy).__name__} cannot be exported: {type(error).__name__}: {reason}"
             ) from error
-    largest, results = check_policy(policy, model.SerializeToString(), script, metadata["network"], str(runner.device))
+    with _silent():
+        onnx_file = model.SerializeToString()
+        largest, results = check_policy(policy, onnx_file, script, metadata["network"], str(runner.device))
     check: CheckInfo = {"tolerance": TOLERANCE, "largest_action": largest, "results": results}
     _raise_if_different(check)
     metadata["check"] = check
