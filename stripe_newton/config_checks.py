@@ -64,8 +64,22 @@ def wrong_type(cfg: Config, name: str, value: object) -> str | None:
         return None
     if value is None and _may_be_left_out(kinds[0]):
         return None
+    if any(_are_related(type(value), kind) for kind in kinds):
+        return None
     # What a base allows is right in a subclass, too: a term by name in a dict, where its annotation names a config.
     return None if any(value_type(kind).fits(value) for kind in kinds) else value_type(kinds[0]).problem(value)
+
+
+def _are_related(cls: type, kind: object) -> bool:
+    """Whether a config may take the place of another kind: an action term that of an action term, a shape of a shape.
+
+    A task names the class of its own term, and users put other classes there; the base of both says what fits.
+    """
+    for part in (kind, *typing.get_args(kind)):
+        roots = [base for base in getattr(part, "__mro__", ()) if "__is_configclass__" in vars(base)]
+        if roots and issubclass(cls, roots[-1]):
+            return True
+    return False
 
 
 def _is_default(cls: type[Config], name: str, value: object) -> bool:

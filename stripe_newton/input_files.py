@@ -38,7 +38,7 @@ class InputFileError(ValueError):
     """A file that is missing, is no regular file, is too large, or contains something else than it must."""
 
 
-def why_no_file(path: str | os.PathLike) -> str:
+def why_no_file(path: str | os.PathLike[str]) -> str:
     """Why a path is no regular file, such as ``"is a pipe"``; empty if it is one."""
     try:
         mode = os.stat(path).st_mode

@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,19 +19,21 @@ def try_file(path: str | os.PathLike) -> None:
     Raises:
         OSError: if it cannot be written, with the reason of the system.
     """
-    path = Path(path)
-    if _exists(path):
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    target = _target(path)
+    if target.is_dir() or target.name in ("", ".", ".."):
+        raise _error(errno.EISDIR, path)
+    if target.exists():
         # Without waiting: nobody may ever read from a pipe.
-        os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_APPEND))
+        os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK | os.O_APPEND))
         return
-    if path.name in ("", ".", ".."):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    with _folders(path.parent), open(path, "xb") as file:
-        file.write(bytes(1))
-        file.flush()
-        path.unlink()
+    with _folders(target.parent):
+        try:
+            # As it will be written: a name may be possible in a folder that takes no content.
+            with open(target, "xb") as file:
+                file.write(bytes(1))
+        finally:
+            with contextlib.suppress(OSError):
+                target.unlink()
 
 
 def try_folder(path: str | os.PathLike) -> None:
@@ -41,37 +42,13 @@ def try_folder(path: str | os.PathLike) -> None:
     Raises:
         OSError: if they cannot, with the reason of the system.
     """
-    path = Path(path)
-    with _folders(path):
+    target = _target(path)
+    with _folders(target):
         try:
-            with tempfile.TemporaryFile(dir=path) as file:
+            with tempfile.TemporaryFile(dir=target) as file:
                 file.write(bytes(1))
-                file.flush()
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(path)) from None
-
-
-@contextlib.contextmanager
-def _folders(path: Path) -> Iterator[None]:
-    """Make folders for the time of a context."""
-    made = [folder for folder in (path, *path.parents) if not _exists(folder)]
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        yield
-    finally:
-        for folder in made:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-
-
-def _exists(path: Path) -> bool:
-    """Whether there is something of this name; ValueError, for a null character, becomes an error of the system."""
-    try:
-        return stat.S_IFMT(os.stat(path).st_mode) != 0
-    except FileNotFoundError:
-        return False
-    except ValueError:
-        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path)) from None
 
 
 def write_whole(path: str | os.PathLike, text: str) -> None:
@@ -80,13 +57,13 @@ def write_whole(path: str | os.PathLike, text: str) -> None:
     Raises:
         OSError: if it cannot be written; a file that was there is as it was.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.exists() and not path.is_file():  # a pipe or a device
-        path.write_text(text, encoding="utf-8")
+    target = _target(path)  # a link stays a link
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.exists() and not target.is_file():  # a pipe or a device
+        target.write_text(text, encoding="utf-8")
         return
-    target = path.resolve()  # a link stays a link
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    # Not made of the file's name, with which it might be too long.
+    part = target.with_name(f".{os.getpid()}.part")
     try:
         with open(part, "w", encoding="utf-8") as file:
             file.write(text)
@@ -98,3 +75,37 @@ def write_whole(path: str | os.PathLike, text: str) -> None:
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _folders(path: Path) -> Iterator[None]:
+    """Make folders for the time of a context."""
+    made = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _target(path: str | os.PathLike) -> Path:
+    """The file that a path leads to, through all links.
+
+    Raises:
+        OSError: if it is no path, or the system cannot say.
+    """
+    text = os.fspath(path)
+    try:
+        os.stat(text)
+    except FileNotFoundError:
+        pass
+    except ValueError:  # a null character
+        raise _error(errno.EINVAL, path) from None
+    # `realpath` of a loop of links is the link itself; `stat` has raised for that.
+    return Path(os.path.realpath(text)) if text else Path()
+
+
+def _error(number: int, path: str | os.PathLike) -> OSError:
+    return OSError(number, os.strerror(number), os.fspath(path))

@@ -213,8 +213,12 @@ def annotations_of(cls: type, name: str) -> tuple[TypeForm, ...]:
         if kind is not None:
             found.append(kind)
     # A bare number says nothing of the range that a base gives it: `decimation: int = 4` stays at least 1.
-    bounded = {typing.get_args(kind)[0] for kind in found if typing.get_origin(kind) is Annotated}
+    bounded = {typing.get_args(kind)[0] for kind in found if _origin(kind) is Annotated}
     return tuple(kind for kind in found if kind not in (int, float) or kind not in bounded)
+
+
+def _origin(kind: TypeForm) -> object:
+    return typing.get_origin(kind)
 
 
 def _evaluated(text: str, base: type) -> TypeForm | None:
@@ -228,8 +232,9 @@ def _evaluated(text: str, base: type) -> TypeForm | None:
 
 def has_mark(kind: TypeForm, mark: str) -> bool:
     """Whether an annotation, or a part of it, has a mark such as :data:`CODE`."""
+    origin: object = typing.get_origin(kind)
     args = typing.get_args(kind)
-    if typing.get_origin(kind) is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
+    if origin is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
         return True
     return any(has_mark(arg, mark) for arg in args if arg is not Ellipsis and not isinstance(arg, (str, list)))
 
@@ -453,7 +458,8 @@ def mismatches(value: object, kind: TypeForm, path: str = "") -> Iterator[str]:
 
 def _parts(value: Any, kind: TypeForm) -> Iterator[tuple[str, object, TypeForm]]:
     """Parts of a value that fits so far, which may hold typed dicts: name, part and type."""
-    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    origin: object = typing.get_origin(kind)
+    args = typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         fitting = [part for part in args if value_type(part).fits(value)]
         yield from _parts(value, fitting[0])

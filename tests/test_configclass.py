@@ -21,6 +21,8 @@ import pytest
 
 from stripe_newton import trusted_code
 from stripe_newton.configclass import MISSING, ConfigError, config_with, configclass, is_config, resolve_name
+from stripe_newton.envs import mdp
+from stripe_newton.managers import RewardTermCfg
 from stripe_newton.value_types import PositiveFloat, PositiveInt
 
 
@@ -596,3 +598,15 @@ def test_the_range_of_a_base_holds_in_subclasses_that_name_the_bare_type():
         with pytest.raises(ConfigError, match=r"scale: is 0\.0, must be a number above 0"):
             cls(scale=0.0).validate()
         cls(number=2, scale=0.5).validate()
+
+
+def test_a_config_of_the_same_kind_may_take_the_place_of_another():
+    @configclass
+    class Actions:
+        joint: mdp.JointEffortActionCfg = mdp.JointEffortActionCfg(asset_name="robot", joint_names=[".*"])
+
+    cfg = Actions(joint=mdp.JointPositionActionCfg(asset_name="robot", joint_names=[".*"]))
+    cfg.validate()
+    cfg.joint = RewardTermCfg(func=len, weight=1.0)
+    with pytest.raises(ConfigError, match=r"joint: is RewardTermCfg.*must be a JointEffortActionCfg"):
+        cfg.validate()

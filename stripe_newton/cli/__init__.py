@@ -12,8 +12,10 @@ import time
 from collections.abc import Sequence
 
 from stripe_newton.configclass import ConfigError, NoConfigClassError
-from stripe_newton.rl.errors import CheckpointError, ExportError
+from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError
 
+from .end_signals import end_on_signals
+from .system_errors import system_message
 from .user_error import UserError
 
 __all__ = ["BEGAN", "COMMANDS", "UserError", "main"]
@@ -35,7 +37,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Module and line of help of each command."""
 
-USER_ERRORS = (UserError, ConfigError, NoConfigClassError, CheckpointError, ExportError)
+USER_ERRORS = (UserError, ConfigError, NoConfigClassError, CheckpointError, DivergedError, ExportError)
 """Errors that the user can fix: shown as one message without a traceback."""
 
 
@@ -46,13 +48,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: The arguments after the program's name; by default those of the process.
 
     Returns:
-        The exit code: 0; 2 for an error that the user can fix; 130 after Ctrl-C. All other errors are raised.
+        The exit code: 0; 2 for an error that the user can fix, and for one of the system, such as a full disk; 130
+        after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP. All other errors are raised.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     if argv is None:
         # Until the environment is built (`make_env`): collections double the time of the imports. Not where Python
         # code calls this function, whose process goes on.
         gc.disable()
+        end_on_signals()
         # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
         # the cores, too, an update of a small network took twenty times as long by that.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -63,9 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        if not _is_user_error(error):
+        message = str(error) if _is_user_error(error) else system_message(error)
+        if message is None:
             raise
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {message}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -91,10 +96,11 @@ def _dispatch(args: list[str]) -> int:
         near = difflib.get_close_matches(args[0], COMMANDS, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
         raise UserError(f"no command '{args[0]}'; {hint}")
-    from .early_checks import check_early  # likewise, and tyro
+    from .early_checks import check_early, with_flag_values  # likewise, and tyro
 
-    check_early(args[0], args[1:])
-    return importlib.import_module(COMMANDS[args[0]][0]).run(args[1:])
+    words = with_flag_values(args[0], args[1:])
+    check_early(args[0], words)
+    return importlib.import_module(COMMANDS[args[0]][0]).run(words)
 
 
 def _usage() -> str:

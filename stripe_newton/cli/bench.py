@@ -17,6 +17,7 @@ from .options import BenchArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import make_env
 from .user_error import UserError
+from .written_places import try_place, write_result
 
 __all__ = ["BenchArgs", "measure", "run", "table"]
 
@@ -28,14 +29,13 @@ def run(argv: list[str]) -> int:
     args = parse(BenchArgs, argv, "bench", env=configs.env)
     if args.steps < 1:
         raise UserError(f"--steps {args.steps}: must be at least 1")
+    try_place("--json", args.json)
     imports = time.perf_counter() - BEGAN
     result = measure(configs, args)
     result["import_s"] = imports
     result["ready_s"] = imports + sum(result[f"{part}_s"] for part in ("build", "reset", "first_step"))
     print(table(result))
-    if args.json is not None:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json_module.dumps(result, indent=2) + "\n", encoding="utf-8")
+    write_result("--json", args.json, json_module.dumps(result, indent=2) + "\n")
     return 0
 
 

@@ -16,6 +16,7 @@ from stripe_newton.rl.experiments.loaded_runs import CompareError, LoadedRun, fi
 from stripe_newton.rl.experiments.run_groups import Group, group_runs, pick_metrics, summarize
 
 from .user_error import UserError
+from .written_places import try_place
 
 __all__ = ["CompareArgs", "run"]
 
@@ -43,16 +44,19 @@ def run(argv: list[str]) -> int:
     args = tyro.cli(CompareArgs, args=argv, prog="stripe-newton compare", config=(tyro.conf.FlagConversionOff,))
     if not args.runs:
         raise UserError("compare needs runs: stripe-newton compare RUN [RUN ...]")
+    try_place("--out", args.out, folder=True)
     try:
         comparison = compare(args)
+    except CompareError as error:
+        raise UserError(str(error)) from None
+    try:
         args.out.mkdir(parents=True, exist_ok=True)
         page, picture = args.out / "compare.html", args.out / "compare.png"
         page.write_text(to_html(comparison), encoding="utf-8")
         draw_png(comparison.groups, comparison.metrics, comparison.x, picture, comparison.title)
-    except CompareError as error:
-        raise UserError(str(error)) from None
     except OSError as error:
-        raise UserError(f"--out {args.out}: {error.strerror or error}") from None
+        print(text_report(comparison))  # so that the result is not lost
+        raise UserError(f"--out {args.out}: could not be written: {error.strerror or error}") from None
     print(f"{text_report(comparison)}\n\n{page}\n{picture}")
     return 0
 

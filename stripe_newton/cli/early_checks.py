@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,7 @@ from .options import OPTIONS, PlayArgs
 from .tasks import task_argument
 from .user_error import UserError
 
-__all__ = ["check_early"]
+__all__ = ["check_early", "with_flag_values"]
 
 _OF_TASKS = ("train", "eval", "play", "bench")
 """Commands whose first argument is a task, and that take options for the fields of its configs."""
@@ -40,8 +41,8 @@ def check_early(command: str, argv: Sequence[str]) -> None:
         return
     for name in _PATHS:
         for value in _values(argv, name):
-            if not Path(value).expanduser().exists():
-                raise UserError(f"{name} {value}: does not exist")
+            if not _exists(value):
+                raise UserError(f"{name} {value if value.isprintable() else repr(value)}: does not exist")
     if task is not None:
         own = [task, *(word for word in _without_fields(argv) if word != task)]
         args: object = tyro.cli(
@@ -49,6 +50,29 @@ def check_early(command: str, argv: Sequence[str]) -> None:
         )
         if isinstance(args, PlayArgs):
             args.check()
+
+
+def with_flag_values(command: str, argv: Sequence[str]) -> list[str]:
+    """Arguments in which a flag, such as ``--deterministic``, has a value, as flags have among those of configs."""
+    if command not in _OF_TASKS:
+        return list(argv)
+    flags = {f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(OPTIONS[command]) if _is_flag(field)}
+    words: list[str] = []
+    for word, following in pairwise([*argv, ""]):
+        lacks = word in flags and (not following or following.startswith("--"))
+        words += [word, "True"] if lacks else [word]
+    return words
+
+
+def _is_flag(field: dataclasses.Field) -> bool:
+    return field.type in (bool, "bool")
+
+
+def _exists(path: str) -> bool:
+    try:
+        return Path(path).expanduser().exists()
+    except (OSError, RuntimeError):  # a name that is too long, the home of a user whom nobody knows
+        return False
 
 
 def _values(argv: Sequence[str], option: str) -> list[str]:

@@ -8,11 +8,13 @@ import json as json_module
 from stripe_newton.rl import evaluate, find_checkpoint
 
 from .arguments import parse, peek, task_of
+from .determinism import make_deterministic, promise
 from .device import set_device, set_seeds
 from .env_and_policy import build_policy, find_policy
 from .options import EvalArgs
 from .run_configs import check, load_configs, use_one_minibatch
 from .user_error import UserError
+from .written_places import try_place, write_result
 
 __all__ = ["EvalArgs", "run"]
 
@@ -26,6 +28,7 @@ def run(argv: list[str]) -> int:
     args = parse(EvalArgs, argv, "eval", env=configs.env)
     if args.episodes < 1:
         raise UserError(f"--episodes {args.episodes}: must be at least 1")
+    try_place("--json", args.json)
     # More environments than episodes would only wait.
     default = min(configs.env.scene.num_envs, args.episodes)
     configs.env.scene.num_envs = default if args.num_envs is None else args.num_envs
@@ -34,10 +37,14 @@ def run(argv: list[str]) -> int:
     if configs.agent is not None:
         use_one_minibatch(configs.agent)
     check(configs)
+    if args.deterministic:
+        make_deterministic(configs.env.sim.device)
     set_seeds(configs.env.seed or 0)
 
     env, policy = build_policy(task, configs, checkpoint or find_checkpoint(args.checkpoint))
     try:
+        if args.deterministic:
+            print(promise(env))
         result = evaluate(env, policy, args.episodes, task=task, seed=configs.env.seed)
     finally:
         env.close()
@@ -46,7 +53,5 @@ def run(argv: list[str]) -> int:
     width = max(map(len, shown)) + 2
     for name, value in shown.items():
         print(f"{name:<{width}}{value:.4g}" if isinstance(value, float) else f"{name:<{width}}{value}")
-    if args.json is not None:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json_module.dumps(found, indent=2) + "\n", encoding="utf-8")
+    write_result("--json", args.json, json_module.dumps(found, indent=2) + "\n")
     return 0

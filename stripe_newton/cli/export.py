@@ -16,6 +16,7 @@ from .options import ExportArgs
 from .run_configs import check, load_configs, use_one_minibatch
 from .tasks import find_task
 from .user_error import UserError
+from .written_places import try_place
 
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
@@ -37,6 +38,7 @@ def run(argv: list[str]) -> int:
     use_one_minibatch(configs.need_agent())
     set_device(configs.env, args.device)
     out = args.out or (folder.exported if folder is not None else checkpoint.parent)
+    try_place("--out", out, folder=True)
     robot = _request_mjcf(configs.env, out) if args.mjcf else None
     check(configs)
     set_seeds(configs.env.seed or 0)

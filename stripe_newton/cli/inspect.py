@@ -24,6 +24,7 @@ from .options import InspectArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import find_task, task_argument, task_ids
 from .user_error import UserError
+from .written_places import try_place
 
 if TYPE_CHECKING:
     from stripe_newton.robot_files import ActuatorRow
@@ -56,9 +57,11 @@ def run(argv: list[str]) -> int:
     if task in task_ids():  # only a task has options for the fields of its config
         configs = load_configs(task, None, agent=False)
         args = parse(InspectArgs, _with_values(argv), "inspect", env=configs.env)
+        try_place("--out", args.out, folder=True)
         is_file, found = False, _inspect_task(args.target, configs)
     else:
         args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
+        try_place("--out", args.out, folder=True)
         is_file = Path(args.target).suffix.lower() in _SUFFIXES or Path(args.target).is_file()
         if not is_file:
             _refuse_name(args.target)

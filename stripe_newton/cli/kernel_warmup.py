@@ -7,6 +7,7 @@ processes compile them side by side into Warp's kernel cache, from which the com
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.metadata
 import os
@@ -48,27 +49,37 @@ def warm_up(device: str, out: TextIO | None = None) -> bool:
     """
     import warp as wp  # here, as --help needs it not
 
+    from .kernel_lock import hold_cache  # likewise
+
     wp.init()  # after which the folder of the cache is known
     stamp = Path(str(wp.config.kernel_cache_dir)) / f"stripe_newton_{_versions()}_{_architecture(device)}.warm"
     shares = _shares(min(os.cpu_count() or 1, _MOST_WORKERS))
     # Modules of another version may be there; what is missing is then compiled one by one.
     if stamp.exists() or len(shares) < 2 or all(any(stamp.parent.glob(f"wp_{name}_*")) for name in MODULES):
         return False
-    out = out or sys.stderr
+    # Of several commands that start at once one compiles, in as many processes as the machine has room for.
+    with hold_cache(stamp.with_suffix(".lock"), "the kernels that every task needs"):
+        if stamp.exists():
+            return False
+        if _compile_all(device, shares, out or sys.stderr):
+            with contextlib.suppress(OSError):
+                stamp.touch()
+    return True
+
+
+def _compile_all(device: str, shares: Sequence[Sequence[str]], out: TextIO) -> bool:
+    """Compile shares of the modules, each in a process. Returns whether all ended well."""
     command = [sys.executable, "-m", "stripe_newton.cli.kernel_warmup", device]
     workers = [
         subprocess.Popen([*command, *share], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         for share in shares
     ]
     try:
-        well = _follow(workers, out)
+        return _follow(workers, out)
     except BaseException:
         for worker in workers:
             worker.kill()
         raise
-    if well:
-        stamp.touch()
-    return True
 
 
 def _follow(workers: Sequence[subprocess.Popen[str]], out: TextIO) -> bool:

@@ -8,8 +8,6 @@ import keyword
 import re
 import shutil
 from dataclasses import dataclass
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import tyro
@@ -102,9 +100,9 @@ def _check_name(name: str) -> None:
 
 def _write(kind: str, folder: Path, values: dict[str, str]) -> list[Path]:
     """Write the files of a template, with its placeholders filled. Returns their paths."""
-    templates = files("stripe_newton.cli") / "templates"
+    templates = Path(__file__).with_name("templates")
     package = templates / kind / "package"
-    found: dict[str, Traversable] = {
+    found: dict[str, Path] = {
         "pyproject.toml": templates / "common" / "pyproject.toml.template",
         "README.md": templates / "common" / "README.md.template",
         ".gitignore": templates / "common" / "gitignore.template",
@@ -114,7 +112,7 @@ def _write(kind: str, folder: Path, values: dict[str, str]) -> list[Path]:
     about |= {values["COPY"]: "the robot's file, a copy"} if "COPY" in values else {}
     values = values | {"FILES": "\n".join(f"| `@NAME@/{name}` | {text} |" for name, text in about.items())}
     for place, target in ((package, values["NAME"]), (templates / kind / "tests", "tests")):
-        found |= {f"{target}/{_file_name(entry)}": entry for entry in sorted(place.iterdir(), key=lambda e: e.name)}
+        found |= {f"{target}/{_file_name(entry)}": entry for entry in sorted(place.iterdir())}
     made = []
     for name, template in found.items():
         path = folder / _filled(name, values)
@@ -124,7 +122,7 @@ def _write(kind: str, folder: Path, values: dict[str, str]) -> list[Path]:
     return made
 
 
-def _file_name(template: Traversable) -> str:
+def _file_name(template: Path) -> str:
     return template.name.removesuffix(".template")
 
 

@@ -46,6 +46,8 @@ class TrainArgs:
     """A YAML file of fields and seeds to try; a run for each, in a process of its own."""
     jobs: tyro.conf.DisallowNone[int | None] = None
     """Runs of a sweep at a time: by default one on each GPU, or one on the CPU."""
+    deterministic: bool = False
+    """Give the same bits in every run, and refuse what cannot; slower on a GPU."""
 
 
 @dataclass
@@ -64,6 +66,8 @@ class EvalArgs:
     """Seed of everything; by default the one of the training."""
     device: tyro.conf.DisallowNone[str | None] = None
     """cpu or cuda:N; by default the first GPU where there is one."""
+    deterministic: bool = False
+    """Give the same bits in every run, and refuse what cannot; slower on a GPU."""
     json: tyro.conf.DisallowNone[Path | None] = None
     """File to write the result to."""
 

@@ -26,6 +26,7 @@ from .env_and_policy import build_env, build_policy, find_policy
 from .options import PlayArgs
 from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
+from .written_places import try_place
 
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
@@ -40,11 +41,12 @@ def run(argv: list[str]) -> int:
     configs = load_configs(task, folder, agent=checkpoint is not None and checkpoint.suffix != ".onnx")
     args = parse(PlayArgs, argv, "play", env=configs.env)
     _prepare(args, configs)
+    name = f"play_{checkpoint.stem}.mp4" if checkpoint else f"{task}_{args.agent}.mp4"
+    path = (folder.videos if folder else Path("videos")) / name
+    try_place("video", path if args.viewer == "video" else None)
     env, policy = _env_and_policy(task, args, configs, checkpoint)
     try:
         if args.viewer == "video":
-            name = f"play_{checkpoint.stem}.mp4" if checkpoint else f"{task}_{args.agent}.mp4"
-            path = (folder.videos if folder else Path("videos")) / name
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
         elif args.viewer == "viser":
             _watch(env, policy, configs.env, args)

@@ -19,6 +19,7 @@ from stripe_newton.registration import scene_class, scene_names
 from .progress import Progress
 from .tasks import import_target, load_entry_points
 from .user_error import UserError
+from .written_places import try_place
 
 if TYPE_CHECKING:
     from stripe_newton.specifications import Scene, SceneSpec
@@ -125,8 +126,7 @@ def _usage() -> str:
 def _preview(args: PreviewArgs) -> None:
     _check_resolution(args.resolution)
     out = args.out or Path(f"scene_{args.spec.rpartition(':')[2]}_seed{args.seed}")
-    if out.exists() and not out.is_dir():
-        raise UserError(f"--out {out}: is a file, preview needs a folder")
+    try_place("--out", out, folder=True)
     spec = _make_spec(args)
     with Progress() as progress:
         scene = _create(spec, args.seed, progress)
@@ -158,6 +158,7 @@ def _draw(scene: Scene, args: PreviewArgs, out: Path, progress: Progress) -> Non
 def _build(args: BuildArgs) -> None:
     if args.out.suffix not in _SUFFIXES:
         raise UserError(f"--out {args.out}: must end in .usd, .usda or .usdc")
+    try_place("--out", args.out)
     spec = _make_spec(args)
     with Progress() as progress:
         scene = _create(spec, args.seed, progress)
@@ -187,6 +188,7 @@ def _simulate(args: SimulateArgs) -> None:
     out = args.out or Path(f"scene_{args.spec.rpartition(':')[2]}_seed{args.seed}.mp4")
     if out.suffix != ".mp4":
         raise UserError(f"--out {out}: must end in .mp4")
+    try_place("--out", out if viewer == "video" else None)
     simulate(args.spec, spec, Options(args.seed, args.drop, seconds, viewer, out, args.resolution, args.device))
 
 

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Literal, TypeVar, overload
 
 import gymnasium
 
-from stripe_newton.configclass import resolve_name
+from stripe_newton.configclass import is_config, resolve_name
 from stripe_newton.rl.configs import RunnerCfg
 from stripe_newton.trusted_code import trust
+from stripe_newton.value_types import short
 
-from .user_error import UserError, user_code
+from .user_error import UserError, user_code, whole_module
 
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
@@ -132,7 +133,7 @@ def import_target(target: str, where: str) -> ModuleType:
     module, folder = _module_and_folder(target, where)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
-    with user_code(f"{where}: {target} cannot be imported", anywhere=True):
+    with whole_module(f"{where}: {target}"), user_code(f"{where}: {target} cannot be imported", anywhere=True):
         try:
             found = importlib.import_module(module)
         except ModuleNotFoundError as error:
@@ -222,11 +223,17 @@ def load_cfg(task: str, kind: Literal["env", "agent"]) -> RLEnvCfg | RunnerCfg:
         raise UserError(f"task '{task}' is registered without '{_AGENT_CFG}', so it cannot be trained with rsl_rl")
     with user_code(f"the {kind} config of {task}", anywhere=True):
         make: Callable[[], RLEnvCfg | RunnerCfg] = _resolved(entry, task)
-        return make()
+        cfg = make()
+    if not is_config(cfg):
+        raise UserError(f"task '{task}' is registered with a config that is {short(cfg)}, must be one of @configclass")
+    return cfg
 
 
 def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchVectorEnv:
     """The vector environment of a task, made from ``cfg``; several agents are shown as one."""
+    from .kernel_lock import compile_once  # here, as it loads Warp, which commands that build nothing do not need
+
+    compile_once()
     creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point, task)
     with user_code(f"the environment of {task}"):
         env = creator(cfg=cfg, render_mode=render_mode)
@@ -256,3 +263,5 @@ def _resolved(entry: str | Callable[..., T], task: str) -> Callable[..., T]:
         if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
             raise
         raise UserError(f"task '{task}' is registered with '{entry}': there is no module '{error.name}'") from None
+    except AttributeError:
+        raise UserError(f"task '{task}' is registered with '{entry}', which the module does not have") from None

@@ -26,6 +26,7 @@ from stripe_newton.rl.torch_vector_env import rl_env_of
 
 from . import USER_ERRORS
 from .arguments import parse, peek, task_of
+from .determinism import make_deterministic, promise
 from .device import set_device, set_seeds
 from .env_and_policy import build
 from .options import TrainArgs
@@ -35,6 +36,7 @@ from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split
 from .train_resume import Changes, check_changes, differences
 from .train_sweep import SweepOptions, run_sweep
 from .user_error import UserError
+from .written_places import try_place
 
 __all__ = ["TrainArgs", "run"]
 
@@ -58,6 +60,8 @@ def _train(task: str, argv: Sequence[str]) -> int:
     # The configs of the resumed run, before the options of this command change them.
     before = {name: cfg.to_dict() for name, cfg in vars(configs).items()}
     args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.need_agent())
+    if resumed is None:
+        try_place("--log-dir", args.log_dir, folder=True)
     _apply_shortcuts(args, configs)
     check(configs)
     if args.sweep is not None:
@@ -71,6 +75,8 @@ def _train(task: str, argv: Sequence[str]) -> int:
         print(f"{resume} contains no checkpoint yet: it starts anew")
     total_envs = configs.env.scene.num_envs
     split_over_ranks(configs)
+    if args.deterministic:
+        make_deterministic(configs.env.sim.device)
     # Each rank draws other noise on its actions.
     set_seeds(configs.need_agent().seed + world().rank)
     folder = _run_folder(task, args, configs, resumed)
@@ -80,6 +86,8 @@ def _train(task: str, argv: Sequence[str]) -> int:
             folder.write_task(task)
             folder.write_params(configs.env, configs.need_agent(), total_envs)
         runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
+        if args.deterministic:
+            print(promise(runner.env))
     except BaseException:
         # A task that cannot be built leaves no empty runs behind.
         if resumed is None and world().rank == 0:
@@ -172,7 +180,7 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
     """Write the learning curve, the exported policy and, after a complete run, the video."""
     try:
         plot_learning_curve(folder.metrics, folder.learning_curve, f"{task}, {runner.iterations_done} iterations")
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         print(f"no learning curve: {error}", file=sys.stderr)
     failed: ExportError | None = None
     print("exporting the policy", flush=True)

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-__all__ = ["UserError", "user_code"]
+__all__ = ["TRACEBACK", "UserError", "user_code", "whole_module"]
 
 TRACEBACK = "STRIPE_NEWTON_TRACEBACK"
 """Environment variable: if it is set, errors in a user's code are shown with their traceback."""
@@ -43,6 +43,29 @@ def user_code(where: str, anywhere: bool = False) -> Iterator[None]:
         said = str(error).strip().partition("\n")[0]
         hint = f"{TRACEBACK}=1 shows the traceback"
         raise UserError(f"{where}: {place}: {type(error).__name__}: {said} ({hint})") from error
+
+
+@contextmanager
+def whole_module(what: str) -> Iterator[None]:
+    """Within this context whatever ends the import of a module is a :class:`UserError`, also where no line is at fault.
+
+    A file may be no text, ``sys.exit`` may stand at its top level, or an exception be none of Python's own kind.
+
+    Args:
+        what: The module, for the message.
+    """
+    try:
+        yield
+    except (UserError, KeyboardInterrupt):
+        raise
+    except SystemExit as stop:
+        raise UserError(f"{what}: ends the program while it is imported (sys.exit({stop.code!r}))") from stop
+    except BaseException as error:
+        if os.environ.get(TRACEBACK) or any(kind.__name__ == "ConfigError" for kind in type(error).__mro__):
+            raise
+        said = str(error).strip().partition("\n")[0]
+        hint = f"{TRACEBACK}=1 shows the traceback"
+        raise UserError(f"{what} cannot be imported: {type(error).__name__}: {said} ({hint})") from error
 
 
 def _place(error: Exception, anywhere: bool) -> str | None:

@@ -9,6 +9,7 @@ import torch
 import warp as wp
 from gymnasium import spaces
 
+from stripe_newton.call_checks import to_tensor
 from stripe_newton.configclass import ConfigError
 from stripe_newton.noise import NoiseModelCfg
 
@@ -56,8 +57,8 @@ def checked_actions(
     """
     checked = {}
     for agent, value in of_all(list(action_spaces), "actions", actions).items():
-        value = torch.as_tensor(value, device=device)
         expected = (num_envs, *(action_spaces[agent].shape or ()))
+        value = to_tensor(f"actions of {agent}", value, f"a tensor of shape {expected}", device)
         if tuple(value.shape) != expected:
             raise ValueError(f"actions of '{agent}' have shape {tuple(value.shape)}, expected {expected}")
         if refuse_nonfinite and value.is_floating_point() and not bool(torch.isfinite(value).all()):

@@ -54,12 +54,14 @@ def restore_state(env: SteppedScene, state: EnvState) -> None:
                 f"the state has '{name}' of shape {tuple(value.shape)}, the environment {here}: "
                 "it is of another task or size"
             )
+    parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
+    if len(parts) != len(env.state_parts()):
+        raise ValueError(f"the state has {len(parts)} parts, the environment {len(env.state_parts())}")
     env.common_step_counter = state["step"]  # type: ignore[assignment]
     for name, value in saved.items():
         wp.to_torch(arrays[name]).copy_(value)
     _restore_buffers(env, state["buffers"])  # type: ignore[arg-type]
-    parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
-    for mine, part in zip(env.state_parts(), parts, strict=False):
+    for mine, part in zip(env.state_parts(), parts, strict=True):
         _restore_tensors(mine, part, env.device)
     # The solver has not seen these writes: floating roots were moved, and randomised parts of the model may have been.
     env.sim.roots_moved = True

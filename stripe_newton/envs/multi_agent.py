@@ -12,6 +12,8 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from stripe_newton.call_checks import to_tensor
+
 from .by_agent import ByAgent
 from .direct_marl_env import DirectMARLEnv
 from .rl_env import Extras, ResetOptions
@@ -79,7 +81,7 @@ class SingleAgentView(VectorEnv):
 
     def step(self, action: torch.Tensor) -> tuple[ByAgent, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """See :meth:`RLEnv.step`."""
-        action = torch.as_tensor(action, device=self.env.device)
+        action = to_tensor("action", action, f"a tensor of shape {self.action_space.shape}", self.env.device)
         if tuple(action.shape) != tuple(self.action_space.shape):
             raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(self.action_space.shape)}")
         parts = action.split(self._sizes, dim=-1)

@@ -15,11 +15,20 @@ import warp as wp
 from gymnasium.utils import seeding
 from typing_extensions import Self
 
-from stripe_newton.configclass import ConfigError
+from stripe_newton.call_checks import (
+    check_state,
+    checked_lengths,
+    checked_mask,
+    checked_seed,
+    reset_mask_of,
+    to_tensor,
+)
+from stripe_newton.configclass import ConfigError, is_config
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
 from stripe_newton.managers import ManagerContext, TermEvaluation
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation, SimulationCfg
+from stripe_newton.value_types import short
 
 from .env_state import EnvState, restore_state, save_state
 from .output_block import OutputBlock
@@ -89,8 +98,11 @@ class SteppedScene:
         """
         if kwargs:
             raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
-        if render_mode not in RENDER_MODES:
-            raise ValueError(f"render_mode '{render_mode}': must be None or 'rgb_array'")
+        if not is_config(cfg):
+            a_class = f"the class {cfg.__name__}; call it" if isinstance(cfg, type) else short(cfg)
+            raise TypeError(f"{type(self).__name__}: cfg: is {a_class}, must be a config of the environment")
+        if render_mode is not None and (not isinstance(render_mode, str) or render_mode not in RENDER_MODES):
+            raise ValueError(f"render_mode: is {short(render_mode)}, must be None or 'rgb_array'")
         self.cfg = cfg.copy()
         self.cfg.complete()
         self.cfg.validate()
@@ -187,13 +199,17 @@ class SteppedScene:
 
     @episode_length_buf.setter
     def episode_length_buf(self, value: torch.Tensor) -> None:
-        self._episode_length_buf.copy_(torch.as_tensor(value, device=self.device))
+        self._episode_length_buf.copy_(checked_lengths(value, self.num_envs, self.device))
 
     # -- reset and step
 
     def seed(self, seed: int | None = None) -> int:
-        """Seed Python's, NumPy's and torch's random numbers; ``None`` draws a seed. Returns the seed."""
-        seed = int(np.random.default_rng().integers(2**31)) if seed is None else int(seed)
+        """Seed Python's, NumPy's and torch's random numbers; ``None`` draws a seed. Returns the seed.
+
+        Raises:
+            ValueError: if the seed is no whole number from 0 to 2**63 - 1.
+        """
+        seed = int(np.random.default_rng().integers(2**31)) if seed is None else checked_seed(seed)
         self._seed_host(seed)
         if "context" in vars(self):  # a hook may seed while the scene is made
             self.context.seed(seed)
@@ -217,15 +233,21 @@ class SteppedScene:
 
         Returns:
             Observations by group, and extras.
+
+        Raises:
+            ValueError: for a wrong seed, other options, or a mask of another type or shape, such as indices.
+            RuntimeError: if the environment is closed.
         """
+        self._check_open()
+        given = reset_mask_of(options)
+        mask = None if given is None else checked_mask(given, self.num_envs, self.device)
         if seed is not None:
             self.seed(seed)
-        mask = (options or {}).get("reset_mask")
         self._begin_extras()
         self._steps_before = self.common_step_counter - 1  # a reset is no step: count_step() does nothing within it
         # The mask stands where a step's terminations would have written it, so that the reset below is a step's.
         self.context.reset_mask.begin_step()
-        self.reset_buf[:] = True if mask is None else torch.as_tensor(mask, dtype=torch.bool, device=self.device)
+        self.reset_buf[:] = True if mask is None else mask
         self._safety.begin_reset_from_outside()
         # Only the stages that begin an episode run. A fused kernel may also hold sections of the stages beside them;
         # sections that belong to a step alone are guarded by this flag.
@@ -254,8 +276,10 @@ class SteppedScene:
 
         Raises:
             ValueError: if the shape of the actions does not fit, or they are not finite and the config says to raise.
-            RuntimeError: if contacts or constraints were dropped, naming the size to set.
+            RuntimeError: if contacts or constraints were dropped, naming the size to set; or if the environment is
+                closed.
         """
+        self._check_open()
         action = self._checked_action(action)
         # On the host, before anything is launched: overflows that the device has reported, arrays that were replaced.
         self.begin_step()
@@ -269,12 +293,18 @@ class SteppedScene:
 
     # -- the parts of a step: step() runs them, and so does a user who records the step in a CUDA graph (GraphStep)
 
+    def _check_open(self) -> None:
+        """Raise if the environment is closed: its model and solver are gone."""
+        if self.closed:
+            raise RuntimeError(f"{type(self).__name__}: is closed; make a new one")
+
     def begin_step(self) -> None:
         """Do the host's part before a step.
 
         Raises:
             RuntimeError: if contacts or constraints were dropped, naming the size to set.
         """
+        self._check_open()
         self._begin_extras()
         self._steps_before = self.common_step_counter
         self.context.reset_mask.begin_step()
@@ -321,6 +351,7 @@ class SteppedScene:
         Raises:
             GraphCaptureError: if something in the step runs on the host; see :meth:`why_not_capturable`.
         """
+        self._check_open()
         self._take_action(action)
         return self.plan.launch()
 
@@ -353,6 +384,7 @@ class SteppedScene:
             ValueError: if actions were not finite and the config says to raise.
             RuntimeError: on the CPU, if contacts or constraints were dropped in this step.
         """
+        self._check_open()
         self.count_step()
         self._leave_bodies_for_later()
         self.raise_for_actions()
@@ -470,8 +502,8 @@ class SteppedScene:
         self.extras["log"] = {}
 
     def _checked_action(self, action: object) -> torch.Tensor:
-        action = torch.as_tensor(action, device=self.device)
         expected = self._action_shape
+        action = to_tensor("action", action, f"a tensor of shape {expected or self.num_envs}", self.device)
         if expected is not None and tuple(action.shape) != expected:
             raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(expected)}")
         if self.device == "cpu" and self.cfg.nonfinite_actions == "raise" and action.is_floating_point():
@@ -506,6 +538,7 @@ class SteppedScene:
 
         Newton's camera sensor ray traces it, so neither a display nor a graphics library is needed.
         """
+        self._check_open()
         if self.render_mode != "rgb_array":
             return None
         if self._renderer is None:
@@ -552,7 +585,8 @@ class SteppedScene:
     @torch.inference_mode(False)
     @torch.no_grad()
     def _move_to_scene(self, seed: int) -> None:
-        self.scene.regenerate(seed)
+        self._check_open()
+        self.scene.regenerate(checked_seed(seed))
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -573,7 +607,7 @@ class SteppedScene:
         Raises:
             ConfigError: parameters that do not fit.
         """
-        return self._evaluation.value(term, params)
+        return self._evaluation.value(_checked_term(term, "term"), params)
 
     @torch.no_grad()
     def apply_event(
@@ -584,10 +618,11 @@ class SteppedScene:
         Raises:
             ConfigError: parameters that do not fit.
         """
-        self._evaluation.apply(event, env_ids, params)
+        self._evaluation.apply(_checked_term(event, "event"), env_ids, params)
 
     @property
     def _evaluation(self) -> TermEvaluation:
+        self._check_open()
         if self._evaluates is None:
             self._evaluates = TermEvaluation(self.context)
         return self._evaluates
@@ -602,6 +637,7 @@ class SteppedScene:
         It has joints, targets, the solver's warm start, counters, and every tensor that the subclass keeps as an
         attribute.
         """
+        self._check_open()
         return save_state(self)
 
     @torch.inference_mode(False)
@@ -612,6 +648,8 @@ class SteppedScene:
         Raises:
             ValueError: if it is the state of another environment.
         """
+        self._check_open()
+        check_state(state)
         seed = state.get("scenery_seed", self.scene.first_scenery_seed)
         if isinstance(seed, int) and seed != self.scene.scenery_seed:
             self._move_to_scene(seed)
@@ -620,6 +658,17 @@ class SteppedScene:
     def state_parts(self) -> list[dict[str, torch.Tensor]]:
         """Parts of the state that are not attributes of the environment, as the dicts of tensors that hold them."""
         return []
+
+
+def _checked_term(function: object, what: str) -> wp.Function:
+    """A Warp function.
+
+    Raises:
+        TypeError: if it is none.
+    """
+    if not isinstance(function, wp.Function):
+        raise TypeError(f"{what}: is {short(function)}, must be a Warp function, such as mdp.joint_pos_rel")
+    return function
 
 
 def _own(values: Extras) -> Extras:

@@ -3,9 +3,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
 from packaging.version import Version
 
-__all__ = ["get_isaac_sim_version", "replace_slices_with_strings", "replace_strings_with_slices"]
+__all__ = [
+    "convert_dict_to_backend",
+    "get_isaac_sim_version",
+    "print_dict",
+    "replace_slices_with_strings",
+    "replace_strings_with_slices",
+]
 
 _SLICE = "slice("
 
@@ -41,6 +53,66 @@ def _slice_of(text: str) -> slice:
     if len(numbers) != 3:
         raise ValueError(f"'{text}' is no slice; expected 'slice(start,stop,step)' of whole numbers or None")
     return slice(*numbers)
+
+
+def convert_dict_to_backend(
+    data: Mapping[str, Any], backend: str = "numpy", array_types: tuple[str, ...] = ("numpy", "torch", "warp")
+) -> dict[str, Any]:
+    """A copy of a nested dict with its arrays in another library; everything else is kept.
+
+    Args:
+        data: The dict.
+        backend: ``"numpy"``, ``"torch"`` or ``"warp"``.
+        array_types: Libraries whose arrays are converted.
+
+    Raises:
+        ValueError: an unknown library.
+    """
+    for name in (backend, *array_types):
+        if name not in _ARRAYS:
+            raise ValueError(f"unknown library of arrays '{name}'; use one of {list(_ARRAYS)}")
+    kinds = tuple(_ARRAYS[name] for name in array_types)
+    new: dict[str, Any] = {}
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            new[key] = convert_dict_to_backend(value, backend, array_types)
+        else:
+            new[key] = _CONVERSIONS[backend](value) if isinstance(value, kinds) else value
+    return new
+
+
+_ARRAYS: dict[str, type] = {"numpy": np.ndarray, "torch": torch.Tensor, "warp": wp.array}
+
+
+def _to_numpy(value: Any) -> np.ndarray:
+    if isinstance(value, wp.array):
+        return np.asarray(value.numpy())
+    return value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else np.asarray(value)
+
+
+def _to_torch(value: Any) -> torch.Tensor:
+    return wp.to_torch(value) if isinstance(value, wp.array) else torch.as_tensor(value)
+
+
+def _to_warp(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        return wp.from_torch(value)
+    return wp.from_numpy(value, device="cpu") if isinstance(value, np.ndarray) else value
+
+
+_CONVERSIONS: dict[str, Callable[[Any], Any]] = {"numpy": _to_numpy, "torch": _to_torch, "warp": _to_warp}
+
+
+def print_dict(val: object, nesting: int = -4, start: bool = True) -> None:
+    """Print a nested dict, one entry a line, indented by depth."""
+    if not isinstance(val, Mapping):
+        print(val)
+        return
+    if not start:
+        print()
+    for key, value in val.items():
+        print(f"{' ' * (nesting + 4)}{key}: ", end="")
+        print_dict(value, nesting + 4, start=False)
 
 
 def get_isaac_sim_version() -> Version:

@@ -22,7 +22,8 @@ class LatestSimulation(Protocol):
     @property
     def stage(self) -> Usd.Stage: ...
 
-    def take_scene(self, scene: NativeScene) -> None: ...
+    def take_scene(self, scene: NativeScene) -> None:
+        """Make a scene the one that the simulation steps."""
 
 
 _latest: list[Any] = []

@@ -10,6 +10,7 @@ import torch
 import warp as wp
 
 from stripe_kernels.term_info import observation_size
+from stripe_newton.call_checks import checked_env_ids
 from stripe_newton.configclass import ConfigError, is_config
 from stripe_newton.fusion import Flag, Item, Plan, SceneEntityCfg, Section, Stage, bind_term, code, usage_of
 
@@ -91,11 +92,13 @@ class TermEvaluation:
 
         Raises:
             ConfigError: parameters that do not fit.
+            ValueError: for environments that there are not.
         """
         chosen = self._context.torch(self._chosen)
         chosen.fill_(env_ids is None)
+        # An index of the host is checked by a read of the device, as users call this outside of recorded steps.
         if env_ids is not None:
-            chosen[torch.as_tensor(env_ids, dtype=torch.long, device=chosen.device)] = True
+            chosen[checked_env_ids(env_ids, self._context.num_envs, str(chosen.device))] = True
         self._made("events", func, params, self._make_event).run()
         if usage_of(func).may_use(("root_pose", "joint_pos")):
             self._context.scene.sim.forward(chosen)

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field
 
 import torch
 
+from stripe_newton.value_types import short
+
 from .policies import Policy
 from .torch_vector_env import Extras, success_of
 from .wrappers.rsl_rl import RslRlVecEnvWrapper
@@ -61,8 +63,8 @@ def evaluate(
         ValueError: if ``episodes`` is below 1.
         RuntimeError: if an episode goes on for more than twice ``env.max_episode_length`` steps.
     """
-    if episodes < 1:
-        raise ValueError(f"episodes is {episodes}, must be at least 1")
+    if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
+        raise ValueError(f"episodes: is {short(episodes)}, must be a whole number of at least 1")
     counter = _EpisodeCounter(env, episodes)
     obs = env.reset(seed=seed)
     policy.reset()

@@ -23,8 +23,8 @@ from .errors import CheckpointError, CheckpointWriteError, DivergedError
 from .graphs.loop import learn_in_graphs
 from .graphs.rollout import GraphRollout
 from .runner_settings import env_mismatches, rsl_rl_settings, why_no_graphs
-from .runs.checkpoint import CheckpointData, load_checkpoint, save_checkpoint
-from .runs.divergence import check_networks
+from .runs.checkpoint import CheckpointData, describe_room, load_checkpoint, save_checkpoint
+from .runs.divergence import check_networks, is_of_environment
 from .runs.interrupt import on_first_signal
 from .runs.run_folder import RunFolder
 from .runs.run_logger import RunLogger, StopTraining
@@ -50,6 +50,9 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
     _unsaved: CheckpointWriteError | None = None
     """Reason why the last checkpoint is not on the disk; None if it is."""
+    _said_room = False
+    _task: str | None = None
+    """The task that the run folder names."""
 
     def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlBaseRunnerCfg, log_dir: str | os.PathLike | None = None):
         """Build networks, algorithm and logger on the environment's device.
@@ -109,8 +112,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     def learn(self, num_learning_iterations: int | None = None, init_at_random_ep_len: bool | None = None) -> bool:
         """Train for a number of iterations, by default up to ``cfg.max_iterations``.
 
-        Ctrl-C, or SIGTERM, ends the run after the iteration that is under way, with a checkpoint; a second one ends it
-        at once.
+        Ctrl-C, SIGTERM or a closed terminal ends the run after the iteration that is under way, with a checkpoint; a
+        second signal ends it at once.
 
         Args:
             num_learning_iterations: Number of further iterations.
@@ -124,8 +127,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             DivergedError: if the policy has diverged, with the iteration and the last sound checkpoint.
             CheckpointError: if another training runs in the run folder.
         """
-        writes = self.run_folder is not None and not self.logger.disable_logs
-        with self.run_folder.hold() if writes else contextlib.nullcontext():
+        folder = None if self.logger.disable_logs else self.run_folder
+        with contextlib.nullcontext() if folder is None else folder.hold():
             return self._learn_held(num_learning_iterations, init_at_random_ep_len)
 
     def _learn_held(self, num_learning_iterations: int | None, init_at_random_ep_len: bool | None) -> bool:
@@ -141,7 +144,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         self.logger.stop_requested = False
         # torch's launcher ends ranks by SIGTERM after another one died, and such a rank must not wait for an iteration
         # that never ends. So ranks stop on Ctrl-C alone.
-        signals = (signal.SIGINT,) if self.is_distributed else (signal.SIGINT, signal.SIGTERM)
+        ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        signals = (signal.SIGINT,) if self.is_distributed else ends
         with on_first_signal(signals, self._request_stop):
             try:
                 self._learn(count, spread and self.iterations_done == 0)
@@ -164,6 +168,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         try:
             check_networks(self.networks, where, self.run_folder)
         except DivergedError as cause:
+            if is_of_environment(error):  # whose NaN has gone into the weights, or the other way round
+                raise ValueError(f"{error}; weights of the policy are not finite either") from error
             raise cause from error
 
     def _prepare_run_folder(self) -> None:
@@ -171,9 +177,21 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         if self.run_folder is None or self.logger.disable_logs:
             return
         self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
+        self._task = self.run_folder.read_task()
         later = self.run_folder.set_aside_after(self.iterations_done - 1)
         if later:
             print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
+
+    def _remake_run_folder(self) -> None:
+        """Make the run folder again if somebody has deleted it while the training runs, and say so."""
+        run = self.run_folder
+        if run is None or self.logger.writer is None or run.params.is_dir():
+            return
+        print(f"\nwarning: {run.path}: was deleted while the training runs; what was in it is lost", file=sys.stderr)
+        with contextlib.suppress(CheckpointError):  # a full disk shows at the checkpoint, too
+            run.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
+            if self._task is not None:
+                run.write_task(self._task)
 
     def _learn(self, count: int, spread: bool) -> None:
         """The learning loop: of graphs, or rsl_rl's where the rollout cannot be one."""
@@ -221,6 +239,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         state = gather_state(self)
         if self.gpu_global_rank:
             return
+        self._remake_run_folder()
         data = self.alg.save()
         data |= {"iter": self.current_learning_iteration, "infos": infos, "stripe_newton": state}
         try:
@@ -233,6 +252,16 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         else:
             self._unsaved = None
             self.logger.save_model(str(path), self.current_learning_iteration)
+            self._say_room(path, data)
+
+    def _say_room(self, path: Path, data: CheckpointData) -> None:
+        """Say once what the checkpoints of the run will take, where that is much."""
+        if self._said_room or self.logger.writer is None:
+            return
+        self._said_room = True
+        more = (self.agent_cfg.max_iterations - self.iterations_done) // self.agent_cfg.save_interval
+        if text := describe_room(path, data, more):
+            print(f"\n{text}", file=sys.stderr)
 
     def load(
         self,
@@ -299,7 +328,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         lengths = torch.randint_like(self.env.episode_length_buf, high=int(self.env.max_episode_length))
         self.env.episode_length_buf = lengths
 
-    def _request_stop(self) -> None:
+    def _request_stop(self, _: signal.Signals) -> None:
         self.logger.stop_requested = True
         print("\nstopping after this iteration (Ctrl-C again: at once)", file=sys.stderr)
 

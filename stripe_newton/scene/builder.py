@@ -34,6 +34,7 @@ from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
 from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_triangles
+from stripe_newton.usd.mesh_approximations import asks_for_distance_field
 
 from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
@@ -227,6 +228,8 @@ class SceneBuilder:
         if not sim.cfg.solver.finds_contacts:
             for report in self.reports:  # those of meshes that move were written before the solver was chosen
                 report.ignored = rows_by_triangles(report.ignored)
+        if scene.scenery is not None:
+            scene.scenery.show_rows(self.reports)
         if scene.scenery is not None and isinstance(scene.terrain, SceneryGround):
             scene.scenery.bind(sim, scene.terrain)
         # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.
@@ -313,7 +316,10 @@ class SceneBuilder:
         )
         # By the stage alone: in a robot's file a mesh means its hull.
         if solver.chooses_contacts:
-            mark_triangles(builder, first, concave_colliders(report.ignored))
+            concave = concave_colliders(report.ignored)
+            mark_triangles(builder, first, concave)
+            if any(asks_for_distance_field(stage.GetPrimAtPath(path)) for path in concave & _moving(builder, first)):
+                self._use_mujoco_contacts(False)  # Newton's collision detection takes meshes as they are
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         for prim, names in self._keyed_prims(NAMES_KEY, root, ignore):
@@ -394,3 +400,8 @@ class _FoundArticulation(_Found, Articulation):
 
 class _FoundBody(_Found, RigidObject):
     pass
+
+
+def _moving(builder: newton.ModelBuilder, first: int) -> set[str]:
+    """Labels of the shapes from shape ``first`` on that belong to a body."""
+    return {builder.shape_label[i] for i in range(first, builder.shape_count) if builder.shape_body[i] >= 0}

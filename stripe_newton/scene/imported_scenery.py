@@ -7,6 +7,9 @@ the place of the task's ground where it has a floor, and robots start where they
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
+
 import newton
 import numpy as np
 import warp as wp
@@ -20,7 +23,7 @@ from stripe_newton.solvers.static_meshes import count_marks
 from stripe_newton.terrains.collider_mesh import start_poses, static_colliders, triangles_of
 from stripe_newton.terrains.scenery_ground import SceneryGround, Triangles
 from stripe_newton.terrains.start_spots import Floors, choose_spots, find_floors
-from stripe_newton.usd import StageError, StageReport
+from stripe_newton.usd import StageError, StageReport, ignored_text
 
 from .scene_contents import SceneContents
 from .scenery_reset import SceneryReset
@@ -32,6 +35,8 @@ _ROOM = 0.05
 """Free space around and above what stands in an environment at its start [m]."""
 _NO_COLLIDERS = (0.3, 0.5)
 """Radius and height that an environment without colliders gets [m]."""
+_GROUND = "the task's ground"
+"""How rows about it begin."""
 _FLOOR_SHARE = 0.25
 """Share of its extent that the floors of a stage cover if it brings its own ground."""
 
@@ -119,7 +124,7 @@ class ImportedScenery:
         area = f"{floors.area:.1f} m^2 of floors over {100.0 * floors.covered:.0f} % of its extent"
         what = "is left out: the scenery has" if self.replaces else "is kept: the scenery has"
         for path in self._grounds:
-            report.ignored.append((path, "the task's ground", f"{what} {area}"))
+            report.ignored.append((path, _GROUND, f"{what} {area}"))
         if not self.replaces:
             return []
         self._drop_grounds()
@@ -196,6 +201,13 @@ class ImportedScenery:
                     part.SetActive(False)
 
     # -- what is known of it
+
+    def show_rows(self, reports: Sequence[StageReport]) -> None:
+        """Warn of what was left out, converted or replaced. :meth:`describe` says what became of the ground."""
+        own = (report for report in reports if report.file == self.stage.file)
+        rows = [row for report in own for row in report.ignored if row[1] != _GROUND]
+        if rows:
+            warnings.warn(ignored_text(self.stage.file, rows), stacklevel=4)  # at the scene's build()
 
     def describe(self) -> str:
         """The scenery in one line: its file, shapes and bodies, the task's ground, the places to start."""

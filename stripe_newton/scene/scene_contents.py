@@ -22,7 +22,7 @@ from stripe_newton.sim import Simulation
 from stripe_newton.sim.scene_context import scene_context
 from stripe_newton.terrains.spiral_grid import spiral_grid
 from stripe_newton.usd.file_errors import path_reason
-from stripe_newton.value_types import NonNegativeFloat, PositiveInt
+from stripe_newton.value_types import NonNegativeFloat, PositiveInt, short
 
 from .scene_parts import Part, configured_parts, with_prim_paths
 from .scenery_options import SceneryOptionsCfg
@@ -154,6 +154,8 @@ class SceneContents:
         return iter(self.keys())
 
     def __getitem__(self, key: str) -> Any:  # of whichever class the config of that name makes
+        if not isinstance(key, str):
+            raise KeyError(f"the scene has names, such as 'robot', not {short(key)}; it has {', '.join(self.keys())}")
         if key == "terrain" and self.terrain is not None:
             return self.terrain
         for family in (self.articulations, self.rigid_objects, self.sensors, self.extras):

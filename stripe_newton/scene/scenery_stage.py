@@ -65,8 +65,8 @@ def author_scenery(
     """
     source = open_stage(Path(file).expanduser())
     check_stage(source, "/", (), solver, True, stage_name(source))
-    _check_colliders(source, options)
     in_si, rows = converted(source)
+    _check_colliders(in_si, stage_name(source), options)
     layer = in_si.Flatten()
     path = _free_path(stage, source, _parent(stage, ground))
     root = UsdGeom.Xform.Define(stage, str(path))
@@ -86,13 +86,13 @@ def author_scenery(
     return made
 
 
-def _check_colliders(source: Usd.Stage, options: SceneryOptionsCfg) -> None:
+def _check_colliders(stage: Usd.Stage, name: str, options: SceneryOptionsCfg) -> None:
     """Refuse a stage in which nothing that stands still collides.
 
     Raises:
         StageError: with the number of visible shapes, which could collide.
     """
-    prims = list(Usd.PrimRange(source.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+    prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     shapes = [p for p in prims if p.IsA(UsdGeom.Gprim) and not _body_of(p)]
     solid = [p for p in shapes if p.HasAPI(UsdPhysics.CollisionAPI)]
     if solid or (shapes and options.visuals_collide):
@@ -103,7 +103,7 @@ def _check_colliders(source: Usd.Stage, options: SceneryOptionsCfg) -> None:
             f", {len(shapes)} have a shape; apply the API, or make all of them collide with "
             "scenery_options.visuals_collide=True"
         )
-    raise StageError(stage_name(source), "", reason)
+    raise StageError(name, "", reason)
 
 
 def _parent(stage: Usd.Stage, ground: str | None) -> str:

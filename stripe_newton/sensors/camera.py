@@ -14,6 +14,7 @@ import warp as wp
 from newton.sensors import SensorCamera
 from scipy.spatial.transform import Rotation
 
+from stripe_kernels.box_normals import fill_box_normals
 from stripe_kernels.sensors import camera as kernels
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
@@ -218,7 +219,8 @@ class Camera(SensorBase):
         for name in (n for n in _LABELS if n in wanted):
             numbers, self._info[name] = shape_labels(self._scene, sim.model, name)
             self._labels[name] = wp.array(numbers, dtype=int)
-        self._shapes = wp.full(shape if self._labels else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
+        needed = self._labels or "normals" in wanted
+        self._shapes = wp.full(shape if needed else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
 
     def _hand_out(self) -> None:
         """Make what terms and users read: the same arrays, unless noise or delay lies between."""
@@ -381,6 +383,10 @@ class Camera(SensorBase):
             world_indices=self._world,
         )
         dim = (self.num_envs, self.cfg.height, self.cfg.width)
+        if raw.normals.size:
+            inputs = [self._pose, self._rays, self._shapes, model.shape_type, model.shape_scale, model.shape_body]
+            inputs += [model.shape_transform, state.body_q]
+            wp.launch(fill_box_normals, dim=dim, inputs=inputs, outputs=[raw.normals])
         # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
         if raw.distance_to_image_plane.size or raw.distance_to_camera.size:
             near, far = map(float, self.cfg.spawn.clipping_range)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import PositiveInt
 
 from .pinhole import PinholeIntrinsics
 
@@ -122,16 +123,10 @@ class BpearlPatternCfg(PatternBaseCfg):
 class PinholeCameraPatternCfg(PinholeIntrinsics, PatternBaseCfg):
     """Rays through the middles of a camera's pixels, row by row from the upper left; the camera looks along x."""
 
-    width: int = MISSING
+    width: PositiveInt = MISSING
     """Pixels in a row."""
-    height: int = MISSING
+    height: PositiveInt = MISSING
     """Pixels in a column."""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        yield from PinholeIntrinsics.problems(self)
-        for name in ("width", "height"):
-            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
-                yield name, f"is {getattr(self, name)!r}, must be a whole number of pixels above 0"
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         pixels = self.pixel_directions(self.width, self.height).reshape(-1, 3)

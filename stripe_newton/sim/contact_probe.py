@@ -52,5 +52,5 @@ class ContactProbe:
             sim.solver.step(
                 sim.state, self._after, sim.control, self.contacts, sim.physics_dt, observables=self.observables
             )
-            if before is not None:
+            if data is not None:
                 wp.copy(data.qacc_warmstart, before)

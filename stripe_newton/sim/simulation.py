@@ -21,7 +21,7 @@ from stripe_newton.configclass import configclass
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
 from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
-from stripe_newton.value_types import PositiveInt, Range
+from stripe_newton.value_types import PositiveInt, Range, short
 
 from .capture import capture_graph
 from .connect_anchors import ConnectAnchors
@@ -102,6 +102,8 @@ class Simulation:
     """Markers that viewers draw."""
     env_origin: wp.array | None
     """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
+    closed: bool = False
+    """Whether :meth:`close` was called."""
     recaptures: int = 0
     """Number of calls of :meth:`recapture`; an environment compares it, to record its own graph again."""
     roots_moved: bool = False
@@ -333,7 +335,13 @@ class Simulation:
         """Advance the physics by ``substeps`` time steps: one graph launch on a GPU.
 
         The first call of each number of substeps runs eagerly and records the graph.
+
+        Raises:
+            ValueError: if the number of steps is no whole number of at least 1.
+            RuntimeError: if the simulation is closed, and as :meth:`begin_step`.
         """
+        if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
+            raise ValueError(f"Simulation.step: number of steps: is {short(substeps)}, must be 1 or more")
         self.begin_step()
         graph = self._graphs.get(substeps)
         if graph is not None:
@@ -353,6 +361,8 @@ class Simulation:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
             FloatingPointError: if the state is not finite and :meth:`watch_finite` was called.
         """
+        if self.closed:
+            raise RuntimeError("the simulation is closed; make a new one")
         if self.turns_wrenches:
             self.flush()
         self._forward_is_due = False  # the solver computes the bodies from the joints
@@ -625,6 +635,7 @@ class Simulation:
 
     def close(self) -> None:
         """Release graphs, solver and model."""
+        self.closed = True
         self._graphs.clear()
         self._hooks.clear()  # they hold solver and model, too
         self.__dict__.pop("model", None)

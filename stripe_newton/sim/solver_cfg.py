@@ -302,7 +302,7 @@ class MuJoCoSolverCfg(SolverCfg):
         return self.use_mujoco_contacts is not False
 
     def expects_newton_contacts(self, builder: newton.ModelBuilder) -> bool:
-        needs = count_marks(builder, MUST) or count_marks(builder) > MOST_GEOMS
+        needs = count_marks(builder, MUST) > 0 or count_marks(builder) > MOST_GEOMS
         return not self.finds_contacts or (self.chooses_contacts and needs and moves_other_kinds(builder))
 
     @property

@@ -152,7 +152,7 @@ class ModelTables:
     def _listed_size(self) -> int:
         """Numbers of four bytes for the geoms that are near their ground, their parts and what touches, at most."""
         near = len(_searched_geoms(self.pairs)) + sum(map(is_searched, self.pairs)) // 2
-        return near + TOUCHES * (9 + self.has_meshes) + _PATCH_SIZE * len(_fields(self.pairs)) + 6
+        return near + TOUCHES * (9 + self.has_meshes) + _PATCH_SIZE * len(_fields(self.pairs)) + 7
 
     @property
     def _search_size(self) -> int:
@@ -228,7 +228,7 @@ class ModelTables:
 
 
 TOUCHES = 24
-"""Touches of all searches of a world that there is room for; where there are more, searches go one by one."""
+"""Touches of a world's searches that there is room for; where there are more, the searches are finished in parts."""
 _PATCH_SIZE = 14
 """Numbers of four bytes of a patch of a height field, as in search.h."""
 _ATTACHMENT_SIZE = 24

@@ -119,7 +119,7 @@ class StaticTriangles:
         Raises:
             ValueError: naming the shape.
         """
-        unlike = [] if self._stand_ins is None else self._stand_ins.unlike(newton_model)
+        unlike: Sequence[int] | np.ndarray = [] if self._stand_ins is None else self._stand_ins.unlike(newton_model)
         if len(unlike):
             raise ValueError(
                 f"the material of the static collider '{self._shapes.label[unlike[0]]}' was changed, but of so many "

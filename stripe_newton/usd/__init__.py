@@ -9,11 +9,12 @@ from .semantic_labels import read_semantics
 from .solver_errors import solver_reason
 from .stage_access import StageError, asset_prim, open_stage, stage_name
 from .stage_lights import Light, read_lights
-from .stage_report import StageReport
+from .stage_report import JointRow, StageReport
 from .stage_trial import StageTrial, try_stage
 from .units import si_stage, to_si
 
 __all__ = [
+    "JointRow",
     "Light",
     "StageError",
     "StageReport",

@@ -23,7 +23,10 @@ _DIRECTIONS = 2000
 """Points of a mesh that stand for all of them, the farthest in so many directions: within 0.1 % of the hull."""
 _WHAT, _BUT = "concave mesh collider", "its convex hull collides, but it "
 """How rows begin that say so."""
-_SPLIT = "split it into convex parts, or author physics:approximation = 'convexDecomposition' (pip install coacd)"
+_SPLIT = (
+    "split it into convex parts, or author physics:approximation = 'convexDecomposition' (pip install coacd) or 'sdf' "
+    "(slower)"
+)
 _TRIANGLES = "its triangles collide"
 
 

@@ -9,7 +9,13 @@ from collections.abc import Iterator, Sequence
 
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
-__all__ = ["Replacement", "can_approximate", "quiet_decomposition", "replaced_approximations"]
+__all__ = [
+    "Replacement",
+    "asks_for_distance_field",
+    "can_approximate",
+    "quiet_decomposition",
+    "replaced_approximations",
+]
 
 Replacement = tuple[Sdf.Path, str, str]
 """A mesh, its approximation, and why its own points and faces are taken."""
@@ -24,6 +30,12 @@ def quiet_decomposition() -> None:
     """Let CoACD, which decomposes meshes if it is installed, print errors only."""
     if importlib.util.find_spec("coacd") is not None:
         importlib.import_module("coacd").set_log_level("error")
+
+
+def asks_for_distance_field(prim: Usd.Prim) -> bool:
+    """Whether the approximation of a mesh collider is ``sdf``: the mesh as it is, by its signed distances."""
+    api = UsdPhysics.MeshCollisionAPI(prim) if prim and prim.HasAPI(UsdPhysics.MeshCollisionAPI) else None
+    return api is not None and api.GetApproximationAttr().Get() == "sdf"
 
 
 def replaced_approximations(prims: Sequence[Usd.Prim], static_triangles: bool) -> Iterator[Replacement]:

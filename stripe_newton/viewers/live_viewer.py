@@ -4,18 +4,24 @@
 from __future__ import annotations
 
 import importlib.util
+import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 import warp as wp
 
 from .display_model import DisplayModel
+from .token_server import TokenServer
 from .viewed_simulation import ViewedSimulation
 
 if TYPE_CHECKING:
     from newton.viewer import ViewerViser
 
 __all__ = ["LiveViewer"]
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+"""Addresses that only this machine reaches."""
 
 
 class LiveViewer:
@@ -25,10 +31,12 @@ class LiveViewer:
         sim: The simulation; its ``state`` is read at each :meth:`update`.
         env_ids: Environments to show, each at its origin.
         port: Port of the web server; the next free one is taken if it is in use.
-        host: Address that the server listens on; ``"0.0.0.0"`` also accepts other machines.
+        host: Address that the server listens on; ``"0.0.0.0"`` also accepts other machines. Beyond this machine a
+            browser needs the token that :attr:`url` has.
 
     Raises:
         ImportError: viser is not installed.
+        OSError: This machine has no such address, or no port is free.
         IndexError: An environment that the simulation does not have.
     """
 
@@ -42,14 +50,25 @@ class LiveViewer:
         with wp.ScopedDevice(sim.device):
             self._make_scene = lambda: DisplayModel(sim, env_ids)
             self._scene = self._make_scene()
-            self._viewer: ViewerViser | None = ViewerViser(host=host, port=port, label="stripe-newton", verbose=False)
+            # Always on the loopback interface: viser knows no tokens, and waits without end for a wrong address.
+            own = {"host": _LOOPBACK[0], "label": "stripe-newton", "verbose": False}
+            self._viewer: ViewerViser | None = ViewerViser(port=port, **own)
             self._viewer.set_model(self._scene.model)
             self._url = str(self._viewer.url)
+        self._outside: TokenServer | None = None
+        if host not in _LOOPBACK:
+            try:
+                self._outside = TokenServer(host, port, urlsplit(self._url).port or port)
+            except BaseException:
+                self.close()
+                raise
+            name = socket.gethostname() if host in ("", "0.0.0.0", "::") else host
+            self._url = f"http://{name}:{self._outside.port}/?token={self._outside.token}"
         self._time = 0.0
 
     @property
     def url(self) -> str:
-        """Address to open in a browser."""
+        """Address to open in a browser; with the token where other machines can reach it."""
         return self._url
 
     def is_running(self) -> bool:
@@ -80,6 +99,9 @@ class LiveViewer:
 
     def close(self) -> None:
         """Stop the server. A second call does nothing."""
+        if self._outside is not None:
+            self._outside.close()
+            self._outside = None
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None

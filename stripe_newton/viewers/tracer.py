@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from newton.sensors import SensorCamera
 
+from stripe_kernels.box_normals import fill_box_normals
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
 
 from .camera_framing import camera_axes
@@ -154,6 +155,10 @@ class Tracer:
             normal_image=shaped["normal"],
             albedo_image=shaped.get("albedo"),
         )
+        model, state = self._scene.model, self._scene.state
+        args = [self._transform, rays, shaped["shape"], model.shape_type, model.shape_scale, model.shape_body]
+        args += [model.shape_transform, state.body_q, shaped["normal"]]
+        wp.launch(fill_box_normals, dim=(1, *size), inputs=args, device=self._device)
 
     def _images(self, count: int) -> dict[str, wp.array]:
         kinds = {"depth": wp.float32, "shape": wp.uint32, "normal": wp.vec3f, "albedo": wp.uint32, "detail": wp.vec4f}

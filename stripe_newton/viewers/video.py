@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from fractions import Fraction
 from pathlib import Path
@@ -107,14 +108,17 @@ class VideoWriter:
             self._container.close()
             os.replace(self._partial, self.path)
         finally:
-            self._partial.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                self._partial.unlink(missing_ok=True)
 
     def discard(self) -> None:
         """Discard what was written; no file remains."""
         self._closed = True
         if self._container is not None:
-            self._container.close()
-            self._partial.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # the disk may be full, which is why it is discarded
+                self._container.close()
+            with contextlib.suppress(OSError):
+                self._partial.unlink(missing_ok=True)
 
     def _open(self, shape: tuple[int, ...]) -> OutputContainer:
         """Open the file and start the stream, for frames of the given shape."""

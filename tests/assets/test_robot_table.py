@@ -18,6 +18,7 @@ from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import GroundPlaneCfg, MjcfFileCfg, MuJoCoSolverCfg, UrdfFileCfg
 from tests.helpers.robot_files import plain_model
 from tests.helpers.small_scenes import make_scene, numpy, sim_cfg
+from tools.documentation import robot_page
 
 LEGS = ["go1", "go2", "a1", "b2", "spot", "anymal_b", "anymal_c", "anymal_d", "g1", "h1", "t1", "cassie"]
 
@@ -88,6 +89,11 @@ def test_every_entry_says_where_its_file_is_published():
         assert entry.sources or entry.get, name
         assert {source for source, _, _ in entry.sources} <= set(ROBOT_SOURCES)
         assert not (entry.keyframe and entry.joint_pos), name
+
+
+def test_the_page_has_the_table():
+    page = robot_page.PAGE.read_text()
+    assert page == robot_page.with_table(page), "python tools/documentation/robot_page.py writes the table anew"
 
 
 def test_a_robot_without_a_file_says_how_to_get_it(monkeypatch):

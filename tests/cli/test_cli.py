@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import errno
 import json
 import os
 import pickle
@@ -26,7 +27,7 @@ from stripe_newton.cli.field_options import apply_options, apply_saved, options_
 from stripe_newton.cli.shell_command import command, program
 from stripe_newton.cli.tasks import load_cfg, task_ids
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.rl import find_checkpoint, read_metrics
+from stripe_newton.rl import DivergedError, find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
 from tests.helpers.fake_env import TASK
 
@@ -55,6 +56,13 @@ def error_of(capsys, *args: str) -> str:
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
     return captured.err + captured.out
+
+
+CONFIG_IS_NONE = (
+    b"import gymnasium\ngymnasium.register('Own-v0', vector_entry_point=print, "
+    b"kwargs={'env_cfg_entry_point': lambda: None})\n"
+)
+CONFIG_IS_GONE = CONFIG_IS_NONE.replace(b"lambda: None", b"'json:Cfg'")
 
 
 # -- options for config fields
@@ -272,6 +280,29 @@ def test_an_error_in_a_users_file_is_a_line_with_its_place(capsys, monkeypatch, 
         main(["--import", "mine.py", "list"])
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"import sys; sys.exit(3)\n", r"ends the program while it is imported (sys.exit(3))"),
+        (b"class Odd(BaseException): pass\nraise Odd('odd')\n", "cannot be imported: Odd: odd"),
+        (b"x = 1\0\n", "cannot be imported"),
+        (b"\xef\xbb\xbf\xff'\n", "cannot be imported"),
+        (CONFIG_IS_NONE, "task 'Own-v0' is registered with a config that is None, must be one of @configclass"),
+        (CONFIG_IS_GONE, "task 'Own-v0' is registered with 'json:Cfg', which the module does not have"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_one_line(capsys, content, message):
+    Path("broken_module.py").write_bytes(content)
+    sys.modules.pop("broken_module", None)
+    try:
+        found = error_of(capsys, "bench", "Own-v0", "--import", "broken_module.py", "--device", "cpu")
+    finally:
+        gymnasium.registry.pop("Own-v0", None)
+    assert "broken_module" in found or "Own-v0" in found
+    assert message in found
+    assert len(found.splitlines()) == 1
+
+
 def test_an_error_in_a_users_config_is_a_line_too(capsys):
     Path("their_config.py").write_text(
         "from stripe_newton.registration import register_task\n"
@@ -428,6 +459,68 @@ def test_interrupted_command_leaves_a_run_that_goes_on():
     assert f"--resume {run}" in out
     last = read_metrics(run / "metrics.csv")["iteration"][-1]
     assert find_checkpoint(run).name == f"model_{last:.0f}.pt"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_while_the_environment_is_built_leaves_no_run(monkeypatch, number):
+    from stripe_newton.cli import end_signals, env_and_policy
+
+    before = signal.getsignal(number)
+    monkeypatch.setattr(env_and_policy, "make_env", lambda *_: os.kill(os.getpid(), number))
+    try:
+        end_signals.end_on_signals()
+        assert main(["train", TASK, "--device", "cpu"]) == 128 + number
+    finally:
+        signal.signal(number, before)
+    assert not list(Path("logs").glob("*/*"))
+
+
+def test_errors_of_the_system_are_one_line(capsys, monkeypatch):
+    from stripe_newton.cli import train as module
+
+    def failing(error: Exception):
+        def fail(*_, **__):
+            raise error
+
+        return fail
+
+    for error, message in (
+        (OSError(errno.ENOSPC, "No space left on device", "/full/x"), "'/full/x': No space left on device"),
+        (MemoryError(), "out of memory: Python got none; use fewer environments"),
+        (RuntimeError("Failed to allocate 9 bytes on device 'cpu'"), "out of memory: Failed to allocate 9 bytes"),
+        (DivergedError("iteration 3: the loss value is nan"), "iteration 3: the loss value is nan"),
+    ):
+        monkeypatch.setattr(module, "load_configs", failing(error))
+        found = error_of(capsys, "train", TASK)
+        assert f"error: {message}" in found
+        assert len(found.splitlines()) == 1
+        if not isinstance(error, DivergedError):
+            with monkeypatch.context() as patch:
+                patch.setenv("STRIPE_NEWTON_TRACEBACK", "1")
+                with pytest.raises(type(error)):
+                    main(["train", TASK])
+
+
+def test_places_are_tried_before_the_work(capsys, monkeypatch):
+    from stripe_newton.cli import bench, env_and_policy
+
+    def never(*_):
+        raise AssertionError("the work had begun")
+
+    monkeypatch.setattr(env_and_policy, "make_env", never)
+    monkeypatch.setattr(bench, "measure", never)
+    Path("file").touch()
+    for words in (
+        ("bench", TASK, "--json", "file/x.json"),
+        ("inspect", TASK, "--out", "file/x"),
+        ("compare", "file", "--out", "file/x"),
+        ("train", TASK, "--log-dir", "file/x"),
+    ):
+        found = error_of(capsys, *words)
+        assert "file/x" in found
+        assert "Not a directory" in found
+        assert len(found.splitlines()) == 1
+    assert sorted(path.name for path in Path().iterdir()) == ["file"]
 
 
 # -- inspect

@@ -44,7 +44,9 @@ def box(path: str, turn: Rotation, cfg: type = assets.RigidObjectCfg) -> native_
 
 @pytest.fixture(scope="module")
 def built() -> scene.InteractiveScene:
-    made = scene.InteractiveScene(InteractiveSceneCfg(num_envs=2, env_spacing=3.0), Simulation(sim_cfg()))
+    made = scene.InteractiveScene(
+        InteractiveSceneCfg(num_envs=2, env_spacing=3.0), Simulation(sim_cfg(observables=("body_qdd",)))
+    )
     native = box("{ENV_REGEX_NS}/Native", START, native_assets.RigidObjectCfg)
     offset = sensors.OffsetCfg(rot=tuple(map(float, wxyz(OFFSET))))
     target = sensors.FrameTransformerCfg.FrameCfg(prim_path=ROOT, offset=offset)

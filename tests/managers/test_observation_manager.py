@@ -72,8 +72,8 @@ def torch_squares(env: Any, asset_cfg: SceneEntityCfg) -> torch.Tensor:
     return env.scene[asset_cfg.name].data.joint_pos[:, asset_cfg.joint_ids] ** 2
 
 
-def torch_flat(env: Any, asset_cfg: SceneEntityCfg) -> torch.Tensor:
-    return torch_squares(env, asset_cfg)[:, 0]
+def torch_of_one_env(env: Any, asset_cfg: SceneEntityCfg) -> torch.Tensor:
+    return torch_squares(env, asset_cfg)[0]
 
 
 def torch_number(env: Any) -> float:
@@ -413,7 +413,7 @@ LEG = joints("front_left_leg")
         (Term(mdp.joint_pos, LEG, scale=(1.0, 2.0)), "observations.policy.t.scale", ["2 numbers", "one or 1"]),
         (Term(torch_squares, ALL_LEGS, size=4, scale=[1.0]), "observations.policy.t.scale", ["1 numbers", "or 4"]),
         (Term(first_joint), "observations.policy.t.size", ["None", "the number of values"]),
-        (Term(torch_flat, LEG), "observations.policy.t.func", ["(2,)", "(num_envs, size)", "num_envs = 2"]),
+        (Term(torch_of_one_env, LEG), "observations.policy.t.func", ["(1,)", "(num_envs, size)", "num_envs = 2"]),
         (Term(torch_number), "observations.policy.t.func", ["float", "(num_envs, size)"]),
         (Term(torch_fails), "observations.policy.t.func", ["KeyError", "no_such", "set 'size'"]),
         (Term(first_joint, size=0), "observations.policy.t.size", ["0", "the number of values"]),

@@ -17,9 +17,9 @@ from stripe_newton.actuators import ImplicitActuatorCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.controllers import OperationalSpaceControllerCfg
 from stripe_newton.envs import mdp
+from tests.helpers.arm_env import DOWN, GOALS, arm_env, run
 from tests.helpers.inverse_kinematics_world import FLANGE, OFFSET, TROLLEY, World, action, frames_of
 from tests.helpers.small_scenes import mjcf_robot, numpy
-from tests.managers.test_inverse_kinematics_env import DOWN, GOALS, arm_env, run
 
 LOOSE = {"motors": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=0.0, damping=0.0)}
 Action = mdp.OperationalSpaceControllerActionCfg

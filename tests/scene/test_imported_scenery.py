@@ -29,7 +29,7 @@ from stripe_newton.usd import StageError
 from stripe_tasks.velocity import RoughSceneCfg
 from stripe_tasks.velocity.quadruped import QuadrupedRoughEnvCfg
 from tests.helpers.stage_triangles import ray_lengths, stage_triangles
-from tests.helpers.usd_stages import new_stage
+from tests.helpers.usd_stages import add_body, new_stage
 from tools.authoring.author_flat import GALLERY, author_flat
 
 NUM_ENVS = 16
@@ -293,6 +293,38 @@ def test_units_axes_pose_and_roots_beside_each_other_are_kept():
     ice = next(i for i, label in enumerate(labels) if label.endswith("/floor"))
     assert model.shape_material_mu.numpy()[ice] == pytest.approx(0.125)
     np.testing.assert_allclose(scene.env_origins[:, 2], 1.0, atol=1e-5)
+    scene.close()
+
+
+def test_instancers_and_units_of_a_scenery_are_converted_with_a_row():
+    """A floor in centimetres with posts and a ball that a point instancer places."""
+    stage = new_stage(0.01)
+    box(stage, "/Room/floor", (-3.0, -3.0, -0.1), (3.0, 3.0, 0.0), unit=0.01)
+    posts = UsdGeom.PointInstancer.Define(stage, "/Room/posts")
+    UsdGeom.XformCommonAPI(posts).SetTranslate(Gf.Vec3d(0.0, 100.0, 0.0))
+    box(stage, "/Room/posts/kinds/post", (-0.1, -0.1, 0.0), (0.1, 0.1, 2.0), unit=0.01)
+    add_body(stage, "/Room/posts/kinds/crate", (0.0, 0.0, 50.0))
+    posts.CreatePrototypesRel().SetTargets(["/Room/posts/kinds/post", "/Room/posts/kinds/crate"])
+    posts.CreateProtoIndicesAttr([0, 1, 0])
+    posts.CreatePositionsAttr([(-200.0, 0.0, 0.0), (0.0, 0.0, 0.0), (200.0, -200.0, 0.0)])
+    with pytest.warns(UserWarning, match=r"posts.usda: 2 things left out, converted or replaced") as shown:
+        scene = ball_scene(write(stage, "posts.usda"))
+    assert sum("posts.usda" in str(warning.message) for warning in shown) == 1
+    model, labels = scene.sim.model, [str(label) for label in scene.sim.model.shape_label]
+    shared = [i for i, label in enumerate(labels) if "posts_instances" in label and model.shape_body.numpy()[i] < 0]
+    np.testing.assert_allclose(
+        model.shape_transform.numpy()[shared, :3], [(-2.0, 1.0, 1.0), (2.0, -1.0, 1.0)], atol=1e-5
+    )
+    crate = next(i for i, label in enumerate(scene.sim.template.body_label) if "posts_instances" in str(label))
+    np.testing.assert_allclose(
+        scene.sim.per_env(scene.sim.state.body_q)[:, crate, :3], [(0.0, 1.0, 0.5)] * 2, atol=1e-5
+    )
+    (report,) = (r for r in scene.builder.reports if r.file == "posts.usda" and r.ignored)
+    rows = {what: (where, why) for where, what, why in report.ignored}
+    assert rows["units"][0] == scene.scenery.stage.path
+    assert "converted to SI from 0.01 m" in rows["units"][1]
+    assert rows["point instancer"][0] == f"{scene.scenery.stage.path}/Room/posts"
+    assert "each of its 3 instances" in rows["point instancer"][1]
     scene.close()
 
 

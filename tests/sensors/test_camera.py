@@ -70,6 +70,26 @@ def ray_lengths(start, rays):
     return plane, np.where(ball > 0.0, ball, np.inf)
 
 
+def test_normals_of_large_boxes_have_no_holes():
+    """Newton's sensor leaves them zero on faces that are farther away than some eight metres."""
+
+    def add_hall(template, static):
+        static.add_shape_box(-1, xform=wp.transform((0, 0, -20), wp.quat_identity()), hx=60.0, hy=60.0, hz=1.0)
+        static.add_shape_box(-1, xform=wp.transform((0, 0, 30), wp.quat_identity()), hx=90.0, hy=90.0, hz=90.0)
+
+    lens = PinholeCameraCfg(focal_length=20.0, horizontal_aperture=24.0, clipping_range=(0.2, 200.0))
+    ahead = CameraCfg.OffsetCfg(convention="world")
+    scene = ray_scene(cfg(spawn=lens, offset=ahead, data_types=["normals"]), add_hall, 1)
+    # Normals of a box point outwards, also where a ray leaves it.
+    for pitch, normal in ((1.2, (0.0, 0.0, 1.0)), (0.0, (1.0, 0.0, 0.0)), (-1.2, (0.0, 0.0, 1.0))):
+        turn = Rotation.from_euler("y", pitch)
+        place(scene, np.concatenate([[0.3, 0.1, 0.7], turn.as_quat()])[None])
+        scene.sensors["rays"].update(DT)
+        found = scene.sensors["rays"].data.output["normals"].numpy()
+        np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1.0, atol=1e-5)
+        np.testing.assert_allclose(found[0, HEIGHT // 2, WIDTH // 2], normal, atol=1e-5)
+
+
 def test_depths_and_normals_are_those_of_geometry():
     poses = random_poses(4, seed=3)
     scene = ray_scene(cfg(offset=DOWN), add_sphere, 4)

@@ -12,7 +12,7 @@ import stripe_tasks  # noqa: F401 - registers the tasks
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.solvers import SolverFused
 from tests.helpers.lane_emulator import emulate
-from tests.solvers.test_fused_meshes import FRAMES, model_of, random_poses, step_mesh
+from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
 
 STATE = "qpos", "qvel", "qacc_warmstart"
 

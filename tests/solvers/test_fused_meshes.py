@@ -12,52 +12,11 @@ from scipy.spatial.transform import Rotation
 from stripe_newton.sim.contact_room import contact_room
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.mesh_grid import MeshGrids, TriangleMesh
-from stripe_newton.solvers.static_meshes import add_triangles_attribute, mark_triangles
+from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
 
 COUNT = 400
-STEP = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], dtype=float)
-"""Outline of a step, in x and z; it is 1 m wide, in y."""
 BOXES = [((0.5, 0.5, 1.0), (0.5, 0.5, 1.0)), ((1.5, 0.5, 0.5), (0.5, 0.5, 0.5))]
 """The step as two boxes: centre and half sizes."""
-
-
-def step_mesh(fineness: int = 0, solid: bool = True) -> trimesh.Trimesh:
-    """The step as one mesh; open where it is not solid, as its bottom is missing."""
-    outline = trimesh.creation.extrude_triangulation(
-        STEP, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]), height=1.0
-    )
-    vertices = outline.vertices[:, [0, 2, 1]]  # the outline stands upright
-    mesh = trimesh.Trimesh(vertices, outline.faces[:, ::-1], process=False)
-    assert mesh.volume == pytest.approx(3.0)
-    if not solid:
-        mesh.update_faces(mesh.triangles_center[:, 2] > 1e-6)
-    for _ in range(fineness):
-        mesh = mesh.subdivide()
-    return mesh
-
-
-def model_of(mesh: object, add_geom: object, poses: np.ndarray, frame: wp.transform) -> newton.Model:
-    """Worlds with a static mesh, or what a function adds, and a body each at a pose relative to it; no gravity."""
-    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    add_triangles_attribute(builder)
-    if isinstance(mesh, trimesh.Trimesh):
-        made = newton.Mesh(mesh.vertices, mesh.faces.reshape(-1), compute_inertia=False)
-        builder.add_shape_mesh(-1, xform=frame, mesh=made)
-    else:
-        mesh(builder, frame)
-    mark_triangles(builder, 0, set(builder.shape_label))
-    body = builder.add_body()
-    add_geom(builder, body)
-    builder.shape_gap[:] = [0.0] * builder.shape_count
-    worlds = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
-    newton.solvers.SolverMuJoCo.register_custom_attributes(worlds)
-    add_triangles_attribute(worlds)
-    worlds.replicate(builder, len(poses))
-    model = worlds.finalize(device="cpu")
-    placed = [wp.transform_multiply(frame, wp.transform(p[:3], wp.quat(*p[3:]))) for p in poses.tolist()]
-    model.joint_q.assign(np.array([[*t] for t in placed], dtype=np.float32).reshape(-1))
-    return model
 
 
 def contacts_of(model: newton.Model, frame: wp.transform) -> list[list[tuple[float, np.ndarray, np.ndarray]]]:
@@ -80,14 +39,6 @@ def contacts_of(model: newton.Model, frame: wp.transform) -> list[list[tuple[flo
             point = wp.transform_point(inverse, wp.vec3(*map(float, pos)))
             found[world].append((float(dist), np.array(point), np.array(normal)))
     return found
-
-
-FRAMES = wp.transform_identity(), wp.transform((3.0, -2.0, 1.0), wp.quat_rpy(0.3, -0.2, 1.0))
-
-
-def random_poses(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
-    quat = rng.normal(size=(len(points), 4))
-    return np.concatenate([points, quat / np.linalg.norm(quat, axis=1, keepdims=True)], axis=1)
 
 
 def near_the_surface(mesh: trimesh.Trimesh, low: float, high: float, rng: np.random.Generator) -> tuple:

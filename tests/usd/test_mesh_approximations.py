@@ -95,6 +95,32 @@ def test_without_coacd_its_hull_collides_and_a_row_says_so(monkeypatch: pytest.M
     assert "its convex hull collides" in rows["concave mesh collider"]
 
 
+@pytest.mark.filterwarnings("ignore:.*left out, converted or replaced")
+@pytest.mark.parametrize(("approximation", "inside"), [("sdf", True), ("none", False)])
+def test_a_ball_lies_in_a_bowl_that_moves_if_its_distances_collide(approximation: str, inside: bool) -> None:
+    stage = new_stage()
+    add_mesh(stage, "/World/floor", [((-2, -2, -0.1), (2, 2, 0))], None)
+    UsdPhysics.MassAPI.Apply(add_body(stage, "/World/bowl", (0, 0, 0.01), collider=False)).CreateMassAttr(2.0)
+    bottom = ((-0.3, -0.3, 0), (0.3, 0.3, 0.05))
+    sides = [((s - 0.05, -0.3, 0.05), (s, 0.3, 0.3)) for s in (-0.25, 0.3)]
+    ends = [((-0.25, s - 0.05, 0.05), (0.25, s, 0.3)) for s in (-0.25, 0.3)]
+    add_mesh(stage, "/World/bowl/mesh", [bottom, *sides, *ends], approximation)
+    add_body(stage, "/World/ball", (0.02, 0.01, 0.4), collider=False)
+    UsdGeom.Sphere.Define(stage, "/World/ball/sphere").CreateRadiusAttr(RADIUS)
+    UsdPhysics.CollisionAPI.Apply(stage.GetPrimAtPath("/World/ball/sphere"))
+    scene = InteractiveScene.from_usd(stage, sim_cfg=SimulationCfg(gravity=None, device="cpu", dt=1 / 240))
+    scene.sim.step(150)
+    bowl, ball = scene.sim.state.body_q.numpy()[:, :3]
+    assert (scene.sim.pipeline is not None) == inside
+    why = next(why for path, what, why in scene.builder.reports[0].ignored if path == "/World/bowl/mesh")
+    assert ("its triangles collide" in why) == inside
+    if inside:
+        np.testing.assert_allclose(bowl[2], 0.0, atol=1e-3)
+        np.testing.assert_allclose(ball[2], 0.05 + RADIUS, atol=1e-3)
+    else:
+        assert ball[2] > 0.3  # on the lid that the hull has
+
+
 def test_a_body_keeps_the_approximation_of_a_static_mesh_it_refers_to() -> None:
     pytest.importorskip("coacd")
     stage = new_stage()

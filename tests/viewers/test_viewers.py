@@ -79,6 +79,16 @@ def test_a_red_box_is_red_where_it_stands_and_nowhere_else(device):
     np.testing.assert_allclose(red.max(axis=0) - red.min(axis=0) + 1, 2 * half, atol=1.5)
 
 
+def test_a_large_floor_far_away_is_evenly_lit():
+    """Newton's sensor finds no normal for many rays that hit a box farther away than some eight metres."""
+    sim = sim_of(box(position=(0.0, 0.0, -9.0)), ground=False)
+    pose = wp.transform(wp.vec3(0.0, 0.0, -0.1), wp.quat_identity())
+    sim.static.add_shape_box(-1, xform=pose, hx=30.0, hy=30.0, hz=0.1, color=(0.9, 0.8, 0.6))
+    cfg = ViewerCfg(eye=(-8.2, -8.2, 11.0), lookat=(0.0, 0.0, 0.0), resolution=SMALL, origin_type="world", fog=0.0)
+    picture = SceneRenderer(sim, cfg).render().astype(int)
+    assert max(np.abs(np.diff(picture, axis=axis)).max() for axis in (0, 1)) <= 3
+
+
 def test_an_object_off_the_middle_projects_to_the_expected_pixel():
     sim = sim_of(box(position=(0.0, 0.4, 0.8), half=0.05))
     cfg = ViewerCfg(eye=(3.0, 0.0, 0.5), lookat=(0.0, 0.0, 0.5), resolution=SMALL, fov=40.0, shadows=False)

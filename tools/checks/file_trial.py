@@ -52,6 +52,8 @@ def try_file(path: str) -> tuple[str, str, dict[str, Any]]:
             _count(scene, facts)
             if kind == "mjcf" and not facts["static"]:
                 facts["mujoco"] = compare_trajectories(scene.sim.solver, path)._asdict()
+                if any(what == "convex hull" for _, what, _ in facts["rows"]):
+                    facts["mujoco_whole_hulls"] = _compare_with_whole_hulls(path, kind)
             again = _round_trip(scene)
             for _ in range(STEPS // 10):
                 scene.sim.step(10)
@@ -75,15 +77,30 @@ def try_file(path: str) -> tuple[str, str, dict[str, Any]]:
     return ("differs", f"after export and import: {', '.join(again)}", facts) if again else ("steps", "", facts)
 
 
-def file_scene(path: str, kind: str) -> InteractiveScene:
+def _compare_with_whole_hulls(path: str, kind: str) -> dict[str, Any]:
+    """The comparison with MuJoCo of an MJCF file whose hulls keep all their corners."""
+    scene = file_scene(path, kind, max_hull_vertices=-1)
+    try:
+        return compare_trajectories(scene.sim.solver, path)._asdict()
+    finally:
+        scene.close()
+
+
+def file_scene(path: str, kind: str, max_hull_vertices: int | None = None) -> InteractiveScene:
     """The scene of a file alone, with a step of 1/240 s (an MJCF file: its own) and the file's gravity.
 
     The root of a URDF file that does not say whether it floats is held in the world.
+
+    Args:
+        path: The file.
+        kind: ``"urdf"``, ``"mjcf"``, or anything else for USD.
+        max_hull_vertices: Corners of the hulls of a robot's meshes at most, as in ``MjcfFileCfg``.
     """
     if kind not in ("urdf", "mjcf"):
         settings = SimulationCfg(gravity=None, device="cpu", dt=DT, solver=SOLVER)
         return InteractiveScene.from_usd(path, sim_cfg=settings)
-    settings, options = SimulationCfg(device="cpu", dt=DT, solver=SOLVER), dict[str, Any]()
+    settings = SimulationCfg(device="cpu", dt=DT, solver=SOLVER)
+    options: dict[str, Any] = {"max_hull_vertices": max_hull_vertices}
     if kind == "urdf":
         options["fix_base"] = True if undecided_root(ElementTree.parse(path).getroot()) else None
     else:

@@ -17,6 +17,9 @@ __all__ = ["HEADING", "foreign_section", "try_foreign_files"]
 
 HEADING = "# Files of other projects"
 LIST = Path(__file__).parent / "foreign_files.txt"
+_HEAD = "| file | outcome | bodies | joints | shapes | rows | acc. | path | whole hulls | reason |"
+_SAME, _ALIKE = 1e-4, 1e-3
+"""Difference below which a model is the same but for single precision, and its hulls but for theirs."""
 TRIAL = Path(__file__).parents[1] / "checks" / "file_trial.py"
 
 
@@ -31,13 +34,14 @@ def listed_files() -> list[tuple[str, str]]:
     return found
 
 
-def try_foreign_files(folders: dict[str, Path], record: Path, timeout: float) -> None:
+def try_foreign_files(folders: dict[str, Path], record: Path, timeout: float, workers: int = 2) -> None:
     """Try the files whose source has a folder here and that the record does not have; add them to the record.
 
     Args:
         folders: Folder by source.
         record: A file with a line of JSON for each file that was tried.
         timeout: Seconds that a file may take.
+        workers: Processes at a time.
     """
     known = {(row["source"], row["file"]) for row in _read(record)}
     files = [pair for pair in listed_files() if pair[0] in folders and pair not in known]
@@ -54,7 +58,7 @@ def try_foreign_files(folders: dict[str, Path], record: Path, timeout: float) ->
         print(f"{answer.outcome:9} {source} {file} {row['reason']}", flush=True)
 
     paths = [str(folders[source] / file) for source, file in files]
-    try_files(paths, [sys.executable, str(TRIAL)], 2, timeout, tell)
+    try_files(paths, [sys.executable, str(TRIAL)], workers, timeout, tell)
 
 
 def _reason(text: str, path: Path) -> str:
@@ -71,9 +75,10 @@ def foreign_section(record: Path) -> list[str]:
     rows = {(row["source"], row["file"]): row for row in _read(record)}
     found = [rows[pair] for pair in listed_files() if pair in rows]
     steps = sum(row["outcome"] == "steps" for row in found)
-    compared = [row["facts"]["mujoco"] for row in found if row["facts"].get("mujoco")]
-    equal = [m for m in compared if not m["why_not"]]
-    close = sum(m["acceleration"] < 1e-4 for m in equal)
+    compared = [row["facts"] for row in found if row["facts"].get("mujoco") and not row["facts"]["mujoco"]["why_not"]]
+    close = sum(facts["mujoco"]["acceleration"] < _SAME for facts in compared)
+    whole = [facts["mujoco_whole_hulls"] for facts in compared if "mujoco_whole_hulls" in facts]
+    closer = sum(m["acceleration"] < _ALIKE for m in whole)
     lines = [
         HEADING,
         "",
@@ -84,21 +89,22 @@ def foreign_section(record: Path) -> list[str]:
         "file that does not say whether it floats is held. *rows* are those of the report: what was left out, read "
         "differently or changed.",
         "",
-        f"MJCF files are compared with MuJoCo's own C library in double precision, {len(equal)} of them: *acc.* is the "
-        "largest difference of an acceleration in 20 random states within the joint limits, relative to the largest "
-        "of the state, *path* that of a coordinate over 200 steps with the same random controls [rad, m]. "
-        f"Below 1e-4 the model is the same but for single precision, as of {close}; a path is longer than that where "
-        "contacts begin, which multiply rounding. The others have rows that say what differs, or meshes that touch: "
-        "their hulls have at most 64 corners here. Time step, integrator and flags of "
-        "the solver are the file's in both, as a scene has settings of its own; and drives with a `forcerange` are "
-        "limited as `MuJoCoSolverCfg(drive_limits=True)` does.",
+        f"MJCF files are compared with MuJoCo's own C library in double precision, {len(compared)} of them: *acc.* is "
+        "the largest difference of an acceleration in 20 random states within the joint limits, relative to the "
+        "largest of the state, *path* that of a coordinate over 200 steps with the same random controls [rad, m]. "
+        f"Below {_SAME:.0e} the model is the same but for single precision, as of {close}; a path is longer than that "
+        "where contacts begin, which multiply rounding. The others have rows that say what differs: collisions with a "
+        "parent that is fixed, inverse weights at a `ref`, or meshes that touch, whose hulls have at most 64 corners "
+        f"here. *whole hulls* are both numbers with `max_hull_vertices=-1`, of the {len(whole)} files with such a row: "
+        f"{closer} of them are then within {_ALIKE:.0e}. Time step, integrator and flags of the solver are the file's "
+        "in both, as a scene has settings of its own; and drives with a `forcerange` are limited as "
+        "`MuJoCoSolverCfg(drive_limits=True)` does.",
         "",
         "`python tools/documentation/stage_table.py --foreign RECORD --source NAME=FOLDER ...` writes this section; "
         "`tools/documentation/foreign_files.txt` lists the files.",
     ]
     for source in dict.fromkeys(row["source"] for row in found):
-        lines += ["", f"## {source}", "", "| file | outcome | bodies | joints | shapes | rows | acc. | path | reason |"]
-        lines += ["| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |"]
+        lines += ["", f"## {source}", "", _HEAD, "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |"]
         lines += [_line(row) for row in found if row["source"] == source]
     return [*lines, ""]
 
@@ -113,7 +119,9 @@ def _line(row: dict[str, Any]) -> str:
     differences = (
         [f"{mujoco[n]:.0e}" for n in ("acceleration", "at_end")] if mujoco and not mujoco["why_not"] else ["", ""]
     )
-    cells = [f"`{row['file']}`", row["outcome"], *numbers, *differences, reason[:300].replace("|", "\\|")]
+    whole = facts.get("mujoco_whole_hulls")
+    hulls = f"{whole['acceleration']:.0e}, {whole['at_end']:.0e}" if whole and not whole["why_not"] else ""
+    cells = [f"`{row['file']}`", row["outcome"], *numbers, *differences, hulls, reason[:300].replace("|", "\\|")]
     return f"| {' | '.join(cells)} |"
 
 

@@ -34,11 +34,12 @@ def main() -> None:
     parser.add_argument("--foreign", type=Path, help="record of the files of other projects")
     parser.add_argument("--source", action="append", default=[], help="folder of a source of the list, NAME=FOLDER")
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds that a foreign file may take")
+    parser.add_argument("--workers", type=int, default=2, help="processes that try foreign files at a time")
     args = parser.parse_args()
     own, heading, foreign = (args.output.read_text() if args.output.exists() else "").partition(HEADING)
     if args.foreign is not None:
         folders = {name: Path(folder) for name, _, folder in (pair.partition("=") for pair in args.source)}
-        try_foreign_files(folders, args.foreign, args.timeout)
+        try_foreign_files(folders, args.foreign, args.timeout, args.workers)
         foreign = "\n".join(foreign_section(args.foreign))
     else:
         own, foreign = "\n".join([*newton_section(), ""]), heading + foreign

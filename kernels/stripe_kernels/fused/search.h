@@ -110,9 +110,10 @@ struct Search {
     bool ended;
     unsigned char hit[4];       // their numbers among the touches that were found
 #if LANES > 1
+    unsigned outside;         // order of the nearest face that a ball's centre is in front of and that it does not touch
     unsigned long long best;  // order and number of the best candidate
 #else
-    real order;
+    real outside, order;
     int best;
 #endif
 };
@@ -176,12 +177,17 @@ FN void offer(Search& s, real order, int candidate) {
 #endif
 }
 FN int taken(const Search& s) { return s.best == ~0ull ? -1 : (int)(s.best & 0xffffffffu); }
+// Keep the order of the best candidate, that of none if there is none, and whether the best one now comes behind it.
+FN void keep_outside(Search& s) { s.outside = (unsigned)(s.best >> 32); }
+FN bool is_behind_outside(const Search& s) { return (unsigned)(s.best >> 32) >= s.outside; }
 #else
 FN void expect(Search& s) { s.best = -1; }
 FN void offer(Search& s, real order, int candidate) {
     if (s.best < 0 || order < s.order) s.order = order, s.best = candidate;
 }
 FN int taken(const Search& s) { return s.best; }
+FN void keep_outside(Search& s) { s.outside = s.best < 0 ? (real)1e30 : s.order; }
+FN bool is_behind_outside(const Search& s) { return s.order >= s.outside; }
 #endif
 
 // Whether a point is above the tangent planes of a search's hits: those of a smooth surface are one touch.

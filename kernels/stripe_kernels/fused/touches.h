@@ -76,10 +76,14 @@ FN void accept(Search& s, int number, const Touch& hit) {
     s.ended = s.inside || s.count == s.most;
 }
 
-// List the candidates of some searches that touch, in order. Returns their number, which may exceed the room for them.
-FN int list_touches(World& w, const Sources& from, const Search* searches, int count, int all, int lane) {
+// List the candidates of some searches that touch, in order. Returns their number; if that exceeds the room for them, not all
+// have been looked at, and `w.complete` is the number of the searches before the one with the first touch without a place.
+//
+// A face that only tells that a ball's centre is outside, as it is in front of it and farther away than what touches, needs no
+// place: the nearest of them does, by its order alone.
+FN int list_touches(World& w, const Sources& from, Search* searches, int count, int all, int lane) {
     int found = 0, k = 0;
-    ROLLED for (int first = 0; first < all; first += LANES) {
+    ROLLED for (int first = 0; first < all && found <= TOUCHES; first += LANES) {
         const int c = first + lane;
         bool is_touch = false;
         int before, more;
@@ -88,22 +92,30 @@ FN int list_touches(World& w, const Sources& from, const Search* searches, int c
             while (k + 1 < count && searches[k + 1].start <= c) k++;  // the last that starts there: those before are empty
             own.search = k;
             is_touch = touch(w, from, searches[k], c - searches[k].start, own.touch, own.order);
+#if HAS_MESHES
+            if (is_touch && searches[k].kind == BALL_PART && own.touch.dist >= searches[k].reach)
+                offer(searches[k], own.order, c), is_touch = false;
+#endif
         }
         RANK(is_touch, before, more);
         if (is_touch && found + before < TOUCHES) w.found[found + before] = own;
+        if (is_touch && found + before == TOUCHES) w.complete = own.search;
         found += more;
     }
     SYNC();
     return found;
 }
 
-// Hits of some searches, of which all touches have been found, nearest first; a search for each lane at most.
+// Hits of some searches, of which all touches are listed, nearest first; a search for each lane at most. There may be touches
+// of later searches behind theirs.
 FN void take_hits(World& w, Search* searches, int count, int found, int lane) {
+    if (lane < count) keep_outside(searches[lane]);
     for (;;) {
         if (lane < count) expect(searches[lane]);
         SYNC();
         EACH(i, found) {
             const Found& f = w.found[i];
+            if (f.search >= count) continue;
             Search& s = searches[f.search];
             real order = f.order;
             if (remains(s, w.found, f.touch, order)) offer(s, order, i);
@@ -113,7 +125,7 @@ FN void take_hits(World& w, Search* searches, int count, int found, int lane) {
         if (lane < count && !searches[lane].ended) {
             Search& s = searches[lane];
             const int best = taken(s);
-            if (best < 0) s.ended = true;
+            if (best < 0 || (s.count == 0 && is_behind_outside(s))) s.ended = true;
             else accept(s, best, w.found[best].touch);
             goes_on = !s.ended;
         }
@@ -148,27 +160,23 @@ COLD void take_hits_of_many(World& world, Sources from, int number, int lane) {
     }
 }
 
-// Find the hits of some searches, from number `first` on. Returns how many have them now: all, or one if there is no room for
-// the touches of all.
+// Find the hits of some searches, from number `first` on. Returns how many have them now: all, or the first ones if there is no
+// room for the touches of all.
 FN int find_hits(World& w, const Sources& from, int first, int count, int lane) {
     Search* searches = w.search + first;
-    for (;;) {
-        int mine = lane < count ? searches[lane].size : 0, before = 0, all = mine;
-        BEFORE(mine, before, all);
-        if (lane < count) searches[lane].start = before;
+    int mine = lane < count ? searches[lane].size : 0, before = 0, all = mine;
+    BEFORE(mine, before, all);
+    if (lane < count) searches[lane].start = before, expect(searches[lane]);
+    SYNC();
+    int found = list_touches(w, from, searches, count, all, lane);
+    if (found > TOUCHES) count = w.complete, found = TOUCHES;
+    if (count == 0) {
         SYNC();
-        const int found = list_touches(w, from, searches, count, all, lane);
-        if (found <= TOUCHES) {
-            take_hits(w, searches, count, found, lane);
-            return count;
-        }
-        SYNC();
-        if (count == 1) {
-            take_hits_of_many(w, from, first, lane);
-            return 1;
-        }
-        count = 1;
+        take_hits_of_many(w, from, first, lane);
+        return 1;
     }
+    take_hits(w, searches, count, found, lane);
+    return count;
 }
 
 // A hit in the axes of the world, halfway between the two surfaces.

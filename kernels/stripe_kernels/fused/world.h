@@ -113,6 +113,7 @@ struct World {
 #endif
                     unsigned near_geoms[(NSEARCHED_GEOMS + LANES - 1) / LANES];  // of which geoms: a bit for each lane
                     unsigned short near_parts[NCONTACT_PAIRS - FIRST_SEARCHED_PAIR];  // and their pairs
+                    unsigned short complete;  // searches of which all touches are listed, where there are too many
 #endif
                 };
             };

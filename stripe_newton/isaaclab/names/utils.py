@@ -3,6 +3,8 @@
 
 from .entries import Table, dialect, same
 
+_DICTIONARIES = "convert_dict_to_backend print_dict replace_slices_with_strings replace_strings_with_slices"
+
 NAMES: dict[str, Table] = {
     "isaaclab.envs.utils.io_descriptors": dialect(
         "io_descriptors",
@@ -11,13 +13,14 @@ NAMES: dict[str, Table] = {
         record_joint_pos_offsets=record_nothing record_joint_vel_offsets=record_nothing""",
     ),
     "isaaclab.utils": dialect("configclass", "configclass")
-    | dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
+    | dialect("dictionaries", _DICTIONARIES)
+    | dialect("timer", "Timer"),
     "isaaclab.utils.assets": dialect(
         "files",
         """ISAACLAB_NUCLEUS_DIR ISAAC_NUCLEUS_DIR NUCLEUS_ASSET_ROOT_DIR NVIDIA_NUCLEUS_DIR check_file_path read_file
         retrieve_file_path""",
     ),
-    "isaaclab.utils.dict": dialect("dictionaries", "replace_slices_with_strings replace_strings_with_slices"),
+    "isaaclab.utils.dict": dialect("dictionaries", _DICTIONARIES),
     "isaaclab.utils.io": dialect("files", "load_torchscript_model"),
     "isaaclab.utils.modifiers": dialect(
         "modifiers",

@@ -38,13 +38,15 @@ def folder_names(cfg: object, *fields: str, parts: bool = False) -> Problems:
             yield field, problem
 
 
-def why_no_folder_name(name: str, parts: bool = False) -> str:
+def why_no_folder_name(name: object, parts: bool = False) -> str:
     """What is wrong with a name of a folder below the log folder; empty if nothing is.
 
     Args:
         name: The name.
         parts: Whether it may have several parts, ``a/b``.
     """
+    if not isinstance(name, str):
+        return f"is {short(name)}, must be text"
     wrong = [part for part in (name.split("/") if parts else [name]) if name and not _NAME.fullmatch(part)]
     if not wrong:
         return ""

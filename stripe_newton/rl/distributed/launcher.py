@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launcher of the ranks of a training on this host, by torch's elastic launcher; it reports why one of them failed."""
+"""Launcher of the ranks of a training on this host; it reports why one of them failed.
+
+The ranks meet by a file rather than a port, and send each other what is not on GPUs by the loopback interface, so that
+nobody else on the network can reach them.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import logging
 import os
 import signal
+import subprocess
 import sys
 import tempfile
-import uuid
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from torch.distributed.elastic.multiprocessing import DefaultLogsSpecs, SignalException
-from torch.distributed.elastic.multiprocessing.errors import ChildFailedError, ProcessFailure
-from torch.distributed.launcher.api import LaunchConfig, elastic_launch
+from torch.distributed.elastic.multiprocessing.errors import ProcessFailure
 
 from stripe_newton.rl.runs.interrupt import on_first_signal
 
@@ -24,11 +26,16 @@ from .ranks import LAUNCHER, LostRankError
 
 __all__ = ["launch"]
 
+_POLL_S = 0.1
+_END_S = 30.0
+"""Seconds that a rank has to end after SIGTERM, before it is killed."""
+
 
 def launch(arguments: Sequence[str], count: int, user_errors: Sequence[type] = ()) -> tuple[int, str | None]:
     """Run ``python arguments`` in several processes until all have ended, or one fails, which ends the others.
 
-    Ctrl-C, or SIGTERM, asks all of them to stop after their iteration; a second one ends them at once.
+    Ctrl-C, SIGTERM or a closed terminal asks all of them to stop after their iteration; a second signal ends them at
+    once.
 
     Args:
         arguments: The arguments after ``python``.
@@ -40,43 +47,66 @@ def launch(arguments: Sequence[str], count: int, user_errors: Sequence[type] = (
         reported it.
 
     Raises:
-        KeyboardInterrupt: after a second Ctrl-C.
+        KeyboardInterrupt: after a second signal.
     """
-    logging.getLogger("torch.distributed.elastic").setLevel(logging.CRITICAL)  # failures are reported here
     with tempfile.TemporaryDirectory(prefix="stripe-newton-") as name:
         folder = Path(name)
-        launcher = elastic_launch(_config(folder, count), sys.executable)
-        code = 0
-        interrupts = (signal.SIGINT, signal.SIGTERM)
-        # torch's launcher would end the ranks on the first signal, so it does not get to see that.
-        stop = on_first_signal(interrupts, lambda: _ask_to_stop(folder / "stop"), then=signal.default_int_handler)
-        with _environment(folder, count), stop:
-            try:
-                launcher(*arguments)
-            except ChildFailedError as error:
-                code = _report(error, {kind.__name__ for kind in user_errors})
-            except SignalException as ended:
-                raise KeyboardInterrupt from ended
+        signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        stop = on_first_signal(signals, lambda number: _ask_to_stop(folder, number), then=signal.default_int_handler)
+        with _environment(folder, count), stop, _ranks(folder, arguments, count) as ranks:
+            failures = _wait(folder, ranks)
+        code = _report(failures, {kind.__name__ for kind in user_errors}) if failures else 0
         run_folder = folder / "run_folder"
         return code, run_folder.read_text(encoding="utf-8") if run_folder.exists() else None
 
 
-def _config(folder: Path, count: int) -> LaunchConfig:
-    config = {
-        "min_nodes": 1,
-        "max_nodes": 1,
-        "nproc_per_node": count,
-        "run_id": uuid.uuid4().hex,
-        "rdzv_backend": "c10d",
-        "rdzv_endpoint": "localhost:0",
-        "local_addr": "localhost",
-        "max_restarts": 0,
-        "logs_specs": DefaultLogsSpecs(log_dir=str(folder)),
-        "signals_to_handle": "SIGHUP,SIGQUIT",
-    }
-    # Older versions of torch lack `signals_to_handle`.
-    known = {field.name for field in dataclasses.fields(LaunchConfig)}
-    return LaunchConfig(**{name: value for name, value in config.items() if name in known})  # type: ignore[arg-type]
+@contextlib.contextmanager
+def _ranks(folder: Path, arguments: Sequence[str], count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Start the ranks. At the end of the context none is left."""
+    ranks: list[subprocess.Popen[bytes]] = []
+    try:
+        for rank in range(count):
+            numbers = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": count, "LOCAL_WORLD_SIZE": count}
+            # Torch's `record` writes the error of the rank to this file.
+            own = {"TORCHELASTIC_ERROR_FILE": str(_error_file(folder, rank))}
+            environment = os.environ | {name: str(number) for name, number in numbers.items()} | own
+            # In sessions of their own: signals of the terminal go to the launcher, which passes them on by a file.
+            command = [sys.executable, *arguments]
+            ranks.append(subprocess.Popen(command, env=environment, start_new_session=True))
+        yield ranks
+    finally:
+        _end(ranks)
+
+
+def _wait(folder: Path, ranks: Sequence[subprocess.Popen[bytes]]) -> dict[int, ProcessFailure]:
+    """Wait until all ranks have ended, or one has failed. Returns the failures by rank."""
+    while True:
+        codes = [rank.poll() for rank in ranks]
+        failures = {
+            number: ProcessFailure(number, ranks[number].pid, code, str(_error_file(folder, number)))
+            for number, code in enumerate(codes)
+            if code
+        }
+        if failures or None not in codes:
+            return failures
+        time.sleep(_POLL_S)
+
+
+def _end(ranks: Sequence[subprocess.Popen[bytes]]) -> None:
+    """End the ranks that still run, by SIGTERM, and by SIGKILL where that does not help."""
+    for rank in ranks:
+        rank.terminate()
+    deadline = time.monotonic() + _END_S
+    for rank in ranks:
+        try:
+            rank.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            rank.kill()
+            rank.wait()
+
+
+def _error_file(folder: Path, rank: int) -> Path:
+    return folder / f"error_{rank}.json"
 
 
 @contextlib.contextmanager
@@ -87,8 +117,10 @@ def _environment(folder: Path, count: int) -> Iterator[None]:
     # The cores are shared out: torch in each rank would take all of them.
     os.environ.setdefault("OMP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // count)))
     if sys.platform == "linux":
-        # All ranks are on this host. By itself gloo takes the interface of the host's name, which may lead nowhere.
+        # All ranks are on this host. By themselves the libraries take an interface of the network, which may lead
+        # nowhere, and where anybody can connect to them.
         os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")
+        os.environ.setdefault("NCCL_SOCKET_IFNAME", "lo")
     try:
         yield
     finally:
@@ -96,8 +128,8 @@ def _environment(folder: Path, count: int) -> Iterator[None]:
         os.environ.update(before)
 
 
-def _ask_to_stop(stop: Path) -> None:
-    stop.touch()
+def _ask_to_stop(folder: Path, number: signal.Signals) -> None:
+    (folder / "stop").write_text(number.name, encoding="utf-8")
     print("\nstopping after this iteration (Ctrl-C again: at once)", file=sys.stderr, flush=True)
 
 
@@ -122,7 +154,7 @@ class _Cause:
         return cls(kind, text, str(message.get("extraInfo", {}).get("py_callstack", "")))
 
 
-def _report(error: ChildFailedError, user_errors: set[str]) -> int:
+def _report(failures: dict[int, ProcessFailure], user_errors: set[str]) -> int:
     """Print why the run failed. Returns the exit code."""
 
     def order(item: tuple[int, ProcessFailure]) -> tuple[bool, bool, int]:
@@ -130,7 +162,7 @@ def _report(error: ChildFailedError, user_errors: set[str]) -> int:
         lost = _Cause.of(item[1]).kind == LostRankError.__name__
         return item[1].exitcode == -signal.SIGTERM, lost, item[1].timestamp
 
-    rank, failure = min(error.failures.items(), key=order)
+    rank, failure = min(failures.items(), key=order)
     cause = _Cause.of(failure)
     if cause.kind in user_errors:
         print(f"error: {cause.text}", file=sys.stderr)

@@ -20,6 +20,8 @@ from typing import TypeVar
 import torch
 import torch.distributed as dist
 
+from stripe_newton.rl.runs.interrupt import leave_terminal
+
 __all__ = [
     "LAUNCHER",
     "LostRankError",
@@ -71,7 +73,8 @@ def world() -> World:
     size = int(os.environ.get("WORLD_SIZE", "1"))
     if size == 1:
         return World()
-    missing = [name for name in ("RANK", "LOCAL_RANK", "MASTER_ADDR", "MASTER_PORT") if name not in os.environ]
+    needed = ["RANK", "LOCAL_RANK"] + ([] if LAUNCHER in os.environ else ["MASTER_ADDR", "MASTER_PORT"])
+    missing = [name for name in needed if name not in os.environ]
     if missing:
         raise ValueError(f"WORLD_SIZE is {size}, but {', '.join(missing)} not set: start the processes with torchrun")
     one = World(int(os.environ["RANK"]), int(os.environ["LOCAL_RANK"]), size)
@@ -114,15 +117,26 @@ def rank_device(requested: str | None, configured: str | None) -> str:
 
 
 def join(device: str) -> None:
-    """Join the other ranks, once: by gloo for tensors on the CPU, by NCCL for those on GPUs."""
+    """Join the other ranks, once: by gloo for tensors on the CPU, by NCCL for those on GPUs.
+
+    The launcher's ranks find each other by a file. Those of ``torchrun`` do so by the port of its first host.
+    """
     if dist.is_initialized():
         return
     timeout = timedelta(seconds=float(os.environ.get(_TIMEOUT, "1800")))
+    # Without a store torch reads rank and size from the environment variables of torchrun.
+    me, store = World(-1, 0, -1), None
+    if LAUNCHER in os.environ:
+        me = world()
+        store = dist.FileStore(str(_launcher_folder() / "store"), me.size)
     if torch.device(device).type == "cpu":
-        dist.init_process_group("gloo", timeout=timeout)
+        dist.init_process_group("gloo", timeout=timeout, store=store, rank=me.rank, world_size=me.size)
     else:
         # gloo as well: `exchange` and `gather` send objects of the host.
-        dist.init_process_group("cpu:gloo,cuda:nccl", timeout=timeout, device_id=torch.device(device))
+        backends, on_gpu = "cpu:gloo,cuda:nccl", torch.device(device)
+        dist.init_process_group(
+            backends, timeout=timeout, store=store, rank=me.rank, world_size=me.size, device_id=on_gpu
+        )
 
 
 def exchange(value: T) -> list[T]:
@@ -147,14 +161,23 @@ def stop_asked() -> bool:
     """Whether the launcher was interrupted, or has ended."""
     if LAUNCHER not in os.environ:
         return False
-    process, folder = os.environ[LAUNCHER].split(":", 1)
-    return os.getppid() != int(process) or (Path(folder) / "stop").exists()
+    try:
+        if (_launcher_folder() / "stop").read_text(encoding="utf-8") == "SIGHUP":
+            leave_terminal()  # the signal itself goes to the launcher alone
+    except OSError:
+        return os.getppid() != int(os.environ[LAUNCHER].partition(":")[0])
+    return True
 
 
 def tell(name: str, text: str) -> None:
     """Write a message for the launcher, if there is one and this is rank 0."""
     if LAUNCHER in os.environ and world().rank == 0:
-        (Path(os.environ[LAUNCHER].split(":", 1)[1]) / name).write_text(text, encoding="utf-8")
+        (_launcher_folder() / name).write_text(text, encoding="utf-8")
+
+
+def _launcher_folder() -> Path:
+    """Folder of the launcher that has started this rank."""
+    return Path(os.environ[LAUNCHER].partition(":")[2])
 
 
 def as_rank(function: Callable[[], int], user_errors: tuple[type[Exception], ...] = ()) -> int:

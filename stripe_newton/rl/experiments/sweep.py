@@ -17,6 +17,8 @@ from pathlib import Path
 import optuna
 from optuna.trial import TrialState
 
+from stripe_newton.rl.runs.interrupt import leave_terminal
+
 from .sweep_cfg import Scalar, Space, SweepCfg
 from .sweep_folder import SweepError, lock_folder, open_study, write_cfg
 from .sweep_process import Run, Slot, SweepProcess, mean_of_last
@@ -281,8 +283,14 @@ class Sweep:
         def handle(number: int, frame: types.FrameType | None) -> None:
             # Only noted: a handler runs between any two lines, also in the middle of optuna's writing.
             self._requests += 1
+            if number == signal.SIGHUP:
+                leave_terminal()
+                signal.signal(number, signal.SIG_IGN)  # it may come twice, by the shell and by the system
 
-        previous = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        ends = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # under nohup
+            ends.remove(signal.SIGHUP)
+        previous = {number: signal.signal(number, handle) for number in ends}
         try:
             yield
         finally:

@@ -74,7 +74,8 @@ def export_policy(
         run: Name of the run; by default that of the run folder.
 
     Raises:
-        ExportError: if the network cannot be exported, or if an exported network acts differently from the policy.
+        ExportError: if the network cannot be exported, if an exported network acts differently from the policy, or if
+            the files cannot be written.
     """
     policy = runner.alg.get_policy()
     metadata = describe_policy(runner, task, run)
@@ -135,8 +136,11 @@ def _to_onnx(policy: MLPModel) -> onnx.ModelProto:
 def _write(
     folder: Path, model: onnx.ModelProto, script: torch.jit.ScriptModule, metadata: PolicyMetadata
 ) -> ExportedPolicy:
-    """Write all files beside the old ones, and then put them in their place."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write all files beside the old ones, and then put them in their place.
+
+    Raises:
+        ExportError: if they cannot be written; the old ones are as they were.
+    """
     files = ExportedPolicy(folder / "policy.onnx", folder / "policy.pt", folder / "policy.json", metadata)
     text = _short_lists(json.dumps(metadata, indent=1, allow_nan=False))
     for key, value in metadata.items():
@@ -151,13 +155,18 @@ def _write(
     }
     parts = {path: path.with_name(path.name + ".part") for path in contents}
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for path, data in contents.items():
             parts[path].write_bytes(data)
         for path, part in parts.items():
             os.replace(part, path)
+    except OSError as error:
+        place = error.filename or folder
+        raise ExportError(f"{place}: could not be written: {error.strerror or error}") from error
     finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            for part in parts.values():
+                part.unlink(missing_ok=True)
     # Weights of the policy.onnx that was there before, if it kept them outside; ours are inside the file.
     (folder / "policy.onnx.data").unlink(missing_ok=True)
     return files

@@ -8,6 +8,7 @@ import io
 import os
 import pickle
 import random
+import re
 import shutil
 import struct
 import warnings
@@ -18,33 +19,42 @@ from typing import Any, TypedDict
 import numpy as np
 import torch
 from torch.types import Storage
-from typing_extensions import Required
 
 from stripe_newton.input_files import why_no_file
 from stripe_newton.rl.errors import CheckpointError, CheckpointWriteError
-from stripe_newton.value_types import NonNegativeInt, mismatches
+from stripe_newton.value_types import NonNegativeInt, mismatches, short
 
 __all__ = [
     "CheckpointData",
     "RngState",
     "damage_of",
+    "describe_room",
     "from_bytes",
     "get_rng_state",
     "load_checkpoint",
     "save_checkpoint",
     "set_rng_state",
+    "tensor_bytes",
     "to_bytes",
 ]
+
+_MUCH = 1e9
+"""Bytes of all checkpoints of a run that the user is told of."""
 
 CheckpointData = dict[str, Any]
 """Contents of a checkpoint: tensors and plain values, nested. The keys are those of rsl_rl's algorithm, and ``iter``,
 ``infos`` and ``stripe_newton`` (:class:`TrainingState`)."""
 
 
-class _Contents(TypedDict, total=False):
-    """The parts of a checkpoint that every reader uses."""
+class _Needed(TypedDict):
+    """What every checkpoint has."""
 
-    iter: Required[NonNegativeInt]
+    iter: NonNegativeInt
+
+
+class _Contents(_Needed, total=False):
+    """The parts of a checkpoint that readers use."""
+
     actor_state_dict: dict[str, torch.Tensor]
     critic_state_dict: dict[str, torch.Tensor]
     student_state_dict: dict[str, torch.Tensor]
@@ -87,6 +97,32 @@ def save_checkpoint(data: CheckpointData, path: str | os.PathLike) -> None:
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def describe_room(path: Path, data: CheckpointData, more: int) -> str:
+    """What the checkpoints of a run take, where that is much; empty where it is little.
+
+    Args:
+        path: A checkpoint that has been written.
+        data: Its contents.
+        more: Number of checkpoints to come.
+    """
+    size = path.stat().st_size
+    total, free = more * size, shutil.disk_usage(path.parent).free
+    if total < min(free, _MUCH):
+        return ""
+    state = tensor_bytes(data.get("stripe_newton"))
+    each = f"{size / 1e6:.1f} MB each, {state / 1e6:.1f} of them the state of the environments"
+    text = f"checkpoints: {each}; {more} more take {total / 1e9:.1f} GB (agent.save_interval sets how many)"
+    return text if total < free else f"warning: {text}, but {free / 1e9:.1f} GB are free in {path.parent}"
+
+
+def tensor_bytes(value: object) -> int:
+    """Size of all tensors in nested dicts and lists [bytes]."""
+    if isinstance(value, torch.Tensor):
+        return value.numel() * value.element_size()
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, (list, tuple)) else ()
+    return sum(map(tensor_bytes, parts))
 
 
 def _reason(error: OSError, path: Path, needed: int) -> str:
@@ -145,6 +181,8 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
     Raises:
         CheckpointError: if the file is missing, damaged, or not a checkpoint of rsl_rl 5.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise CheckpointError(f"a checkpoint is given by its path, not by {short(path)}")
     path = Path(path)
     damage = damage_of(path)
     if damage is not None:
@@ -153,7 +191,8 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         data = _load(path, device)
     except pickle.UnpicklingError as error:
         # The line that names the refused class stands in the middle of torch's long explanation.
-        reason = next((line.strip() for line in str(error).splitlines() if "GLOBAL" in line), _first_line(error))
+        named = re.search(r"GLOBAL (\S+)", str(error))
+        reason = named[1] if named else _first_line(error)
         text = "contains more than tensors and plain values, so it is not read"
         raise CheckpointError(f"{path}: {text} ({reason})") from None
     except Exception as error:  # whatever a pickle of somebody else's makes torch run into

@@ -15,7 +15,7 @@ from stripe_newton.rl.errors import CheckpointError, DivergedError
 from .checkpoint import load_checkpoint
 from .run_folder import RunFolder
 
-__all__ = ["check_losses", "check_networks", "diverged", "nonfinite_parts"]
+__all__ = ["check_losses", "check_networks", "diverged", "is_of_environment", "nonfinite_parts"]
 
 _STATES = ("actor_state_dict", "critic_state_dict", "student_state_dict")
 """Networks in a checkpoint."""
@@ -57,6 +57,11 @@ def check_losses(losses: Mapping[str, float], iteration: int, run: RunFolder | N
     wrong = [f"{name} is {value}" for name, value in losses.items() if not math.isfinite(value)]
     if wrong:
         raise diverged(f"iteration {iteration + 1}: the loss {', '.join(wrong)}", run)
+
+
+def is_of_environment(error: Exception) -> bool:
+    """Whether an error, of this package's loop or of rsl_rl's, says that an environment returned NaN."""
+    return any(words in str(error) for words in ("environment returned NaN", "returned by the environment"))
 
 
 def diverged(problem: str, run: RunFolder | None) -> DivergedError:

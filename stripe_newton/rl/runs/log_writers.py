@@ -110,6 +110,10 @@ class RunLogWriter(LogWriter):
                 file = error.filename or self.metrics.path
                 print(f"\nwarning: {file}: {error.strerror or error}; the training goes on", file=sys.stderr)
             self._failing = True
+            if self.tensorboard is not None and not Path(self.log_dir).is_dir():
+                # Somebody has deleted the folder: the file would go on without a name.
+                self.tensorboard.close()
+                self.tensorboard = None
         else:
             self._failing = False
 

@@ -118,16 +118,16 @@ class RunFolder:
             CheckpointError: if another training holds it, with its process, host and time; or if a part of the folder
                 is a link that leads out of it.
         """
+        with self._says_os_errors():
+            self.path.mkdir(parents=True, exist_ok=True)
         key = self.path.resolve()
         if key in _held:  # by an outer context
             yield
             return
         self._check_links()
         lock = FileLock(self.path / LOCK_NAME)
-        try:
+        with self._says_os_errors():
             owner = lock.acquire()
-        except OSError as error:
-            raise CheckpointError(f"{self.path}: cannot be locked: {error.strerror or error}") from error
         if owner is not None:
             raise CheckpointError(
                 f"{self.path}: another training runs in this folder: {owner}; wait until it has ended, or stop it"
@@ -138,6 +138,13 @@ class RunFolder:
         finally:
             _held.discard(key)
             lock.release()
+
+    @contextlib.contextmanager
+    def _says_os_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise CheckpointError(f"{self.path}: cannot be locked: {error.strerror or error}") from error
 
     def _check_links(self) -> None:
         """Check that what is written below the folder stays there.

@@ -227,7 +227,8 @@ class _Progress:
             f"  {steps_per_s:>9,.0f} steps/s"
             f"  elapsed {timedelta(seconds=int(elapsed))}  left {timedelta(seconds=int(left))}"
         )
-        if not self.in_place:
-            print(text, file=self.out, flush=True)
-        else:
-            print(f"\r\033[K{text}", end="\n" if done == total else "", file=self.out, flush=True)
+        with contextlib.suppress(OSError):  # a terminal that was closed must not end the run before it saves
+            if not self.in_place:
+                print(text, file=self.out, flush=True)
+            else:
+                print(f"\r\033[K{text}", end="\n" if done == total else "", file=self.out, flush=True)

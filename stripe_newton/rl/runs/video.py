@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ import torch
 
 from stripe_newton.rl.policies import Policy
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
+from stripe_newton.value_types import short
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import VideoWriter
@@ -52,9 +54,15 @@ def record_video(
 
     Returns:
         The file.
+
+    Raises:
+        ValueError: if the number of steps is no whole number of at least 1, or the environment draws no pictures.
+        OSError: if the file cannot be written.
     """
     from stripe_newton.viewers import VideoWriter  # here, as many runs make no video, and it loads a video library
 
+    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
+        raise ValueError(f"steps: is {short(steps)}, must be a whole number of at least 1")
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     stride, fps = video_timing(env.unwrapped.step_dt)
@@ -109,17 +117,31 @@ class TrainingVideo:
             self._path = None
         if self._video is not None:
             video, self._video = self._video, None
-            video.close()
+            try:
+                video.close()
+            except OSError as error:
+                print(f"\nwarning: {video.path}: could not be written: {error.strerror or error}", file=sys.stderr)
 
     def _after_step(self) -> None:
         if self._video is None:
             from stripe_newton.viewers import VideoWriter  # see `record_video`
 
             assert self._path is not None  # this hook is there only while a video runs
-            self.folder.mkdir(parents=True, exist_ok=True)
             self._video = VideoWriter(self._path, self._fps)
-        if self._taken % self._stride == 0:
-            self._video.add(_picture(self.env))
+        try:
+            if self._taken % self._stride == 0:
+                self._video.add(_picture(self.env))
+        except OSError as error:
+            self._give_up(error)
+            return
         self._taken += 1
         if self._taken >= self.steps:
             self.close()
+
+    def _give_up(self, error: OSError) -> None:
+        """Leave this video out: a full disk must not end a training."""
+        print(f"\nwarning: {self._path}: could not be written: {error.strerror or error}", file=sys.stderr)
+        if self._video is not None:
+            self._video.discard()
+            self._video = None
+        self.close()

@@ -20,6 +20,7 @@ from stripe_newton.rl.torch_vector_env import (
     is_resumable,
     rl_env_of,
 )
+from stripe_newton.value_types import PositiveFloat, mismatches, short
 
 __all__ = ["RslRlVecEnvWrapper"]
 
@@ -39,8 +40,13 @@ class RslRlVecEnvWrapper(VecEnv):
             clip_actions: Actions are clipped to ``[-clip_actions, clip_actions]``; ``None`` for no clipping.
 
         Raises:
-            ValueError: if the action space of one environment is not a flat box.
+            TypeError: if it is no vector environment.
+            ValueError: if the action space of one environment is not a flat box, or a bound of actions is not above 0.
         """
+        if not hasattr(env, "unwrapped") or not hasattr(env.unwrapped, "single_action_space"):
+            raise TypeError(f"env: is {short(env)}, must be a vector environment, such as gymnasium.make_vec returns")
+        if clip_actions is not None and (problem := next(mismatches(clip_actions, PositiveFloat), "")):
+            raise ValueError(f"clip_actions: {problem}")
         space = env.unwrapped.single_action_space
         shape = None if space is None else space.shape
         if shape is None or len(shape) != 1:

@@ -73,7 +73,7 @@ def test_means_over_ranks():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--gpus", "two"), "--gpus two: must be a whole number"),
+        (("--gpus", "two"), "Error parsing --gpus"),
         (("--gpus", "0"), "--gpus 0: must be at least 1"),
     ],
 )

@@ -432,7 +432,7 @@ def test_a_run_that_was_cut_before_its_first_checkpoint_begins_anew():
 
 def test_a_folder_is_for_one_sweep_at_a_time():
     made, _ = sweep(cfg_of())
-    with pytest.raises(SweepError, match=rf"sweep: a sweep is running here \(process {os.getpid()}\)"):
+    with pytest.raises(SweepError, match=rf"sweep: a sweep is running here \(process {os.getpid()} on "):
         sweep(cfg_of())
     made.close()
     sweep(cfg_of())[0].close()

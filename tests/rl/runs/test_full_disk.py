@@ -53,7 +53,7 @@ def make_runner(folder: Path) -> OnPolicyRunner:
 
 def test_a_checkpoint_that_does_not_fit(tmp_path):
     path = tmp_path / "model_1.pt"
-    save_checkpoint({"actor_state_dict": {"old": torch.ones(1)}}, path)
+    save_checkpoint({"iter": 0, "actor_state_dict": {"old": torch.ones(1)}}, path)
     with files_of_at_most(50_000), pytest.raises(CheckpointWriteError) as caught:
         save_checkpoint({"actor_state_dict": {"new": torch.ones(100_000)}}, path)
     text = str(caught.value)

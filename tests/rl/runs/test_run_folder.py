@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 import torch
@@ -61,6 +63,22 @@ def test_metrics_with_a_column_that_comes_late(tmp_path):
         file.write("2,4.0")  # a row that was cut short
     MetricsCsv(tmp_path / "m.csv", first_iteration=9)
     assert read_metrics(tmp_path / "m.csv")["iteration"] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("content", [b"x,y\n1,2\n", b"iteration,a\nx,2\n", b"\xff\xfe", "pipe"])
+def test_metrics_that_cannot_be_read_are_put_aside(tmp_path, capsys, content):
+    from stripe_newton.rl.runs.metrics_csv import MetricsCsv
+
+    file = tmp_path / "m.csv"
+    os.mkfifo(file) if content == "pipe" else file.write_bytes(content)
+    if content != b"x,y\n1,2\n":
+        with pytest.raises(ValueError, match=r"m\.csv: is "):
+            read_metrics(file)
+    MetricsCsv(file, first_iteration=9).write({"iteration": 9})
+    assert f"warning: {file}: " in (err := capsys.readouterr().err)
+    assert "; it is m.csv.damaged now, and begins anew" in err
+    assert read_metrics(file) == {"iteration": [9.0]}
+    assert (tmp_path / "m.csv.damaged").exists()
 
 
 def test_videos(tmp_path):

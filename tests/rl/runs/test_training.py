@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import signal
 from pathlib import Path
 
@@ -11,11 +13,13 @@ import pytest
 import torch
 
 from stripe_newton.rl import (
+    CheckpointError,
     RunFolder,
     evaluate,
     find_checkpoint,
     load_checkpoint,
 )
+from stripe_newton.rl.runs import run_folder
 from tests.helpers.fake_env import FakeCartEnv, FakeCartRunnerCfg
 from tests.helpers.fake_runner import flat, make_runner, rnd_cfg, rnn_cfg, rows
 
@@ -102,11 +106,13 @@ def test_learn_again_goes_on_counting(tmp_path):
     assert [row["iteration"] for row in rows(tmp_path)] == ["0", "1", "2", "3"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupt_ends_after_the_iteration_with_a_checkpoint(tmp_path, capfd, number):
     runner = make_runner(tmp_path)
     previous = signal.getsignal(number)
-    runner.logger.iteration_hooks.append(lambda it: os.kill(os.getpid(), number) if it == 3 else None)
+    # A terminal that closes may send its signal twice, by the shell and by the system.
+    times = 2 if number == signal.SIGHUP else 1
+    runner.logger.iteration_hooks.append(lambda it: [os.kill(os.getpid(), number) for _ in range(times * (it == 3))])
     assert not runner.learn()
     assert signal.getsignal(number) is previous
     assert find_checkpoint(tmp_path).name == "model_3.pt"
@@ -116,6 +122,62 @@ def test_interrupt_ends_after_the_iteration_with_a_checkpoint(tmp_path, capfd, n
     assert again.learn()
     assert [row["iteration"] for row in rows(tmp_path)] == [str(n) for n in range(6)]
     assert "stopping after this iteration" in capfd.readouterr().err
+
+
+def test_under_nohup_a_closed_terminal_changes_nothing(tmp_path):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        runner = make_runner(tmp_path)
+        runner.logger.iteration_hooks.append(lambda it: os.kill(os.getpid(), signal.SIGHUP))
+        assert runner.learn()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_run_folder_that_is_deleted_is_said_and_made_again(tmp_path, capsys):
+    folder = RunFolder(tmp_path / "run")
+    folder.write_task("Some-Task-v0")
+    runner = make_runner(folder.path)
+    runner.logger.iteration_hooks.append(lambda it: shutil.rmtree(folder.path) if it == 2 else None)
+    assert runner.learn()
+    err = capsys.readouterr().err
+    assert f"warning: {folder.path}: was deleted while the training runs; what was in it is lost" in err
+    assert folder.read_task() == "Some-Task-v0"
+    assert folder.read_params()["agent"] == runner.agent_cfg.to_dict()
+    assert [number for number, _ in folder.list_checkpoints()] == [2, 4, 5]
+    # The row of an iteration after the deletion waits for the folder.
+    assert [row["iteration"] for row in rows(folder.path)] == ["3", "4", "5"]
+
+
+def test_a_second_training_in_one_folder_is_refused(tmp_path, monkeypatch):
+    first, second = make_runner(tmp_path), make_runner(tmp_path)
+    with first.run_folder.hold():
+        assert first.learn(1)  # it may hold it twice
+        monkeypatch.setattr(run_folder, "_held", set())  # as in another process
+        with pytest.raises(CheckpointError, match=rf"another training runs in this folder: process {os.getpid()} on "):
+            second.learn()
+    assert second.learn(1)
+    assert not (tmp_path / "lock").exists()
+    outside = tmp_path.parent / "outside"
+    outside.mkdir()
+    (tmp_path / "videos").symlink_to(outside)
+    with pytest.raises(CheckpointError, match=r"videos: is a link to .*outside, outside of the run folder; remove it"):
+        second.learn()
+
+
+def test_a_run_says_what_its_checkpoints_will_take(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("stripe_newton.rl.runs.checkpoint._MUCH", 0.0)
+    make_runner(tmp_path).learn()
+    found = re.findall(
+        r"checkpoints: 0\.\d MB each, 0\.\d of them the state of the environments; 2 more take", capsys.readouterr().err
+    )
+    assert len(found) == 1
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1000))
+    make_runner(tmp_path / "full").learn(1)
+    assert "warning: checkpoints: " in (err := capsys.readouterr().err)
+    assert "but 0.0 GB are free in" in err
 
 
 def test_progress_is_one_short_line(tmp_path, capsys):

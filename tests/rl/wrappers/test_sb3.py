@@ -70,8 +70,7 @@ def test_one_copy_from_the_device(monkeypatch, device):
     monkeypatch.setattr(torch.Tensor, "cpu", lambda self: copies.append(self) or to_host(self))
     for step in range(SHORT):
         env.step(push(step))
-    # The environment itself copies its reset mask, for hooks in torch.
-    assert Counter(c.dtype for c in copies) == {torch.uint8: SHORT, torch.bool: SHORT}
+    assert Counter(c.dtype for c in copies) == {torch.uint8: SHORT}
 
 
 def test_the_terminal_observation_is_where_the_episode_would_have_gone_on():
