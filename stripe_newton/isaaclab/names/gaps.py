@@ -68,7 +68,6 @@ NAMES: dict[str, Table] = {
     "isaaclab.sim": inert(
         "these options are of PhysX and have no effect", "PhysxCfg RenderCfg FixedTendonPropertiesCfg"
     )
-    | inert("materials of MDL are not drawn", "MdlFileCfg GlassMdlCfg")
     | refused(
         _SIM,
         """DeformableBodyMaterialCfg DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg

@@ -149,6 +149,12 @@ ROBOTS = (
     ),
     # -- of the dialect
     Robot(
+        ("Robots/NVIDIA/Jetbot/jetbot.usd", "Robots/Jetbot/jetbot.usd"),
+        file="jetbot.xml",
+        drives=True,
+        note="a drawing of its own: wheels of 30 mm radius, 112.5 mm apart, 0.9 kg",
+    ),
+    Robot(
         ("IsaacLab/Robots/Classic/Humanoid28/humanoid_28.usd",),
         file="humanoid_28.xml",
         drives=True,
@@ -212,7 +218,6 @@ ROBOTS = (
         },
         note="a G1 with 29 joints: three in the waist and in each wrist, no fingers; NVIDIA's has 37, with fingers",
     ),
-    Robot(("IsaacLab/Robots/Agility/Cassie/cassie.usd",), "cassie"),
     Robot(("Robots/Agility/Digit/digit_v4.usd",), "digit"),
     # -- arms
     Robot(
@@ -324,6 +329,8 @@ same drive, and for Unitree's other quadrupeds."""
 _SERVER = "only NVIDIA's server has it; give usd_path the path of a file of your own"
 
 ABSENT: dict[str, str] = {
+    r".*/Cassie/.*": "the published files of Cassie have closed chains and springs, NVIDIA's is a tree with six driven "
+    f"joints a leg: {_SERVER}",
     r".*/ur10/ur10\.usd": f"the UR10 with a gripper: {_SERVER}, or use UR10_CFG",
     r".*Robots/Kinova/.*": f"Kinova's arm: {_SERVER}",
     r".*Robots/RethinkRobotics/.*": f"Sawyer: {_SERVER}",
