@@ -62,6 +62,8 @@ def wrong_type(cfg: Config, name: str, value: object) -> str | None:
     kinds = annotations_of(cls, name, binding=True)
     if not kinds or value is MISSING or _is_default(cls, name, value):
         return None
+    if getattr(type(value), "FITS_ANY_TYPE", False):  # it reports itself where it is not supported
+        return None
     if value is None and _may_be_left_out(kinds[0]):
         return None
     # What a base allows is right in a subclass, too: a term by name in a dict, where its annotation names a config.

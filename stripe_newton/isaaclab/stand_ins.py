@@ -31,6 +31,8 @@ class _Nested(type):
 class StandIn(metaclass=_Nested):
     """Base of stand-ins. It takes any field, and the calls that configs have. Config classes can be derived from it."""
 
+    FITS_ANY_TYPE: ClassVar[bool] = True
+
     def __init__(self, *args: Any, **fields: Any):
         vars(self).update(fields)
 

@@ -193,6 +193,7 @@ ROBOTS = (
             "IsaacLab/Robots/ANYbotics/ANYmal-D/anymal_d_minimal.usd",
         ),
         "anymal_d",
+        fixed_base=False,
     ),
     Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot", links=_SPOT_FEET),
     # -- robots with two legs
