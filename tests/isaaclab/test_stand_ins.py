@@ -24,6 +24,8 @@ def test_a_refused_class_makes_a_config_invalid():
     part = stand_in("MultirotorCfg", "refused", "thrusters are not simulated")(mass=1.0)
     with pytest.raises(ConfigError, match="MultirotorCfg is not supported: thrusters are not simulated"):
         _Holder(part=part).validate()
+    with pytest.raises(AttributeError, match="MultirotorCfg is not supported: thrusters are not simulated"):
+        part.rotor_count  # noqa: B018
 
 
 def test_a_config_derived_from_a_refused_class_is_refused():

@@ -27,7 +27,7 @@ class Robot:
     asset: str = ""
     """Or the file in Newton's own examples."""
     file: str = ""
-    """Or a file in the folder ``models`` of the dialect."""
+    """Or a file in the folder ``models`` of the dialect; with a name, where that one's file is not on this machine."""
     cfg: str = ""
     """Or a spawner config class, as ``"module:Class"``."""
     drives: bool = False
@@ -86,7 +86,7 @@ class Prop:
     """Where the size is from, in one line."""
 
 
-_UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision)?")}
+_UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision|_calf_geom_2)?")}
 _GO2_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1")}
 _ANYMAL_B_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_2")}
 _ANYMAL_C_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
@@ -164,9 +164,10 @@ ROBOTS = (
     ),
     Robot(
         ("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",),
+        "sektion_cabinet",
         file="sektion_cabinet.xml",
         fixed_base=True,
-        note="a cabinet of boards with the sizes, joints and handles of NVIDIA's",
+        note="where its file is not on this machine, boards with the sizes, joints and handles of NVIDIA's",
     ),
     # -- quadrupeds
     Robot(("IsaacLab/Robots/Unitree/A1/a1.usd",), "a1", links=_UNITREE_FEET),
@@ -266,8 +267,6 @@ ROBOTS = (
         },
         note="the joint at the tip of the thumb, THJ0, turns from -0.26 to 1.57 rad, NVIDIA's from -1.57 to 0",
     ),
-    # -- furniture
-    Robot(("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",), "sektion_cabinet", fixed_base=True),
     # -- wings
     Robot(
         ("Robots/Bitcraze/Crazyflie/cf2x.usd",),
