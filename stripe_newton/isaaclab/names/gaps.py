@@ -10,7 +10,6 @@ from .entries import Table, inert, refused
 _CONTROLLER = "the controller is not translated by the dialect"
 _MATH = "the dialect does not translate this function to (w, x, y, z)"
 _SENSOR = "the dialect does not translate this part of the sensors"
-_SIM = "the dialect does not translate this part of the simulation"
 _TELEOPERATION = "there is no teleoperation"
 
 NAMES: dict[str, Table] = {
@@ -69,7 +68,7 @@ NAMES: dict[str, Table] = {
         "these options are of PhysX and have no effect", "PhysxCfg RenderCfg FixedTendonPropertiesCfg"
     )
     | refused(
-        _SIM,
+        "deformable bodies are not simulated",
         "DeformableBodyMaterialCfg DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg",
     )
     | refused(
