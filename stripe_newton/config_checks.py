@@ -59,8 +59,10 @@ def check_types(*configs: tuple[str, Config]) -> None:
 def wrong_type(cfg: Config, name: str, value: object) -> str | None:
     """What is wrong with a value of a field, by the field's annotation; None if it fits, or is the field's default."""
     cls = type(cfg)
-    kinds = annotations_of(cls, name)
+    kinds = annotations_of(cls, name, binding=True)
     if not kinds or value is MISSING or _is_default(cls, name, value):
+        return None
+    if getattr(type(value), "FITS_ANY_TYPE", False):  # it reports itself where it is not supported
         return None
     if value is None and _may_be_left_out(kinds[0]):
         return None
@@ -151,7 +153,8 @@ def _walk(value: object, path: str, broken: set[int]) -> Iterator[str]:
 def _own_problems(cfg: Config, path: str, may_fail: bool) -> Iterator[str]:
     """Problems that the class of a config reports."""
     try:
-        yield from (f"{path}{name}: {message}" for name, message in getattr(cfg, "problems", tuple)())
+        for name, message in getattr(cfg, "problems", tuple)():
+            yield f"{path + name if name else path.rstrip('.')}: {message}"  # no name: it is the config as a whole
     except Exception:  # a check may fail on a value that is missing or wrong, which has been reported already
         if not may_fail:
             raise

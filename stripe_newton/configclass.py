@@ -17,6 +17,7 @@ import dataclasses
 import enum
 import functools
 import inspect
+import logging
 import pickle
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -43,6 +44,8 @@ __all__ = [
     "validate",
 ]
 
+logger = logging.getLogger(__name__)
+
 T = TypeVar("T")
 _SCALARS = (bool, int, float, complex, str, bytes, frozenset, type(None))
 
@@ -67,6 +70,14 @@ def configclass(cls: type[T]) -> type[T]:
     A class whose instances may get further fields names the types of their values, such as the terms of a manager::
 
         OPEN: ClassVar[tuple[type, ...]] = (RewardTermCfg,)
+
+    A class whose subclasses may lack the decorator says so; they get it, with a warning::
+
+        ADOPTS_SUBCLASSES: ClassVar[bool] = True
+
+    A class whose annotations are not checked says so, for its own fields::
+
+        ANNOTATIONS_ARE_HINTS: ClassVar[bool] = True
 
     Raises:
         TypeError: for a base that is a subclass of a config class and has no decorator, whose fields would be lost.
@@ -160,21 +171,30 @@ def _nothing(self: object) -> None:
 # -- which classes and fields there are
 
 
-def _check_decorated(cls: type) -> None:
-    """Check that a subclass of a config class has the decorator itself.
+def _check_decorated(cls: type) -> bool:
+    """Check that a subclass of a config class has the decorator itself, or is adopted by its base.
+
+    Returns:
+        Whether it was adopted now, so that its ``__init__`` is another one.
 
     Raises:
         NoConfigClassError: with the name of the class.
     """
     if _is_checked(vars(cls).get("__init__")):
-        return
+        return False
     base = next((b.__name__ for b in cls.__mro__[1:] if _is_checked(vars(b).get("__init__"))), None)
+    if base is not None and getattr(cls, "ADOPTS_SUBCLASSES", False) and "__init__" not in vars(cls):
+        logger.warning("class %s of %s has no @configclass: it is read as if it had one", cls.__name__, cls.__module__)
+        configclass(cls)
+        setattr(cls, "ANNOTATIONS_ARE_HINTS", getattr(cls, "ANNOTATIONS_ARE_HINTS", False))  # noqa: B010
+        return True
     if base is not None:
         wrong = "has @dataclass in place of" if "__dataclass_params__" in vars(cls) else "has no"
         raise NoConfigClassError(
             f"class '{cls.__name__}' of {cls.__module__}, a subclass of {base}, {wrong} @configclass; "
             "write @configclass above it"
         )
+    return False
 
 
 def _is_checked(init: object) -> bool:
@@ -186,7 +206,9 @@ def _checked(init: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(init)
     def __init__(self: Config, *args: object, **kwargs: object) -> None:
-        _check_decorated(type(self))
+        if _check_decorated(type(self)):
+            type(self).__init__(self, *args, **kwargs)
+            return
         unknown = {name: kwargs.pop(name) for name in list(kwargs) if name not in type(self).__dataclass_fields__}
         refused = [_refusal(self, name, value) for name, value in unknown.items() if not _may_add(self, value)]
         if refused:

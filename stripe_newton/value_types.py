@@ -203,10 +203,18 @@ def annotation_of(cls: type, name: str) -> TypeForm | None:
 
 
 @functools.cache
-def annotations_of(cls: type, name: str) -> tuple[TypeForm, ...]:
-    """Annotations of a field in a class and its bases, those that can be evaluated, nearest first."""
+def annotations_of(cls: type, name: str, binding: bool = False) -> tuple[TypeForm, ...]:
+    """Annotations of a field in a class and its bases, those that can be evaluated, nearest first.
+
+    Args:
+        cls: A config class.
+        name: The field.
+        binding: Leave out those of classes that have ``ANNOTATIONS_ARE_HINTS`` of their own.
+    """
     found: list[TypeForm] = []
     for base in cls.__mro__:
+        if binding and vars(base).get("ANNOTATIONS_ARE_HINTS", False):
+            continue
         kind = inspect.get_annotations(base).get(name)
         if isinstance(kind, str):
             kind = None if isinstance(kind, InheritedText) else _evaluated(kind, base)

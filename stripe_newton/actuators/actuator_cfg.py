@@ -30,7 +30,7 @@ PerJointLimit = AnyFloat | dict[str, AnyFloat] | None
 class ActuatorCfg:
     """Base of the actuators: a group of joints, their limits and their passive properties."""
 
-    joint_names_expr: list[str] = MISSING
+    joint_names_expr: str | list[str] = MISSING
     """Regular expressions of the joints in this group."""
     stiffness: PerJoint = None
     """Position gain [N/m or N m/rad]."""

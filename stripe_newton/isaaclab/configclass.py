@@ -16,7 +16,10 @@ T = TypeVar("T")
 
 
 def configclass(cls: type[T]) -> type[T]:
-    """:func:`stripe_newton.configclass.configclass`, whose instances take new fields of any type."""
+    """:func:`stripe_newton.configclass.configclass`, whose instances take new fields of any type.
+
+    Subclasses may lack the decorator, and values may have other types than the class's own annotations say.
+    """
     made = native.configclass(cls)
-    made.OPEN = (object,)  # type: ignore[attr-defined]
+    made.OPEN, made.ADOPTS_SUBCLASSES, made.ANNOTATIONS_ARE_HINTS = (object,), True, True  # type: ignore[attr-defined]
     return made

@@ -177,18 +177,23 @@ def quat_mul(q1: torch.Tensor, q2: torch.Tensor) -> torch.Tensor:
 
 
 def quat_apply(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
-    """Vectors ``(..., 3)`` rotated by quaternions ``(..., 4)``."""
-    return native.quat_apply(_xyzw(quat), vec)
+    """Vectors ``(..., 3)`` rotated by quaternions ``(..., 4)``; one vector by one quaternion has the vector's shape."""
+    return _shaped_as(vec, native.quat_apply(_xyzw(quat), vec))
 
 
 def quat_apply_inverse(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
     """Vectors ``(..., 3)`` rotated by the inverse of quaternions ``(..., 4)``."""
-    return native.quat_apply_inverse(_xyzw(quat), vec)
+    return _shaped_as(vec, native.quat_apply_inverse(_xyzw(quat), vec))
 
 
 def quat_apply_yaw(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
     """Vectors ``(..., 3)`` rotated by the yaw of quaternions ``(..., 4)``."""
-    return native.quat_apply_yaw(_xyzw(quat), vec)
+    return _shaped_as(vec, native.quat_apply_yaw(_xyzw(quat), vec))
+
+
+def _shaped_as(vec: torch.Tensor, rotated: torch.Tensor) -> torch.Tensor:
+    """Rotated vectors in the shape of the vectors, as Isaac Lab has them, where they are as many."""
+    return rotated.view(vec.shape) if rotated.numel() == vec.numel() else rotated
 
 
 def quat_rotate(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:

@@ -41,7 +41,7 @@ def problem_of(path: str) -> str | None:
     if entry is None:
         reason = next(text for e, text in ABSENT.items() if re.fullmatch(e, inside))
         return f"'{inside}': {reason}, or set {ASSETS_VARIABLE} to a folder with files of the server"
-    if isinstance(entry, Robot) and entry.name:
+    if isinstance(entry, Robot) and entry.name and not entry.file:
         try:
             _file_of(entry.name)
         except LookupError as error:
@@ -116,7 +116,13 @@ def _path_of(entry: Robot) -> str:
     """The file that stands for NVIDIA's."""
     if entry.asset:
         return str(get_asset(entry.asset))
-    return str(_MODELS / entry.file if entry.file else _file_of(entry.name))
+    try:
+        if entry.name:
+            return str(_file_of(entry.name))
+    except LookupError:
+        if not entry.file:
+            raise
+    return str(_MODELS / entry.file)
 
 
 @cache

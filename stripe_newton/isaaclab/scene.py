@@ -3,20 +3,30 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from pxr import Usd
 
 from stripe_newton import scene as native
 from stripe_newton.assets.root_writer import EnvIds
+from stripe_newton.configclass import configclass
 from stripe_newton.sim import Simulation
 
 from .body_prims import author_body_prims
 from .latest_simulation import latest_simulation
 from .quaternions import pose_to_wxyz, pose_to_xyzw
 
-__all__ = ["InteractiveScene"]
+__all__ = ["InteractiveScene", "InteractiveSceneCfg"]
 
 States = dict[str, dict[str, dict[str, torch.Tensor]]]
+
+
+@configclass
+class InteractiveSceneCfg(native.InteractiveSceneCfg):
+    """:class:`stripe_newton.scene.InteractiveSceneCfg`, whose subclasses may lack the decorator."""
+
+    ADOPTS_SUBCLASSES: ClassVar[bool] = True
 
 
 class InteractiveScene(native.InteractiveScene):

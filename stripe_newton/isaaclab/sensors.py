@@ -38,10 +38,15 @@ _NO_MARKERS = {"visualizer_cfg": "sensors draw no markers"}
 Quaternion = tuple[float, float, float, float]
 
 
-class _WxyzSensor:
+class _WxyzSensor(native.SensorBase):
     """The boundary of a sensor: the sensor sets its ``data`` once, and hands out a converted form of it."""
 
     _wxyz: WxyzData | None = None
+
+    def __init__(self, cfg: native.SensorCfg):
+        super().__init__(cfg)
+        if (adopt := getattr(self._scene, "adopt_sensor", None)) is not None:
+            adopt(self)
 
     @property
     def data(self) -> Any:  # the type below is of the package: it cannot name what is converted
@@ -212,5 +217,5 @@ class TiledCameraCfg(CameraCfg):
 
 
 def save_images_to_file(images: torch.Tensor, file_path: str) -> None:
-    """Write images of shape ``(n, height, width, channels)``, uint8 or floats from 0 to 1, side by side."""
+    """Write images of shape ``(n, height, width, channels)``, uint8 or floats from 0 to 1, in a square grid."""
     save_images(file_path, images.detach().cpu().numpy())

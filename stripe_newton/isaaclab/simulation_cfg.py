@@ -14,7 +14,7 @@ from stripe_newton.viewers import ViewerCfg as NativeViewerCfg
 
 from .stand_ins import StandIn
 
-__all__ = ["MdlFileCfg", "PhysxCfg", "RenderCfg", "RigidBodyMaterialCfg", "SimulationCfg", "ViewerCfg"]
+__all__ = ["GlassMdlCfg", "MdlFileCfg", "PhysxCfg", "RenderCfg", "RigidBodyMaterialCfg", "SimulationCfg", "ViewerCfg"]
 
 _NOT_PHYSX = "physics is Newton's, see SimulationCfg.solver"
 _ONE_PROCESS = "there is no Isaac Sim beside the simulation"
@@ -87,6 +87,25 @@ class MdlFileCfg(native.PreviewSurfaceCfg):
     IGNORED: ClassVar[dict[str, str]] = dict.fromkeys(
         ("mdl_path", "project_uvw", "albedo_brightness", "texture_scale"), "MDL materials are drawn in one colour"
     )
+
+
+@configclass
+class GlassMdlCfg(native.PreviewSurfaceCfg):
+    """Glass of NVIDIA's renderer, which is drawn in its colour, half transparent."""
+
+    opacity: float = 0.5
+    mdl_path: str = "OmniGlass.mdl"
+    glass_color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    frosting_roughness: float = 0.0
+    thin_walled: bool = False
+    glass_ior: float = 1.491
+
+    IGNORED: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("mdl_path", "frosting_roughness", "thin_walled", "glass_ior"), "glass is drawn in one colour"
+    )
+
+    def __post_init__(self) -> None:
+        self.diffuse_color = self.glass_color
 
 
 @configclass

@@ -101,6 +101,11 @@ def spawn_light(
     return native.spawn_light(prim_path, cfg, translation, _xyzw(orientation))
 
 
+def _deformable(props: object) -> Iterator[tuple[str, str]]:
+    if props is not None:
+        yield "deformable_props", "is set, but deformable bodies are not simulated; use rigid_props"
+
+
 class _WxyzFunc:
     """A spawner whose ``func`` takes (w, x, y, z), also one that the user wrote."""
 
@@ -138,8 +143,7 @@ class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
             yield from native.UsdFileCfg.problems(self)
         elif (problem := problem_of(self.usd_path)) is not None:
             yield "usd_path", problem
-        if self.deformable_props is not None:
-            yield "deformable_props", "is set, but deformable bodies are not simulated; use rigid_props"
+        yield from _deformable(self.deformable_props)
 
 
 @configclass
@@ -196,6 +200,11 @@ class MeshCapsuleCfg(_WxyzFunc, native.MeshCapsuleCfg):
     """:class:`stripe_newton.sim.MeshCapsuleCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
+    deformable_props: object = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.MeshCapsuleCfg.problems(self)
+        yield from _deformable(self.deformable_props)
 
 
 @configclass
@@ -203,6 +212,11 @@ class MeshConeCfg(_WxyzFunc, native.MeshConeCfg):
     """:class:`stripe_newton.sim.MeshConeCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
+    deformable_props: object = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.MeshConeCfg.problems(self)
+        yield from _deformable(self.deformable_props)
 
 
 @configclass
@@ -210,6 +224,11 @@ class MeshCuboidCfg(_WxyzFunc, native.MeshCuboidCfg):
     """:class:`stripe_newton.sim.MeshCuboidCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
+    deformable_props: object = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.MeshCuboidCfg.problems(self)
+        yield from _deformable(self.deformable_props)
 
 
 @configclass
@@ -217,6 +236,11 @@ class MeshCylinderCfg(_WxyzFunc, native.MeshCylinderCfg):
     """:class:`stripe_newton.sim.MeshCylinderCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
+    deformable_props: object = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.MeshCylinderCfg.problems(self)
+        yield from _deformable(self.deformable_props)
 
 
 @configclass
@@ -224,6 +248,11 @@ class MeshSphereCfg(_WxyzFunc, native.MeshSphereCfg):
     """:class:`stripe_newton.sim.MeshSphereCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
+    deformable_props: object = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.MeshSphereCfg.problems(self)
+        yield from _deformable(self.deformable_props)
 
 
 @configclass

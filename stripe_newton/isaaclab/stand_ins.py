@@ -31,6 +31,8 @@ class _Nested(type):
 class StandIn(metaclass=_Nested):
     """Base of stand-ins. It takes any field, and the calls that configs have. Config classes can be derived from it."""
 
+    FITS_ANY_TYPE: ClassVar[bool] = True
+
     def __init__(self, *args: Any, **fields: Any):
         vars(self).update(fields)
 
@@ -91,9 +93,12 @@ def stand_in(name: str, kind: str, reason: str) -> Any:
     def problems(self: StandIn) -> Iterator[tuple[str, str]]:
         yield "", f"{name} is not supported: {reason}"
 
+    def __getattr__(self: StandIn, attribute: str) -> NoReturn:
+        raise AttributeError(f"{name} is not supported: {reason}")
+
     body: dict[str, Any] = {"__doc__": f"Stand-in for Isaac Lab's ``{name}``: {reason}.", "__module__": __name__}
     if kind == "refused":
-        body["problems"] = problems
+        body |= {"problems": problems, "__getattr__": __getattr__}
     if name.isupper():
         return type(name, (_AnyFields,), body)()
     return type(name, (StandIn,), body)

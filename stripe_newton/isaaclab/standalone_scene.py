@@ -16,6 +16,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from stripe_newton.scene import InteractiveScene as NativeScene
 from stripe_newton.scene import InteractiveSceneCfg
+from stripe_newton.sensors import SensorBase
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.scene_context import ENV_0, scene_context
 
@@ -61,6 +62,10 @@ class StandaloneScene(InteractiveScene):
             raise ValueError(f"'{path}': the scene has environments '/World/{self._group}.*' already; use one pattern")
         self._group = match[1]
         return ENV_0 + path[match.end() :]
+
+    def adopt_sensor(self, sensor: SensorBase) -> None:
+        """Make a sensor part of the scene: a script keeps the ones that it creates to itself."""
+        self.sensors[f"sensor_{len(self.sensors)}"] = sensor
 
     def build(self) -> None:
         if self._group is None:

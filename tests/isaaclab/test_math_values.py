@@ -248,3 +248,11 @@ def test_nothing_is_changed_in_place():
             function(*arguments)
             for a, b in zip(arguments, before):
                 assert not isinstance(a, torch.Tensor) or torch.equal(a, b), name
+
+
+def test_one_vector_by_one_quaternion_has_the_vectors_shape(theirs):
+    quat, vec = torch.tensor([[0.5, 0.5, 0.5, 0.5]]), torch.tensor([1.0, 2.0, 3.0])
+    for name in ("quat_apply", "quat_apply_inverse"):
+        expected = getattr(theirs, name)(quat, vec)
+        assert expected.shape == (3,)
+        torch.testing.assert_close(getattr(ours, name)(quat, vec), expected)

@@ -27,6 +27,7 @@ simulation_app = AppLauncher(args).app
 
 import isaaclab.sim as sim_utils
 from isaaclab.assets import RigidObject, RigidObjectCfg
+from isaaclab.sensors import Imu, ImuCfg
 from isaacsim.core.utils.prims import create_prim
 
 sim = sim_utils.SimulationContext(sim_utils.SimulationCfg(dt=0.01, device=args.device))
@@ -48,17 +49,20 @@ cube = RigidObject(
         init_state=RigidObjectCfg.InitialStateCfg(pos=(0.0, 0.0, 1.0)),
     )
 )
+imu = Imu(ImuCfg(prim_path="/World/Place.*/Cube"))
 sim.reset()
 heights = []
 while simulation_app.is_running():
     cube.write_data_to_sim()
     sim.step()
     cube.update(sim.get_physics_dt())
+    imu.update(dt=sim.get_physics_dt())
     heights.append(cube.data.root_pos_w[:, 2].clone())
 assert len(heights) == 10, len(heights)
 fallen = 1.0 - heights[-1]
 expected = 9.81 * 0.01**2 * 55  # semi-implicit Euler: 1 + 2 + ... + 10
 assert cube.num_instances == 2 and (abs(fallen - expected) < 1e-4).all(), fallen
+assert (imu.data.lin_vel_b[:, 2] + 9.81 * 0.1).abs().max() < 1e-3, imu.data.lin_vel_b
 print("fell", [round(float(f), 3) for f in fallen])
 simulation_app.close()
 """

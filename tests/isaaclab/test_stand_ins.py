@@ -3,6 +3,7 @@
 
 import pytest
 
+import stripe_newton.isaaclab as dialect
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.isaaclab.stand_ins import stand_in, with_ignored_fields
 
@@ -23,6 +24,8 @@ def test_a_refused_class_makes_a_config_invalid():
     part = stand_in("MultirotorCfg", "refused", "thrusters are not simulated")(mass=1.0)
     with pytest.raises(ConfigError, match="MultirotorCfg is not supported: thrusters are not simulated"):
         _Holder(part=part).validate()
+    with pytest.raises(AttributeError, match="MultirotorCfg is not supported: thrusters are not simulated"):
+        part.rotor_count  # noqa: B018
 
 
 def test_a_config_derived_from_a_refused_class_is_refused():
@@ -56,3 +59,16 @@ def test_fields_without_effect_load_and_warn():
     with pytest.warns(UserWarning, match="_Holder.physx has no effect: it is of PhysX"):
         more(part=1, physx=2).validate()
     assert with_ignored_fields(_Holder, (("part", "never"),)) is _Holder
+
+
+def test_environments_that_differ_are_refused_by_name():
+    dialect.install()
+    try:
+        import isaaclab.sim as sim_utils
+        from isaaclab.assets import RigidObjectCfg
+
+        spawn = sim_utils.MultiAssetSpawnerCfg(assets_cfg=[sim_utils.SphereCfg(radius=0.1)], random_choice=True)
+        with pytest.raises(ConfigError, match="spawn: MultiAssetSpawnerCfg is not supported: environments are copies"):
+            RigidObjectCfg(prim_path="{ENV_REGEX_NS}/Object", spawn=spawn).validate()
+    finally:
+        dialect.uninstall()

@@ -133,7 +133,7 @@ def train_task(task: str, num_envs: int, iterations: int) -> None:
             raise RuntimeError("no checkpoint was kept")
 
 
-def in_process(function: Callable[[str, int, int], None], *arguments: Any) -> str:
+def in_process(function: Callable[..., None], *arguments: Any) -> str:
     """``"ok"`` if a function returns in a process of its own, which starts with what this one has imported, or why
     not."""
     context = multiprocessing.get_context("fork")

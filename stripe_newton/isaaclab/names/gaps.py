@@ -10,7 +10,6 @@ from .entries import Table, inert, refused
 _CONTROLLER = "the controller is not translated by the dialect"
 _MATH = "the dialect does not translate this function to (w, x, y, z)"
 _SENSOR = "the dialect does not translate this part of the sensors"
-_SIM = "the dialect does not translate this part of the simulation"
 _TELEOPERATION = "there is no teleoperation"
 
 NAMES: dict[str, Table] = {
@@ -68,11 +67,13 @@ NAMES: dict[str, Table] = {
     "isaaclab.sim": inert(
         "these options are of PhysX and have no effect", "PhysxCfg RenderCfg FixedTendonPropertiesCfg"
     )
-    | inert("materials of MDL are not drawn", "MdlFileCfg GlassMdlCfg")
     | refused(
-        _SIM,
-        """DeformableBodyMaterialCfg DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg MultiAssetSpawnerCfg
-        MultiUsdFileCfg""",
+        "deformable bodies are not simulated",
+        "DeformableBodyMaterialCfg DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg",
+    )
+    | refused(
+        "environments are copies of one; events randomise what differs, pools of objects spawn several",
+        "MultiAssetSpawnerCfg MultiUsdFileCfg",
     ),
     "isaaclab.utils.io": refused("the dialect does not translate this function", "load_torchscript_model"),
     "isaaclab.utils.math": refused(

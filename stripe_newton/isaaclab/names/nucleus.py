@@ -27,7 +27,7 @@ class Robot:
     asset: str = ""
     """Or the file in Newton's own examples."""
     file: str = ""
-    """Or a file in the folder ``models`` of the dialect."""
+    """Or a file in the folder ``models`` of the dialect; with a name, where that one's file is not on this machine."""
     cfg: str = ""
     """Or a spawner config class, as ``"module:Class"``."""
     drives: bool = False
@@ -86,7 +86,7 @@ class Prop:
     """Where the size is from, in one line."""
 
 
-_UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision)?")}
+_UNITREE_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1(_foot_collision|_calf_geom_2)?")}
 _GO2_FEET = {r"([FR][LR])_calf": (r"\1_foot", r"\1")}
 _ANYMAL_B_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_2")}
 _ANYMAL_C_FEET = {r"([LR][FH])_SHANK": (r"\1_FOOT", r"\1_SHANK_geom_3")}
@@ -149,6 +149,12 @@ ROBOTS = (
     ),
     # -- of the dialect
     Robot(
+        ("Robots/NVIDIA/Jetbot/jetbot.usd", "Robots/Jetbot/jetbot.usd"),
+        file="jetbot.xml",
+        drives=True,
+        note="a drawing of its own: wheels of 30 mm radius, 112.5 mm apart, 0.9 kg",
+    ),
+    Robot(
         ("IsaacLab/Robots/Classic/Humanoid28/humanoid_28.usd",),
         file="humanoid_28.xml",
         drives=True,
@@ -158,9 +164,10 @@ ROBOTS = (
     ),
     Robot(
         ("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",),
+        "sektion_cabinet",
         file="sektion_cabinet.xml",
         fixed_base=True,
-        note="a cabinet of boards with the sizes, joints and handles of NVIDIA's",
+        note="where its file is not on this machine, boards with the sizes, joints and handles of NVIDIA's",
     ),
     # -- quadrupeds
     Robot(("IsaacLab/Robots/Unitree/A1/a1.usd",), "a1", links=_UNITREE_FEET),
@@ -187,6 +194,7 @@ ROBOTS = (
             "IsaacLab/Robots/ANYbotics/ANYmal-D/anymal_d_minimal.usd",
         ),
         "anymal_d",
+        fixed_base=False,
     ),
     Robot(("Robots/BostonDynamics/spot/spot.usd",), "spot", links=_SPOT_FEET),
     # -- robots with two legs
@@ -212,7 +220,6 @@ ROBOTS = (
         },
         note="a G1 with 29 joints: three in the waist and in each wrist, no fingers; NVIDIA's has 37, with fingers",
     ),
-    Robot(("IsaacLab/Robots/Agility/Cassie/cassie.usd",), "cassie"),
     Robot(("Robots/Agility/Digit/digit_v4.usd",), "digit"),
     # -- arms
     Robot(
@@ -260,8 +267,6 @@ ROBOTS = (
         },
         note="the joint at the tip of the thumb, THJ0, turns from -0.26 to 1.57 rad, NVIDIA's from -1.57 to 0",
     ),
-    # -- furniture
-    Robot(("Props/Sektion_Cabinet/sektion_cabinet_instanceable.usd",), "sektion_cabinet", fixed_base=True),
     # -- wings
     Robot(
         ("Robots/Bitcraze/Crazyflie/cf2x.usd",),
@@ -324,6 +329,8 @@ same drive, and for Unitree's other quadrupeds."""
 _SERVER = "only NVIDIA's server has it; give usd_path the path of a file of your own"
 
 ABSENT: dict[str, str] = {
+    r".*/Cassie/.*": "the published files of Cassie have closed chains and springs, NVIDIA's is a tree with six driven "
+    f"joints a leg: {_SERVER}",
     r".*/ur10/ur10\.usd": f"the UR10 with a gripper: {_SERVER}, or use UR10_CFG",
     r".*Robots/Kinova/.*": f"Kinova's arm: {_SERVER}",
     r".*Robots/RethinkRobotics/.*": f"Sawyer: {_SERVER}",

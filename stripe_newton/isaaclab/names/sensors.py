@@ -3,6 +3,10 @@
 
 from .entries import Table, dialect, same
 
+_PATTERNS = same(
+    "stripe_newton.sensors", "BpearlPatternCfg GridPatternCfg LidarPatternCfg PatternBaseCfg PinholeCameraPatternCfg"
+)
+
 NAMES: dict[str, Table] = {
     "isaaclab.sensors": dialect(
         "sensors",
@@ -15,10 +19,7 @@ NAMES: dict[str, Table] = {
         RayCasterData=WxyzData""",
     )
     | same("stripe_newton.sensors", "SensorBase SensorBaseCfg"),
-    "isaaclab.sensors.patterns": same(
-        "stripe_newton.sensors",
-        "BpearlPatternCfg GridPatternCfg LidarPatternCfg PatternBaseCfg PinholeCameraPatternCfg",
-    ),
+    **dict.fromkeys(("isaaclab.sensors.patterns", "isaaclab.sensors.ray_caster.patterns"), _PATTERNS),
 }
 
 ALIASES: dict[str, str] = {}

@@ -18,7 +18,7 @@ NAMES: dict[str, Table] = {
         """PreviewSurfaceCfg ArticulationRootPropertiesCfg CollisionPropertiesCfg JointDrivePropertiesCfg
         MassPropertiesCfg RigidBodyPropertiesCfg""",
     )
-    | dialect("simulation_cfg", "MdlFileCfg PhysxCfg RenderCfg RigidBodyMaterialCfg SimulationCfg")
+    | dialect("simulation_cfg", "GlassMdlCfg MdlFileCfg PhysxCfg RenderCfg RigidBodyMaterialCfg SimulationCfg")
     | inert("tendons are those of the file", "FixedTendonPropertiesCfg SpatialTendonPropertiesCfg")
     | dialect("simulation_context", "SimulationContext build_simulation_context")
     | dialect("prims", PRIMS)
@@ -30,7 +30,7 @@ NAMES: dict[str, Table] = {
         MeshSphereCfg CylinderLightCfg DiskLightCfg DistantLightCfg DomeLightCfg LightCfg SphereLightCfg SpawnerCfg
         RigidObjectSpawnerCfg""",
     ),
-    "isaaclab.scene": dialect("scene", "InteractiveScene") | same("stripe_newton.scene", "InteractiveSceneCfg"),
+    "isaaclab.scene": dialect("scene", "InteractiveScene InteractiveSceneCfg"),
 }
 
 ALIASES: dict[str, str] = {}
