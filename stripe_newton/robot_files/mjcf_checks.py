@@ -14,7 +14,7 @@ import mujoco
 from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 from .error import RobotFileError
-from .numbers import MAX_NUMBER
+from .numbers import MAX_NUMBER, numbers_of
 
 __all__ = ["compile_mjcf"]
 
@@ -28,6 +28,8 @@ _MAY_BE_INFINITE = {
     "range", "ctrlrange", "forcerange", "actuatorfrcrange", "actrange", "lengthrange", "user", "inheritrange",
 }  # fmt: skip
 """Attributes without an end: ranges. Stiffness, damping, velocities, gravity and all else must be finite."""
+_RANGES = {"range", "ctrlrange", "forcerange", "actuatorfrcrange", "actrange"}
+"""Attributes with a least and a greatest value; ``limited`` and the like say whether they hold."""
 _NOT_READ = {
     "replicate": "copies of a body",
     "attach": "parts of other models",
@@ -48,7 +50,7 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     roots = [root for _, root in _documents(path, problems)]
     problems += _pointer_problems(path, roots)
     for root in roots:
-        problems += _number_problems(root)
+        problems += [*_number_problems(root), *_range_problems(root)]
         problems += [*_unread_problems(root), *_ball_problems(root)]
     if problems:
         raise RobotFileError(path, problems)
@@ -107,6 +109,17 @@ def _number_problems(root: Element) -> Iterator[str]:
                 yield f"{_named(element, parent)}: {attribute} is infinite ({text}), must be finite"
             elif attribute not in _MAY_BE_INFINITE and any(abs(v) > MAX_NUMBER for v in values):
                 yield f"{_named(element, parent)}: {attribute} is {text}, must be at most {MAX_NUMBER:g}"
+
+
+def _range_problems(root: Element) -> Iterator[str]:
+    """Ranges the wrong way round, which MuJoCo takes for none where the element does not say that it is limited."""
+    for parent, element in _with_parents(root):
+        for attribute in _RANGES & element.attrib.keys():
+            limited = element.get(f"{attribute.removesuffix('range')}limited", "auto")
+            values = numbers_of(element, attribute)
+            if limited != "false" and len(values) == 2 and values[0] > values[1]:
+                low, high = values
+                yield f"{_named(element, parent)}: {attribute} is {low:g} {high:g}, the wrong way round; exchange them"
 
 
 def _unread_problems(root: Element) -> Iterator[str]:

@@ -20,6 +20,8 @@ Row = tuple[str, str, str]
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "planar")
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "height")}
+_SHORTEST_AXIS = 1e-9
+"""Length below which an axis has no direction, in single precision and for MuJoCo."""
 _WORLD = "world"
 """Name of the link that, by ROS's convention, stands for the world: its joints hold the robot."""
 _UNREAD = {
@@ -142,8 +144,8 @@ def _joint_problems(joint: Element, links: set[str | None], joints: set[str | No
     yield from _origin_problems(joint)
     axis, limit = joint.find("axis"), joint.find("limit")
     yield from number_problems(axis, "xyz", 3)
-    if kind != "fixed" and (values := numbers_of(axis, "xyz")) and not any(values):
-        yield "its axis is 0 0 0, must have a direction"
+    if kind != "fixed" and (values := numbers_of(axis, "xyz")) and all(abs(v) < _SHORTEST_AXIS for v in values):
+        yield f"its axis is {' '.join(f'{v:g}' for v in values)}, must have a direction"
     for name in ("lower", "upper"):
         yield from number_problems(limit, name, infinite=True)
     for name in ("effort", "velocity"):

@@ -32,7 +32,16 @@ from stripe_newton.sim.spawners.model_names import NAMES_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
-from stripe_newton.usd import StageReport, check_content, joint_rows, load_stage, read_lights
+from stripe_newton.usd import (
+    StageError,
+    StageReport,
+    check_content,
+    joint_rows,
+    load_stage,
+    read_lights,
+    solver_reason,
+    stage_name,
+)
 from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_triangles
 from stripe_newton.usd.mesh_approximations import asks_for_distance_field
 
@@ -224,7 +233,13 @@ class SceneBuilder:
         own = range(0) if scene.scenery is None else scene.scenery.joints
         origins, imported = scene.env_origins.cpu().numpy().copy(), self.adopt or scene.scenery is not None
         may_be_static = self.adopt or self.allow_empty
-        sim.build(template, static, origins, allow_static=may_be_static, unmoved=own, try_start=imported)
+        try:
+            sim.build(template, static, origins, allow_static=may_be_static, unmoved=own, try_start=imported)
+        except ValueError as error:
+            if "Element name" not in str(error):
+                raise
+            # MuJoCo's compiler, which names elements by names that Newton makes of the paths.
+            raise StageError(stage_name(scene.stage), *solver_reason(self.template_labels, error)) from error
         if not sim.cfg.solver.finds_contacts:
             for report in self.reports:  # those of meshes that move were written before the solver was chosen
                 report.ignored = rows_by_triangles(report.ignored)

@@ -46,6 +46,11 @@ REFUSED = {
     "gravity nan": ({"rest": '<option gravity="0 nan 0"/>'}, "<option> of <mujoco>: gravity is not a number (0 nan 0)"),
     "gain inf": ({"rest": SERVO.format("inf")}, "<position> 's': kp is infinite (inf), must be finite"),
     "range nan": ({"joint": 'range="nan 1"'}, "<joint> 'j': range is not a number (nan 1)"),
+    "range": ({"joint": 'range="30 20"'}, "<joint> 'j': range is 30 20, the wrong way round; exchange them"),
+    "force range": (
+        {"rest": SERVO.format(1).replace("kp", "forcerange='5 -5' kp")},
+        "<position> 's': forcerange is 5 -5, the wrong way round",
+    ),
     "negative mass": ({"body": BODY.replace('mass="1"', 'mass="-1"')}, "MuJoCo refuses it: mass and inertia"),
     "missing mesh": (
         {"rest": '<asset><mesh name="m" file="gone.stl"/></asset>', "body": BODY + '<geom type="mesh" mesh="m"/>'},
@@ -85,6 +90,10 @@ def test_a_mesh_that_is_a_pointer_of_git_lfs_is_named(tmp_path):
     rest = '<compiler meshdir="assets"/><asset><mesh file="far.stl"/></asset>'
     with pytest.raises(RobotFileError, match=r"<mesh> 'far': '.*far\.stl' is a pointer of git LFS.*'git lfs pull'"):
         inspect_robot_file(mjcf(tmp_path, rest=rest, body=BODY + '<geom type="mesh" mesh="far"/>'))
+
+
+def test_a_range_that_does_not_hold_may_be_of_any_kind(tmp_path):
+    inspect_robot_file(mjcf(tmp_path, joint='limited="false" range="30 20"'))
 
 
 def test_limits_without_end_and_names_of_any_kind_are_no_mistake(tmp_path):

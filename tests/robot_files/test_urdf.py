@@ -14,8 +14,9 @@ import trimesh
 
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.assets.articulation import Articulation
-from stripe_newton.robot_files import RobotFileError, inspect_robot_file
+from stripe_newton.robot_files import RobotFileError, inspect_robot_file, urdf_checks
 from stripe_newton.sim import UrdfFileCfg
+from stripe_newton.usd import StageError
 from tests.helpers.small_scenes import make_scene
 
 BODY = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -109,6 +110,10 @@ REFUSED = {
     "limit nan": (ARM.replace('lower="-1"', 'lower="nan"'), "joint 'elbow': lower of <limit> is not a number"),
     "negative effort": (ARM.replace('effort="1"', 'effort="-1"'), "'elbow': effort of <limit> is -1, must be at least"),
     "axis 0": (ARM.replace("0 1 0", "0 0 0"), "joint 'elbow': its axis is 0 0 0, must have a direction"),
+    "axis too short": (
+        ARM.replace("0 1 0", "0 0 1e-30"),
+        "joint 'elbow': its axis is 0 0 1e-30, must have a direction",
+    ),
     "unknown type": (ARM.replace('"revolute"', '"screw"'), "joint 'elbow': is of type 'screw', must be revolute"),
     "unknown child": (ARM.replace('child link="tip"', 'child link="top"'), "'elbow': its child 'top' is no link of"),
     "two parents": (
@@ -137,6 +142,15 @@ def test_a_file_is_refused_by_the_names_of_its_elements(tmp_path, case):
         inspect_robot_file(urdf(tmp_path, content))
     assert message in str(error.value)
     assert "robot.urdf" in str(error.value)
+
+
+def test_what_no_check_foresaw_is_told_by_the_path_of_the_joint(tmp_path, monkeypatch):
+    """MuJoCo's own error names it ``_World_envs_env_0_Robot_robot_elbow``."""
+    monkeypatch.setattr(urdf_checks, "_SHORTEST_AXIS", 0.0)
+    with pytest.raises(StageError) as error:
+        robot(tmp_path, ARM.replace("0 1 0", "0 0 1e-30"), fix_base=True)
+    assert error.value.prim == "/World/envs/env_0/Robot/robot/elbow"
+    assert "the solver does not take it: Error: axis too small in joint" in str(error.value)
 
 
 def test_everything_that_is_wrong_is_said_at_once(tmp_path):

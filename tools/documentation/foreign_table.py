@@ -93,12 +93,12 @@ def foreign_section(record: Path) -> list[str]:
         "the largest difference of an acceleration in 20 random states within the joint limits, relative to the "
         "largest of the state, *path* that of a coordinate over 200 steps with the same random controls [rad, m]. "
         f"Below {_SAME:.0e} the model is the same but for single precision, as of {close}; a path is longer than that "
-        "where contacts begin, which multiply rounding. The others have rows that say what differs: collisions with a "
-        "parent that is fixed, inverse weights at a `ref`, or meshes that touch, whose hulls have at most 64 corners "
-        f"here. *whole hulls* are both numbers with `max_hull_vertices=-1`, of the {len(whole)} files with such a row: "
-        f"{closer} of them are then within {_ALIKE:.0e}. Time step, integrator and flags of the solver are the file's "
-        "in both, as a scene has settings of its own; and drives with a `forcerange` are limited as "
-        "`MuJoCoSolverCfg(drive_limits=True)` does.",
+        "where contacts begin, which multiply rounding. The others have rows that say what differs, such as hinges "
+        "with several anchors, tendons over them, collisions with a parent that is fixed, inverse weights at a `ref`, "
+        "or hulls of more than 64 corners. *whole hulls* are both numbers with `max_hull_vertices=-1`, of the "
+        f"{len(whole)} files with such a row: {closer} of them are then within {_ALIKE:.0e}. Time step, integrator and "
+        "flags of the solver are the file's in both, as a scene has settings of its own; and drives with a "
+        "`forcerange` are limited as `MuJoCoSolverCfg(drive_limits=True)` does.",
         "",
         "`python tools/documentation/stage_table.py --foreign RECORD --source NAME=FOLDER ...` writes this section; "
         "`tools/documentation/foreign_files.txt` lists the files.",
