@@ -25,10 +25,10 @@ RUN = ["copy_run", TASK, "run"]
 def command_cases(rng: random.Random, count: int) -> list[Case]:
     """About so many cases."""
     share = count // 100
-    cases = list(own_options(rng, 7 * share))
-    cases += written_places(rng, 5 * share)
-    cases += broken_modules(rng, 3 * share)
-    return cases + list(foreign_code(rng, 3 * share))
+    cases = list(own_options(rng, 4 * share))
+    cases += written_places(rng, 3 * share)
+    cases += broken_modules(rng, 2 * share)
+    return cases + list(foreign_code(rng, 2 * share))
 
 
 NUMBERS = (
