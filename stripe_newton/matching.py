@@ -7,7 +7,11 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 
-__all__ = ["match_names", "match_values", "near_matches"]
+__all__ = ["NoMatchError", "match_names", "match_values", "near_matches"]
+
+
+class NoMatchError(ValueError):
+    """An expression that is none, that matches no name, or that matches a name which another one matches, too."""
 
 
 def match_names(
@@ -22,14 +26,17 @@ def match_names(
         what: Kind of thing that is named, for the error message.
 
     Raises:
-        ValueError: if an expression matches nothing; the message lists the names.
+        NoMatchError: if an expression matches nothing, with the names that there are, or is no regular expression.
     """
     keys = [expressions] if isinstance(expressions, str) else list(expressions)
     found: dict[int, int] = {}
     missing = []
     for order, key in enumerate(keys):
         # fullmatch(): "leg" must not match "left_leg_joint" by accident.
-        hits = [i for i, name in enumerate(names) if re.fullmatch(key, name)]
+        try:
+            hits = [i for i, name in enumerate(names) if re.fullmatch(key, name)]
+        except (re.error, RecursionError) as error:
+            raise NoMatchError(f"{what} expression '{key}' is no regular expression: {error}") from None
         if not hits:
             missing.append(key)
         for i in hits:
@@ -38,7 +45,8 @@ def match_names(
         wrong = ", ".join(f"'{key}'" for key in missing)
         near = list(dict.fromkeys(name for key in missing for name in near_matches(key, names)))
         hint = f"did you mean {', '.join(near)}? " if near else ""
-        raise ValueError(f"{what} expression {wrong} matches nothing; {hint}there is: {', '.join(names) or 'nothing'}")
+        there = ", ".join(names) or "nothing"
+        raise NoMatchError(f"{what} expression {wrong} matches nothing; {hint}there is: {there}")
     ids = sorted(found, key=lambda i: (found[i], i) if preserve_order else (i,))
     return ids, [names[i] for i in ids]
 
@@ -65,7 +73,7 @@ def match_values(values: float | Mapping[str, float], names: Sequence[str], what
     """Values by index of name, from one number for all names or a mapping from expressions to numbers.
 
     Raises:
-        ValueError: if an expression matches nothing, or two match the same name.
+        NoMatchError: if an expression matches nothing, or two match the same name.
     """
     if not isinstance(values, Mapping):
         return {i: float(values) for i in range(len(names))}
@@ -74,6 +82,6 @@ def match_values(values: float | Mapping[str, float], names: Sequence[str], what
     for key, value in values.items():
         for i in match_names(key, names, what=what)[0]:
             if i in source:  # an order of the mapping that decides would be a trap
-                raise ValueError(f"{what} '{names[i]}' matches both '{source[i]}' and '{key}': make them exclusive")
+                raise NoMatchError(f"{what} '{names[i]}' matches both '{source[i]}' and '{key}': make them exclusive")
             source[i], out[i] = key, float(value)
     return out

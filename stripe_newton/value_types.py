@@ -403,6 +403,14 @@ def _sequence(item: ValueType) -> ValueType:
     return ValueType("a sequence" if item is _ANYTHING else f"a sequence of {_plural(item)}", fits)
 
 
+def _subclass(base: TypeForm) -> ValueType:
+    """Subclasses of a class; any class where the base is no class, or is a name for type checkers alone."""
+    if not isinstance(base, type) or isinstance(base, _UnknownType) or getattr(base, "_is_protocol", False):
+        return _PLAIN[type]
+    text = f"{base.__name__}, or a subclass of it"
+    return ValueType(text, lambda value: isinstance(value, type) and issubclass(value, base))
+
+
 def _mapping(args: tuple[TypeForm, ...]) -> ValueType:
     key, item = map(value_type, args)
 
@@ -428,7 +436,7 @@ _GENERIC: dict[object, Callable[[tuple[TypeForm, ...]], ValueType]] = {
     dict: _mapping,
     collections.abc.Mapping: _mapping,
     collections.abc.MutableMapping: _mapping,
-    type: lambda args: _PLAIN[type],
+    type: lambda args: _subclass(args[0]),
     collections.abc.Callable: lambda args: _FUNCTION,
 }
 """Types of values by the generic that an annotation is made of."""

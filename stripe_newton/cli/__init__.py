@@ -12,6 +12,7 @@ import time
 from collections.abc import Sequence
 
 from stripe_newton.configclass import ConfigError, NoConfigClassError
+from stripe_newton.matching import NoMatchError
 from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError
 
 from .end_signals import end_on_signals
@@ -37,7 +38,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Module and line of help of each command."""
 
-USER_ERRORS = (UserError, ConfigError, NoConfigClassError, CheckpointError, DivergedError, ExportError)
+USER_ERRORS = (
+    UserError, ConfigError, NoConfigClassError, NoMatchError, CheckpointError, DivergedError, ExportError,
+)  # fmt: skip
 """Errors that the user can fix: shown as one message without a traceback."""
 
 

@@ -18,6 +18,10 @@ from .user_error import UserError
 __all__ = ["launch_ranks", "number_of_ranks", "run_folder_of_all", "split_over_ranks"]
 
 
+_RANKS_PER_CORE = 4
+"""More would only wait for each other; without a bound a slip of the finger starts thousands."""
+
+
 def number_of_ranks(given: str | None) -> int:
     """Number of processes that this one starts; 1 if it trains itself, alone or as one of several ranks.
 
@@ -34,6 +38,11 @@ def number_of_ranks(given: str | None) -> int:
         raise UserError(message) from None
     if wanted is not None and wanted < 1:
         raise UserError(f"--gpus {given}: must be at least 1")
+    most = _RANKS_PER_CORE * (os.cpu_count() or 1)
+    if wanted is not None and wanted > most:
+        raise UserError(
+            f"--gpus {given}: must be at most {most}, {_RANKS_PER_CORE} processes for each core of this host"
+        )
     if there == 1:
         return wanted or 1
     # This process is a rank. The launcher gives ranks the same arguments, so `--gpus` then only repeats their number.

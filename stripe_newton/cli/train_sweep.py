@@ -23,6 +23,8 @@ from .user_error import UserError
 
 __all__ = ["SweepOptions", "child_command", "list_slots", "run_sweep"]
 
+_JOBS_PER_CORE = 4
+"""More runs at a time would only wait for each other."""
 _USED_HERE = ("--sweep", "--jobs", "--device", "--log-dir", "--max-iterations", "--num-envs", "--final-video")
 """Options that the sweep itself uses. All others are passed on to its runs."""
 _REFUSED = {
@@ -123,6 +125,9 @@ def list_slots(device: str | None, jobs: int | None) -> list[Slot]:
     """
     if jobs is not None and jobs < 1:
         raise UserError(f"--jobs {jobs}: must be at least 1")
+    most = _JOBS_PER_CORE * (os.cpu_count() or 1)
+    if jobs is not None and jobs > most:
+        raise UserError(f"--jobs {jobs}: must be at most {most}, {_JOBS_PER_CORE} for each core of this host")
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if device == "cpu" or not count:
         return _cpu_slots(jobs or 1)

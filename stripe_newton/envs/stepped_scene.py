@@ -23,7 +23,7 @@ from stripe_newton.call_checks import (
     reset_mask_of,
     to_tensor,
 )
-from stripe_newton.configclass import ConfigError, is_config
+from stripe_newton.configclass import ConfigError, check_types, is_config
 from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
 from stripe_newton.managers import ManagerContext, TermEvaluation
 from stripe_newton.scene import InteractiveScene
@@ -104,7 +104,11 @@ class SteppedScene:
         if render_mode is not None and (not isinstance(render_mode, str) or render_mode not in RENDER_MODES):
             raise ValueError(f"render_mode: is {short(render_mode)}, must be None or 'rgb_array'")
         self.cfg = cfg.copy()
-        self.cfg.complete()
+        try:
+            self.cfg.complete()
+        except (AttributeError, TypeError):
+            check_types(("cfg", self.cfg))  # what a value of a wrong type has led to is no help
+            raise
         self.cfg.validate()
         self.render_mode = render_mode
         if self.cfg.seed is not None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -26,6 +27,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+
+from stripe_newton.input_files import why_no_file
+from stripe_newton.value_types import short
 
 if TYPE_CHECKING:
     import h5py
@@ -62,10 +66,46 @@ class EpisodeFile:
     def __init__(self, path: Path, file: h5py.File, compression: bool = True):
         self.path, self._file, self._compression = path, file, compression
         self._data = file["data"]
-        version = file.attrs.get("format_version", 0)
-        self.quaternion_order = str(self._data.attrs.get("quat_convention", "xyzw" if version >= 1 else "wxyz"))
-        self.env_args: dict[str, object] = json.loads(self._data.attrs.get("env_args", "{}"))
+        try:
+            version = int(self._number(file, "format_version", 0))
+            self.quaternion_order = self._text("quat_convention", "xyzw" if version >= 1 else "wxyz")
+            if self.quaternion_order not in ("xyzw", "wxyz"):
+                raise self._wrong("quat_convention", self.quaternion_order, "'xyzw' or 'wxyz'")
+            self.env_args = self._env_args()
+        except ValueError:
+            file.close()
+            raise
         self._next = 1 + max((_number(name) for name in self.names), default=-1)
+
+    def _env_args(self) -> dict[str, object]:
+        text = self._text("env_args", "{}")
+        try:
+            found = json.loads(text)
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, dict):
+            raise self._wrong("env_args", text, "a JSON object")
+        return found
+
+    def _wrong(self, name: str, value: object, must: str) -> ValueError:
+        return ValueError(f"{self.path}: the attribute '{name}' is {short(value)}, must be {must}")
+
+    def _text(self, name: str, default: str) -> str:
+        value = _attributes(self._data).get(name, default)
+        if not isinstance(value, str):
+            raise self._wrong(name, value, "text")
+        return value
+
+    def _number(self, holder: h5py.Group, name: str, default: float | None = None) -> float:
+        """A finite number that is an attribute.
+
+        Raises:
+            ValueError: if it is missing and has no default, or is something else.
+        """
+        value = _attributes(holder).get(name, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < math.inf:
+            raise self._wrong(name, "missing" if value is None else value, "a number of at least 0")
+        return value
 
     @classmethod
     def create(
@@ -127,7 +167,7 @@ class EpisodeFile:
         if problem:
             self.close()
             raise ValueError(f"{self.path}: cannot be appended to, {problem}")
-        self._data.attrs.modify("total", sum(self.attributes(n)["num_samples"] for n in self.names))
+        self._data.attrs["total"] = int(sum(self.attributes(n)["num_samples"] for n in self.names))
 
     # -- reading
 
@@ -139,7 +179,9 @@ class EpisodeFile:
     @property
     def total(self) -> int:
         """Samples of all episodes."""
-        return int(self._data.attrs["total"])
+        if "total" in self._data.attrs:
+            return int(self._number(self._data, "total"))
+        return int(sum(self._number(self._episode(name), "num_samples") for name in self.names))
 
     def __len__(self) -> int:
         return len(self._data)
@@ -152,33 +194,63 @@ class EpisodeFile:
 
         Raises:
             KeyError: if there is no such episode.
+            ValueError: if it does not say how many samples it has.
         """
-        return {k: v.item() if hasattr(v, "item") else v for k, v in self._episode(name).attrs.items()}
+        episode = self._episode(name)
+        return _attributes(episode) | {"num_samples": int(self._number(episode, "num_samples"))}
 
     def read(self, name: str, device: str = "cpu") -> Episode:
         """An episode as nested dicts of tensors; quaternions in every ``root_pose`` are xyzw, whatever the file's are.
 
         Raises:
             KeyError: if there is no such episode.
+            ValueError: if something else than numbers is in it, or a link to another file.
         """
         return self._read(self._episode(name), device)
 
     def _episode(self, name: str) -> h5py.Group:
         if name not in self._data:
             raise KeyError(f"{self.path}: no episode '{name}'; it has {len(self)}: {', '.join(self.names[:5])}, ...")
-        return self._data[name]
+        found = self._entry(self._data, name)
+        if not hasattr(found, "keys"):
+            raise ValueError(f"{self.path}: {found.name} is no group, so it is no episode")
+        return found
+
+    def _entry(self, group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset:
+        """An entry of a group that is in this file: a link to another file could lead to any file of the user's."""
+        link = group.get(name, getlink=True)
+        if not isinstance(link, import_h5py().HardLink):
+            raise ValueError(f"{self.path}: {group.name}/{name} is a link, of which recorded episodes have none")
+        try:
+            return group[name]
+        except (KeyError, OSError, RuntimeError) as error:
+            raise ValueError(f"{self.path}: {group.name}/{name} cannot be read: {error}") from None
 
     def _read(self, group: h5py.Group, device: str) -> Episode:
         out: Episode = {}
-        for key, item in group.items():
+        for key in group:
+            item = self._entry(group, key)
             if hasattr(item, "keys"):
                 out[key] = self._read(item, device)
             else:
-                value = item[()]
+                value = self._values(item)
                 if key == "root_pose" and self.quaternion_order == "wxyz":
                     value = value[..., [0, 1, 2, 4, 5, 6, 3]]
                 out[key] = torch.as_tensor(value, device=device)
         return out
+
+    def _values(self, item: h5py.Dataset) -> np.ndarray:
+        """All numbers of a dataset.
+
+        Raises:
+            ValueError: if it has something else, or is damaged.
+        """
+        if item.shape is None or item.dtype.kind not in "biuf":
+            raise ValueError(f"{self.path}: {item.name} has {item.dtype}, must have numbers")
+        try:
+            return np.asarray(item[()])
+        except (OSError, RuntimeError) as error:
+            raise ValueError(f"{self.path}: {item.name} cannot be read: {error}") from None
 
     # -- writing
 
@@ -234,14 +306,26 @@ def _number(name: str) -> int:
     return int(end) if end.isdecimal() else -1
 
 
+def _attributes(holder: h5py.Group) -> dict[str, Any]:
+    """Attributes by name: plain values where they are single, arrays and h5py's own objects otherwise."""
+    found = {}
+    for name, value in holder.attrs.items():
+        if getattr(value, "size", 0) == 1 and hasattr(value, "item"):
+            value = value.item()
+        found[name] = value.decode(errors="replace") if isinstance(value, bytes) else value
+    return found
+
+
 def _opened(package: ModuleType, path: Path, mode: str) -> h5py.File:
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
+    if problem := why_no_file(path):
+        raise ValueError(f"{path}: {problem}")
     try:
         file = package.File(path, mode)
     except OSError as error:
         raise ValueError(f"{path}: cannot be opened as an HDF5 file: {error}") from error
-    if "data" not in file:
+    if not isinstance(file.get("data"), package.Group):
         file.close()
         raise ValueError(f"{path}: has no group 'data', it holds no recorded episodes")
     return file

@@ -19,6 +19,7 @@ import tyro
 
 from stripe_newton.cli import COMMANDS, main
 from stripe_newton.cli.arguments import parse
+from stripe_newton.cli.early_checks import with_flag_values
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
 from tests.helpers.checkout import ROOT
 from tools.documentation import first_hour
@@ -226,7 +227,7 @@ def test_command_lines_parse(line):
         return
     argv[0] = argv[0] if argv[0] in task_ids() else TASK
     configs = {"env": load_cfg(argv[0], "env")} | ({"agent": load_cfg(argv[0], "agent")} if command == "train" else {})
-    parse(options, argv, command, **configs)
+    parse(options, with_flag_values(command, argv), command, **configs)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

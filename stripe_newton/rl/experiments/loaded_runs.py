@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from stripe_newton.input_files import InputFileError, read_yaml
 from stripe_newton.rl.runs.metrics_csv import read_metrics
 
 __all__ = ["CompareError", "LoadedRun", "find_runs", "load_run"]
@@ -145,9 +146,9 @@ def _read_config(path: Path) -> FlatConfig:
         file = path / "params" / f"{name}.yaml"
         if file.exists():
             try:
-                data = yaml.load(file.read_text(encoding="utf-8"), _Loader)
-            except (yaml.YAMLError, UnicodeDecodeError) as error:
-                raise CompareError(f"{file}: is not valid YAML ({str(error).splitlines()[0]})") from None
+                data = read_yaml(file, _Loader)
+            except InputFileError as error:
+                raise CompareError(str(error)) from None
             _flatten(data, name, flat)
     for file in sorted((path / "git").glob("*.diff")):  # written by rsl_rl: commit, status and diff of a repository
         text = file.read_text(encoding="utf-8", errors="replace")

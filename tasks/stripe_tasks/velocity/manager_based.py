@@ -408,7 +408,8 @@ class VelocityRoughEnvCfg(VelocityEnvCfg):
 
     def complete(self) -> None:
         super().complete()
-        self.scene.height_scanner.prim_path = f"{ROBOT_PATH}/{self.base}"
+        if self.scene is not MISSING:
+            self.scene.height_scanner.prim_path = f"{ROBOT_PATH}/{self.base}"
 
     def _fit_scenery(self) -> None:
         """As on flat ground; and rays start below the ceiling, and the generated terrain is not made in vain."""

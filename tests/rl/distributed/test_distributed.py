@@ -75,6 +75,7 @@ def test_means_over_ranks():
     [
         (("--gpus", "two"), "Error parsing --gpus"),
         (("--gpus", "0"), "--gpus 0: must be at least 1"),
+        (("--gpus", "1000000000"), "--gpus 1000000000: must be at most "),
     ],
 )
 def test_wrong_numbers_of_gpus(capsys, words, message):

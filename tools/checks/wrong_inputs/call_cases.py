@@ -84,7 +84,7 @@ HARMLESS = ("env.close()", "env.seed(3)", "env.describe()")
 
 def call_cases(rng: random.Random, count: int) -> Iterator[Case]:
     """About so many cases."""
-    for _ in range(7 * count // 100):
+    for _ in range(4 * count // 100):
         env = rng.choice(list(ENVS))
         if rng.random() < 0.15:
             code = rng.choice(CLOSED)

@@ -25,12 +25,12 @@ WORDS = ("nan", "inf", "-inf", "abc", "1e999", "[1]", "True", "None", "", "0x10"
 def config_cases(rng: random.Random, count: int) -> list[Case]:
     """About so many cases."""
     share = count // 100
-    cases = list(python_cases(rng, 30 * share, nonfinite=False))
-    cases += python_cases(rng, 14 * share, nonfinite=True)
-    cases += yaml_cases(rng, 8 * share)
-    cases += field_options(rng, 9 * share)
-    cases += extremes(rng, 5 * share)
-    return cases + list(sweep_cases(rng, 8 * share))
+    cases = list(python_cases(rng, 42 * share, nonfinite=False))
+    cases += python_cases(rng, 20 * share, nonfinite=True)
+    cases += yaml_cases(rng, 6 * share)
+    cases += field_options(rng, 6 * share)
+    cases += extremes(rng, 3 * share)
+    return cases + list(sweep_cases(rng, 5 * share))
 
 
 def python_cases(rng: random.Random, count: int, nonfinite: bool) -> Iterator[Case]:
@@ -138,7 +138,7 @@ def extremes(rng: random.Random, count: int) -> Iterator[Case]:
         argv += ["--agent.num-steps-per-env", "8", "--agent.algorithm.num-mini-batches", "2", _option(path), word]
         if path in ("env.scene.num_envs", "agent.num_steps_per_env", "agent.algorithm.num_mini_batches"):
             argv = argv[:2] + argv[-2:] + ["--max-iterations", "2", "--final-video", "False", "--device", "cpu"]
-        names = [field.name, path.rpartition(".")[2], "memory"]
+        names = [field.name, path.rpartition(".")[2], "memory", "diverged"]
         data = {"argv": argv, "finite": "logs"}
         yield Case("extreme numbers", "command", f"{_option(path)} {word}", data, names, may_pass=True)
 

@@ -24,11 +24,11 @@ DAMAGE = ("cut", "flip", "zero", "insert", "random", "double")
 def file_cases(rng: random.Random, count: int) -> list[Case]:
     """About so many cases."""
     share = count // 100
-    cases = list(checkpoints(rng, 9 * share))
-    cases += run_files(rng, 6 * share)
-    cases += exported(rng, 6 * share)
-    cases += episodes(rng, 3 * share)
-    return cases + list(diverged(rng, 2 * share))
+    cases = list(checkpoints(rng, 4 * share))
+    cases += run_files(rng, 3 * share)
+    cases += exported(rng, 3 * share)
+    cases += episodes(rng, 2 * share)
+    return cases + list(diverged(rng, share))
 
 
 VALUES = (

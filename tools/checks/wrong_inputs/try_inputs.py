@@ -2,6 +2,7 @@
 """Wrong inputs: configs, options, files, places, modules and calls that are wrong, tried by thousands, and a table.
 
     python tools/checks/wrong_inputs/try_inputs.py OUT [--count 3000] [--seed 0] [--workers 1] [--timeout 60]
+    python tools/checks/wrong_inputs/try_inputs.py OUT --again OUT/record.json
 
 Each input may turn out to be right, or be refused by one message that names it. A traceback, a crash, a wait without
 end, and a wrong input that is taken in silence are errors, and the command fails. OUT gets ``table.md``,
@@ -43,6 +44,13 @@ def make_cases(count: int, seed: int) -> list[Case]:
     cases = [*config_cases(rng, count), *command_cases(rng, count), *file_cases(rng, count), *call_cases(rng, count)]
     rng.shuffle(cases)  # so that what is done when a run is ended early is a share of each group
     return cases
+
+
+def bad_cases(record: Path) -> list[Case]:
+    """Cases of a record, or of a log of answers, that ended as none must."""
+    text = record.read_text()
+    found = json.loads(text) if text.startswith("[") else [json.loads(line) for line in text.splitlines()]
+    return [Case(**case) for case in found if case["outcome"] in BAD]
 
 
 def make_templates(out: Path) -> dict[str, str]:
@@ -101,10 +109,12 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, help="processes at a time")
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds that an input may take")
     parser.add_argument("--group", default="", help="only groups whose name contains this")
+    parser.add_argument("--again", type=Path, help="try the inputs of a record once more that ended badly")
     args = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     args.out.mkdir(parents=True, exist_ok=True)
-    cases = [case for case in make_cases(args.count, args.seed) if args.group in case.group]
+    cases = make_cases(args.count, args.seed) if args.again is None else bad_cases(args.again)
+    cases = [case for case in cases if args.group in case.group]
     (args.out / "answers.jsonl").unlink(missing_ok=True)
     try_cases(cases, make_templates(args.out), args.workers, args.timeout, args.out / "answers.jsonl")
     (args.out / "record.json").write_text(json.dumps([asdict(case) for case in cases], indent=1))

@@ -74,9 +74,16 @@ def fields_of(cls: type, docs: dict[str, str]) -> list[Field]:
 
 def wrong_value(field: Field, rng: random.Random) -> str | None:
     """An expression whose value the annotation does not allow, or None if there is none."""
+    if any(str(vars(base).get("__annotations__", {}).get(field.name)) == "object" for base in field.cls.__mro__):
+        return None  # terms may also stand in a dict, which is checked when the environment is built
     for text in rng.sample(POOL, len(POOL)):
         value = eval(text)
-        if value is None and (_default(field) is None or "None" in str(field.hint) or "object" in str(field.hint)):
+        if value is None and (
+            _may_be_left_out(field.hint)
+            or _default(field) is None
+            or "None" in str(field.hint)
+            or "object" in str(field.hint)
+        ):
             continue
         if not _fits(value, field.hint):
             return text
@@ -94,6 +101,11 @@ def nonfinite_value(field: Field, rng: random.Random) -> str | None:
         if _fits(eval(shape), field.hint):
             return shape
     return bad
+
+
+def _may_be_left_out(hint: object) -> bool:
+    """Whether a hint names a config that a user may set to None: a term, a group of terms, an asset."""
+    return bool(getattr(hint, "MAY_BE_NONE", False))
 
 
 def _default(field: Field) -> object:
