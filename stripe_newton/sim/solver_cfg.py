@@ -23,6 +23,7 @@ from stripe_newton.solvers.static_meshes import (
     has_triangles,
     moves_other_kinds,
 )
+from stripe_newton.solvers.support import why_slower
 from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, WrittenPath
 
 from .contact_room import contact_room
@@ -123,8 +124,8 @@ class MuJoCoSolverCfg(SolverCfg):
 
     fused: bool | None = None
     """Compute a step in one kernel (:class:`stripe_newton.solvers.SolverFused`), the same physics many times as fast.
-    ``None``: where that supports the model; ``True``: an error where it does not; ``False``: MuJoCo Warp. No argument
-    of the solver."""
+    ``None``: where that supports the model, on a GPU one of at most 40 degrees of freedom; ``True``: an error where it
+    does not; ``False``: MuJoCo Warp. No argument of the solver."""
 
     separate_worlds: bool | None = None
     """Map each Newton world to a MuJoCo world. Default: yes."""
@@ -285,6 +286,8 @@ class MuJoCoSolverCfg(SolverCfg):
             raise ConfigError([f"fused: is True, but the fused step does not report {', '.join(missing)}"])
         if missing and not solver.unsupported:
             solver.unsupported = f"it does not report {', '.join(missing)}"
+        if self.fused is None and not solver.unsupported:
+            solver.unsupported = why_slower(solver.mj_model.nv, model.device.is_cuda)
         return solver
 
     def _room(self, model: newton.Model) -> dict[str, int]:

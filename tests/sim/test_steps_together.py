@@ -13,8 +13,9 @@ import warp as wp
 from stripe_newton.actuators import DCMotorCfg, DelayedPDActuatorCfg
 from stripe_newton.assets import AssetBaseCfg
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, Simulation
+from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, Simulation, solver_cfg
 from stripe_newton.solvers.step_kernel import StepKernel
+from stripe_newton.solvers.support import why_slower
 from tests.helpers.actuator_world import Drill, actuator_scene
 from tests.helpers.small_scenes import make_scene, mjcf_robot, sim_cfg
 
@@ -59,6 +60,18 @@ def run(scene: InteractiveScene, count: int = 12) -> dict[str, np.ndarray]:
     found |= {n: getattr(actuation.drives, n) for n in ("effort", "computed_effort")}
     found |= actuation.arrays | {"previous_joint_qd": sim.previous_joint_qd}
     return {name: array.numpy().copy() for name, array in found.items() if array is not None}
+
+
+def test_large_models_are_left_to_mujoco_warp_on_a_gpu_unless_asked_for(tmp_path, monkeypatch):
+    assert why_slower(41, is_cuda=True) == "with 41 degrees of freedom, more than 40, MuJoCo Warp is faster on a GPU"
+    assert not why_slower(40, is_cuda=True)
+    assert not why_slower(64, is_cuda=False)
+    asked = []
+    monkeypatch.setattr(solver_cfg, "why_slower", lambda *given: asked.append(given) or "it is large")
+    ways = {f: actuator_scene(tmp_path, sim=sim_cfg(solver=MuJoCoSolverCfg(fused=f))) for f in (None, True)}
+    assert ways[None].sim.describe_solver().endswith("does not support the model: it is large")
+    assert ways[True].sim.describe_solver().startswith("the fused step")
+    assert asked == [(ways[None].sim.model.joint_dof_count // ways[None].num_envs, False)]
 
 
 def test_every_explicit_actuator_is_computed_in_the_launch(tmp_path, monkeypatch, launch_each_step):
