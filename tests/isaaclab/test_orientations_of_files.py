@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import warp as wp
@@ -67,7 +68,7 @@ def _modules() -> list[str]:
 @pytest.fixture(scope="module", autouse=True)
 def installed() -> Iterator[None]:
     source = isaaclab_source()
-    kept = list(sys.path)
+    kept, registered = list(sys.path), set(gymnasium.registry)
     sys.path[:0] = [str(source / package) for package in PACKAGES]
     dialect.install()
     # The package's own file imports all tasks; each is imported by itself here.
@@ -82,6 +83,8 @@ def installed() -> Iterator[None]:
     dialect.uninstall()
     for name in [name for name in sys.modules if name.partition(".")[0] in PACKAGES]:
         del sys.modules[name]
+    for task in set(gymnasium.registry) - registered:
+        del gymnasium.registry[task]
     sys.path[:] = kept
 
 
