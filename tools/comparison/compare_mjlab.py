@@ -64,7 +64,8 @@ class Peer:
 
     def __init__(self, python: str | None, path: str | None):
         """Take an interpreter, or a folder that goes first on the path of this one, or both."""
-        self._python, env = python or sys.executable, dict(os.environ)
+        # Nothing is drawn, and mjlab would otherwise fail to import where EGL is missing.
+        self._python, env = python or sys.executable, {"MUJOCO_GL": "disabled", **os.environ}
         inherited = [] if python else [env["PYTHONPATH"]] if env.get("PYTHONPATH") else []
         found = os.pathsep.join([*([path] if path else []), *inherited])
         self._env = {k: v for k, v in env.items() if k != "PYTHONPATH"} | ({"PYTHONPATH": found} if found else {})
