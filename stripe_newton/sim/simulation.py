@@ -337,11 +337,11 @@ class Simulation:
         The first call of each number of substeps runs eagerly and records the graph.
 
         Raises:
-            ValueError: if the number of steps is no whole number of at least 1.
+            ValueError: if the number of steps is no whole number of at least 0.
             RuntimeError: if the simulation is closed, and as :meth:`begin_step`.
         """
-        if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
-            raise ValueError(f"Simulation.step: number of steps: is {short(substeps)}, must be 1 or more")
+        if isinstance(substeps, bool) or not isinstance(substeps, (int, np.integer)) or substeps < 0:
+            raise ValueError(f"Simulation.step: number of steps: is {short(substeps)}, must be 0 or more")
         self.begin_step()
         graph = self._graphs.get(substeps)
         if graph is not None:

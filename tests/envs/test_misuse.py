@@ -65,7 +65,7 @@ CALLS = [
     (lambda env: env.apply_event("push"), "event: is 'push', must be a Warp function"),
     (lambda env: apply(env, [7]), r"env_ids: is \[7\], must be whole numbers from 0 to 3"),
     (lambda env: apply(env, [True, False]), "env_ids: is torch.bool of shape .*; for a mask: mask.nonzero"),
-    (lambda env: env.sim.step(0), "number of steps: is 0, must be 1 or more"),
+    (lambda env: env.sim.step(-1), "number of steps: is -1, must be 0 or more"),
     (lambda env: env.scene[3], "the scene has names, such as 'robot', not 3; it has robot"),
     (lambda env: env.regenerate(3), "scene"),
     (lambda env: RslRlVecEnvWrapper(env, clip_actions=-1.0), "clip_actions: is -1.0, must be"),
