@@ -191,7 +191,11 @@ def test_contact_forces_of_a_stack():
     assert numpy(scene.querier.get_contact_forces("low"))[0, 0, 2] == pytest.approx(3.0 * G, rel=0.03)
 
 
-@pytest.mark.parametrize("solver", [CONTACTS, MuJoCoSolverCfg(fused=False)], ids=["fused", "MuJoCo Warp"])
+@pytest.mark.parametrize(
+    "solver",
+    [CONTACTS, pytest.param(MuJoCoSolverCfg(fused=False), marks=pytest.mark.slow)],
+    ids=["fused", "MuJoCo Warp"],
+)
 def test_contact_forces_on_demand_are_those_that_are_exported_and_leave_no_trace(solver):
     objects = {"ground": GROUND, "low": box("Low"), "high": box("High", size=0.2, mass=1.0, z=0.5)}
     exported = make_scene(objects, sim=sim_cfg(solver=solver, contact_forces=True))

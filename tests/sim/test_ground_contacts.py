@@ -205,6 +205,7 @@ def test_a_box_stays_on_a_level_field():
     assert poses[-1, :, 2].min() > 0.055
 
 
+@pytest.mark.slow
 def test_a_ball_comes_to_rest_where_the_general_routine_puts_it():
     x = np.linspace(-HALF, HALF, 81)
     valley = 0.5 * np.abs(x)[None, :] + 0.4 * np.abs(x)[:, None]  # a pit with four walls

@@ -125,7 +125,7 @@ def _stage_of_falling_boxes(folder: Path) -> Path:
     return folder / "boxes.usda"
 
 
-@pytest.mark.parametrize("newton_contacts", [False, True])
+@pytest.mark.parametrize("newton_contacts", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_an_import_has_buffers_for_its_first_second_where_they_cannot_grow(newton_contacts, tmp_path, monkeypatch):
     """As on a GPU, and with Newton's collision detection: the trial leaves no trace but larger buffers."""
     monkeypatch.setattr(GrowingBuffers, "of", classmethod(lambda cls, sim: None))

@@ -81,7 +81,7 @@ def path_of(file: Path, steps: int, **options: object) -> tuple[np.ndarray, Inte
     return np.array(path), scene
 
 
-@pytest.mark.parametrize("shape", ["Sphere", "Cube"])
+@pytest.mark.parametrize("shape", [pytest.param("Sphere", marks=pytest.mark.slow), "Cube"])
 def test_motion_is_that_with_a_geom_for_each_shape(shape: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_floor(tmp_path / "floor.usda", shape)
     path, scene = path_of(tmp_path / "floor.usda", 150)

@@ -54,6 +54,7 @@ def test_the_tool_begins_nothing_after_its_time(monkeypatch, tmp_path):
     assert not called
 
 
+@pytest.mark.slow
 def test_the_tool_draws_the_cost_over_the_number_of_environments(monkeypatch, tmp_path):
     monkeypatch.setattr(benchmark_table, "measure", lambda task, n, args: {**ENTRY, "task": task, "num_envs": n})
     benchmark_table.main(["out", "--parts", "scaling", "--sizes", "1", "4", "16"])

@@ -46,6 +46,7 @@ def test_killed_inside_a_save(tmp_path, call, after):
     assert not list(run.checkpoints.glob("*.part"))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ranks_path")
 def test_three_moments(tmp_path):
     options = ("--import", str(HELPERS / "fake_env.py"))
