@@ -20,9 +20,13 @@ class LatestSimulation(Protocol):
     scene: NativeScene | None
 
     @property
-    def stage(self) -> Usd.Stage: ...
+    def stage(self) -> Usd.Stage:
+        """The USD stage."""
+        ...
 
-    def take_scene(self, scene: NativeScene) -> None: ...
+    def take_scene(self, scene: NativeScene) -> None:
+        """Go on with another scene."""
+        ...
 
 
 _latest: list[Any] = []
