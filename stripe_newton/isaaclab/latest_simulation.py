@@ -20,10 +20,13 @@ class LatestSimulation(Protocol):
     scene: NativeScene | None
 
     @property
-    def stage(self) -> Usd.Stage: ...
+    def stage(self) -> Usd.Stage:
+        """The USD stage."""
+        ...
 
     def take_scene(self, scene: NativeScene) -> None:
-        """Make a scene the one that the simulation steps."""
+        """Go on with another scene."""
+        ...
 
 
 _latest: list[Any] = []
