@@ -67,7 +67,7 @@ _CROUCH = {".*_hip_joint": 0.0, ".*_thigh_joint": 0.9, ".*_calf_joint": -1.8}
 _ANYMAL_STAND = {".*HAA": 0.0, ".*F_HFE": 0.4, ".*H_HFE": -0.4, ".*F_KFE": -0.8, ".*H_KFE": 0.8}
 _UR_HOME = {
     "shoulder_pan(_joint)?": -1.5708, "shoulder_lift(_joint)?": -1.5708, "elbow(_joint)?": 1.5708,
-    "wrist_[12](_joint)?": -1.5708, "wrist_3(_joint)?": 0.0,
+    "wrist_(1|2)(_joint)?": -1.5708, "wrist_3(_joint)?": 0.0,
 }  # fmt: skip
 _FRANKA_HOME = {"1": 0.0, "2": 0.0, "3": 0.0, "4": -1.57079, "5": 0.0, "6": 1.57079, "7": -0.7853}
 _HAND = (0.0, 0.0, 0.5)
