@@ -133,7 +133,8 @@ def checked_lengths(value: object, num_envs: int, device: str) -> torch.Tensor:
     """
     must = f"a whole number, or whole numbers of shape ({num_envs},)"
     found = to_tensor("episode_length_buf", value, must, device)
-    if found.is_floating_point() or tuple(found.shape) not in ((), (1,), (num_envs,)):
+    is_whole = not found.is_complex() and bool((found == found.long()).all())  # numbers of any type may be whole
+    if not is_whole or tuple(found.shape) not in ((), (1,), (num_envs,)):
         raise ValueError(f"episode_length_buf: is {described(value)}, must be {must}")
     return found
 

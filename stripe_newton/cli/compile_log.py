@@ -45,7 +45,7 @@ class CompileLog:
     """
 
     def __init__(self, out: TextIO | None = None):
-        self._out = out or sys.stderr
+        self._given = out
         self.count, self.seconds, self._open = 0, 0.0, False
 
     @classmethod
@@ -58,6 +58,10 @@ class CompileLog:
         with _quiet() if ctypes.util.find_library("cuda") is None else nullcontext():
             wp.init()
         return log
+
+    @property
+    def _out(self) -> TextIO:
+        return self._given or sys.stderr  # which may be another one by now: the logger stays after the command
 
     def debug(self, message: str) -> None:
         """Ignore a message."""

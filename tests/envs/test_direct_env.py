@@ -345,7 +345,7 @@ def test_problems_of_the_config_come_at_once():
         assert f"  {path}: " in text, path
     with pytest.raises(TypeError, match="unexpected arguments: speed"):
         CartEnv(CartCfg(), speed=3)
-    with pytest.raises(ValueError, match="render_mode 'human'"):
+    with pytest.raises(ValueError, match="render_mode: is 'human'"):
         CartEnv(CartCfg(), "human")
 
 

@@ -54,6 +54,7 @@ struct World {
     Box box;
     Search search[1];
     Found found[TOUCHES];
+    unsigned short complete;
 };
 struct Sources {};
 FN World& in_place(World& w) { return w; }
