@@ -55,13 +55,12 @@ def restore_state(env: SteppedScene, state: EnvState) -> None:
                 "it is of another task or size"
             )
     parts: list[dict[str, torch.Tensor]] = state["parts"]  # type: ignore[assignment]
-    if len(parts) != len(env.state_parts()):
-        raise ValueError(f"the state has {len(parts)} parts, the environment {len(env.state_parts())}")
     env.common_step_counter = state["step"]  # type: ignore[assignment]
     for name, value in saved.items():
         wp.to_torch(arrays[name]).copy_(value)
     _restore_buffers(env, state["buffers"])  # type: ignore[arg-type]
-    for mine, part in zip(env.state_parts(), parts, strict=True):
+    # An environment of other terms or noise may take the state, too; what it does not have is left out.
+    for mine, part in zip(env.state_parts(), parts, strict=False):
         _restore_tensors(mine, part, env.device)
     # The solver has not seen these writes: floating roots were moved, and randomised parts of the model may have been.
     env.sim.roots_moved = True

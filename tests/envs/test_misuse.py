@@ -60,7 +60,6 @@ CALLS = [
     (lambda env: with_state(env, arrays=[1]), "state.arrays: is "),
     (lambda env: with_state(env, arrays={"joint_q": torch.zeros(3)}), "the state has 'joint_q' of shape"),
     (lambda env: with_state(env, step=float("nan")), "state.step: is nan"),
-    (lambda env: with_state(env, parts=[{}] * 9), "the state has 9 parts, the environment"),
     (lambda env: env.evaluate(3), "term: is 3, must be a Warp function"),
     (lambda env: env.apply_event("push"), "event: is 'push', must be a Warp function"),
     (lambda env: apply(env, [7]), r"env_ids: is \[7\], must be whole numbers from 0 to 3"),

@@ -60,8 +60,11 @@ def check_losses(losses: Mapping[str, float], iteration: int, run: RunFolder | N
 
 
 def is_of_environment(error: Exception) -> bool:
-    """Whether an error, of this package's loop or of rsl_rl's, says that an environment returned NaN."""
-    return any(words in str(error) for words in ("environment returned NaN", "returned by the environment"))
+    """Whether an error says that an environment returned NaN, which may have gone into the weights since.
+
+    rsl_rl looks at each step, before any update: weights that are not finite then were so before the step.
+    """
+    return "environment returned NaN" in str(error)
 
 
 def diverged(problem: str, run: RunFolder | None) -> DivergedError:
