@@ -7,6 +7,7 @@ import json
 import os
 from pathlib import Path
 
+import pytest
 from PIL import Image
 
 from tools.benchmarks import benchmark_table
