@@ -88,7 +88,7 @@ def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
         "ROBOT": path.stem,
         "SPAWNER": _SPAWNERS[kind.name],
         "SPAWN": _spawn(kind.name, floating, keyframe),
-        "INIT_STATE": _init_state(_height(kind.name, path, keyframe, start) if floating else 0.0, start, keyframe),
+        "INIT_STATE": _init_state(_height(kind.name, path, floating, keyframe, start), start, keyframe),
         "BASE": "floats" if floating else "is held",
         "UNDECIDED": " (the file does not say; --floating lets it float)" if undecided and not floating else "",
     }
@@ -196,8 +196,11 @@ def _two_digits(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-def _height(kind: str, file: Path, keyframe: str | None, start: dict[str, float]) -> float:
-    """Height of the root's origin at which the lowest collider is a centimetre above the ground [m]."""
+def _height(kind: str, file: Path, floating: bool, keyframe: str | None, start: dict[str, float]) -> float:
+    """Height of the root's origin at which the lowest collider is a centimetre above the ground [m].
+
+    A robot that is held stays where its file has it if nothing of it is below the ground.
+    """
     import newton
 
     from stripe_newton.robot_files import import_robot_file
@@ -207,8 +210,8 @@ def _height(kind: str, file: Path, keyframe: str | None, start: dict[str, float]
     if kind == "usd":
         builder.add_usd(str(file))
     else:
-        import_robot_file(builder, kind, file, {"floating": True} if kind == "urdf" else {"keyframe": keyframe})
-    root = builder.joint_q[2] if builder.joint_q else 0.0
+        import_robot_file(builder, kind, file, {"floating": floating} if kind == "urdf" else {"keyframe": keyframe})
+    root = builder.joint_q[2] if floating and builder.joint_q else 0.0
     for label, first in zip(builder.joint_label, builder.joint_q_start, strict=True):
         name = label.rpartition("/")[2]
         if name in start:
@@ -216,7 +219,8 @@ def _height(kind: str, file: Path, keyframe: str | None, start: dict[str, float]
     model = builder.finalize(device="cpu")
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
-    return float(root) - _lowest(model, state) + 0.01
+    lowest = _lowest(model, state)
+    return 0.0 if not floating and lowest >= 0.0 else float(root) - lowest + 0.01
 
 
 def _lowest(model: newton.Model, state: newton.State) -> float:

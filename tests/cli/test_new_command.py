@@ -142,7 +142,9 @@ def test_a_floating_robot_starts_above_the_ground(capsys, monkeypatch):
 def test_a_urdf_file_does_not_say_whether_its_base_floats(capsys, monkeypatch):
     robot_source("pendulum.urdf", PENDULUM, "new_held")
     assert "the base is held (the file does not say; --floating lets it float)" in capsys.readouterr().out
-    assert robot_cfg("new_held", monkeypatch).spawn.fix_base is True
+    cfg = robot_cfg("new_held", monkeypatch)
+    assert cfg.spawn.fix_base is True
+    assert cfg.init_state.pos[2] == pytest.approx(0.6 + 0.01, abs=1e-3)  # else its bob would be in the ground
     robot_source("pendulum.urdf", PENDULUM, "new_floating", "--floating")
     assert "the base floats" in capsys.readouterr().out
     cfg = robot_cfg("new_floating", monkeypatch)
