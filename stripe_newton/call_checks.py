@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of what callers give to an environment: seeds, reset masks, environments by index, saved states."""
+"""Call checks: seeds, reset masks, environments by index, functions and saved states that callers give."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from typing import TypedDict
 
 import torch
+import warp as wp
 
 from stripe_newton.value_types import NonNegativeInt, mismatches, short
 
 __all__ = [
     "check_state",
     "checked_env_ids",
+    "checked_function",
     "checked_lengths",
     "checked_mask",
     "checked_seed",
@@ -123,6 +125,17 @@ def checked_env_ids(env_ids: object, num_envs: int, device: str) -> torch.Tensor
     if (found.is_floating_point() and found.numel()) or ((found < 0) | (found >= num_envs)).any():
         raise ValueError(f"env_ids: is {described(env_ids)}, must be {must}")
     return found.long().flatten()
+
+
+def checked_function(function: object, what: str) -> wp.Function:
+    """A Warp function.
+
+    Raises:
+        TypeError: if it is none.
+    """
+    if not isinstance(function, wp.Function):
+        raise TypeError(f"{what}: is {short(function)}, must be a Warp function, such as mdp.joint_pos_rel")
+    return function
 
 
 def checked_lengths(value: object, num_envs: int, device: str) -> torch.Tensor:

@@ -17,6 +17,7 @@ from typing_extensions import Self
 
 from stripe_newton.call_checks import (
     check_state,
+    checked_function,
     checked_lengths,
     checked_mask,
     checked_seed,
@@ -611,7 +612,7 @@ class SteppedScene:
         Raises:
             ConfigError: parameters that do not fit.
         """
-        return self._evaluation.value(_checked_term(term, "term"), params)
+        return self._evaluation.value(checked_function(term, "term"), params)
 
     @torch.no_grad()
     def apply_event(
@@ -622,7 +623,7 @@ class SteppedScene:
         Raises:
             ConfigError: parameters that do not fit.
         """
-        self._evaluation.apply(_checked_term(event, "event"), env_ids, params)
+        self._evaluation.apply(checked_function(event, "event"), env_ids, params)
 
     @property
     def _evaluation(self) -> TermEvaluation:
@@ -662,17 +663,6 @@ class SteppedScene:
     def state_parts(self) -> list[dict[str, torch.Tensor]]:
         """Parts of the state that are not attributes of the environment, as the dicts of tensors that hold them."""
         return []
-
-
-def _checked_term(function: object, what: str) -> wp.Function:
-    """A Warp function.
-
-    Raises:
-        TypeError: if it is none.
-    """
-    if not isinstance(function, wp.Function):
-        raise TypeError(f"{what}: is {short(function)}, must be a Warp function, such as mdp.joint_pos_rel")
-    return function
 
 
 def _own(values: Extras) -> Extras:
