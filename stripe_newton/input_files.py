@@ -21,6 +21,8 @@ MOST_NODES = 200_000
 """Most values that a YAML file may stand for, its aliases written out; a config has some thousand."""
 MOST_DEPTH = 100
 """Deepest nesting of a YAML file."""
+LIBYAML_TOO_DEEP = "exceeded maximum nesting depth"
+"""libyaml's own word, since 0.2.6, for a text nested more than 1000 deep; its scanner reads ahead of the events."""
 
 _OTHERS = (
     (stat.S_ISDIR, "is a folder"),
@@ -96,6 +98,8 @@ def read_yaml(path: str | os.PathLike, loader: type[yaml.SafeLoader] = SafeLoade
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         if isinstance(error, InputFileError):
             raise
+        if getattr(error, "problem", None) == LIBYAML_TOO_DEEP:
+            raise InputFileError(f"{path}: is nested more than {MOST_DEPTH} deep") from None
         raise InputFileError(f"{path}: is not valid YAML: {' '.join(str(error).split())[:200]}") from None
     return content
 

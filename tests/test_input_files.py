@@ -21,6 +21,8 @@ ALIASES = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "\n".join(
         (ALIASES, "stands for more than 200000 values"),
         ("a: &a [*a]", "contains itself: the alias 'a' is inside what it stands for"),
         ("a: " + "[" * 5000, "is nested more than 100 deep"),
+        ("- " * 300, "is nested more than 100 deep"),
+        ("- " * 5000, "is nested more than 100 deep"),
         ("a: [", "is not valid YAML"),
         ("a: !!python/object/apply:os.system ['true']", "is not valid YAML: could not determine a constructor"),
         ("a: " + "9" * 5000, "is not valid YAML: Exceeds the limit"),
