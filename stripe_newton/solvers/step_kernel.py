@@ -26,9 +26,9 @@ __all__ = [
 ]  # fmt: skip
 
 _SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "world.h",
-    "dynamics.h", "constraints.h", "attachments.h", "collision.h", "touches.h", "ground.h", "newton.h",
-    "newton_state.h", "per_step.h", "results.h", "accelerations.h", "step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "contact_fields.h", "world.h",
+    "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "collision.h", "touches.h",
+    "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""

@@ -3,15 +3,6 @@
 
 namespace fused {
 
-// Place of a geom relative to the origin of its tree. One of the world is where MuJoCo's data has it: it may have been moved.
-FN Geom geom_of(const World& w, const Parameters& P, int g) {
-    int b = geom_body(g);
-    if (b == 0) return Geom{load(P.geom_xpos() + 3 * g), load_matrix(P.geom_xmat() + 9 * g), load(P.geom_size() + 3 * g)};
-    Quat turn_b = load_quat(w.quat + 4 * b);
-    return Geom{load(w.pos + 3 * b) + rotate(turn_b, load(P.geom_pos() + 3 * g)),
-                matrix(turn_b * load_quat(P.geom_quat() + 4 * g)), load(P.geom_size() + 3 * g)};
-}
-
 FN void place_geoms(World& w, const Parameters& P, int lane) {
     EACH(i, NGEOMS) {
         Geom o = geom_of(w, P, used_geom(i));
@@ -28,129 +19,30 @@ FN Field field_of(const Parameters& P, int g) {
 }
 #endif
 
-// First geom of a contact of a pair. Meshes that do not move are together in pairs of one of them. Those from NALLGEOMS on
-// are shapes that are no geoms of the model.
-FN int first_geom(const real* C, int pair) {
-#if HAS_MESHES
-    if (C[C_GEOM] >= 0) return (int)C[C_GEOM];
-#endif
-    return contact_geom1(pair);
-}
-// The geom that has the parameters of it: of a shape that is no geom, another one stands for it.
-FN int geom_with_parameters(const Parameters& P, int geom) {
-    return geom < NALLGEOMS ? geom : ((const int*)P.m.hidden)[geom - NALLGEOMS];
-}
-
-// A geom of a pair, relative to `origin`.
-FN Geom geom_at(const World& w, const Parameters& P, int index, Vec origin) {
-    int g = used_geom(index);
-    const real* o = w.geoms + 12 * index;
-    Geom at = GEOMS_PLACED ? Geom{load(o), load_matrix(o + 3), load(P.geom_size() + 3 * g)} : geom_of(w, P, g);
-    at.pos = at.pos + (origin_of(w, geom_body(g)) - origin);
-    return at;
-}
-
-// Margin of a pair. `pair` has two geoms, the dimension of contacts, the rule of their parameters, and the pair of the model.
-FN real margin_of(const Parameters& P, int pair) {
-    return contact_rule(pair) == OF_PAIR ? P.pair_margin()[contact_explicit(pair)] : P.geom_margin()[contact_geom1(pair)] + P.geom_margin()[contact_geom2(pair)];
-}
-
-struct Material {
-    real solref[2], solreffriction[2], solimp[5];
-};
-
-// Solver parameters and friction of a contact: those of the pair, of the geom of higher priority, or of both geoms mixed.
-// Source: MuJoCo's documentation, chapter "Computation", section "Contact", as mj_contactParam has it.
-FN void mix(Material& m, real* friction, const Parameters& P, int pair, int g1) {
-    int g2 = contact_geom2(pair), rule = contact_rule(pair);
-    if (rule == OF_PAIR) {
-        for (int i = 0; i < 2; i++) m.solref[i] = P.pair_solref()[2 * contact_explicit(pair) + i];
-        for (int i = 0; i < 2; i++) m.solreffriction[i] = P.pair_solreffriction()[2 * contact_explicit(pair) + i];
-        for (int i = 0; i < 5; i++) m.solimp[i] = P.pair_solimp()[5 * contact_explicit(pair) + i];
-        for (int i = 0; i < 5; i++) friction[i] = larger(P.pair_friction()[5 * contact_explicit(pair) + i], (real)1e-5);
-        return;
-    }
-    real a = P.geom_solmix()[g1], b = P.geom_solmix()[g2], share = (real)0.5;  // of the first geom
-    if (rule == OF_FIRST) share = 1;
-    else if (rule == OF_SECOND) share = 0;
-    else if (a >= (real)1e-15 && b >= (real)1e-15) share = a / (a + b);
-    else if (a >= (real)1e-15 || b >= (real)1e-15) share = a > b ? 1 : 0;
-    const real *ref1 = P.geom_solref() + 2 * g1, *ref2 = P.geom_solref() + 2 * g2;
-    bool least = rule == OF_BOTH && !(ref1[0] > 0 && ref2[0] > 0);  // stiffness and damping are given directly
-    for (int i = 0; i < 2; i++) {
-        m.solref[i] = least ? smaller(ref1[i], ref2[i]) : share * ref1[i] + (1 - share) * ref2[i];
-        m.solreffriction[i] = 0;
-    }
-    for (int i = 0; i < 5; i++)
-        m.solimp[i] = share * P.geom_solimp()[5 * g1 + i] + (1 - share) * P.geom_solimp()[5 * g2 + i];
-    for (int i = 0; i < 5; i++) {
-        int j = i < 2 ? 0 : (i + 1) / 2;  // sliding twice, torsional once, rolling twice
-        real f1 = P.geom_friction()[3 * g1 + j], f2 = P.geom_friction()[3 * g2 + j];
-        friction[i] = larger(rule == OF_FIRST ? f1 : rule == OF_SECOND ? f2 : larger(f1, f2), (real)1e-5);
-    }
-}
-
-// Frame, friction and the coefficients of the rows of all contacts, of which those of `given` come last. Source of the frame:
-// mju_makeFrame.
+// The same of all contacts, of which those of `given` come last.
 FN void complete_contacts(World& w, const Parameters& P, const real* given, int count, int lane) {
     EACH(c, count) {
-        real *C = contact(w, c), *friction = C + C_FRICTION;
-        Material m;
-        real pos;
-        if (C[C_PAIR] < 0) {
-            const real* G = given + GIVEN_SIZE * (-1 - (int)C[C_PAIR]);
-            int b1 = geom_body((int)G[G_GEOM]), b2 = geom_body((int)G[G_GEOM + 1]);
-            store(C + C_POS, load(G + G_POS) - origin_of(w, b1, b2));
-            store(C + C_NORMAL, load(G + G_FRAME)), store(C + C_TANGENT, load(G + G_FRAME + 3));
-            for (int i = 0; i < 2; i++)
-                m.solref[i] = G[G_SOLREF + i], m.solreffriction[i] = G[G_SOLREF_FRICTION + i];
-            for (int i = 0; i < 5; i++) m.solimp[i] = G[G_SOLIMP + i], friction[i] = G[G_FRICTION + i];
-            C[C_DIST] = G[G_DIST], C[C_DIM] = G[G_DIM], C[C_BODY] = b1, C[C_BODY + 1] = b2;
-            pos = G[G_DIST] - G[G_MARGIN];
-        } else {
-            const int pair = (int)C[C_PAIR];
-            Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
-            if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
-            t = t - dot(n, t) * n;
-            store(C + C_TANGENT, (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t);
-            mix(m, friction, P, pair, geom_with_parameters(P, first_geom(C, pair)));
-            C[C_DIM] = contact_dim(pair), C[C_BODY] = geom_body(contact_geom1(pair)), C[C_BODY + 1] = geom_body(contact_geom2(pair));
-            pos = C[C_DIST] - margin_of(P, pair);
+        real* C = contact(w, c);
+        if (C[C_PAIR] >= 0) {
+            complete_contact(C, P);
+            continue;
         }
-        Impedance z = impedance(P, m.solref, m.solimp, pos);
-        int dim = (int)C[C_DIM];
-        real weight = P.weight()[2 * (int)C[C_BODY]] + P.weight()[2 * (int)C[C_BODY + 1]];
-        if (dim > 1 && !ELLIPTIC_CONES) weight += friction[0] * friction[0] * weight;
-        C[C_DAMPING] = C[C_DAMPING + 1] = z.b, C[C_STIFFNESS] = z.k * z.imp * pos;
-        C[C_R] = regularization(z.imp, weight), C[C_MU] = friction[0] * SQRT(1 / (real)IMPRATIO);
-        if (ELLIPTIC_CONES && (m.solreffriction[0] != 0 || m.solreffriction[1] != 0))
-            C[C_DAMPING + 1] = impedance(P, m.solreffriction, m.solimp, pos).b;
+        const real* G = given + GIVEN_SIZE * (-1 - (int)C[C_PAIR]);
+        int b1 = geom_body((int)G[G_GEOM]), b2 = geom_body((int)G[G_GEOM + 1]);
+        store(C + C_POS, load(G + G_POS) - origin_of(w, b1, b2));
+        store(C + C_NORMAL, load(G + G_FRAME)), store(C + C_TANGENT, load(G + G_FRAME + 3));
+        Material m;
+        for (int i = 0; i < 2; i++) m.solref[i] = G[G_SOLREF + i], m.solreffriction[i] = G[G_SOLREF_FRICTION + i];
+        for (int i = 0; i < 5; i++) m.solimp[i] = G[G_SOLIMP + i], C[C_FRICTION + i] = G[G_FRICTION + i];
+        C[C_DIST] = G[G_DIST], C[C_DIM] = G[G_DIM], C[C_BODY] = b1, C[C_BODY + 1] = b2;
+        set_coefficients(C, P, m, G[G_DIST] - G[G_MARGIN]);
     }
     SYNC();
 }
 
-// A kind of which the model has pairs; the code of others is left out.
-#define CASE(kind) \
-    case kind:     \
-        if (!HAS_##kind) break;
-
 // Write a contact of pair `p`, if there is room for it.
 FN void place_contact(World& w, int c, int p, const Hit& hit, int geom = -1) {
-    if (c >= MAX_CONTACTS) return;
-    real* C = contact(w, c);
-#if HAS_MESHES
-    C[C_GEOM] = geom;
-#endif
-    store(C + C_POS, hit.pos), store(C + C_NORMAL, hit.normal), store(C + C_TANGENT, hit.along);
-    C[C_DIST] = hit.dist, C[C_PAIR] = p;
-}
-
-struct PairGeoms {
-    Geom a, b;  // relative to the point that their contacts are relative to
-};
-FN PairGeoms geoms_of(const World& w, const Parameters& P, int p) {
-    Vec origin = origin_of(w, geom_body(contact_geom1(p)), geom_body(contact_geom2(p)));
-    return PairGeoms{geom_at(w, P, contact_geoms(2 * p), origin), geom_at(w, P, contact_geoms(2 * p + 1), origin)};
+    if (c < MAX_CONTACTS) set_hit(contact(w, c), p, hit, geom);
 }
 
 // Contacts of primitives, in the order of the pairs. Returns their number.
@@ -162,20 +54,7 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
         hits.count = 0;
         if (p < FIRST_SEARCHED_PAIR) {
             PairGeoms g = geoms_of(w, P, p);
-            const Geom &a = g.a, &b = g.b;
-            real margin = margin_of(P, p);
-            switch (contact_kind(p)) {
-                CASE(PLANE_SPHERE) plane_sphere(hits, margin, a, b.pos, b.size.x, Vec{0, 0, 0}); break;
-                CASE(PLANE_CAPSULE) plane_capsule(hits, margin, a, b); break;
-                CASE(PLANE_BOX) plane_box(hits, margin, a, b); break;
-                CASE(PLANE_CYLINDER) plane_cylinder(hits, margin, a, b); break;
-                CASE(SPHERE_SPHERE) sphere_sphere(hits, margin, a.pos, a.size.x, b.pos, b.size.x, across(a, b)); break;
-                CASE(SPHERE_CAPSULE) sphere_capsule(hits, margin, a, b); break;
-                CASE(SPHERE_BOX) sphere_box(hits, margin, a.pos, a.size.x, b); break;
-                CASE(CAPSULE_CAPSULE) capsule_capsule(hits, margin, a, b); break;
-                CASE(CAPSULE_BOX) capsule_box(hits, margin, a, b); break;
-                CASE(BOX_BOX) box_box(hits, margin, a, b); break;
-            }
+            primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
         }
         int before = 0, all = hits.count;
         BEFORE(hits.count, before, all);

@@ -22,14 +22,13 @@ FN void place_in_parents(World& w, const Parameters& P, int lane) {
                 x = load(q), turn_b = load_quat(q + 3);
                 continue;
             }
-            Vec own_axis = load(P.joint_axis() + 3 * j), at = load(P.joint_pos() + 3 * j);
-            Vec axis = rotate(turn_b, own_axis), anchor = x + rotate(turn_b, at);
-            real moved = q[0] - P.qpos0()[joint_q(j)];
-            if (joint_type(j) == SLIDE) x = x + moved * axis;
-            else {
-                turn_b = turn_b * (joint_type(j) == HINGE ? turn(own_axis, moved) : normalized(load_quat(q)));
-                x = anchor - rotate(turn_b, at);
-            }
+            Vec axis, anchor;
+            if (joint_type(j) == BALL) {
+                Vec at = load(P.joint_pos() + 3 * j);
+                axis = Vec{0, 0, 0}, anchor = x + rotate(turn_b, at);
+                turn_b = turn_b * normalized(load_quat(q)), x = anchor - rotate(turn_b, at);
+            } else
+                move_by_joint(P, j, q[0], x, turn_b, axis, anchor);
             store(w.S + 6 * joint_v(j), axis), store(w.S + 6 * joint_v(j) + 3, anchor);
         }
         if (b == 0) store(w.origin, Vec{0, 0, 0});
@@ -37,12 +36,6 @@ FN void place_in_parents(World& w, const Parameters& P, int lane) {
         store(w.pos + 3 * b, b ? x : Vec{0, 0, 0}), store_quat(w.quat + 4 * b, b ? normalized(turn_b) : Quat{1, 0, 0, 0});
     }
     SYNC();
-}
-
-// Spatial inertia of a body with the orientation `turn_b` and its centre of mass at `c`, both in the world's axes.
-FN void body_inertia(real* I, const Parameters& P, int b, Quat turn_b, Vec c) {
-    Mat axes = matrix(turn_b * load_quat(P.inertia_quat() + 4 * b));
-    spatial_inertia(I, P.mass()[b], load(P.inertia() + 3 * b), axes, c);
 }
 
 // Poses, motions of the degrees of freedom, inertias, velocities and velocity-dependent accelerations.
@@ -115,15 +108,8 @@ FN void forces(World& w, const Parameters& P, int lane) {
         if (b == 0)
             for (int k = 0; k < 16; k++) X[k] = 0;
         else {
-            // Inverse dynamics of the body alone: I a + v x* I v, less gravity compensation and external wrenches.
-            Spatial v = load_spatial(w.V + 6 * b);
-            Spatial f = operator_inertia(X, load_spatial(w.A + 6 * b)) + cross_force(v, operator_inertia(X, v));
             Vec c = load(w.pos + 3 * b) + rotate(load_quat(w.quat + 4 * b), load(P.com() + 3 * b));
-            Vec push = (-P.mass()[b] * P.gravcomp()[b]) * load(P.gravity());
-            const real* wrench = P.xfrc_applied() + 6 * b;
-            Vec torque = load(wrench + 3);
-            push = push + load(wrench);
-            store(X + 10, f.a - torque - cross(c, push)), store(X + 13, f.l - push);
+            store_spatial(X + 10, body_force(X, P, b, c, load_spatial(w.V + 6 * b), load_spatial(w.A + 6 * b)));
         }
     }
     SYNC();
@@ -147,25 +133,14 @@ FN void forces(World& w, const Parameters& P, int lane) {
             f -= P.stiffness()[j] * (w.q[joint_q(j)] - P.spring()[joint_q(j)]);
         w.smooth[i] = f;
     }
-    // Affine actuators on joints and fixed tendons: force = gain(length, speed) control + bias(length, speed), limited.
-    // The length is a sum over degrees of freedom, with the actuator's gear and the tendon's coefficients.
+    // The length of an actuator is a sum over degrees of freedom of joints or fixed tendons, with its coefficients.
     EACH(u, ACTUATORS) {
-        real length = 0, speed = 0, x = P.ctrl()[u];
+        real length = 0, speed = 0;
         ROLLED for (int t = actuator_start(u); t < actuator_start(u + 1); t++) {
             int i = actuator_dof(t);
             length += actuator_coefficient(t) * w.q[joint_q(dof_joint(i))], speed += actuator_coefficient(t) * w.v[i];
         }
-        const real *gain = P.gain() + 10 * u, *bias = P.bias() + 10 * u;
-        length *= P.gear()[6 * u], speed *= P.gear()[6 * u];
-        if (actuator_ctrl_limited(u)) x = clamped(x, P.ctrl_range()[2 * u], P.ctrl_range()[2 * u + 1]);
-        real f = (gain[0] + gain[1] * length + gain[2] * speed) * x + bias[0] + bias[1] * length + bias[2] * speed;
-        real d = gain[2] * x + bias[2];
-        if (actuator_force_limited(u)) {
-            const real* range = P.force_range() + 2 * u;
-            if (f <= range[0] || f >= range[1]) d = 0;  // a limited force does not change with the velocity
-            f = clamped(f, range[0], range[1]);
-        }
-        w.drive[u] = f, w.slope[u] = d;
+        w.drive[u] = actuator_force(P, u, length, speed, w.slope[u]);
     }
     SYNC();
     EACH(t, NPAIRS) {

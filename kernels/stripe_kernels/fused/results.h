@@ -4,21 +4,11 @@
 
 namespace fused {
 
-// Poses and velocities of bodies at the end of a launch as Newton has them: (position, x, y, z, w), and (velocity of the
-// centre of mass, angular velocity) in the world.
+// Poses and velocities of bodies at the end of a launch.
 FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
     kinematics(w, P, lane);
-    EACH(b, NB) {
-        int n = ((const int*)P.m.newton_body)[(long long)P.id * NB + b];
-        if (n < 0) continue;
-        real *pose = (real*)P.m.body_q + 7LL * n, *velocity = (real*)P.m.body_qd + 6LL * n;
-        Quat turn_b = load_quat(w.quat + 4 * b);
-        Vec x = load(w.pos + 3 * b), c = x + rotate(turn_b, load(P.com() + 3 * b));
-        Spatial v = load_spatial(w.V + 6 * b);
-        store(pose, x + origin_of(w, b));
-        pose[3] = turn_b.x, pose[4] = turn_b.y, pose[5] = turn_b.z, pose[6] = turn_b.w;
-        store(velocity, v.l + cross(v.a, c)), store(velocity + 3, v.a);
-    }
+    EACH(b, NB)
+        write_newton_body(P, b, origin_of(w, b), load(w.pos + 3 * b), load_quat(w.quat + 4 * b), load_spatial(w.V + 6 * b));
 }
 
 // Of geoms that move; those of the world are where they are.

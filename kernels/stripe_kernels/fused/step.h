@@ -94,56 +94,11 @@ COLD int solve_spilled(World& w, int rows, int contacts, int lane) {
     return solve_constraints<false>(w, rows, contacts, lane);
 }
 
-// The same number, of which the compiler knows no more: what is computed from it is not kept from phase to phase, and from
-// step to step, in registers that there are not enough of.
-FN int fresh(int x) {
-#ifdef __CUDA_ARCH__
-    asm volatile("" : "+r"(x));
-#endif
-    return x;
-}
-FN Parameters fresh(const Parameters& P) { return Parameters{P.m, fresh(P.id), P.num_worlds}; }
-
-// Let the worlds of a block go on together: they then share the fetched instructions. Not in the last block, where a world
-// may be missing.
-FN void together(const Parameters& P) {
-#ifdef __CUDA_ARCH__
-    if ((blockIdx.x + 1) * WORLDS_PER_BLOCK <= P.num_worlds) __syncthreads();
-#endif
-}
-
 FN void begin_steps(World& w, const Parameters& P, int lane) {
-    if (!P.m.joint_q_in) {
-        EACH(i, NQ) w.q[i] = P.qpos()[i];
-        EACH(i, NV) w.v[i] = P.qvel()[i];
-    }
-#if HAS_NEWTON
-    if (P.m.joint_q_in) {
-        read_newton_joints(w, P, (const float*)P.m.joint_q_in, (const float*)P.m.joint_qd_in, true, lane);
-        place_fixed_bodies(P, lane);
-    }
-    SYNC();
-    read_newton_controls(P, lane);
-#endif
-    EACH(i, NV) w.a[i] = P.qacc_warmstart()[i];
     EACH(i, NV * LD) w.M[i] = 0;  // what degrees of freedom do not share stays so
-    SYNC();
+    read_state(w, P, lane);
 }
-
-FN void end_steps(World& w, const Parameters& P, int lane) {
-    EACH(i, NQ) P.qpos()[i] = w.q[i];
-    EACH(i, NV) P.qvel()[i] = w.v[i], P.qacc_warmstart()[i] = w.a[i];
-#if HAS_NEWTON
-    if (P.m.joint_q_out) {
-        float *q = (float*)P.m.joint_q_out, *v = (float*)P.m.joint_qd_out;
-        write_newton_joints(w, P, q, v, lane);
-        read_newton_joints(w, P, q, v, false, lane);  // where their bodies are
-        SYNC();
-    }
-    if (P.m.efforts) write_newton_efforts(P, lane);
-#endif
-    if (P.m.body_q) write_newton_bodies(w, P, lane);
-}
+FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
 
 // One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch
 // results are written where somebody reads them.
