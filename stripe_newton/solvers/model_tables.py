@@ -13,6 +13,7 @@ import numpy as np
 
 from .constant_tables import ConstantTables
 from .contact_pairs import ROUTINES, RULES, ContactPair, contact_pairs, is_searched, parts_of, work_of
+from .limb_form import LimbForm
 from .topology import (
     actuator_moments,
     actuators_by_dof,
@@ -99,12 +100,28 @@ class ModelTables:
     """Room for constraint rows in a world."""
     max_contacts: int
     """Room for contacts in a world."""
+    limbs: LimbForm | None = None
+    """The model as a hub with limbs, where the step has that form."""
 
     @classmethod
     def of(
-        cls, model: mujoco.MjModel, max_rows: int, max_contacts: int, pairs: Iterable[ContactPair] | None = None
+        cls,
+        model: mujoco.MjModel,
+        max_rows: int,
+        max_contacts: int,
+        pairs: Iterable[ContactPair] | None = None,
+        limbs: bool = False,
+        losses: bool = False,
     ) -> ModelTables:
         """The constants of a model, with the pairs given, or all of it, that the kernel has a routine for.
+
+        Args:
+            model: The compiled model.
+            max_rows: Room for constraint rows in a world.
+            max_contacts: Room for contacts in a world.
+            pairs: The pairs of geoms.
+            limbs: Whether the step may have the form for a hub with limbs, where the model is one.
+            losses: Whether joints have friction loss, in any world.
 
         Raises:
             ValueError: if there is no room for the rows of the equalities that are active at the start.
@@ -116,8 +133,9 @@ class ModelTables:
         parts = (dataclasses.replace(p, kind=kind) for p in pairs if p.kind for kind in parts_of(p.kind))
         # Those with height fields and meshes come last: their contacts are searched for together. Before them come
         # pairs that need long if they are near. Lanes so do the same.
-        in_order = sorted(parts, key=work_of)
-        return cls(model, tuple(in_order), max_rows, max_contacts)
+        in_order = tuple(sorted(parts, key=work_of))
+        form = LimbForm.of(model, in_order, losses) if limbs else None
+        return cls(model, in_order, max_rows, max_contacts, form)
 
     @property
     def elliptic(self) -> bool:
@@ -187,9 +205,10 @@ class ModelTables:
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
             "MAX_HITS": 8 if any(p.kind == "BOX_BOX" for p in pairs) else 4,
         }  # fmt: skip
-        lines = [
-            f"#define {name} {value}" for name, value in (_sizes(model, pairs) | _options(model, pairs) | room).items()
-        ]
+        sizes = _sizes(model, pairs) | _options(model, pairs) | room
+        if self.limbs is not None:
+            sizes |= self.limbs.sizes(self.max_contacts) | {"GEOMS_PLACED": 0}
+        lines = [f"#define {name} {value}" for name, value in sizes.items()]
         lines += ["namespace fused {", self.constants.source(), "}"]
         return "\n".join(lines) + "\n"
 
@@ -198,6 +217,8 @@ class ModelTables:
         """The tables of the topology."""
         model, pairs = self.model, self.pairs
         integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
+        if self.limbs is not None:
+            integers |= self.limbs.tables()
         moving = {"body_dofs": [sum(1 << i for i in dofs_of_body(model, b)) for b in range(model.nbody)]}
         return ConstantTables(integers | moving, _coefficients(model))
 

@@ -19,6 +19,7 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
 from .contact_pairs import MESH_KINDS, ContactPair, contact_pairs, listed_pairs
+from .limb_form import LimbForm
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
@@ -100,6 +101,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         static_triangles: Whether static colliders that ``model.stripe.triangles`` marks touch spheres, capsules and
             boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
             step, and see :meth:`lacks`.
+        limbs: Whether a robot that is a hub with limbs, which touch nothing that moves, is stepped in a form for such
+            robots, see ``docs/solvers.md``. Set it before the first step.
         newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
     """
 
@@ -132,6 +135,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported and not fallback:
             raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
         self.triangles = self.static_triangles = False
+        self.limbs = not self.model.device.is_cuda
         self.newton_contacts_for: tuple[str, ...] = ()
         self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
@@ -200,9 +204,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if not self.one_launch:
             return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
+        limbs = self.fused.layout.num_limbs
+        form = f", of a hub with {limbs} limbs" if limbs > 1 else ""
         if between:
-            return "the fused step, a launch for each physics step because of " + ", ".join(between)
-        return "the fused step, all physics steps of a step in one launch"
+            return f"the fused step{form}, a launch for each physics step because of " + ", ".join(between)
+        return f"the fused step{form}, all physics steps of a step in one launch"
 
     @property
     def supported_observables(self) -> frozenset[str]:
@@ -463,9 +469,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self._pairs is None:
             self._pairs = self._divide_pairs()
         cpu = self._limited_model()
-        tables = ModelTables.of(cpu, int(data.njmax), contacts, self._pairs)
+        tables = ModelTables.of(
+            cpu, int(data.njmax), contacts, self._pairs, limbs=self._may_be_limbs, losses=self._has_losses()
+        )
         options = KernelOptions(
-            lanes=self._lanes if device.is_cuda else 1,
+            lanes=self._lanes(tables.limbs) if device.is_cuda else 1,
             tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,
@@ -487,7 +495,17 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         return kernel
 
     @property
-    def _lanes(self) -> int:
+    def _may_be_limbs(self) -> bool:
+        """Whether what is asked of the kernel leaves the form for a hub with limbs."""
+        asked = self._others or self._fills_contacts or self._kept_bodies is not None or "wrenches" in self._kinds
+        return self.limbs and not asked
+
+    def _has_losses(self) -> bool:
+        return bool(np.any(self.mjw_model.dof_frictionloss.numpy()))
+
+    def _lanes(self, limbs: LimbForm | None) -> int:
+        if limbs is not None:
+            return limbs.slots
         few, many = _LANES
         return few if max(self.mj_model.nbody, self.mj_model.nv) <= few else many
 

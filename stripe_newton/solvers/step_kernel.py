@@ -30,6 +30,11 @@ _SOURCES = (
     "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "collision.h", "touches.h",
     "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
+_LIMB_SOURCES = (
+    "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "poses.h", "impedance.h", "geoms.h",
+    "newton_state.h", "per_step.h", "launch.h", "limb_dynamics.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
+)  # fmt: skip
+"""Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
 """Arrays of the state in MuJoCo Warp's data, ``(num_worlds, ...)``; the first three are written, too."""
 OUTPUTS = ("nefc", "solver_niter", "overflow", "qfrc_actuator")
@@ -91,6 +96,8 @@ _BLOCK_BYTES = 227 * 1024
 _OF_CUDA = 1024
 """Shared memory of a block that CUDA takes [bytes]."""
 _SM_REGISTERS = 65536
+_LIMB_THREADS, _LIMB_BLOCKS = 128, 2
+"""Threads of a block in the form for a hub with limbs, and blocks for which a multiprocessor should have registers."""
 _TYPICAL_ROWS, _TYPICAL_CONTACTS = 28, 8
 """Constraint rows and contacts of a world that lie in its state at least: those of a robot on four feet."""
 
@@ -119,7 +126,7 @@ class KernelOptions:
 
     def in_registers(self, tables: ModelTables) -> bool:
         """Whether matrices are factored in registers, a row in each lane."""
-        return self.lanes > 1 and tables.model.nv <= self.lanes and not self.double
+        return tables.limbs is None and self.lanes > 1 and tables.model.nv <= self.lanes and not self.double
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,13 @@ class Layout:
     """Shared memory of a block for the tables of the topology [bytes]."""
     in_shared: bool
     """Whether the state is in shared memory; otherwise it is in the workspace."""
+    num_limbs: int = 0
+    """Limbs in the form for a hub with limbs, 0 in the general form."""
+
+    @property
+    def is_limbs(self) -> bool:
+        """Whether the step has the form for a hub with limbs."""
+        return self.num_limbs > 0
 
     @property
     def workspace_size(self) -> int:
@@ -154,6 +168,9 @@ class Layout:
     def of(cls, tables: ModelTables, options: KernelOptions) -> Layout:
         """The most worlds in a multiprocessor that leave room for the rows and contacts that a robot mostly has."""
         most = tables.max_rows, tables.max_contacts
+        if tables.limbs is not None:
+            size, worlds = tables.limbs.world_size, _LIMB_THREADS // options.lanes if options.lanes > 1 else 1
+            return cls(0, 0, size, 0, worlds, tables.constants.shared_size, options.lanes > 1, len(tables.limbs.limbs))
         if options.lanes == 1:
             return cls(*most, tables.world_size(*most, False), 0, 1, 0, False)
         registers, constants = options.in_registers(tables), tables.constants.shared_size
@@ -181,8 +198,9 @@ class StepKernel:
     """Step kernel of a model, with a second kernel that only places its geoms."""
 
     kernel: wp.Kernel
-    place: wp.Kernel
-    """Kernel that only places bodies and geoms, for collision detection by others."""
+    place: wp.Kernel | None
+    """Kernel that only places bodies and geoms, for collision detection by others; None in the form for a hub with
+    limbs, which finds all contacts itself."""
     arguments: type
     """Struct of the addresses that it takes; see :func:`step_kernel`."""
     options: KernelOptions
@@ -227,12 +245,14 @@ def step_kernel(tables: ModelTables, options: KernelOptions, newton: NewtonLayou
     layout = Layout.of(tables, options)
     library = _library(tables, options, layout, newton)
     module = _module(_python_source(library, options, layout))
-    return StepKernel(module.step_worlds, module.place_worlds, module.Arguments, options, layout)
+    place = getattr(module, "place_worlds", None)
+    return StepKernel(module.step_worlds, place, module.Arguments, options, layout)
 
 
 def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton: NewtonLayout | None) -> str:
     folder = Path(stripe_kernels.__file__).parent / "fused"
-    sources = {name: (folder / name).read_text() for name in _SOURCES}
+    names = _SOURCES if tables.limbs is None else _LIMB_SOURCES
+    sources = {name: (folder / name).read_text() for name in names}
     exact = 1e-14 if options.double else 1e-6
     head = [
         *(["#define FUSED_DOUBLE"] if options.double else []),
@@ -240,7 +260,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
-        f"#define LD {tables.row_of_matrix(options.in_registers(tables))}",
+        f"#define LIMBS {int(tables.limbs is not None)}",
+        *([] if tables.limbs else [f"#define LD {tables.row_of_matrix(options.in_registers(tables))}"]),
         f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
         f"#define TOUCHES {TOUCHES}",
         f"#define TOLERANCE ((real){options.tolerance!r})",
@@ -256,7 +277,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
     ]
     constants = tables.source(layout.rows, layout.contacts) + (newton.source() if newton else "")
     parts = ["\n".join(head) + "\n", sources["algebra.h"], constants, _parameters_source()]
-    parts += [sources[n] for n in _SOURCES[1:]]
+    parts += [sources[n] for n in names[1:]]
     parts.append(f'static_assert(sizeof(fused::World) <= sizeof(real) * {layout.world_size}, "size of World");\n')
     if layout.in_shared:
         parts.append(f'static_assert(sizeof(fused::Tables) <= {layout.tables_size}, "size of Tables");\n')
@@ -287,8 +308,8 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     bounds = ""
     if layout.in_shared:  # as many registers as leave room for all blocks whose worlds fit into the shared memory
         threads = layout.worlds_per_block * options.lanes
-        blocks = _SM_BYTES // layout.block_size(options.lanes)
-        bounds = f", launch_bounds=({threads}, {max(1, min(blocks, _SM_REGISTERS // (64 * threads)))})"
+        blocks = min(_SM_BYTES // layout.block_size(options.lanes), _SM_REGISTERS // (64 * threads))
+        bounds = f", launch_bounds=({threads}, {_LIMB_BLOCKS if layout.is_limbs else max(1, blocks)})"
     return "\n".join(
         [
             "import warp as wp",
@@ -299,7 +320,7 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
             f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
             *_kernel("step", _steps(options), options, layout, bounds, "drives" in options.per_step),
-            *_kernel("place", _PLACING, options, layout, bounds),
+            *([] if layout.is_limbs else _kernel("place", _PLACING, options, layout, bounds)),
             "",
         ]
     )
@@ -341,7 +362,7 @@ def _world(options: KernelOptions, layout: Layout) -> list[str]:
             "#else",
             "fused::World w;",
             "#endif",
-            f"if (lane == 0) w.spill = {memory};",
+            *([] if layout.is_limbs else [f"if (lane == 0) w.spill = {memory};"]),
         ]
     elif lanes > 1:
         lines.append(f"fused::World& w = *(fused::World*){memory};")

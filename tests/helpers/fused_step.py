@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from stripe_newton.solvers.limb_form import why_no_limbs
 from stripe_newton.solvers.model_tables import PARAMETERS, ModelTables
 from stripe_newton.solvers.step_kernel import BODY_SIZE, CONTACTS, STATE, KernelOptions, step_kernel
 
@@ -231,6 +232,7 @@ def compare(
     given_contacts: bool = False,
     states: list[State] | None = None,
     steps: int = 1,
+    limbs: bool = False,
 ) -> Comparison:
     """Steps of the fused kernel on the CPU, and of MuJoCo in double precision, from the same states.
 
@@ -242,6 +244,8 @@ def compare(
         states: Recorded states; default: those of :func:`record`. They may have ``eq_active`` and poses of mocap
             bodies, too.
         steps: Time steps. The rows are those of the last one.
+        limbs: Whether the kernel has the form for a hub with limbs, which has no contacts, rows and accelerations to
+            compare.
     """
     model = copy.copy(model)
     model.opt.tolerance, model.opt.ls_tolerance = 0.0, 1e-12
@@ -270,9 +274,11 @@ def compare(
             contacts[i, k] = _numbers(model, active[k])
     tolerance = 1e-15 if double else 1e-6
     options = KernelOptions(
-        double=double, tolerance=tolerance, given_contacts=given_contacts, accelerations=True, contacts=True
+        double=double, tolerance=tolerance, given_contacts=given_contacts, accelerations=not limbs, contacts=not limbs
     )
-    tables = ModelTables.of(model, MAX_ROWS, MAX_CONTACTS)
+    losses = bool(np.any(model.dof_frictionloss))
+    tables = ModelTables.of(model, MAX_ROWS, MAX_CONTACTS, limbs=limbs, losses=losses)
+    assert not limbs or tables.limbs is not None, why_no_limbs(model, tables.pairs)
     kernel = step_kernel(dataclasses.replace(tables, pairs=()) if given_contacts else tables, options)
     dtype = wp.float64 if double else wp.float32
     arrays = {name: np.stack([s[name] for s in states]).reshape(count, -1) for name in STATE} | {"contacts": contacts}

@@ -33,9 +33,11 @@ _PRELUDE = """
 #include <ucontext.h>
 #define __CUDA_ARCH__ 900
 #define __device__
+#define __forceinline__ inline
 #define __noinline__ __attribute__((noinline))
 #define __fdividef(a, b) ((a) / (b))
 #define __popc __builtin_popcount
+#define rsqrtf(x) (1 / sqrtf(x))
 enum { EMULATED = %d };
 struct Index { int x; };
 static Index threadIdx, blockIdx = {1 << 20};
@@ -90,7 +92,9 @@ extern "C" void run(const Arguments* m, int worlds, int count, real* spill, int 
     world = new fused::World;
     arguments = m, num_worlds = worlds, steps = count;
     for (world_id = 0; world_id < worlds; world_id++) {
+#if !LIMBS
         world->spill = spill + (long long)world_id * spill_size;
+#endif
         for (int i = 0; i < EMULATED; i++) {
             getcontext(&contexts[i]);
             contexts[i].uc_stack.ss_sp = stacks[i], contexts[i].uc_stack.ss_size = sizeof(stacks[i]);

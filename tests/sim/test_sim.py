@@ -259,10 +259,10 @@ def test_an_external_force_is_felt_after_the_graph_was_recorded():
 
 def test_the_solver_says_how_many_launches_a_step_takes():
     sim = make_scene({"ball": ball()}, sim=sim_cfg(solver=MuJoCoSolverCfg())).sim
-    assert sim.describe_solver() == "the fused step, all physics steps of a step in one launch"
+    assert sim.describe_solver().endswith("all physics steps of a step in one launch")
     sim.enable_external_wrench()
     sim.limit_velocities()
-    assert sim.describe_solver() == "the fused step, all physics steps of a step in one launch"
+    assert sim.describe_solver().endswith("all physics steps of a step in one launch")
 
     class Follower(PhysicsHook):
         follows_each_step = True

@@ -41,24 +41,28 @@ def assert_same(one: dict[str, np.ndarray], two: dict[str, np.ndarray], toleranc
 
 
 @pytest.mark.parametrize(
-    ("task", "lanes"),
+    ("task", "lanes", "limbs"),
     [
-        ("Stripe-Velocity-Flat-Quadruped-v0", 32),
-        ("Stripe-Velocity-Rough-Quadruped-v0", 32),
-        ("Stripe-Cartpole-v0", 8),
+        ("Stripe-Velocity-Flat-Quadruped-v0", 32, False),
+        ("Stripe-Velocity-Rough-Quadruped-v0", 32, False),
+        ("Stripe-Cartpole-v0", 8, False),
+        ("Stripe-Velocity-Flat-Quadruped-v0", 4, True),
+        ("Stripe-Velocity-Flat-Humanoid-v0", 4, True),
     ],
 )
-def test_tasks(task, lanes):
+def test_tasks(task, lanes, limbs):
     cfg = load_cfg(task, "env")
     cfg.scene.num_envs, cfg.sim.device, cfg.seed = 6, "cpu", 3
     env = make_env(task, cfg).unwrapped
     env.reset(seed=3)
+    env.sim.solver.limbs = limbs
     generator = torch.Generator().manual_seed(0)
     rows = 0
     for _ in range(5):
         for _ in range(4):
             env.step(2.0 * torch.rand((6, *env.single_action_space.shape), generator=generator) - 1.0)
         one, two = both(env.sim.solver, lanes, 2)
+        assert env.sim.solver.fused.layout.is_limbs == limbs
         assert_same(one, two, 2e-3)
         rows += int(one["nefc"].sum())
     assert rows or "Cartpole" in task

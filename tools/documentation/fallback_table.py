@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib
+import re
 import sys
 import tempfile
 import time
@@ -61,6 +62,7 @@ class Row:
 def physics_of(sim: Simulation) -> str:
     """Physics of a simulation in a few words: what computes it, and in how many launches."""
     text = sim.describe_solver().removeprefix("the fused step, ").removeprefix("with ")
+    text = re.sub("of a hub with [0-9]+ limbs, ", "", text)
     return text.replace("all physics steps of a step in one launch", "one launch")
 
 

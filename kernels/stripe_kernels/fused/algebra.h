@@ -4,6 +4,7 @@
 #ifdef FUSED_DOUBLE
 typedef double real;
 #define SQRT sqrt
+#define RSQRT(x) (1 / sqrt(x))
 #define SINCOS(x, s, c) s = sin(x), c = cos(x)
 #define POW pow
 #define FABS fabs
@@ -13,8 +14,10 @@ typedef double real;
 typedef float real;
 #define SQRT sqrtf
 #ifdef __CUDA_ARCH__
+#define RSQRT rsqrtf
 #define SINCOS(x, s, c) sincosf(x, &s, &c)
 #else
+#define RSQRT(x) (1 / sqrtf(x))
 #define SINCOS(x, s, c) s = sinf(x), c = cosf(x)
 #endif
 #define POW powf
@@ -24,7 +27,11 @@ typedef float real;
 #endif
 
 #ifdef __CUDA_ARCH__
+#if LIMBS  // else parameters, which a GPU has at hand as constants, are copied for functions that are not inlined
+#define FN static __device__ __forceinline__
+#else
 #define FN static __device__ inline
+#endif
 #define FN_METHOD __device__
 #define COLD static __device__ __noinline__  // seldom run: out of the way of what is
 #define ONE_COPY COLD                        // used in several places: instructions must be fetched, too
@@ -47,8 +54,10 @@ typedef float real;
 #define EACH(i, n) ROLLED for (int i = lane; i < (n); i += LANES)
 #if LANES > 1
 #ifdef __CUDA_ARCH__
-// The lanes of this world, of those of the warp.
-FN unsigned own_lanes() { return LANES == 32 ? 0xffffffffu : ((1u << LANES % 32) - 1) << (threadIdx.x % 32 / LANES * LANES); }
+// The lanes of this world, of those of the warp; all of them in a form whose worlds stay together.
+FN unsigned own_lanes() {
+    return LIMBS || LANES == 32 ? 0xffffffffu : ((1u << LANES % 32) - 1) << (threadIdx.x % 32 / LANES * LANES);
+}
 #else
 FN unsigned own_lanes() { return 0; }
 #endif

@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limb dynamics: kinematics, mass matrix and forces of a hub with limbs. Formulas are those of dynamics.h.
+
+namespace fused {
+
+struct Frame {
+    Vec x;
+    Quat turn;
+};
+FN Frame frame_of(const World& w, int b) { return Frame{load(w.pos + 3 * b), load_quat(w.quat + 4 * b)}; }
+FN void set_frame(World& w, int b, Frame f) { store(w.pos + 3 * b, f.x), store_quat(w.quat + 4 * b, f.turn); }
+// A body on its parent, before its joints move it.
+FN Frame hang(Frame parent, const Parameters& P, int b) {
+    return Frame{parent.x + rotate(parent.turn, load(P.body_pos() + 3 * b)), parent.turn * load_quat(P.body_quat() + 4 * b)};
+}
+
+// Bodies that do not move: the world, and what is fixed in it.
+FN void place_static_bodies(World& w, const Parameters& P, int lane) {
+    if (lane == 0) {
+        set_frame(w, 0, Frame{{0, 0, 0}, {1, 0, 0, 0}});
+        store(w.origin, Vec{0, 0, 0});
+        ROLLED for (int i = 0; i < NSTATIC; i++) {
+            int b = static_body(i), p = body_parent(b);
+            Frame f = hang(frame_of(w, p), P, b);
+            if (NMOCAP && body_mocap(b) >= 0)  // the caller places it
+                f = Frame{load(P.mocap_pos() + 3 * body_mocap(b)), load_quat(P.mocap_quat() + 4 * body_mocap(b))};
+            f.turn = normalized(f.turn);
+            if (p == 0) store(w.origin + 3 * body_tree(b), f.x), f.x = Vec{0, 0, 0};
+            set_frame(w, b, f);
+        }
+    }
+    SYNC();
+}
+
+FN bool is_moved_by(int body, int dof) { return (body_dofs(body) >> dof) & 1; }
+
+// Motion of a degree of freedom of the hub. A free joint's translations are along the axes of the world.
+FN Spatial hub_motion(const World& w, int h) {
+    if (HUB_IS_FREE && h < 3) return Spatial{{0, 0, 0}, {(real)(h == 0), (real)(h == 1), (real)(h == 2)}};
+    if (HUB_IS_FREE && h < 6) return Spatial{load(w.S + 6 * h), {0, 0, 0}};
+    return load_spatial(w.S + 6 * h);
+}
+
+// Poses and velocities of the hub's bodies. All lanes compute and store the same.
+FN void move_hub(World& w, const Parameters& P) {
+    int h = 0;
+    ROLLED for (int i = 0; i < HUB_BODIES; i++) {
+        int b = hub_body(i), p = body_parent(b), first = body_joint(b), last = first + body_joints(b);
+        Frame f = hang(frame_of(w, p), P, b);
+        ROLLED for (int j = first; j < last; j++) {
+            const real* q = w.q + joint_q(j);
+            if (joint_type(j) == FREE) f = Frame{load(q), load_quat(q + 3)};
+            else {
+                Vec axis, anchor;
+                move_by_joint(P, j, q[0], f.x, f.turn, axis, anchor);
+                store(w.S + 6 * (h + j - first), axis), store(w.S + 6 * (h + j - first) + 3, anchor);
+            }
+        }
+        f.turn = normalized(f.turn);
+        Vec shift{0, 0, 0};
+        if (p == 0) shift = f.x, store(w.origin + 3 * body_tree(b), f.x), f.x = Vec{0, 0, 0};
+        set_frame(w, b, f);
+        Spatial v{{0, 0, 0}, {0, 0, 0}}, a{{0, 0, 0}, -1 * load(P.gravity())};
+        if (hub_parent(i) >= 0) v = load_spatial(w.hub + 12 * hub_parent(i)), a = load_spatial(w.hub + 12 * hub_parent(i) + 6);
+        ROLLED for (int j = first; j < last; j++) {
+            int d = joint_v(j);
+            if (joint_type(j) == FREE) {
+                Mat R = matrix(f.turn);
+                v.l = v.l + load(w.v + d);
+                Spatial own = v;  // the axes of one joint do not turn each other
+                for (int k = 0; k < 3; k++) {
+                    Spatial s{column(R, k), {0, 0, 0}};
+                    store_spatial(w.S + 6 * (3 + k), s);
+                    a = a + w.v[d + 3 + k] * cross_motion(own, s);
+                    v = v + w.v[d + 3 + k] * s;
+                }
+                h += 6;
+            } else {
+                Vec axis = load(w.S + 6 * h), anchor = load(w.S + 6 * h + 3) - shift;
+                Spatial s = joint_type(j) == SLIDE ? Spatial{{0, 0, 0}, axis} : Spatial{axis, cross(anchor, axis)};
+                store_spatial(w.S + 6 * h, s);
+                a = a + w.v[d] * cross_motion(v, s);
+                v = v + w.v[d] * s;
+                h++;
+            }
+        }
+        store_spatial(w.hub + 12 * i, v), store_spatial(w.hub + 12 * i + 6, a);
+    }
+    SYNC();
+}
+
+// Add inertia and needed wrench of a body.
+FN void add_body(real* sum, Spatial& needed, const Parameters& P, int b, Frame f, Spatial v, Spatial a) {
+    real X[10];
+    Vec c = f.x + rotate(f.turn, load(P.com() + 3 * b));
+    body_inertia(X, P, b, f.turn, c);
+    needed = needed + body_force(X, P, b, c, v, a);
+    for (int k = 0; k < 10; k++) sum[k] += X[k];
+}
+
+// Poses, motions and velocities of a limb, from the hub outwards. For each body `see(d, body, frame, v, a)` is called, with
+// the last degree of freedom that moves it. Loops stay loops: the code is run through once in a step, so that fetching it
+// takes longer than what is saved by copies of it.
+template <class See>
+FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) {
+    Frame f = frame_of(w, limb_parent(slot));
+    Spatial v{{0, 0, 0}, {0, 0, 0}}, a{{0, 0, 0}, -1 * load(P.gravity())};
+    if (limb_link(slot) >= 0) v = load_spatial(w.hub + 12 * limb_link(slot)), a = load_spatial(w.hub + 12 * limb_link(slot) + 6);
+    ROLLED for (int d = 0; d < limb_size(slot); d++) {
+        const int i = limb_dof(slot * LD + d), j = dof_joint(i), link = dof_body(i);
+        if (j == body_joint(link)) f = hang(f, P, link);
+        Vec axis, anchor;
+        move_by_joint(P, j, w.q[joint_q(j)], f.x, f.turn, axis, anchor);
+        Spatial s = joint_type(j) == SLIDE ? Spatial{{0, 0, 0}, axis} : Spatial{axis, cross(anchor, axis)};
+        a = a + w.v[i] * cross_motion(v, s);
+        v = v + w.v[i] * s;
+        S[d] = s;
+        if (j + 1 < body_joint(link) + body_joints(link)) continue;
+        f.turn = normalized(f.turn);
+        Frame g = f;
+        const int first = weld_start(slot * LD + d) - 1, last = weld_start(slot * LD + d + 1);
+        ROLLED for (int t = first; t < last; t++) {  // the body, and those welded to it
+            const int b = t == first ? link : weld(t);
+            if (t > first) g = hang(frame_of(w, body_parent(b)), P, b);
+            set_frame(w, b, g);
+            see(d, b, g, v, a);
+        }
+    }
+}
+
+// Force on a degree of freedom but for those of constraints, of which `bias` is what its body needs, and what the implicit
+// step has beside the mass matrix there.
+FN real joint_force(const World& w, const Parameters& P, int i, real bias, real& implicit) {
+    int j = dof_joint(i);
+    real v = w.v[i], f = P.qfrc_applied()[i] - bias - P.damping()[i] * v, h = P.timestep()[0], total = 0;
+    implicit = h * P.damping()[i];
+    if (joint_type(j) != FREE) {
+        real q = w.q[joint_q(j)];
+        f -= P.stiffness()[j] * (q - P.spring()[joint_q(j)]);
+        ROLLED for (int t = dof_actuator_start(i); t < dof_actuator_start(i + 1); t++) {
+            int u = dof_actuator(t);
+            real slope, gear = P.gear()[6 * u];
+            total += gear * actuator_force(P, u, q, v, slope);
+            if (IMPLICIT) implicit -= h * gear * gear * slope;
+        }
+        if (joint_force_limited(j)) total = clamped(total, P.joint_force()[2 * j], P.joint_force()[2 * j + 1]);
+    }
+    P.qfrc_actuator()[i] = total;
+    return f + total;
+}
+
+// What a degree of freedom has beside the bodies that it moves.
+struct DofParts {
+    real armature, smooth, implicit;
+    real sign, D, e;  // of its limit
+#if LOSSES
+    real loss, loss_D, loss_e;
+#endif
+};
+
+// Those of the degree of freedom `i`, of which `bias` is what the bodies need. Returns its number of constraint rows.
+FN int dof_parts(DofParts& o, const World& w, const Parameters& P, int i, real bias, int& overflow) {
+    const int j = dof_joint(i);
+    int count = 0;
+    o.armature = P.armature()[i], o.smooth = joint_force(w, P, i, bias, o.implicit);
+    o.sign = o.D = o.e = 0;
+    if (joint_limited(j)) {  // at one end: the model's range is wider than its margins
+        real q = w.q[joint_q(j)], low = q - P.range()[2 * j], high = P.range()[2 * j + 1] - q;
+        real margin = P.limit_margin()[j], pos = smaller(low, high);
+        if (pos < margin) {
+            Impedance z = impedance(P, P.solref_limit() + 2 * j, P.solimp_limit() + 5 * j, pos - margin);
+            o.sign = low < high ? 1 : -1, o.D = 1 / regularization(z.imp, P.dof_weight()[i]);
+            o.e = z.k * z.imp * (pos - margin) + o.sign * (w.a[i] + z.b * w.v[i]);
+            count = 1;
+        }
+    }
+    const real loss = P.loss()[i];
+#if LOSSES
+    o.loss = loss, o.loss_D = o.loss_e = 0;
+    if (loss > 0) {
+        Impedance z = impedance(P, P.solref_loss() + 2 * i, P.solimp_loss() + 5 * i, 0);
+        o.loss_D = 1 / regularization(z.imp, P.dof_weight()[i]), o.loss_e = w.a[i] + z.b * w.v[i];
+        count++;
+    }
+#else
+    if (loss > 0) overflow |= OVERFLOW_ROWS;  // a kernel that is made anew has a place for it
+#endif
+    return count;
+}
+
+template <int N>
+FN void set_rows(JointRows<N>& rows, int d, const DofParts& o) {
+    rows.sign[d] = o.sign, rows.D[d] = o.D, rows.e[d] = o.e, rows.js[d] = 0;
+#if LOSSES
+    rows.loss[d] = o.loss, rows.loss_D[d] = o.loss_D, rows.loss_e[d] = o.loss_e;
+#endif
+}
+
+// Mass matrix of a limb, but for armatures, and what its degrees of freedom need of force; `inertia` and `needed` become
+// those of all of it.
+FN void limb_forces(World& w, const Parameters& P, Limb& L, int slot, real* bias, real* inertia, Spatial& needed) {
+    real X[LD * 10];
+    Spatial F[LD], S[LD];
+    for (int k = 0; k < LD * 10; k++) X[k] = 0;
+    for (int d = 0; d < LD; d++) F[d] = S[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
+    move_limb(w, P, slot, S, [&](int d, int b, Frame f, Spatial v, Spatial a) { add_body(X + 10 * d, F[d], P, b, f, v, a); });
+    for (int k = 0; k < 10; k++) inertia[k] = 0;
+    needed = Spatial{{0, 0, 0}, {0, 0, 0}};
+    const int attached = limb_parent(slot);
+    UNROLLED for (int d = 0; d < LD; d++) L.S[d] = S[d];
+    UNROLLED for (int d = LD - 1; d >= 0; d--) {
+        for (int k = 0; k < 10; k++) inertia[k] += X[10 * d + k];
+        needed = needed + F[d];
+        Spatial U = operator_inertia(inertia, L.S[d]);
+        UNROLLED for (int e = 0; e <= d; e++) L.A[PACKED(d, e)] = dot(L.S[e], U);
+        UNROLLED for (int h = 0; h < NH; h++)
+            L.B[d * NH + h] = ALL_HUB || is_moved_by(attached, hub_dof(h)) ? dot(hub_motion(w, h), U) : 0;
+        bias[d] = dot(L.S[d], needed);
+    }
+}
+
+// What the degrees of freedom of a limb have beside bodies. Returns the number of constraint rows.
+FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, const World& w, const Parameters& P, int slot, const real* bias, int& overflow) {
+    DofParts parts[LD];
+    int count = 0;
+    ROLLED for (int d = 0; d < LD; d++) {
+        DofParts& o = parts[d] = DofParts{1};  // a degree of freedom that is none is by itself, at rest
+        if (d < limb_size(slot)) count += dof_parts(o, w, P, limb_dof(slot * LD + d), bias[d], overflow);
+    }
+    UNROLLED for (int d = 0; d < LD; d++) {
+        const DofParts& o = parts[d];
+        const int i = limb_dof(slot * LD + d);
+        const bool is_one = d < limb_size(slot);
+        L.A[PACKED(d, d)] += o.armature, L.smooth[d] = o.smooth, L.implicit[d] = o.implicit, L.a[d] = is_one ? w.a[i] : 0;
+        set_rows(rows, d, o);
+    }
+    return count;
+}
+
+// All of it of the hub, on which the limbs hang; `inertia` and `needed` are those of the limbs of this lane. Returns the number
+// of constraint rows.
+FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, const real (*inertia)[10], const Spatial* needed, int lane, int& overflow) {
+    real X[10 * (HUB_BODIES ? HUB_BODIES : 1)];
+    Spatial F[HUB_BODIES ? HUB_BODIES : 1];
+    ROLLED for (int i = 0; i < HUB_BODIES; i++) {
+        real* own = X + 10 * i;
+        for (int k = 0; k < 10; k++) own[k] = 0;
+        F[i] = Spatial{{0, 0, 0}, {0, 0, 0}};
+        if (hub_limbs(i)) {
+            for (int l = 0; l < NL; l++) {
+                if (limb_link(slot_of(l, lane)) != i) continue;
+                for (int k = 0; k < 10; k++) own[k] += inertia[l][k];
+                F[i] = F[i] + needed[l];
+            }
+            for (int k = 0; k < 10; k++) own[k] = SUM(own[k]);
+            F[i] = Spatial{{SUM(F[i].a.x), SUM(F[i].a.y), SUM(F[i].a.z)}, {SUM(F[i].l.x), SUM(F[i].l.y), SUM(F[i].l.z)}};
+        }
+        int b = hub_body(i);
+        add_body(own, F[i], P, b, frame_of(w, b), load_spatial(w.hub + 12 * i), load_spatial(w.hub + 12 * i + 6));
+    }
+    ROLLED for (int i = HUB_BODIES - 1; i > 0; i--) {
+        int p = hub_parent(i);
+        if (p < 0) continue;
+        for (int k = 0; k < 10; k++) X[10 * p + k] += X[10 * i + k];
+        F[p] = F[p] + F[i];
+    }
+    real bias[NH + 1];
+    DofParts parts[NH + 1];
+    int count = 0;
+    UNROLLED for (int h = 0; h < NH; h++) {
+        const int i = hub_dof(h), link = hub_dof_link(h), b = dof_body(i);
+        Spatial s = hub_motion(w, h), U = operator_inertia(X + 10 * link, s);
+        UNROLLED for (int k = 0; k <= h; k++)
+            H.C[PACKED(h, k)] = HUB_IS_CHAIN || is_moved_by(b, hub_dof(k)) ? dot(hub_motion(w, k), U) : 0;
+        bias[h] = dot(s, F[link]);
+    }
+    ROLLED for (int h = 0; h < NH; h++) count += dof_parts(parts[h], w, P, hub_dof(h), bias[h], overflow);
+    UNROLLED for (int h = 0; h < NH; h++) {
+        const DofParts& o = parts[h];
+        H.C[PACKED(h, h)] += o.armature, H.smooth[h] = o.smooth, H.implicit[h] = o.implicit, H.a[h] = w.a[hub_dof(h)];
+        set_rows(rows, h, o);
+    }
+    return count;
+}
+
+// Poses and velocities of all bodies as Newton has them.
+FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
+    move_hub(w, P);
+    for (int l = 0; l < NL; l++) {
+        const int slot = slot_of(l, lane);
+        Spatial S[LD];
+        move_limb(w, P, slot, S, [&](int, int b, Frame f, Spatial v, Spatial) {
+            write_newton_body(P, b, origin_of(w, b), f.x, f.turn, v);
+        });
+    }
+    const Spatial still{{0, 0, 0}, {0, 0, 0}};
+    EACH(i, HUB_BODIES + NSTATIC) {
+        int b = i < HUB_BODIES ? hub_body(i) : static_body(i - HUB_BODIES);
+        Frame f = frame_of(w, b);
+        write_newton_body(P, b, origin_of(w, b), f.x, f.turn, i < HUB_BODIES ? load_spatial(w.hub + 12 * i) : still);
+    }
+}
+
+}  // namespace fused

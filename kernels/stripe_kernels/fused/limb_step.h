@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limb step: one time step of a world in the form for a hub with limbs. What it computes is what step.h does.
+
+namespace fused {
+
+FN void begin_steps(World& w, const Parameters& P, int lane) {
+    read_state(w, P, lane);
+    place_static_bodies(w, P, lane);
+}
+FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
+
+// Advance a degree of freedom that is not of a free joint.
+FN void advance_dof(World& w, int i, real h, real a, real implicit) {
+    w.a[i] = a, w.v[i] += h * implicit;
+    w.q[joint_q(dof_joint(i))] += h * w.v[i];
+}
+
+// Advance velocities by the accelerations of the implicit step, and positions by the new velocities.
+FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb, int lane) {
+    const real h = P.timestep()[0];
+    for (int l = 0; l < NL; l++) {
+        const int slot = slot_of(l, lane);
+        UNROLLED for (int d = 0; d < LD; d++)
+            if (d < limb_size(slot)) advance_dof(w, limb_dof(slot * LD + d), h, limb[l].a[d], limb[l].s[d]);
+    }
+    if (lane == 0) {
+        UNROLLED for (int k = 0; k < NH; k++) {
+            const int i = hub_dof(k);
+            if (HUB_IS_FREE && k < 6) w.a[i] = H.a[k], w.v[i] += h * H.s[k];
+            else advance_dof(w, i, h, H.a[k], H.s[k]);
+        }
+        if (HUB_IS_FREE) {
+            real *q = w.q + joint_q(dof_joint(hub_dof(0))), *v = w.v + hub_dof(0);
+            store(q, load(q) + h * load(v));
+            store_quat(q + 3, normalized(load_quat(q + 3) * turn_by(h * load(v + 3))));
+        }
+    }
+    SYNC();
+}
+
+FN void step(World& w, const Parameters& P, const real*, int, bool last, int lane) {
+    together(P);
+    lane = fresh(lane) % LANES;
+#if HAS_NEWTON
+    if (last && P.m.joint_q_before)
+        write_newton_joints(w, fresh(P), (float*)P.m.joint_q_before, (float*)P.m.joint_qd_before, lane);
+#endif
+    Hub H;
+    Limb limb[NL];
+    Constraints K;
+    LimbContacts contact;
+    real inertia[NL][10], bias[NL][LD];
+    Spatial needed[NL];
+    int rows = 0, overflow = 0;
+    move_hub(w, fresh(P));
+    for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
+    SYNC();
+    const int hub_rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, overflow);
+    for (int l = 0; l < NL; l++) {
+        const int slot = slot_of(l, lane);
+        rows += limb_dof_parts(limb[l], K.limb[l], w, fresh(P), slot, bias[l], overflow);
+        K.contacts[l] = LIMB_CONTACTS ? limb_contacts(contact[l], w, fresh(P), limb[l], slot, rows, overflow) : 0;
+    }
+    rows = (int)SUM((real)rows) + hub_rows;
+    const int overflows = IN_ANY(overflow & OVERFLOW_ROWS) * OVERFLOW_ROWS | IN_ANY(overflow & OVERFLOW_CONTACTS) * OVERFLOW_CONTACTS;
+    if (rows == 0) {  // one iteration: what is known of the last step must not even be in the last digit
+        UNROLLED for (int h = 0; h < NH; h++) H.a[h] = 0;
+        for (int l = 0; l < NL; l++) UNROLLED for (int d = 0; d < LD; d++) limb[l].a[d] = 0;
+    }
+    together(P);
+    const int iterations = constrained_acceleration(H, limb, contact, K, rows > 0);
+    if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflows;
+#if CONTACT_FORCES
+    if (last && P.m.force_geoms) write_contact_forces(fresh(P), contact, K.contacts, lane);
+#endif
+    integrate(w, fresh(P), H, limb, lane);
+#if VELOCITY_LIMITS
+    limit_velocities(w, fresh(P), lane);
+#endif
+}
+
+}  // namespace fused

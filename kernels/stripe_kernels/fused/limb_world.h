@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limb world: the state of a world in a step of the form for a hub with limbs.
+//
+// A robot that walks is a hub, its trunk, with limbs: chains that hang on the hub and touch nothing that moves. Then the
+// limbs' degrees of freedom are coupled through the hub's alone, and a lane computes a limb: few lanes share a world, and
+// what a lane knows of its limb is in its registers. Bodies and the state are in shared memory.
+//
+// The generated part defines NSLOTS, the limbs up to a power of two, LIMB_DOFS, those of the longest limb, HUB_DOFS,
+// HUB_BODIES and tables: of slots without a limb the size is 0.
+
+namespace fused {
+
+enum {
+    NL = NSLOTS / LANES,  // limbs of a lane: all in the form of a thread a world
+    LD = LIMB_DOFS,
+    NH = HUB_DOFS,
+    COLUMNS = NH + LD,    // degrees of freedom that a contact of a limb, or of the hub, may move
+};
+
+struct World {
+    real q[NQ];                     // positions
+    real v[NV];                     // velocities
+    real a[NV];                     // accelerations (at first the warm start)
+    real origin[NTREES * 3];        // of each tree: where its root body is, in the world [m]; tree 0 is the world
+    real pos[NB * 3], quat[NB * 4]; // body frames relative to the origin of their tree
+    real S[6 * (NH ? NH : 1)];      // motion of each degree of freedom of the hub
+    real hub[12 * (HUB_BODIES ? HUB_BODIES : 1)];  // velocity, and acceleration without that of the joints, of its bodies
+};
+
+#if IN_SHARED && defined(__CUDA_ARCH__)
+FN World& in_place() {
+    extern __shared__ char dynamic_smem_base[];
+    return ((World*)(dynamic_smem_base + sizeof(Tables)))[threadIdx.x / LANES];
+}
+#endif
+
+// The limb of a lane with the number `l` among its own.
+FN int slot_of(int l, int lane) { return lane + l * LANES; }
+
+// Whether something holds in any lane of the warp: its worlds stay together, as all lanes take part when they tell each
+// other something.
+#ifdef __CUDA_ARCH__
+FN bool any_in_warp(bool holds) { return __any_sync(0xffffffffu, holds); }
+#else
+FN bool any_in_warp(bool holds) { return holds; }
+#endif
+// Whether something holds in any lane of this world.
+#define IN_ANY(x) ((BALLOT((x) != 0) & (1u << LANES % 32) - 1) != 0)
+
+// Place in the lower triangle of a symmetric matrix, whose rows lie one after another.
+#define PACKED(i, j) ((i) * ((i) + 1) / 2 + (j))
+#define PACKED_SIZE(n) ((n) ? (n) * ((n) + 1) / 2 : 1)
+
+#ifdef __CUDA_ARCH__
+#define UNROLLED _Pragma("unroll")
+#else
+#define UNROLLED
+#endif
+
+struct Hub {
+    real C[PACKED_SIZE(NH)];  // mass matrix of its degrees of freedom
+    real a[NH + 1], Ma[NH + 1];
+    real smooth[NH + 1];      // forces but for those of constraints
+    real implicit[NH + 1];    // what the implicit step has beside the mass matrix
+    real g[NH + 1], s[NH + 1], Ms[NH + 1];  // gradient, search direction, M s
+};
+struct Limb {
+    Spatial S[LD];
+    real A[PACKED_SIZE(LD)];  // mass matrix of its degrees of freedom
+    real B[LD * NH + 1];      // and that with the hub, a row for each of its own
+    real a[LD], Ma[LD], smooth[LD], implicit[LD], g[LD], s[LD], Ms[LD];
+};
+
+// Rows of single degrees of freedom: a limit, and friction loss.
+template <int N>
+struct JointRows {
+    real sign[N + 1], D[N + 1], e[N + 1], js[N + 1];      // of limits; no limit where the sign is 0
+#if LOSSES
+    real loss[N + 1], loss_D[N + 1], loss_e[N + 1];       // J is 1, and so J s is s
+#endif
+};
+
+struct LimbContact {
+    real J[3][COLUMNS];  // motion of the point along the normal and two tangents, for the hub's and the limb's freedom
+    real e[3], js[3];    // J a - reference acceleration; J s
+    real D, friction[2];
+    int rows;
+#if CONTACT_FORCES
+    int pair;
+    Vec normal, tangent;
+#endif
+};
+
+}  // namespace fused

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Limb form: a robot as a hub with limbs, for a form of the fused step in which a lane computes a limb."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from .contact_pairs import ContactPair
+from .topology import dof_couplings, dofs_of_body
+
+__all__ = ["LimbForm", "why_no_limbs"]
+
+_MOST_LIMBS = 8
+_MOST_DOFS = 10, 8
+"""Degrees of freedom of the hub, whose system all lanes solve, and of a limb."""
+_MOST_PAIRS = 24
+"""Pairs of geoms of a limb, which its lane looks at one after another."""
+_HITS = {"PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4}
+"""Routines of pairs that it has, and how many contacts each finds at most."""
+
+
+@dataclass(frozen=True)
+class LimbForm:
+    """A model as a hub with limbs: chains of bodies that hang on the hub, and touch nothing that moves."""
+
+    model: mujoco.MjModel
+    hub: tuple[int, ...]
+    """Bodies of the hub, parents before children. It may have no degrees of freedom."""
+    limbs: tuple[tuple[int, ...], ...]
+    """Degrees of freedom of each limb, from the hub outwards."""
+    pairs: tuple[tuple[int, ...], ...]
+    """Numbers of the pairs of geoms that each limb looks at; those of the hub are shared out."""
+    most_hits: int
+    """Contacts that the pairs of a limb can have at most."""
+    losses: bool
+    """Whether joints have friction loss."""
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, pairs: Sequence[ContactPair], losses: bool = False) -> LimbForm | None:
+        """The form of a model, None where it has none, see :func:`why_no_limbs`.
+
+        Args:
+            model: The compiled model.
+            pairs: The pairs of geoms that may touch, as the kernel has them.
+            losses: Whether joints have friction loss, in any world.
+        """
+        if why_no_limbs(model, pairs):
+            return None
+        hub, limbs = _divide(model)
+        shares = _share_pairs(model, pairs, limbs)
+        most = max(sum(_HITS[pairs[p].kind] for p in share) for share in shares)
+        return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses)
+
+    @property
+    def slots(self) -> int:
+        """The limbs, up to a power of two."""
+        return 1 << (len(self.limbs) - 1).bit_length()
+
+    @property
+    def hub_dofs(self) -> list[int]:
+        """Degrees of freedom of the hub."""
+        return _dofs_within(self.model, self.hub)
+
+    @property
+    def limb_dofs(self) -> int:
+        """Degrees of freedom of the longest limb."""
+        return max(map(len, self.limbs))
+
+    @property
+    def world_size(self) -> int:
+        """Numbers of four bytes in ``World`` of limb_world.h, of which the source asserts that they are no fewer."""
+        model = self.model
+        size = model.nq + 2 * model.nv + 3 * len(set(model.body_rootid.tolist())) + 7 * model.nbody
+        size += 6 * max(1, len(self.hub_dofs)) + 12 * max(1, len(self.hub))
+        return size | 1  # an odd number, so that worlds do not share the banks of the shared memory
+
+    def sizes(self, max_contacts: int) -> dict[str, int]:
+        """Sizes that the source relies on.
+
+        Args:
+            max_contacts: Room for contacts in a world.
+        """
+        model, hub_dofs = self.model, self.hub_dofs
+        free = bool(hub_dofs) and model.jnt_type[model.dof_jntid[hub_dofs[0]]] == mujoco.mjtJoint.mjJNT_FREE
+        moves_all = all(set(hub_dofs) <= set(dofs_of_body(model, self._parent(limb))) for limb in self.limbs)
+        chain = all(set(hub_dofs[:h]) <= set(_ancestors(model, d)) for h, d in enumerate(hub_dofs))
+        return {
+            "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
+            "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
+            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LOSSES": int(self.losses),
+        }  # fmt: skip
+
+    def tables(self) -> dict[str, Iterable[int]]:
+        """Tables that the source relies on, of which those of limbs have a row for each slot."""
+        model, hub, dofs = self.model, list(self.hub), self.hub_dofs
+        limbs = [*self.limbs, *([()] * (self.slots - len(self.limbs)))]
+        parents = [self._parent(limb or self.limbs[0]) for limb in limbs]
+        places = [limb[d] if d < len(limb) else -1 for limb in limbs for d in range(self.limb_dofs)]
+        welds = [[] if d < 0 else list(_welded_to(model, int(model.dof_bodyid[d]))) for d in places]
+        welds = [w if d >= 0 and _is_last(model, d) else [] for w, d in zip(welds, places, strict=True)]
+        shares = [*self.pairs, *([()] * (self.slots - len(self.limbs)))]
+        return {
+            "static_body": _static_bodies(model),
+            "hub_body": hub,
+            "hub_parent": [hub.index(p) if (p := int(model.body_parentid[b])) in hub else -1 for b in hub],
+            "hub_limbs": [int(b in parents) for b in hub],
+            "hub_dof": dofs,
+            "hub_dof_link": [hub.index(int(model.dof_bodyid[d])) for d in dofs],
+            "limb_parent": parents,
+            "limb_link": [hub.index(p) if p in hub else -1 for p in parents],
+            "limb_size": [len(limb) for limb in limbs],
+            "limb_dof": [max(d, 0) for d in places],
+            "weld_start": np.cumsum([0, *map(len, welds)]),
+            "weld": [b for group in welds for b in group],
+            "limb_pair_start": np.cumsum([0, *map(len, shares)]),
+            "limb_pair": [p for share in shares for p in share],
+        }
+
+    def _parent(self, limb: Sequence[int]) -> int:
+        """The body that a limb hangs on."""
+        return int(self.model.body_parentid[self.model.dof_bodyid[limb[0]]])
+
+
+def why_no_limbs(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> str:
+    """Reason why a model has no such form of the step; empty if it has one."""
+    return next(_reasons(model, pairs), "")
+
+
+def _reasons(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> Iterator[str]:
+    moving = {int(model.body_rootid[b]) for b in range(model.nbody) if _moves(model, b)}
+    if len(moving) != 1:
+        yield "more than one thing moves"
+    if np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL):
+        yield "it has a ball joint"
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    if any(model.body_jntnum[model.jnt_bodyid[j]] > 1 for j in free):
+        yield "joints follow a free joint in the same body"
+    if model.neq:
+        yield "it has equalities"
+    if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL:
+        yield "its friction cones are elliptic"
+    if any(j != i for i, group in enumerate(dof_couplings(model)) for j, _, _ in group) or np.any(
+        model.actuator_trntype != mujoco.mjtTrn.mjTRN_JOINT
+    ):
+        yield "it has a tendon with an actuator"
+    limited = model.jnt_limited.astype(bool)
+    if np.any(limited & (model.jnt_range[:, 1] - model.jnt_range[:, 0] <= 2 * model.jnt_margin)):
+        yield "both limits of a joint may act at a time"
+    for pair in pairs:
+        if sum(_moves(model, int(model.geom_bodyid[g])) for g in (pair.geom1, pair.geom2)) != 1:
+            yield "parts of it may touch each other"
+        if pair.kind not in _HITS:
+            yield "it touches other things than planes"
+        if pair.dim not in (1, 3):
+            yield "contacts have torsional or rolling friction"
+    hub, limbs = _divide(model)
+    if not 1 <= len(limbs) <= _MOST_LIMBS:
+        yield f"it has {len(limbs)} limbs"
+    sizes = len(_dofs_within(model, hub)), max(map(len, limbs), default=0)
+    if any(size > most for size, most in zip(sizes, _MOST_DOFS, strict=True)):
+        yield f"its hub and longest limb have {sizes[0]} and {sizes[1]} degrees of freedom"
+    if max(map(len, _share_pairs(model, pairs, limbs)), default=0) > _MOST_PAIRS:
+        yield "a limb has too many shapes"
+
+
+def _divide(model: mujoco.MjModel) -> tuple[list[int], list[list[int]]]:
+    """Bodies of the hub, and degrees of freedom of the limbs.
+
+    The hub is the root and what lies between it and the last body from which several moving bodies branch. What is
+    welded to a body is part of it.
+    """
+    bodies = [b for b in range(1, model.nbody) if _moves(model, b)]
+    links = [b for b in bodies if model.body_dofnum[b]]
+    children: dict[int, list[int]] = {b: [] for b in [*links, 0]}
+    for b in links:
+        children[_link_of(model, int(model.body_parentid[b]))].append(b)
+    branching = {b for b in children if len(children[b]) > 1}
+    hub_links = {_link_of(model, a) for b in branching for a in _path(model, b)} - {0}
+    free = {b for b in links if model.jnt_type[model.body_jntadr[b]] == mujoco.mjtJoint.mjJNT_FREE}
+    starts = [b for b in links if _link_of(model, int(model.body_parentid[b])) in hub_links | {0}]
+    if not hub_links and (free or all(model.body_parentid[b] == 0 for b in starts)):
+        hub_links |= set(starts)  # what has the origin of its tree is part of the hub
+    hub_links |= free
+    limbs = []
+    for b in links:
+        if b in hub_links or _link_of(model, int(model.body_parentid[b])) not in hub_links | {0}:
+            continue
+        limb: list[int] = []
+        at: int | None = b
+        while at is not None:
+            first = int(model.body_dofadr[at])
+            limb += range(first, first + int(model.body_dofnum[at]))
+            at = next(iter(children[at]), None)
+        limbs.append(limb)
+    return [b for b in bodies if _link_of(model, b) in hub_links], limbs
+
+
+def _share_pairs(
+    model: mujoco.MjModel, pairs: Sequence[ContactPair], limbs: Sequence[Sequence[int]]
+) -> list[list[int]]:
+    """Pairs of each limb. One of the hub goes to a limb that has least to do."""
+    shares: list[list[int]] = [[] for _ in limbs]
+    if not limbs:
+        return shares
+    of_hub = []
+    for p, pair in enumerate(pairs):
+        body = next(
+            int(model.geom_bodyid[g]) for g in (pair.geom2, pair.geom1) if _moves(model, int(model.geom_bodyid[g]))
+        )
+        own = set(dofs_of_body(model, body))
+        limb = next((i for i, dofs in enumerate(limbs) if own & set(dofs)), None)
+        if limb is None:
+            of_hub.append(p)
+        else:
+            shares[limb].append(p)
+    for p in of_hub:
+        min(shares, key=lambda share: sum(_HITS.get(pairs[i].kind, 1) for i in share)).append(p)
+    return shares
+
+
+def _link_of(model: mujoco.MjModel, body: int) -> int:
+    """The body with joints that moves another one, 0 if none does. One that the caller places does not move here."""
+    while body > 0 and not model.body_dofnum[body]:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _moves(model: mujoco.MjModel, body: int) -> bool:
+    return _link_of(model, body) > 0
+
+
+def _static_bodies(model: mujoco.MjModel) -> list[int]:
+    return [b for b in range(1, model.nbody) if not _moves(model, b)]
+
+
+def _dofs_within(model: mujoco.MjModel, bodies: Sequence[int]) -> list[int]:
+    return [
+        d
+        for b in bodies
+        for d in range(int(model.body_dofadr[b]), int(model.body_dofadr[b]) + int(model.body_dofnum[b]))
+    ]
+
+
+def _ancestors(model: mujoco.MjModel, dof: int) -> Iterator[int]:
+    while dof >= 0:
+        yield dof
+        dof = int(model.dof_parentid[dof])
+
+
+def _path(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """A body and those above it, without the world."""
+    while body > 0:
+        yield body
+        body = int(model.body_parentid[body])
+
+
+def _welded_to(model: mujoco.MjModel, link: int) -> Iterator[int]:
+    """Bodies that are fixed to one that joints move, parents before children."""
+    return (b for b in range(1, model.nbody) if b != link and _link_of(model, b) == link)
+
+
+def _is_last(model: mujoco.MjModel, dof: int) -> bool:
+    """Whether a degree of freedom is the last of its body."""
+    body = int(model.dof_bodyid[dof])
+    return dof == int(model.body_dofadr[body]) + int(model.body_dofnum[body]) - 1

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The form of the fused step for a hub with limbs, against MuJoCo's C in double precision and the general form."""
+
+from __future__ import annotations
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+
+from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers.contact_pairs import contact_pairs
+from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
+from tests.helpers.fused_step import compare
+from tests.helpers.lane_emulator import emulate
+from tests.helpers.limb_models import WALKERS, walker, walker_worlds
+from tests.helpers.solver_models import model_of
+
+STATE = "qpos", "qvel", "qacc_warmstart"
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_a_step_is_that_of_mujoco(name):
+    found = compare(walker(name), limbs=True)
+    np.testing.assert_array_equal(found.rows, found.expected_rows)
+    assert found.rows.max() >= 16
+    assert np.median(found.error) < 1e-13
+    assert np.quantile(found.error, 0.99) < 1e-10
+
+
+def test_steps_of_euler_in_single_precision():
+    found = compare(walker("floating", "Euler"), double=False, steps=4, limbs=True)
+    assert np.mean(found.rows != found.expected_rows) < 0.01
+    assert np.median(found.error) < 1e-6
+    assert np.quantile(found.error, 0.99) < 1e-4
+
+
+def test_the_hub_and_the_limbs():
+    model = walker("floating")
+    form = LimbForm.of(model, tuple(contact_pairs(model)))
+    dofs = [list(range(6)), [6], [7], [8, 9], [10, 11, 12], [13, 14, 15]]  # root, two arms, waist, two legs
+    assert form.hub_dofs == dofs[0] + dofs[3]
+    assert [list(limb) for limb in form.limbs] == [dofs[1], dofs[2], dofs[4], dofs[5]]
+    assert sorted(p for share in form.pairs for p in share) == list(range(len(list(contact_pairs(model)))))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("tree, implicitfast", "it has a ball joint"),
+        ("primitives", "more than one thing moves"),
+    ],
+)
+def test_what_is_no_hub_with_limbs(name, reason):
+    model, _ = model_of(name)
+    assert why_no_limbs(model, tuple(contact_pairs(model))) == reason
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('contype="2" conaffinity="1"', 'contype="3" conaffinity="3"', "parts of it may touch each other"),
+        ('condim="3" friction', 'condim="4" friction', "contacts have torsional or rolling friction"),
+        ("range='-.2 .2'", "range='-.2 .2' margin='.3'", "both limits of a joint may act at a time"),
+        ("<option", '<option cone="elliptic"', "its friction cones are elliptic"),
+    ],
+)
+def test_what_the_form_has_no_code_for(old, new, reason):
+    model = walker("floating", replaced=(old, new))
+    assert why_no_limbs(model, tuple(contact_pairs(model))) == reason
+
+
+def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> dict[str, np.ndarray]:
+    data = solver.mjw_data
+    for name, value in before.items():
+        getattr(data, name).assign(value)
+    solver.fused.launch(solver._arguments(first=True, last=True), data.nworld, "cpu", steps)
+    return {name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc", "qfrc_actuator")}
+
+
+def test_worlds_with_parameters_of_their_own():
+    """State, bodies and forces of contacts are those of the general form, and so are states of four lanes."""
+    model = walker_worlds("floating", 12)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    rng, data = np.random.default_rng(2), solver.mjw_data
+    for name in ("body_mass", "body_inertia", "dof_damping", "geom_friction", "actuator_gainprm"):
+        array = getattr(solver.mjw_model, name)
+        rows = array.numpy()
+        scale = rng.uniform(0.8, 1.2, (12, *[1] * (rows.ndim - 1))).astype(np.float32)
+        values = np.broadcast_to(rows, (12, *rows.shape[1:])) * scale
+        setattr(solver.mjw_model, name, wp.array(values, dtype=array.dtype, device="cpu"))
+    solver._addresses.clear()
+    state, control = model.state(), model.control()
+    for _ in range(160):  # until they lie
+        control.joint_f.assign(rng.normal(size=model.joint_dof_count).astype(np.float32))
+        solver.step(state, state, control, None, 0.005)
+    forces = solver.fill_contact_forces()
+    before = {name: getattr(data, name).numpy().copy() for name in STATE}
+    found = []
+    for limbs in (False, True):
+        solver.limbs = limbs
+        solver._remake()
+        one = launched(solver, before, 3)
+        assert solver.fused.layout.is_limbs == limbs
+        for name, value in before.items():
+            getattr(data, name).assign(value)
+        newton_state = model.state()
+        solver.step(state, newton_state, control, None, 0.005)
+        found.append((one, newton_state, _net_forces(solver, forces)))
+    (general, bodies, net), (limb, limb_bodies, limb_net) = found
+    assert general["nefc"].sum() > 60
+    np.testing.assert_array_equal(general["nefc"], limb["nefc"])
+    for name in ("qpos", "qvel", "qfrc_actuator"):
+        np.testing.assert_allclose(limb[name], general[name], rtol=2e-4, atol=2e-4)
+    for name in ("joint_q", "joint_qd", "body_q", "body_qd"):
+        np.testing.assert_allclose(getattr(limb_bodies, name), getattr(bodies, name), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(limb_net, net, rtol=1e-3, atol=0.05)
+    assert np.abs(net).max() > 10.0
+    emulated = emulate(solver, 4)
+    for name, value in before.items():
+        getattr(data, name).assign(value)
+    emulated(3)
+    np.testing.assert_array_equal(data.nefc.numpy(), limb["nefc"])
+    np.testing.assert_allclose(data.qvel.numpy(), limb["qvel"], rtol=1e-4, atol=1e-4)
+
+
+def _net_forces(solver: SolverFused, forces: object) -> np.ndarray:
+    """Net force on each geom of each world [N]."""
+    geoms, values = forces.geoms.numpy(), forces.forces.numpy()
+    net = np.zeros((geoms.shape[0], solver.mj_model.ngeom, 3))
+    for world, row in enumerate(geoms):
+        for (first, second), force in zip(row, values[world], strict=True):
+            if first < 0:
+                break
+            net[world, second] += force
+            net[world, first] -= force
+    return net
+
+
+def test_what_is_asked_for_later_takes_the_general_form():
+    solver = SolverFused(walker_worlds("floating", 2), njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    assert solver.fused.layout.is_limbs
+    assert "of a hub with 4 limbs" in solver.describe()
+    solver.fill_contacts()
+    assert not solver.fused.layout.is_limbs
+
+
+def test_friction_loss_that_comes_later_is_not_lost():
+    """A kernel without a place for it reports that rows did not fit; the next one has it."""
+    model = walker_worlds("floating", 2)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    state = model.state()
+    solver.step(state, state, model.control(), None, 0.005)
+    assert not solver.mjw_data.overflow.numpy().any()
+    model.joint_friction.fill_(0.3)
+    solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_PROPERTIES)
+    solver.step(state, state, model.control(), None, 0.005)
+    assert solver.mjw_data.overflow.numpy().all()
+    solver.mjw_data.overflow.zero_()
+    solver.notify_buffers_enlarged()
+    solver.step(state, state, model.control(), None, 0.005)
+    assert not solver.mjw_data.overflow.numpy().any()
+    assert solver.mjw_data.nefc.numpy().min() >= 10
+
+
+def test_a_world_that_is_not_finite_stays_alone():
+    model = walker_worlds("floating", 3)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    state = model.state()
+    speeds = state.joint_qd.numpy()
+    speeds[model.joint_dof_count // 3 + 8] = np.nan
+    state.joint_qd.assign(speeds)
+    for _ in range(5):
+        solver.step(state, state, model.control(), None, 0.005)
+    finite = np.isfinite(state.joint_q.numpy().reshape(3, -1)).all(axis=1)
+    assert finite.tolist() == [True, False, True]
