@@ -76,7 +76,7 @@ class LimbForm:
         model = self.model
         size = model.nq + 2 * model.nv + 3 * len(set(model.body_rootid.tolist())) + 7 * model.nbody
         size += 6 * max(1, len(self.hub_dofs)) + 12 * max(1, len(self.hub))
-        return size | 1  # an odd number, so that worlds do not share the banks of the shared memory
+        return size + 1 + size % 2
 
     def sizes(self, max_contacts: int) -> dict[str, int]:
         """Sizes that the source relies on.

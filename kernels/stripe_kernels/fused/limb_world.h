@@ -17,6 +17,9 @@ enum {
     COLUMNS = NH + LD,    // degrees of freedom that a contact of a limb, or of the hub, may move
 };
 
+enum {
+    WORLD_SIZE = NQ + 2 * NV + 3 * NTREES + 7 * NB + 6 * (NH ? NH : 1) + 12 * (HUB_BODIES ? HUB_BODIES : 1),
+};
 struct World {
     real q[NQ];                     // positions
     real v[NV];                     // velocities
@@ -25,6 +28,7 @@ struct World {
     real pos[NB * 3], quat[NB * 4]; // body frames relative to the origin of their tree
     real S[6 * (NH ? NH : 1)];      // motion of each degree of freedom of the hub
     real hub[12 * (HUB_BODIES ? HUB_BODIES : 1)];  // velocity, and acceleration without that of the joints, of its bodies
+    real gap[1 + WORLD_SIZE % 2];   // an odd size in all: lanes that read the same of their worlds share no bank
 };
 
 #if IN_SHARED && defined(__CUDA_ARCH__)
