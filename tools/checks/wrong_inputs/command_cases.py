@@ -105,7 +105,7 @@ def written_places(rng: random.Random, count: int) -> Iterator[Case]:
         (BENCH, "--json", []),
         (EXPORT, "--out", []),
         (TRAIN, "--log-dir", []),
-        (["compare", "run"], "--out", []),
+        (["compare", "run", "--metric", "Loss/value"], "--out", []),
         (["inspect", TASK], "--out", []),
         (["scene", "build", "stripe_tasks.rubble.scenes:RubbleSpec"], "--out", []),
     )

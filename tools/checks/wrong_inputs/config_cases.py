@@ -146,10 +146,10 @@ def extremes(rng: random.Random, count: int) -> Iterator[Case]:
 SWEEPS = (
     ("agent.algorithm.gamma: {value}", ("gamma",)),
     ("agent.algorithm.gamma: [0.9, {value}]", ("gamma",)),
-    ("agent.algorithm.gamma: {{low: {value}, high: 0.99}}", ("gamma",)),
-    ("agent.algorithm.gamma: {{low: 0.1, high: 0.99, step: {value}}}", ("gamma",)),
+    ("agent.algorithm.gamma: {{low: {value}, high: 0.99}}", ("gamma", "trials")),
+    ("agent.algorithm.gamma: {{low: 0.1, high: 0.99, step: {value}}}", ("gamma", "trials")),
     ("agent.algorithm.gamma: {{choices: {value}}}", ("gamma",)),
-    ("agent.algorithm.learning-rate: {{low: {value}, high: 1.0, log: true}}", ("learning-rate",)),
+    ("agent.algorithm.learning-rate: {{low: {value}, high: 1.0, log: true}}", ("learning-rate", "trials")),
     ("env.sim.dt: [0.01, {value}]", ("dt",)),
     ("agent.actor.hidden-dims: [[{value}]]", ("hidden-dims",)),
     ("agent.actor.activation: [{value}]", ("activation",)),
