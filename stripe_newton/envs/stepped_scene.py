@@ -85,6 +85,7 @@ class SteppedScene:
     _np_random: np.random.Generator | None = None
     _np_random_seed: int | None = None
 
+    @torch.inference_mode(False)  # as for reset()
     def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: object):
         """Build scene and simulation.
 
@@ -195,7 +196,8 @@ class SteppedScene:
     @property
     def max_episode_length(self) -> int:
         """Environment steps in an episode."""
-        return math.ceil(self.max_episode_length_s / self.step_dt - 1.0e-9)
+        # The tolerance: 0.3 s are three steps of 0.1 s, however the quotient is rounded.
+        return max(1, math.ceil(self.max_episode_length_s / self.step_dt - 1.0e-9))
 
     @property
     def episode_length_buf(self) -> torch.Tensor:

@@ -101,6 +101,9 @@ class ObstaclesCfg(SensorCfg):
             raise ConfigError([str(error)]) from error
 
     def problems(self) -> Iterator[tuple[str, str]]:
+        for name in ("rotations", "half_length"):
+            if getattr(self, name) is None:
+                yield name, "is None, must be an array, or one value for all"
         yield from self._source_problems()
         if self.sight is not None and self.sight < self.reach:
             yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"
