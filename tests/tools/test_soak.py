@@ -45,8 +45,9 @@ def test_problems(columns, message):
     assert not found or found[0].startswith(message)
 
 
-def test_a_short_soak(tmp_path, monkeypatch):
-    words = ["--device", "cpu", "--num-envs", "4", "--steps", "40", "--seconds", "0.5", "--interval", "0.1"]
+@pytest.mark.parametrize("more", [[], ["--train"]])
+def test_a_short_soak(tmp_path, monkeypatch, more):
+    words = [*more, "--device", "cpu", "--num-envs", "4", "--steps", "40", "--seconds", "0.5", "--interval", "0.1"]
     monkeypatch.setattr(sys, "argv", ["soak.py", str(tmp_path), "--task", "Stripe-Cartpole-v0", *words])
     tool.main()  # whose verdict depends on what else the machine does
     with open(tmp_path / "soak.csv") as file:
