@@ -190,19 +190,21 @@ def table(rows: list[dict[str, float]]) -> str:
 
 
 def draw(rows: list[dict[str, float]], path: Path) -> None:
-    """Draw the columns over time."""
+    """Draw the columns over time. Memory and counts begin at zero, so that a growth of no matter looks so."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     names = COLUMNS[3:]
-    figure = Figure(figsize=(10.0, 2.0 * len(names)), layout="constrained")
+    figure = Figure(figsize=(11.0, 1.7 * len(names) / 2.0), layout="constrained")
     FigureCanvasAgg(figure)
-    for axes, name in zip(figure.subplots(len(names), 1, sharex=True), names, strict=True):
+    for axes, name in zip(figure.subplots(len(names) // 2, 2, sharex=True).flat, names, strict=True):
         axes.plot([row["seconds"] / 60.0 for row in rows], [row[name] for row in rows], linewidth=1.2)
-        axes.set_ylabel(name)
+        axes.set_title(name, fontsize=9)
         axes.grid(alpha=0.3)
-    axes.set_xlabel("minutes")
-    figure.savefig(path, dpi=110)
+        if name in ("host_mb", "device_mb", "nonfinite_worlds"):
+            axes.set_ylim(0.0, 1.1 * max(*(row[name] for row in rows), 1.0))
+        axes.set_xlabel("minutes" if name in names[-2:] else "")
+    figure.savefig(path, dpi=80)
 
 
 def main() -> int:
