@@ -102,8 +102,8 @@ class ObstaclesCfg(SensorCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         for name in ("rotations", "half_length"):
-            if getattr(self, name) is None:
-                yield name, "is None, must be an array, or one value for all"
+            if np.asarray(getattr(self, name)).dtype.kind not in "fiu":  # None, text and iterators are objects
+                yield name, f"is {getattr(self, name)!r}, must be an array of numbers, or one value for all"
         yield from self._source_problems()
         if self.sight is not None and self.sight < self.reach:
             yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"
