@@ -465,11 +465,19 @@ def mismatches(value: object, kind: TypeForm, path: str = "") -> Iterator[str]:
         path: Where the value is, for the messages.
     """
     problem = value_type(kind).problem(value)
-    parts = () if problem else _parts(value, kind)
-    if problem:
+    parts = _parts(value, kind) if problem is None or _has_items(value, kind) else ()
+    inside = [
+        text for name, part, inner in parts for text in mismatches(part, inner, f"{path}.{name}" if path else name)
+    ]
+    if problem and not inside:
         yield f"{path}: {problem}" if path else problem
-    for name, part, inner in parts:
-        yield from mismatches(part, inner, f"{path}.{name}" if path else name)
+    yield from inside
+
+
+def _has_items(value: object, kind: TypeForm) -> bool:
+    """Whether a value is a dict or a list as its type wants, so that what does not fit is one of its items."""
+    origin: object = typing.get_origin(kind)
+    return (origin is dict and isinstance(value, Mapping)) or (origin is list and isinstance(value, list))
 
 
 def _parts(value: Any, kind: TypeForm) -> Iterator[tuple[str, object, TypeForm]]:

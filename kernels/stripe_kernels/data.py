@@ -157,7 +157,7 @@ class EpisodeData:
     """Whether the episode was cut off, by the time limit for example, shape ``(num_envs,)``."""
     term_terminated: wp.array2d[wp.bool]
     """Result of each termination term, time-outs included, shape ``(num_envs, num_terms)``."""
-    max_length: int
+    max_length: wp.int64
     """Steps in an episode."""
     max_length_s: float
     """Length of an episode [s], as configured."""

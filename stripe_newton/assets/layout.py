@@ -112,7 +112,8 @@ def select_layout(layouts: Sequence[Layout], path: str, root_path: str | None, w
     if not inside:
         there = ", ".join(x.path for x in layouts) or "none"
         wanted = f"{path}{root_path or ''}"
-        hint = "check prim_path, and that the file applies PhysicsArticulationRootAPI"
+        places = "prim_path" if root_path is None else "prim_path and articulation_root_prim_path"
+        hint = f"check {places}, and that the file applies PhysicsArticulationRootAPI"
         raise ConfigError([f"{where}: no articulation or rigid body at '{wanted}', there is {there}; {hint}"])
     if len(inside) > 1:
         roots = ", ".join(x.path[len(path) :] or "/" for x in inside)

@@ -91,8 +91,8 @@ def _apply_saved(cfg: Node, now: Mapping[str, object], saved: Mapping[str, objec
             leftovers.append(f"{where}: was {short(value)}, the field is no longer there")
         elif _is_node(item) and isinstance(value, Mapping) and isinstance(plain, Mapping):
             leftovers += _apply_saved(item, plain, value, where)
-        elif name in current and plain == value:
-            continue
+        elif name in current and plain == value and isinstance(plain, bool) == isinstance(value, bool):
+            continue  # a truth value equals 0 or 1, but is no number
         elif _is_moved_file(item, value):
             continue  # the run was made on another machine, or the package was installed elsewhere
         elif is_config(cfg) and has_mark(annotation_of(type(cfg), name), WRITTEN):

@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from stripe_newton.input_files import InputFileError, read_yaml
 from stripe_newton.rl.experiments.sweep_cfg import MedianPruning, Space, SweepCfg
 
 from .run_configs import Configs
@@ -21,6 +20,7 @@ from .user_error import UserError
 __all__ = ["read_sweep_file"]
 
 SAMPLERS = ("grid", "random", "tpe")
+_MOST_ENTRIES = 1000
 _LOGGED = {
     "Train": ("mean_reward", "mean_episode_length"),
     "Perf": ("total_fps", "collection_time", "learning_time"),
@@ -75,17 +75,15 @@ def _is_field(name: str) -> bool:
 
 def _read(path: Path) -> Mapping[object, object]:
     try:
-        data: object = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"--sweep {path}: {error.strerror}; give a YAML file") from None
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: is not text; give a YAML file") from None
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: is not valid YAML: {' '.join(str(error).split())}") from None
+        data = read_yaml(path)
+    except InputFileError as error:
+        raise UserError(f"--sweep {error}; give a YAML file") from None
     if not isinstance(data, dict):
         example = "agent.algorithm.gamma: [0.98, 0.99]"
         kind = type(data).__name__
         raise UserError(f"{path}: contains {kind}, must contain fields and their values, such as {example}")
+    if len(data) > _MOST_ENTRIES:
+        raise UserError(f"{path}: has {len(data)} entries, at most {_MOST_ENTRIES} can be")
     return data
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import sys
 from collections.abc import Sequence
@@ -80,20 +81,22 @@ def _train(task: str, argv: Sequence[str]) -> int:
     # Each rank draws other noise on its actions.
     set_seeds(configs.need_agent().seed + world().rank)
     folder = _run_folder(task, args, configs, resumed)
-    try:
-        if resumed is None and world().rank == 0:
-            # Before the environment is built, so that the run can be resumed from the beginning on.
-            folder.write_task(task)
-            folder.write_params(configs.env, configs.need_agent(), total_envs)
-        runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
-        if args.deterministic:
-            print(promise(runner.env))
-    except BaseException:
-        # A task that cannot be built leaves no empty runs behind.
-        if resumed is None and world().rank == 0:
-            folder.remove_unused()
-        raise
-    return _run_to_end(task, args, runner, folder)
+    # From here on, so that a second training is refused before it builds anything.
+    with folder.hold() if world().rank == 0 else contextlib.nullcontext():
+        try:
+            if resumed is None and world().rank == 0:
+                # Before the environment is built, so that the run can be resumed from the beginning on.
+                folder.write_task(task)
+                folder.write_params(configs.env, configs.need_agent(), total_envs)
+            runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
+            if args.deterministic:
+                print(promise(runner.env))
+        except BaseException:
+            # A task that cannot be built leaves no empty runs behind.
+            if resumed is None and world().rank == 0:
+                folder.remove_unused()
+            raise
+        return _run_to_end(task, args, runner, folder)
 
 
 def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:

@@ -494,7 +494,8 @@ class LabScene(SteppedScene):
         Args:
             kernels: Also the source of the generated kernels.
         """
-        return "\n\n".join([*map(str, self.managers), super().describe(kernels)])
+        steps = super().describe(kernels)  # first, as it refuses a closed environment
+        return "\n\n".join([*map(str, self.managers), steps])
 
     def set_state(self, state: EnvState) -> None:
         """See :meth:`SteppedScene.set_state`. Recordings of the episodes under way are dropped."""

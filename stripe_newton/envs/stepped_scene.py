@@ -85,6 +85,13 @@ class SteppedScene:
     _np_random: np.random.Generator | None = None
     _np_random_seed: int | None = None
 
+    def __init_subclass__(cls, **kwargs: object):
+        """Let constructors make tensors that can be written anywhere, wherever an environment is made."""
+        super().__init_subclass__(**kwargs)
+        if "__init__" in vars(cls):
+            setattr(cls, "__init__", torch.inference_mode(False)(cls.__init__))  # noqa: B010  (a method, to mypy)
+
+    @torch.inference_mode(False)
     def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: object):
         """Build scene and simulation.
 
@@ -195,7 +202,8 @@ class SteppedScene:
     @property
     def max_episode_length(self) -> int:
         """Environment steps in an episode."""
-        return math.ceil(self.max_episode_length_s / self.step_dt - 1.0e-9)
+        # The tolerance: 0.3 s are three steps of 0.1 s, however the quotient is rounded.
+        return max(1, math.ceil(self.max_episode_length_s / self.step_dt - 1.0e-9))
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
@@ -534,7 +542,11 @@ class SteppedScene:
 
         Returns:
             A line and a table, in plain text.
+
+        Raises:
+            RuntimeError: after :meth:`close`.
         """
+        self._check_open()
         scenery = "" if self.scene.scenery is None else f"scenery: {self.scene.scenery.describe()}\n"
         return f"{scenery}physics: {self.sim.describe_solver()}\n\n{self.plan.describe(kernels)}"
 

@@ -21,6 +21,7 @@ __all__ = ["ParameterKind", "ParameterValue", "Parameters"]
 
 _CAPACITY = 4096
 """Numbers of each array. The arrays never grow, as graphs hold their addresses."""
+_GREATEST_INT = 2**31 - 1
 _VECTORS = {wp.vec2: 2, wp.vec3: 3, wp.vec4: 4, wp.quat: 4}
 
 ParameterKind = type[float] | type[int] | type[bool]  # or wp.vec2, wp.vec3, wp.vec4, wp.quat
@@ -138,10 +139,13 @@ class Parameters:
         if len(values) != size or not all(isinstance(v, number) for v in values):
             what = "a number" if size == 1 else f"{size} numbers"
             raise ValueError(f"{path}: is {value!r}, must be {what}")
-        if kind in (int, bool) and any(int(v) != v for v in values):
-            raise ValueError(f"{path}: is {value!r}, must be a whole number")
-        tensor = wp.to_torch(self.ints if kind in (int, bool) else self.floats)
-        tensor[index : index + size] = torch.tensor([float(v) for v in values], device=tensor.device).to(tensor.dtype)
+        whole = kind in (int, bool)
+        if whole and not all(v % 1 == 0 and abs(v) <= _GREATEST_INT for v in values):
+            raise ValueError(f"{path}: is {value!r}, must be a whole number of at most {_GREATEST_INT}")
+        tensor = wp.to_torch(self.ints if whole else self.floats)
+        # Not by float32, which has no integers beyond 2^24 that are not even.
+        numbers = [int(v) if whole else float(v) for v in values]
+        tensor[index : index + size] = torch.tensor(numbers, dtype=tensor.dtype, device=tensor.device)
 
     def reference(self, path: str) -> Parameter:
         """Reference to a float parameter, for a term that changes it; ``path.0`` is the first element of a vector.

@@ -274,6 +274,14 @@ class NonHolonomicActionCfg(JointActionCfg):
     offset: tuple[float, float] = (0.0, 0.0)
     """Added to forward speed [m/s] and rate of turn [rad/s]."""
 
+    def problems(self) -> Iterator[tuple[str, str]]:
+        # The base also takes one number for all, and numbers by the names of joints.
+        for name in ("scale", "offset"):
+            value = getattr(self, name)
+            if not isinstance(value, (tuple, list)) or len(value) != 2:
+                yield name, f"is {value!r}, must be two numbers, for forward speed and rate of turn"
+        yield from JointActionCfg.problems(self)
+
 
 @configclass
 class DifferentialInverseKinematicsActionCfg(ActionTermCfg):

@@ -61,7 +61,7 @@ class ObservationTermCfg:
     """Least delay [steps]."""
     delay_max_lag: NonNegativeInt = 0
     """Largest delay [steps]; each episode draws one within the bounds."""
-    history_length: int = 0
+    history_length: NonNegativeInt = 0
     """Number of past and current steps in the observation, oldest first; 0 for the current one alone."""
     flatten_history_dim: bool = True
     """Join the steps of the history in one dimension; only True is supported."""
@@ -72,8 +72,6 @@ class ObservationTermCfg:
         if not 0 <= self.delay_min_lag <= self.delay_max_lag:
             bounds = f"({self.delay_min_lag}, {self.delay_max_lag})"
             yield "delay_min_lag", f"lags are {bounds}, must be 0 <= delay_min_lag <= delay_max_lag"
-        if self.history_length < 0:
-            yield "history_length", f"is {self.history_length}, must be 0 or more"
         if not self.flatten_history_dim:
             yield "flatten_history_dim", _FLAT
 
@@ -95,7 +93,7 @@ class ObservationGroupCfg:
     """Dimension along which terms are joined; only the last (-1) is supported."""
     enable_corruption: bool = False
     """Apply the noise of the terms."""
-    history_length: int | None = None
+    history_length: NonNegativeInt | None = None
     """Overrides the history length of the terms."""
     flatten_history_dim: bool = True
     """See :class:`ObservationTermCfg`."""
@@ -107,8 +105,6 @@ class ObservationGroupCfg:
             yield "concatenate_dim", f"is {self.concatenate_dim}, only the last dimension (-1) is supported"
         if self.normalization is not None and not self.concatenate_terms:
             yield "normalization", "is set, but concatenate_terms is False; a normalised group is one tensor"
-        if self.history_length is not None and self.history_length < 0:
-            yield "history_length", f"is {self.history_length}, must be 0 or more"
         if not self.flatten_history_dim:
             yield "flatten_history_dim", _FLAT
 

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+
+from rsl_rl.utils import resolve_callable
 
 from .configs import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg, RslRlRNNModelCfg
 from .graphs.ppo import GraphPPO
@@ -52,6 +54,21 @@ def env_mismatches(cfg: RslRlBaseRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator
                 yield f"obs_groups.{name}: '{group}' is not an observation group; the environment has {there}"
     if isinstance(cfg, RslRlOnPolicyRunnerCfg):
         yield from _too_few_samples(cfg, env)
+    yield from _unknown_classes(cfg.to_rsl_rl(), "")
+
+
+def _unknown_classes(settings: Mapping[str, object], path: str) -> Iterator[str]:
+    """Names of classes that rsl_rl would not find when it makes networks and algorithm."""
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _unknown_classes(value, f"{path}{key}.")
+        elif key == "class_name" and isinstance(value, str):
+            try:
+                known = callable(resolve_callable(value))
+            except (ImportError, AttributeError, ValueError):
+                known = False
+            if not known:
+                yield f"{path}{key}: is {value!r}, must be a class of rsl_rl's, or 'module:Name'"
 
 
 def _too_few_samples(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:

@@ -101,6 +101,9 @@ class ObstaclesCfg(SensorCfg):
             raise ConfigError([str(error)]) from error
 
     def problems(self) -> Iterator[tuple[str, str]]:
+        for name in ("rotations", "half_length"):
+            if np.asarray(getattr(self, name)).dtype.kind not in "fiu":  # None, text and iterators are objects
+                yield name, f"is {getattr(self, name)!r}, must be an array of numbers, or one value for all"
         yield from self._source_problems()
         if self.sight is not None and self.sight < self.reach:
             yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"

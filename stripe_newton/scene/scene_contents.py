@@ -92,7 +92,7 @@ class InteractiveSceneCfg:
         if self.num_envs is not MISSING and self.env_spacing is not MISSING:
             extent = self.env_spacing * math.sqrt(self.num_envs)
             if extent > _GREATEST_EXTENT:
-                text = f"is {self.env_spacing}, which puts {self.num_envs} environments on a square of {extent:.3g} m"
+                text = f"is {self.env_spacing}, which with num_envs={self.num_envs} takes a square of {extent:.3g} m"
                 yield "env_spacing", f"{text}; float32 is too coarse there, at most {_GREATEST_EXTENT:g} m can be"
         if self.scenery_file is not None and (reason := path_reason(Path(self.scenery_file).expanduser())):
             yield "scenery", f"'{self.scenery_file}': {reason}"

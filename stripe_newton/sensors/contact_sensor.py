@@ -136,7 +136,7 @@ class ContactSensor(SensorBase):
             for name in _TIMES:
                 setattr(struct, name, wp.zeros(shape, dtype=float))
             struct.force_threshold, struct.measurement_dt = self.cfg.force_threshold, step
-            self._pending = wp.zeros(shape, dtype=wp.bool)
+            self._pending, self._remainder = wp.zeros(shape, dtype=wp.bool), wp.zeros(shape, dtype=float)
             self._elapsed = wp.full(1, value=step, dtype=float)
             self._raw = struct
             self._corruption: Corruption | None = None
@@ -208,6 +208,7 @@ class ContactSensor(SensorBase):
     @property
     def arrays(self) -> dict[str, wp.array]:
         kept = {name: getattr(self.struct, name) for name in ("net_forces_w_history", "force_matrix_w", *_TIMES)}
+        kept["time_remainder"] = self._remainder
         return kept | self._clock.arrays | (self._corruption.arrays if self._corruption else {})
 
     def find_bodies(self, name_keys: str | Sequence[str], preserve_order: bool = False) -> tuple[list[int], list[str]]:
@@ -256,9 +257,10 @@ class ContactSensor(SensorBase):
         begin = [due, self._elapsed, self.cfg.track_air_time]
         if self._forces is not None:
             inputs = [*begin, self._rows, self._filters, self._forces.geoms, self._forces.forces]
-            wp.launch(kernels.measure_contacts, struct.net_forces_w.shape, inputs, [struct])
+            wp.launch(kernels.measure_contacts, struct.net_forces_w.shape, inputs, [self._remainder, struct])
         else:
-            wp.launch(kernels.begin_contacts, struct.net_forces_w.shape, begin, [self._pending, struct])
+            outputs = [self._pending, self._remainder, struct]
+            wp.launch(kernels.begin_contacts, struct.net_forces_w.shape, begin, outputs)
             if self._reads_mujoco:
                 self._add_mujoco_contacts()
             else:
@@ -287,11 +289,10 @@ class ContactSensor(SensorBase):
     def launch_measured(self) -> None:
         if not self.every_substep:
             self._launch_measurement()
-        if (
-            self.cfg.track_air_time and self._forces is None
-        ):  # the last forces become times, which terms of this step read
-            shape = self._pending.shape
-            wp.launch(kernels.finish_contacts, shape, [self._elapsed], [self._pending, self._raw])
+        if self.cfg.track_air_time and self._forces is None:
+            # The last forces become times, which terms of this step read.
+            outputs = [self._pending, self._remainder, self._raw]
+            wp.launch(kernels.finish_contacts, self._pending.shape, [self._elapsed], outputs)
         self._clock.advance()
 
     def launch_reset(self, env_mask: wp.array) -> None:

@@ -15,6 +15,8 @@ from typing import Any
 
 from pxr import Usd
 
+from stripe_newton.config_base import ConfigError
+
 __all__ = ["ENV_0", "authored_path", "current_scene", "current_stage", "is_env_path", "scene_context"]
 
 ENV_0 = "/World/envs/env_0"
@@ -60,15 +62,13 @@ def authored_path(prim_path: str) -> str:
     """The path a prim is authored at: ``/World/envs/env_.*/Robot`` becomes ``/World/envs/env_0/Robot``.
 
     Raises:
-        ValueError: if it is not an absolute path, or has a pattern elsewhere than in the environment's name.
+        ConfigError: if it is not an absolute path, or has a pattern elsewhere than in the environment's name.
     """
     scene = _scene.get()
     path = _ENV_PATTERN.sub(ENV_0, prim_path if scene is None else scene.alias(prim_path))
     if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", path):
-        raise ValueError(
-            f"prim path '{prim_path}': must be absolute, of names joined by '/', with a pattern only as "
-            "'/World/envs/env_.*' or '{ENV_REGEX_NS}'"
-        )
+        right = "of names joined by '/', with a pattern only as '/World/envs/env_.*' or '{ENV_REGEX_NS}'"
+        raise ConfigError([f"prim_path: is '{prim_path}', must be absolute, {right}"])
     return path
 
 

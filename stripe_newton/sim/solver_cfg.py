@@ -337,6 +337,9 @@ class MuJoCoSolverCfg(SolverCfg):
             value = getattr(self, name)
             if value is not None and value not in allowed:
                 yield name, f"is '{value}', must be one of {', '.join(allowed)}"
+        if self.use_speculative_contacts and (self.use_mujoco_contacts is not False or self.use_mujoco_cpu):
+            text = "is True, which needs Newton's pipeline: use_mujoco_contacts=False and use_mujoco_cpu=False"
+            yield "use_speculative_contacts", text
 
 
 @configclass

@@ -145,6 +145,7 @@ def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
 
     Raises:
         ValueError: Another type or shape, or an unknown ending.
+        OSError: It cannot be written.
     """
     from PIL import Image  # here and not at the top: writing a video needs no image formats
 
@@ -157,6 +158,8 @@ def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:
     try:
         Image.fromarray(_checked(frame)).save(partial, format=kinds[path.suffix.lower()])
         os.replace(partial, path)
+    except OSError as error:  # of libraries, which may not name the file
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
 

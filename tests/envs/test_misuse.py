@@ -58,6 +58,7 @@ CALLS = [
     (lambda env: env.set_state(3), r"state: is 3, must be what get_state\(\) returned"),
     (lambda env: env.set_state({}), "state.step: is missing"),
     (lambda env: with_state(env, arrays=[1]), "state.arrays: is "),
+    (lambda env: with_state(env, arrays={"joint_q": "x"}), "state.arrays.joint_q: is 'x', must be a Tensor"),
     (lambda env: with_state(env, arrays={"joint_q": torch.zeros(3)}), "the state has 'joint_q' of shape"),
     (lambda env: with_state(env, step=float("nan")), "state.step: is nan"),
     (lambda env: env.evaluate(3), "term: is 3, must be a Warp function"),
@@ -123,6 +124,7 @@ def test_after_close():
         env.reset,
         env.render,
         env.get_state,
+        env.describe,
         env.finish_step,
         lambda: env.launch_step(action),
         lambda: env.set_state(state),
@@ -136,4 +138,12 @@ def test_after_close():
             call()
     with pytest.raises(RuntimeError, match="the simulation is closed; make a new one"):
         env.sim.step()
+    env.close()
+
+
+def test_made_in_an_inference_mode():
+    with torch.inference_mode():
+        env = make()
+    env.reset()
+    env.step(torch.zeros(4, 1))
     env.close()

@@ -56,6 +56,12 @@ def test_wrong_parameters():
         parameters["rewards.alive.bounds"] = 1.0
     with pytest.raises(ValueError, match=r"count: is 1.5, must be a whole number"):
         parameters["count"] = 1.5
+    for value in (2**31, float("inf"), float("nan")):
+        with pytest.raises(ValueError, match="must be a whole number of at most 2147483647"):
+            parameters["count"] = value
+    for value in (2**24 + 1, 2**31 - 1, -(2**31 - 1)):  # no numbers of float32
+        parameters["count"] = value
+        assert parameters["count"] == value
     with pytest.raises(ValueError, match="must be a number"):
         parameters.add("new", "x", float)
     assert "new" not in parameters

@@ -502,7 +502,7 @@ TERM = Term(mdp.joint_pos)
         (TERM.replace(clip=(1.0,)), "clip: is (1.0,), must be 2 numbers (also infinite) or None"),
         (TERM.replace(delay_min_lag=3, delay_max_lag=1), "delay_min_lag: lags are (3, 1), must be 0 <= delay_min_lag"),
         (TERM.replace(delay_min_lag=-1), "delay_min_lag: is -1, must be a whole number of at least 0"),
-        (TERM.replace(history_length=-1), "history_length: is -1, must be 0 or more"),
+        (TERM.replace(history_length=-1), "history_length: is -1, must be a whole number of at least 0"),
         (TERM.replace(flatten_history_dim=False), "flatten_history_dim: is False"),
         (TERM.replace(func=Term().func), "func: is missing, ObservationTermCfg needs a value"),
         (TERM.replace(noise=UniformNoiseCfg(n_min=1.0, n_max=0.0)), "noise.n_min: is 1.0, above n_max = 0.0"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tool ``kill_training.py``: a training that is killed by SIGKILL and resumed, again and again."""
+"""Tool ``kill_training.py``: a training that is ended by signals and resumed, again and again."""
 
 from __future__ import annotations
 
@@ -48,15 +48,18 @@ def test_killed_inside_a_save(tmp_path, call, after):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("ranks_path")
-def test_three_moments(tmp_path):
+def test_moments_of_all_kinds(tmp_path):
     options = ("--import", str(HELPERS / "fake_env.py"))
     training = tool.Training(tmp_path, "Fake-Cart-v0", options, seed=1)
-    kinds = ["training", "saving", "anywhere"]
-    moments = tool.kill_and_resume(training, kinds)
+    kinds = ["training", "saving", "training", "training", "anywhere"]
+    endings = [signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGHUP]
+    moments = tool.kill_and_resume(training, kinds, endings)
     assert [m.kind for m in moments] == kinds
+    assert [m.signal for m in moments] == ["SIGKILL", "SIGKILL", "SIGTERM", "SIGHUP", "SIGKILL"]
     assert moments[0].done > 0
     assert moments[1].first == moments[0].saved
-    assert tool.table(moments).count("\n") == 2 + 3
+    assert (moments[2].lost, moments[3].lost) == (0, 0)
+    assert tool.table(moments).count("\n") == 2 + 5
 
 
 @pytest.mark.slow
@@ -78,4 +81,5 @@ def test_a_broken_promise_is_noticed(tmp_path):
     (checkpoints / "model_5.pt").write_bytes(b"PK")
     with pytest.raises(AssertionError, match="the newest checkpoint is damaged"):
         training.look()
-    assert tool.Moment("training", 1.0, 0, 9, 6, False).lost == 3
+    moment = tool.Moment("training", "SIGKILL", 1.0, first=0, done=9, saved=6, half_written=False, trained=True)
+    assert moment.lost == 3

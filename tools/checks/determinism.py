@@ -3,25 +3,38 @@
 
     python tools/checks/determinism.py OUT [--device cuda:0] [--num-envs 256] [--iterations 20] [TASK ...]
 
-The command fails if two checkpoints differ in anything but the clock. It prints a table for each task: whether the
-same run, a resumed run and pictures are the same bits, and the time of an iteration with and without the option.
+Prints a row for each task, which is also in ``OUT/table.md``: whether these are the same bits: checkpoints of a run
+that is done again in another process, and of one that was resumed half-way; results of ``eval``; pictures; and what
+environments do beside four times as many others. The last columns are the time of an iteration with and without the
+option. The command fails if a checkpoint differs in anything but the clock, if results or pictures differ, or if
+environments do although none of their numbers come from torch's generator, which all of them share.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
-__all__ = ["differences", "main"]
+if TYPE_CHECKING:
+    from stripe_newton.envs import RLEnv
 
-TASKS = ("Stripe-Cartpole-Direct-v0", "Stripe-Velocity-Flat-Quadruped-v0")
+__all__ = ["Beside", "beside_others", "differences", "main"]
+
+TASKS = ("Stripe-Cartpole-Direct-v0", "Stripe-Cartpole-v0", "Stripe-Velocity-Flat-Quadruped-v0")
+COLUMNS = ("task", "device", "run again", "resumed", "`eval`", "picture", "beside others", "iteration",
+           "`--deterministic`")  # fmt: skip
+FEW, STEPS = 16, 150
+"""Environments that are watched beside others, and steps."""
 CLOCK = ("tot_time",)
 """What differs between runs by its nature."""
 
@@ -61,15 +74,29 @@ def newest(run: Path) -> dict:
     return load_checkpoint(find_checkpoint(run))
 
 
-def picture(task: str, device: str) -> np.ndarray:
-    """The picture after some steps with the same actions."""
+def evaluate(run: Path, task: str, device: str) -> dict[str, object]:
+    """Results of an evaluation of a run."""
+    words = ["--checkpoint", str(run), "--num-envs", "16", "--episodes", "16", "--device", device, "--seed", "5"]
+    command = [sys.executable, "-m", "stripe_newton.cli", "eval", task, *words, "--deterministic"]
+    subprocess.run([*command, "--json", str(run / "eval.json")], check=True, stdout=subprocess.DEVNULL)
+    return json.loads((run / "eval.json").read_text())
+
+
+def make(task: str, device: str, num_envs: int, render_mode: str | None = None) -> RLEnv:
+    """An environment with a fixed seed, reset."""
     from stripe_newton.cli.tasks import load_cfg, make_env
 
     cfg = load_cfg(task, "env")
-    cfg.scene.num_envs, cfg.sim.device, cfg.seed = 4, device, 3
-    env = make_env(task, cfg, "rgb_array")
+    cfg.scene.num_envs, cfg.sim.device, cfg.seed = num_envs, device, 3
+    env = make_env(task, cfg, render_mode)
+    env.reset(seed=3)
+    return env.unwrapped
+
+
+def picture(task: str, device: str) -> np.ndarray:
+    """The picture after some steps with the same actions."""
+    env = make(task, device, 4, "rgb_array")
     try:
-        env.reset(seed=3)
         for _ in range(10):
             env.step(torch.zeros(env.action_space.shape, device=device))
         found = env.render()
@@ -77,6 +104,50 @@ def picture(task: str, device: str) -> np.ndarray:
         return found
     finally:
         env.close()
+
+
+@dataclass
+class Beside:
+    """What the first environments do beside others."""
+
+    step: int | None
+    """First step in which anything of them differs; None if nothing does."""
+    shared_numbers: bool
+    """Whether the environment draws from torch's generator, so that numbers depend on how many others draw."""
+
+    def __str__(self) -> str:
+        why = ": it draws from torch's generator" if self.shared_numbers else ""
+        return "yes" if self.step is None else f"from step {self.step} on not{why}"
+
+
+def beside_others(task: str, device: str, few: int = FEW, steps: int = STEPS) -> Beside:
+    """Compare the first environments of some, and of four times as many, for the same actions."""
+    one, first = _watch(task, device, few, few, steps)
+    two, second = _watch(task, device, 4 * few, few, steps)
+    step = next((n for n, (a, b) in enumerate(zip(one, two, strict=True)) if list(differences(a, b))), None)
+    return Beside(step, first or second)
+
+
+def _watch(task: str, device: str, num_envs: int, few: int, steps: int) -> tuple[list[list[torch.Tensor]], bool]:
+    """What the first environments return in each step, and whether steps draw from torch's generator."""
+    env = make(task, device, num_envs)
+    actions = torch.zeros(env.action_space.shape, device=device)
+    generator = torch.Generator().manual_seed(0)
+    shape, before = actions[:few].shape, _torch_numbers(device)
+    found = []
+    for _ in range(steps):
+        # The others do something else.
+        actions.fill_(0.3)
+        actions[:few] = (2.0 * torch.rand(shape, generator=generator) - 1.0).to(device)
+        observations, *rest, _ = env.step(actions)
+        found.append([value[:few].clone() for value in (*observations.values(), *rest)])
+    drawn = _bytes(before) != _bytes(_torch_numbers(device))
+    env.close()
+    return found, drawn
+
+
+def _torch_numbers(device: str) -> torch.Tensor:
+    return torch.get_rng_state() if device == "cpu" else torch.cuda.get_rng_state(device)
 
 
 def main() -> int:
@@ -88,27 +159,37 @@ def main() -> int:
     parser.add_argument("--num-envs", type=int, default=256)
     parser.add_argument("--iterations", type=int, default=20)
     args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
     all_same = True
-    print("| task | device | same run | resumed | picture | iteration, as usual | `--deterministic` |")
-    print("|---|---|---|---|---|---:|---:|", flush=True)
+    lines = [f"| {' | '.join(COLUMNS)} |", "|---|---|" + "---|" * 5 + "---:|---:|"]
+    print("\n".join(lines), flush=True)
     for task in args.tasks:
-        words = ["--device", args.device, "--num-envs", str(args.num_envs)]
-        half, whole = str(args.iterations // 2), ["--max-iterations", str(args.iterations)]
-        seconds = []
-        runs = []
-        for name, more in (("usual", []), ("first", ["--deterministic"]), ("second", ["--deterministic"])):
-            runs.append(train(args.out / name / task, task, *words, *whole, *more))
-            seconds.append(_seconds_per_iteration(runs[-1]))
-        part = train(args.out / "parts" / task, task, *words, "--max-iterations", half, "--deterministic")
-        train(args.out / "parts" / task, task, "--resume", str(part), *whole, "--deterministic")
-        again = list(differences(newest(runs[1]), newest(runs[2])))
-        resumed = list(differences(newest(runs[1]), newest(part)))
-        same_picture = np.array_equal(picture(task, args.device), picture(task, args.device))
-        found = [_said(again), _said(resumed), "yes" if same_picture else "no"]
-        cells = [task, args.device, *found, *(f"{1000.0 * s:.0f} ms" for s in seconds[:2])]
-        print(f"| {' | '.join(cells)} |", flush=True)
-        all_same &= not again and not resumed and same_picture
+        cells, same = check(task, args)
+        all_same &= same
+        lines.append(f"| {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+    (args.out / "table.md").write_text("\n".join(lines) + "\n")
     return 0 if all_same else 1
+
+
+def check(task: str, args: argparse.Namespace) -> tuple[list[str], bool]:
+    """The row of a task, and whether all that must be the same is."""
+    words = ["--device", args.device, "--num-envs", str(args.num_envs)]
+    whole = ["--max-iterations", str(args.iterations)]
+    usual = train(args.out / "usual" / task, task, *words, *whole)
+    first, second = (train(args.out / x / task, task, *words, *whole, "--deterministic") for x in ("first", "second"))
+    half = ["--max-iterations", str(args.iterations // 2)]
+    parts = train(args.out / "parts" / task, task, *words, *half, "--deterministic")
+    train(args.out / "parts" / task, task, "--resume", str(parts), *whole, "--deterministic")
+    again = list(differences(newest(first), newest(second)))
+    resumed = list(differences(newest(first), newest(parts)))
+    same_results = evaluate(first, task, args.device) == evaluate(second, task, args.device)
+    same_picture = np.array_equal(picture(task, args.device), picture(task, args.device))
+    beside = beside_others(task, args.device)
+    words = [_said(again), _said(resumed), *("yes" if same else "no" for same in (same_results, same_picture))]
+    times = [f"{1000.0 * _seconds_per_iteration(run):.0f} ms" for run in (usual, first)]
+    good = not again and not resumed and same_results and same_picture
+    return [task, args.device, *words, str(beside), *times], good and (beside.step is None or beside.shared_numbers)
 
 
 def _said(paths: list[str]) -> str:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kill test: end a training by SIGKILL at random moments, resume it each time, and report lost iterations.
+"""Kill test: end a training by signals at random moments, resume it each time, and report lost iterations.
 
-    python tools/checks/kill_training.py OUT [--task TASK] [--moments 20] [--seed 0]
+    python tools/checks/kill_training.py OUT [--task TASK] [--moments 24] [--signals KILL TERM HUP] [--seed 0]
 
 The training runs through the command line. Most moments are while it trains, some while a checkpoint is being written,
 some anywhere from the start of the process on. After each, the newest checkpoint must be whole, and no more iterations
-may be lost than there are between two checkpoints. At the end the run is resumed to a planned end, and its metrics must
-have each iteration once. OUT gets the run, ``record.json`` and ``record.md``.
+may be lost than there are between two checkpoints: none, where SIGTERM or SIGHUP ended a training that had begun. At
+the end the run is resumed to a planned end. Its metrics must have each iteration once, and its last checkpoint must be
+the same bits as that of a training that nobody ended. OUT gets both runs, ``record.json`` and ``record.md``.
 """
 
 from __future__ import annotations
@@ -20,8 +21,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from determinism import differences
 
 from stripe_newton.rl import RunFolder, load_checkpoint, read_metrics
 from stripe_newton.rl.runs.run_folder import find_newest
@@ -40,6 +45,8 @@ class Moment:
     """One kill, and the state of the run folder after it."""
 
     kind: str
+    signal: str
+    """Name of the signal, such as ``SIGKILL``."""
     seconds: float
     """Time since the start of the process [s]."""
     first: int
@@ -50,6 +57,8 @@ class Moment:
     """Iterations in the newest checkpoint; 0 without one."""
     half_written: bool
     """Whether there was an unfinished checkpoint."""
+    trained: bool
+    """Whether the process had begun to train when the signal came."""
 
     @property
     def lost(self) -> int:
@@ -99,8 +108,8 @@ class Training:
                 raise RuntimeError(f"the training ended by itself, or did not begin:\n{self.output.read_text()}")
             time.sleep(pause_s)
 
-    def kill(self, kind: str, usual_seconds: float) -> Moment:
-        """Start or resume the training and kill it."""
+    def kill(self, kind: str, usual_seconds: float, ending: signal.Signals = signal.SIGKILL) -> Moment:
+        """Start or resume the training and end it by a signal."""
         begin = time.perf_counter()
         first = self.look()[1]
         process = self.start(10**6)
@@ -113,13 +122,19 @@ class Training:
             time.sleep(self.random.uniform(0.0, 0.1))
         if kind == "saving":
             self.wait(process, self.is_saving, 0.0)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        trained = self.is_training()
+        process.send_signal(ending)
+        process.wait(TIMEOUT_S)
         seconds = time.perf_counter() - begin
         done, saved = self.look()
-        moment = Moment(kind, seconds, first, done, saved, self.is_saving())
+        moment = Moment(kind, ending.name, seconds, first, done, saved, self.is_saving(), trained)
         assert moment.saved >= first, f"{moment}: a checkpoint was lost"
         assert moment.lost <= SAVE_INTERVAL, f"{moment}: more was lost than there is between two checkpoints"
+        if ending != signal.SIGKILL:
+            output = self.output.read_text()
+            assert "Traceback" not in output, output
+            assert not moment.half_written, f"{moment}: a half-written checkpoint was left"
+            assert not trained or moment.lost == 0, f"{moment}: iterations were lost"
         return moment
 
     def look(self) -> tuple[int, int]:
@@ -150,43 +165,65 @@ class Training:
         assert not list(folder.path.rglob("*.part"))
         return target
 
+    def differences_from_unbroken(self, iterations: int) -> list[str]:
+        """Parts of the last checkpoint that are other bits than those of a training that nobody ended."""
+        unbroken = Training(self.out / "unbroken", self.task, self.options)
+        process = unbroken.start(iterations)
+        assert process.wait() == 0, unbroken.output.read_text()
+        contents = []
+        for training in (self, unbroken):
+            folder = training.folder()
+            assert folder is not None
+            newest = find_newest(folder)
+            assert newest is not None
+            contents.append(load_checkpoint(newest))
+        return list(differences(*contents))
 
-def kill_and_resume(training: Training, kinds: list[str]) -> list[Moment]:
-    """Kill a training at a moment of each of ``kinds``, resuming it each time, and let it end."""
+
+def kill_and_resume(
+    training: Training, kinds: list[str], endings: Sequence[signal.Signals] = (signal.SIGKILL,)
+) -> list[Moment]:
+    """End a training at a moment of each of ``kinds``, by signals in turn, resuming it each time, and let it end."""
     moments: list[Moment] = []
     usual = 15.0
-    for kind in kinds:
-        moments.append(training.kill(kind, usual))
+    for number, kind in enumerate(kinds):
+        moments.append(training.kill(kind, usual, endings[number % len(endings)]))
         print(json.dumps(dataclasses.asdict(moments[-1])), flush=True)
         usual = moments[-1].seconds if kind == "training" else usual
-    training.finish()
+    target = training.finish()
+    different = training.differences_from_unbroken(target)
+    assert not different, f"not as in a training that nobody ended: {', '.join(different[:5])}"
     return moments
 
 
 def table(moments: list[Moment]) -> str:
     """The record in Markdown."""
     lines = [
-        "| | killed | after | iterations before | done | in the newest checkpoint | lost | half-written file |",
-        "|---|---|---|---|---|---|---|---|",
+        "| | while | signal | after | iterations before | done | in the newest checkpoint | lost | half-written file |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for number, m in enumerate(moments, 1):
         part = "yes" if m.half_written else ""
-        cells = (m.kind, f"{m.seconds:.2f} s", m.first, m.done, m.saved, m.lost, part)
+        cells = (m.kind, m.signal, f"{m.seconds:.2f} s", m.first, m.done, m.saved, m.lost, part)
         lines.append(f"| {number} | {' | '.join(map(str, cells))} |")
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Kill and resume a training, and print the record."""
+    """End and resume a training, and print the record."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--task", default=TASK)
-    parser.add_argument("--moments", type=int, default=20)
+    parser.add_argument("--moments", type=int, default=24)
+    parser.add_argument("--signals", nargs="+", default=["KILL", "TERM", "HUP"], help="used in turn")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a nohup before this command is not for the training
+    training = Training(args.out, args.task, seed=args.seed)
     kinds = [KINDS[number % len(KINDS)] for number in range(args.moments)]
-    moments = kill_and_resume(Training(args.out, args.task, seed=args.seed), kinds)
+    training.random.shuffle(kinds)  # or each kind would always meet the same signals
+    moments = kill_and_resume(training, kinds, [signal.Signals[f"SIG{name}"] for name in args.signals])
     (args.out / "record.json").write_text(json.dumps([dataclasses.asdict(m) for m in moments], indent=1))
     (args.out / "record.md").write_text(table(moments))
     print(table(moments))

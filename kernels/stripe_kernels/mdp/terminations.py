@@ -30,7 +30,7 @@ def time_out(env: int, episode: EpisodeData) -> bool:
 
     Source: Isaac Lab, ``mdp.time_out``.
     """
-    return episode.length[env] >= wp.int64(episode.max_length)
+    return episode.length[env] >= episode.max_length
 
 
 @wp.func

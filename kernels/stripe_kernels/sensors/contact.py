@@ -88,20 +88,31 @@ def largest_force(env: int, sensor: ContactSensorData, body: int) -> float:
 
 
 @wp.func
-def _update_times(env: int, body: int, elapsed: float, sensor: ContactSensorData):
-    """Update the times in contact and in the air by the forces of the last measurement, ``elapsed`` [s] long."""
+def _update_times(env: int, body: int, elapsed: float, remainder: wp.array2d[float], sensor: ContactSensorData):
+    """Update the times in contact and in the air by the forces of the last measurement, ``elapsed`` [s] long.
+
+    Formula: compensated sums. A plain sum of float32 is 2 % wrong after hours, and stops growing after days. Here
+    ``remainder`` keeps what rounding cut off the last sum, for the next one.
+
+    Source: Kahan, "Further remarks on reducing truncation errors", 1965.
+    """
     air = sensor.current_air_time[env, body]
     contact = sensor.current_contact_time[env, body]
-    if wp.length(sensor.net_forces_w[env, body]) > sensor.force_threshold:
+    touches = wp.length(sensor.net_forces_w[env, body]) > sensor.force_threshold
+    time = wp.where(touches, contact, air)  # the one that goes on; the other ends if it was not 0
+    step = wp.where(time > 0.0, elapsed + remainder[env, body], elapsed)
+    longer = time + step
+    remainder[env, body] = step - (longer - time)
+    if touches:
         if air > 0.0:  # landed: as in Isaac Lab, the time in the air runs up to this measurement
             sensor.last_air_time[env, body] = air + elapsed
         sensor.current_air_time[env, body] = 0.0
-        sensor.current_contact_time[env, body] = contact + elapsed
+        sensor.current_contact_time[env, body] = longer
     else:
         if contact > 0.0:
             sensor.last_contact_time[env, body] = contact + elapsed
         sensor.current_contact_time[env, body] = 0.0
-        sensor.current_air_time[env, body] = air + elapsed
+        sensor.current_air_time[env, body] = longer
 
 
 @wp.func
@@ -121,6 +132,7 @@ def begin_contacts(
     elapsed: wp.array[float],
     track_times: bool,
     pending: wp.array2d[wp.bool],
+    remainder: wp.array2d[float],
     sensor: ContactSensorData,
 ):
     """Begin a measurement: update the times of the last one, shift the history, clear the sums.
@@ -132,6 +144,7 @@ def begin_contacts(
         elapsed: Time between two measurements [s], shape ``(1,)``.
         track_times: Whether times in contact and in the air are tracked.
         pending: Whether the times lack the last measurement, shape ``(num_envs, num_bodies)``.
+        remainder: What the sums of the times lack [s], same shape.
         sensor: The sensor to write.
     """
     env, body = wp.tid()
@@ -139,7 +152,7 @@ def begin_contacts(
         return
     # First the times: they are computed from the sums that are cleared below.
     if pending[env, body]:
-        _update_times(env, body, elapsed[0], sensor)
+        _update_times(env, body, elapsed[0], remainder, sensor)
     pending[env, body] = track_times
     _shift_history(env, body, sensor)
     sensor.net_forces_w[env, body] = wp.vec3()
@@ -154,6 +167,7 @@ def measure_contacts(
     geom_column: wp.array2d[int],
     contact_geoms: wp.array2d[wp.vec2i],
     contact_forces: wp.array2d[wp.vec3],
+    remainder: wp.array2d[float],
     sensor: ContactSensorData,
 ):
     """Measure: shift the history, sum the forces of the contacts listed for each environment, update the times.
@@ -169,6 +183,7 @@ def measure_contacts(
         geom_column: Filter that each geom belongs to, else -1, same shape.
         contact_geoms: The two geoms, -1 in the first place without a contact, shape ``(num_envs, places)``.
         contact_forces: Forces on the second geom, in the world frame [N], shape ``(num_envs, places)``.
+        remainder: What the sums of the times lack [s], shape ``(num_envs, num_bodies)``.
         sensor: The sensor to write.
     """
     env, body = wp.tid()
@@ -190,15 +205,20 @@ def measure_contacts(
                     sensor.force_matrix_w[env, body, column] += force
     sensor.net_forces_w[env, body] = net
     if track_times:
-        _update_times(env, body, elapsed[0], sensor)
+        _update_times(env, body, elapsed[0], remainder, sensor)
 
 
 @wp.kernel(enable_backward=False)
-def finish_contacts(elapsed: wp.array[float], pending: wp.array2d[wp.bool], sensor: ContactSensorData):
+def finish_contacts(
+    elapsed: wp.array[float],
+    pending: wp.array2d[wp.bool],
+    remainder: wp.array2d[float],
+    sensor: ContactSensorData,
+):
     """Update the times by the last measurement of a step; threads (environment, body)."""
     env, body = wp.tid()
     if pending[env, body]:
-        _update_times(env, body, elapsed[0], sensor)
+        _update_times(env, body, elapsed[0], remainder, sensor)
         pending[env, body] = False
 
 

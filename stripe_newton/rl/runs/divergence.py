@@ -70,7 +70,7 @@ def is_of_environment(error: Exception) -> bool:
 def diverged(problem: str, run: RunFolder | None) -> DivergedError:
     """The error about a policy that has diverged, with the last sound checkpoint of its run."""
     sound = None if run is None else _find_sound(run)
-    advice = "train again with a smaller learning rate, or look at rewards and observations"
+    advice = "train again with a smaller agent.algorithm.learning_rate, or look at rewards and observations"
     if sound is None:
         return DivergedError(f"{problem}: the training has diverged; no checkpoint is from before; {advice}")
     return DivergedError(f"{problem}: the training has diverged; the last sound checkpoint is {sound}; {advice}")

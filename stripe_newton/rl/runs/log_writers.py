@@ -18,7 +18,20 @@ from stripe_newton.rl.errors import CheckpointWriteError
 
 from .metrics_csv import MetricsCsv
 
-__all__ = ["RankLogWriter", "RunLogWriter"]
+__all__ = ["EVENTS_IN_FULL", "ROWS_IN_FULL", "RankLogWriter", "RunLogWriter"]
+
+EVENTS_IN_FULL = 10_000
+"""Iterations of which tensorboard gets each; it shows a thousand points of a curve."""
+ROWS_IN_FULL = 100_000
+"""Iterations of which ``metrics.csv`` has each."""
+
+
+def _stride(iteration: int, in_full: int) -> int:
+    """Iterations from one to the next that is written, a power of ten."""
+    stride = 1
+    while iteration >= in_full * stride:
+        stride *= 10
+    return stride
 
 
 class RankLogWriter(LogWriter):
@@ -48,6 +61,10 @@ class RunLogWriter(LogWriter):
     rsl_rl also logs rewards over the seconds of the run, under tags that end in ``/time``. Only the second writer gets
     them: their step is not an iteration, so a resumed run could not tell which of them to drop, and tensorboard can
     show any curve over time by itself.
+
+    Files stay small in runs of any length: beyond :data:`EVENTS_IN_FULL` iterations the events have every tenth one,
+    beyond ten times as many every hundredth, and so on, and ``metrics.csv`` from :data:`ROWS_IN_FULL` on. Both have the
+    last one of a run. The second writer gets all.
     """
 
     def __init__(self, log_dir: str, first_iteration: int = 0, also: dict[str, object] | None = None):
@@ -76,6 +93,7 @@ class RunLogWriter(LogWriter):
             self.second = writer_class(log_dir=log_dir, **kwargs)
         self._row: dict[str, float] = {}
         self._on_clock: list[tuple[str, float, int]] = []
+        self._left_out: tuple[int, dict[str, float], dict[str, float], bool, bool] | None = None
         self._failing = False  # so that a full disk is one warning rather than one an iteration
         self._previous_hook = threading.excepthook
         threading.excepthook = self._ignore_full_disk
@@ -102,9 +120,20 @@ class RunLogWriter(LogWriter):
             for name, value, second in () if isinstance(self.second, WandbLogWriter) else clock:
                 self.second.add_scalar(name, value, second)
         head = {"iteration": iteration, "total_steps": total_steps, "elapsed_s": round(elapsed_s, 3)}
+        metrics = iteration % _stride(iteration, ROWS_IN_FULL) == 0
+        events = iteration % _stride(iteration, EVENTS_IN_FULL) == 0
+        self._write(iteration, head, row, metrics, events)
+        self._left_out = iteration, head, row, not metrics, not events
+
+    def _write(
+        self, iteration: int, head: dict[str, float], row: dict[str, float], metrics: bool, events: bool
+    ) -> None:
+        """Write a row to ``metrics.csv``, to the events, or to both."""
         try:
-            self.metrics.write(head | row)
-            self._write_events(iteration, row)
+            if metrics:
+                self.metrics.write(head | row)
+            if events:
+                self._write_events(iteration, row)
         except OSError as error:
             if not self._failing:
                 file = error.filename or self.metrics.path
@@ -149,7 +178,9 @@ class RunLogWriter(LogWriter):
             self.second.save_video(video, it)
 
     def stop(self) -> None:
-        """Close all files."""
+        """Write what the last iteration has left out, and close all files."""
+        if self._left_out is not None:
+            self._write(*self._left_out)
         with contextlib.suppress(OSError):
             if self.tensorboard is not None:
                 self.tensorboard.close()

@@ -7,18 +7,21 @@ import contextlib
 import csv
 import errno
 import io
+import itertools
 import os
 import statistics
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TextIO
 
-from stripe_newton.input_files import InputFileError, read_text
+from stripe_newton.input_files import read_text, why_no_file
 
 __all__ = ["MetricsCsv", "Row", "merge_rows", "read_metrics"]
 
 _MOST_BYTES = 1 << 30
-"""Largest file that is read; a row has some hundred bytes."""
+"""Largest file that is read as a whole; a row has some hundred bytes."""
+_LONGEST_LINE = 1 << 20
 
 Row = Mapping[str, float | str]
 """Values of a row by column: numbers, or their text where the row was read from the file."""
@@ -30,16 +33,18 @@ def read_metrics(path: str | os.PathLike) -> dict[str, list[float]]:
     Raises:
         ValueError: if the file is missing or has something else in it than numbers.
     """
+    text = read_text(path, _MOST_BYTES)
     try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path, _MOST_BYTES))))
-        return {
-            name: [float(row[name]) if row[name] else float("nan") for row in rows]
-            for name in (rows[0] if rows else ())
-        }
-    except InputFileError:
-        raise
-    except (ValueError, TypeError, KeyError, csv.Error) as error:  # TypeError: a row with more values than columns
+        reader = csv.DictReader(io.StringIO(text))
+        columns: dict[str, list[float]] = {name: [] for name in reader.fieldnames or ()}
+        for row in reader:
+            if None in row:
+                raise ValueError(f"a row has more than {len(columns)} values")
+            for name, values in columns.items():
+                values.append(float(row[name]) if row[name] else float("nan"))
+    except (ValueError, csv.Error) as error:
         raise ValueError(f"{path}: is no table of numbers ({error})") from None
+    return columns if any(columns.values()) else {}
 
 
 def merge_rows(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -69,34 +74,31 @@ class MetricsCsv:
         self.path = Path(path)
         self.columns = ["iteration"]
         self.waiting: list[Row] = []
-        rows: list[Row] = []
-        if os.path.lexists(self.path):
-            try:
-                rows = self._read(first_iteration)
-            except (ValueError, KeyError, csv.Error) as error:
-                # A run can go on without its rows, so they are put aside rather than lost.
-                aside = self.path.with_name(self.path.name + ".damaged")
-                os.replace(self.path, aside)
-                reason = str(error).removeprefix(f"{self.path}: ")
-                print(f"warning: {self.path}: {reason}; it is {aside.name} now, and begins anew", file=sys.stderr)
-        self._rewrite(rows)
+        try:
+            if os.path.lexists(self.path):
+                self._keep_before(first_iteration)
+                return
+        except (ValueError, KeyError, csv.Error) as error:
+            # A run can go on without its rows, so they are put aside rather than lost.
+            aside = self.path.with_name(self.path.name + ".damaged")
+            os.replace(self.path, aside)
+            print(f"warning: {self.path}: {error}; it is {aside.name} now, and begins anew", file=sys.stderr)
+            self.columns = ["iteration"]
+        self._rewrite(())
 
-    def _read(self, first_iteration: int) -> list[Row]:
-        """The rows before an iteration.
+    def _keep_before(self, first_iteration: int) -> None:
+        """Drop the rows of an iteration and of later ones.
 
         Raises:
             ValueError: if the file is no table of this class.
         """
-        # A process that was killed may have left half of the last line.
-        whole = read_text(self.path, _MOST_BYTES).rpartition("\n")[0]
-        reader = csv.DictReader(io.StringIO(whole))
+        reader = csv.DictReader(_whole_lines(self.path))
         columns = list(reader.fieldnames or self.columns)
         if "iteration" not in columns or len(set(columns)) < len(columns):
             raise ValueError("is damaged: its first line does not name the columns")
-        whole_rows = [row for row in reader if None not in row.values()]
-        rows: list[Row] = [row for row in whole_rows if int(row["iteration"]) < first_iteration]
         self.columns = columns
-        return rows
+        whole_rows = (row for row in reader if None not in row.values())
+        self._rewrite(row for row in whole_rows if int(row["iteration"]) < first_iteration)
 
     def write(self, row: Row) -> None:
         """Append a row; ``row["iteration"]`` is its iteration.
@@ -107,12 +109,10 @@ class MetricsCsv:
         self.waiting.append(row)
         new = list(dict.fromkeys(name for row in self.waiting for name in row if name not in self.columns))
         if new:
-            rows: list[Row] = []
-            with contextlib.suppress(FileNotFoundError), open(self.path, newline="", encoding="utf-8") as file:
-                rows = list(csv.DictReader(file))
+            rows = csv.DictReader(_whole_lines(self.path)) if self.path.exists() else ()
             self.columns += new
             try:
-                self._rewrite([*rows, *self.waiting])
+                self._rewrite(itertools.chain(rows, self.waiting))
             except OSError:
                 self.columns = self.columns[: -len(new)]
                 raise
@@ -120,13 +120,16 @@ class MetricsCsv:
             self._append(self._text(self.waiting))
         self.waiting = []
 
-    def _text(self, rows: Sequence[Row], header: bool = False) -> bytes:
+    def _text(self, rows: Iterable[Row], header: bool = False) -> bytes:
         text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, self.columns)
+        self._write_to(text, rows, header)
+        return text.getvalue().encode()
+
+    def _write_to(self, file: TextIO, rows: Iterable[Row], header: bool) -> None:
+        writer = csv.DictWriter(file, self.columns)
         if header:
             writer.writeheader()
         writer.writerows(rows)
-        return text.getvalue().encode()
 
     def _append(self, text: bytes) -> None:
         # Unbuffered and in one write: on a full disk part of it may be written, which is cut off again.
@@ -141,11 +144,33 @@ class MetricsCsv:
                 file.truncate(size)
                 raise
 
-    def _rewrite(self, rows: Sequence[Row]) -> None:
+    def _rewrite(self, rows: Iterable[Row]) -> None:
+        # Row by row: those of a long run are gigabytes as objects of Python.
         part = self.path.with_name(self.path.name + ".part")
         try:
-            part.write_bytes(self._text(rows, header=True))
+            with open(part, "w", newline="", encoding="utf-8") as file:
+                self._write_to(file, rows, header=True)
             os.replace(part, self.path)
         finally:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
+
+
+def _whole_lines(path: Path) -> Iterator[str]:
+    """Lines of a text file. A last one without an end is left out: a process that was killed leaves half of one.
+
+    Raises:
+        ValueError: if it is no text file.
+    """
+    if problem := why_no_file(path):
+        raise ValueError(problem)
+    with open(path, "rb") as file:
+        while line := file.readline(_LONGEST_LINE):
+            if len(line) == _LONGEST_LINE:
+                raise ValueError(f"is damaged: a line has more than {_LONGEST_LINE} bytes")
+            try:
+                text = line.decode("utf-8")
+            except UnicodeDecodeError:
+                raise ValueError("is damaged: it is not text") from None
+            if text.endswith("\n"):
+                yield text

@@ -158,9 +158,14 @@ class RunFolder:
                 raise CheckpointError(f"{part}: is a link to {part.resolve()}, outside of the run folder; remove it")
 
     def remove_unused(self) -> None:
-        """Remove the folder of a run that did not begin. A folder with more than the configs in it is left alone."""
+        """Remove the folder of a run that did not begin, and that of its experiment if it was the only one.
+
+        A folder with more than the configs in it is left alone.
+        """
         if self.path.is_dir() and {file.name for file in self.path.iterdir()} <= {self.params.name, LOCK_NAME}:
             shutil.rmtree(self.path, ignore_errors=True)
+            with contextlib.suppress(OSError):  # it has other runs
+                self.path.parent.rmdir()
 
     def write_task(self, task: str) -> None:
         """Write the name of the task to ``params/run.yaml``."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 from pxr import Gf, Usd, UsdLux
@@ -23,6 +23,9 @@ __all__ = [
     "SphereLightCfg",
     "spawn_light",
 ]
+
+
+_LIGHTS = UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase
 
 
 def spawn_light(
@@ -69,6 +72,13 @@ class LightCfg(SpawnerCfg):
 
     sizes: ClassVar[tuple[str, ...]] = ()
     """Fields that say how large a light is, named as the inputs of the UsdLux type."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        kind = getattr(UsdLux, self.prim_type, None)
+        needed = ["Define", *(f"Create{name.capitalize()}Attr" for name in self.sizes)]
+        if not (isinstance(kind, type) and issubclass(kind, _LIGHTS) and all(hasattr(kind, name) for name in needed)):
+            has = f" with {' and '.join(self.sizes)}" if self.sizes else ""
+            yield "prim_type", f"is {self.prim_type!r}, must be a light of UsdLux{has}: {type(self).prim_type!r}"
 
 
 @configclass

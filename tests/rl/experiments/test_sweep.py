@@ -174,7 +174,7 @@ def test_a_bad_file_gets_one_message_that_says_what_is_right(text, parts):
 
 
 def test_a_file_that_is_not_there():
-    with pytest.raises(UserError, match=r"--sweep none\.yaml: No such file"):
+    with pytest.raises(UserError, match=r"--sweep none\.yaml: does not exist; give a YAML file"):
         read_sweep_file(Path("none.yaml"), TASK, configs())
 
 

@@ -15,7 +15,7 @@ does not. ``traceback``: an error that nobody raised on purpose. ``crash`` also 
 a wrong input was taken, or something was written or run that must not be."""
 BAD = ("traceback", "crash", "hang", "silent", "broken")
 """Outcomes that must not be."""
-MOST_LINES = 30
+MOST_LINES = 40
 """Lines of a message that a reader still reads."""
 
 

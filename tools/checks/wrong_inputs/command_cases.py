@@ -77,7 +77,7 @@ def own_options(rng: random.Random, count: int) -> Iterator[Case]:
         fine = word in ("0", "-1", "-2147483649", "1000000000", "99999999999999999999") and option == "--seed"
         may = fine or (option, word) in {("--video-interval", "0"), ("--video-interval", "1000000000")}
         may = may or (option == "--max-iterations" and command != "train")
-        names = [option, option.strip("-"), "memory"]
+        names = [option, option.strip("-"), "memory", *([word] if word.strip() else [])]
         text = f"{command} {option} {word[:20]!r}"
         yield Case("options of commands", "command", text, {"argv": argv, "files": [RUN]}, names, may)
 
@@ -105,7 +105,7 @@ def written_places(rng: random.Random, count: int) -> Iterator[Case]:
         (BENCH, "--json", []),
         (EXPORT, "--out", []),
         (TRAIN, "--log-dir", []),
-        (["compare", "run"], "--out", []),
+        (["compare", "run", "--metric", "Loss/value"], "--out", []),
         (["inspect", TASK], "--out", []),
         (["scene", "build", "stripe_tasks.rubble.scenes:RubbleSpec"], "--out", []),
     )

@@ -120,7 +120,8 @@ def field_options(rng: random.Random, count: int) -> Iterator[Case]:
         argv += [f"{name}={word}"] if rng.random() < 0.5 else [name, word]
         wrong_number = word in ("nan", "inf", "-inf", "1e999")
         may = (is_text and name == _option(path)) or not wrong_number
-        names = [field.name, name.strip("-"), "Required", word] if name != _option(path) else [field.name, "Required"]
+        # A text may be taken, and refused later by what it should name: "joint 'nan' matches nothing".
+        names = [field.name, name.strip("-"), "Required", repr(word)] + ([word] if name != _option(path) else [])
         yield Case("fields on the command line", "command", f"{name} {word!r}", {"argv": argv}, names, may)
 
 
@@ -146,10 +147,10 @@ def extremes(rng: random.Random, count: int) -> Iterator[Case]:
 SWEEPS = (
     ("agent.algorithm.gamma: {value}", ("gamma",)),
     ("agent.algorithm.gamma: [0.9, {value}]", ("gamma",)),
-    ("agent.algorithm.gamma: {{low: {value}, high: 0.99}}", ("gamma",)),
-    ("agent.algorithm.gamma: {{low: 0.1, high: 0.99, step: {value}}}", ("gamma",)),
+    ("agent.algorithm.gamma: {{low: {value}, high: 0.99}}", ("gamma", "trials")),
+    ("agent.algorithm.gamma: {{low: 0.1, high: 0.99, step: {value}}}", ("gamma", "trials")),
     ("agent.algorithm.gamma: {{choices: {value}}}", ("gamma",)),
-    ("agent.algorithm.learning-rate: {{low: {value}, high: 1.0, log: true}}", ("learning-rate",)),
+    ("agent.algorithm.learning-rate: {{low: {value}, high: 1.0, log: true}}", ("learning-rate", "trials")),
     ("env.sim.dt: [0.01, {value}]", ("dt",)),
     ("agent.actor.hidden-dims: [[{value}]]", ("hidden-dims",)),
     ("agent.actor.activation: [{value}]", ("activation",)),

@@ -132,7 +132,7 @@ def _zip(file: str, kind: str) -> None:
         path.write_bytes(content)
 
 
-def make_big_zip(path: Path, gigabytes: int = 12) -> None:
+def make_big_zip(path: Path, gigabytes: int = 6) -> None:
     """Write a small file that unpacks to many gigabytes."""
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,

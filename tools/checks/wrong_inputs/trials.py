@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,7 @@ def _run_child(case: dict[str, Any], folder: str, answer: int, templates: dict[s
     with open("/proc/self/statm") as file:
         used = int(file.read().split()[0]) * resource.getpagesize()
     result: Result
+    warnings.filterwarnings("always", category=UserWarning)  # as a user sees them who starts a command
     try:
         prepare(case["data"].get("files", []), templates)
         resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
@@ -159,18 +161,25 @@ def _try_config(case: dict[str, Any], folder: str) -> Result:
 
     data = case["data"]
     cls, value = _resolve(data["cls"]), eval(data["value"])
-    try:
-        cfg = cls()
-        setattr(cfg, data["field"], value)
-        cfg.validate()
-    except ConfigError as error:
-        wrong = [problem for problem in error.problems if "is missing" not in problem]
-        return judge_message("\n".join(wrong), case["names"]) if wrong else "silent", str(error)
-    except (AttributeError, TypeError, ValueError) as error:
-        return _judge_error(error, case["names"])
-    except Exception:
-        return "traceback", traceback.format_exc()
-    return "silent", "no error"
+    text = "no error"
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        try:
+            cfg = cls()
+            setattr(cfg, data["field"], value)
+            cfg.validate()
+        except ConfigError as error:
+            text = str(error)
+            wrong = [problem for problem in error.problems if "is missing" not in problem]
+            if wrong and judge_message("\n".join(wrong), case["names"]) == "clear":
+                return "clear", text
+        except (AttributeError, TypeError, ValueError) as error:
+            return _judge_error(error, case["names"])
+        except Exception:
+            return "traceback", traceback.format_exc()
+    # A field that only makes others' configs load takes anything, and says that it has no effect.
+    said = "\n".join(str(warning.message) for warning in warned)
+    return ("clear" if said and judge_message(said, case["names"]) == "clear" else "silent"), f"{text}\n{said}"
 
 
 def _judge_error(error: Exception, names: list[str]) -> Result:

@@ -2,11 +2,12 @@
 """Wrong inputs: configs, options, files, places, modules and calls that are wrong, tried by thousands, and a table.
 
     python tools/checks/wrong_inputs/try_inputs.py OUT [--count 3000] [--seed 0] [--workers 1] [--timeout 60]
-    python tools/checks/wrong_inputs/try_inputs.py OUT --again OUT/record.json
+    python tools/checks/wrong_inputs/try_inputs.py OUT2 --again OUT/record.json
 
 Each input may turn out to be right, or be refused by one message that names it. A traceback, a crash, a wait without
 end, and a wrong input that is taken in silence are errors, and the command fails. OUT gets ``table.md``,
-``record.json`` with every input and its answer, and the two short trainings whose run folders are damaged.
+``record.json`` with every input and its answer, and the two short trainings whose run folders are damaged. A command
+that was ended early goes on where it stopped when it is given again.
 """
 
 from __future__ import annotations
@@ -47,10 +48,31 @@ def make_cases(count: int, seed: int) -> list[Case]:
 
 
 def bad_cases(record: Path) -> list[Case]:
-    """Cases of a record, or of a log of answers, that ended as none must."""
+    """Cases of a record, or of a log of answers, that ended as none must, or by a message that is not clear."""
     text = record.read_text()
     found = json.loads(text) if text.startswith("[") else [json.loads(line) for line in text.splitlines()]
-    return [Case(**case) for case in found if case["outcome"] in BAD]
+    bad = [Case(**case) for case in found if case["outcome"] in (*BAD, "unclear")]
+    for case in bad:
+        case.outcome = case.text = ""
+    return bad
+
+
+def take_answers(cases: list[Case], log: Path) -> None:
+    """Take the outcomes of an earlier command that was ended early from its log, for the cases that it tried."""
+    waiting: dict[str, list[Case]] = {}
+    for case in cases:
+        waiting.setdefault(_question(case), []).append(case)
+    for line in log.read_text().splitlines():
+        answered = Case(**json.loads(line))
+        same = waiting.get(_question(answered))
+        if not same:
+            sys.exit(f"{log}: has an answer to {answered.what!r}, which is none of these inputs; use another folder")
+        case = same.pop()
+        case.outcome, case.text, case.seconds = answered.outcome, answered.text, answered.seconds
+
+
+def _question(case: Case) -> str:
+    return json.dumps([case.group, case.what, case.data])
 
 
 def make_templates(out: Path) -> dict[str, str]:
@@ -75,7 +97,8 @@ def make_templates(out: Path) -> dict[str, str]:
 def try_cases(
     cases: list[Case], templates: dict[str, str], workers: int = 1, timeout: float = 60.0, log: Path | None = None
 ) -> None:
-    """Try all cases and fill in their outcomes; each answer is appended to the log at once, as a line of JSON."""
+    """Try the cases that have no outcome yet, and fill it in; each answer goes to the log at once, a line of JSON."""
+    cases = [case for case in cases if not case.outcome]
     began = time.monotonic()
 
     def tell(index: int, answer: Answer) -> None:
@@ -115,8 +138,10 @@ def main() -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     cases = make_cases(args.count, args.seed) if args.again is None else bad_cases(args.again)
     cases = [case for case in cases if args.group in case.group]
-    (args.out / "answers.jsonl").unlink(missing_ok=True)
-    try_cases(cases, make_templates(args.out), args.workers, args.timeout, args.out / "answers.jsonl")
+    log = args.out / "answers.jsonl"
+    if log.exists():
+        take_answers(cases, log)
+    try_cases(cases, make_templates(args.out), args.workers, args.timeout, log)
     (args.out / "record.json").write_text(json.dumps([asdict(case) for case in cases], indent=1))
     (args.out / "table.md").write_text(table(cases))
     print(table(cases))
