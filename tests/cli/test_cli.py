@@ -31,8 +31,6 @@ from stripe_newton.rl import DivergedError, find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
 from tests.helpers.fake_env import TASK
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 @pytest.fixture
 def no_video(monkeypatch):

@@ -36,8 +36,6 @@ from stripe_tasks.cartpole.manager_based import CartpoleManagerPPORunnerCfg
 from tests.helpers.cartpole_manager_env import rich
 from tests.helpers.fake_env import TASK
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 STEPS = 16
 
 
