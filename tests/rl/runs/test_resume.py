@@ -121,7 +121,7 @@ def test_new_episodes_keep_the_clock_and_what_curricula_changed(tmp_path):
 def no_files(monkeypatch):
     from stripe_newton.cli import train
 
-    monkeypatch.setattr(train, "record_video", lambda *args: None)
+    monkeypatch.setattr(train, "record_video", lambda *args, **kwargs: None)
     monkeypatch.setattr(train, "export_policy", lambda *args: "")
 
 
