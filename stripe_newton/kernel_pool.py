@@ -30,21 +30,17 @@ def kernel_pool(workers: int) -> Iterator[None]:
     if _pool is not None or workers < 2:
         yield
         return
-    with ThreadPoolExecutor(workers, thread_name_prefix="kernels") as _pool:
-        try:
-            yield
-            for future in _futures:
-                # An error of a kernel is raised, with all that the user needs, when it is launched.
-                with contextlib.suppress(Exception):
-                    future.result()
-        finally:
-            _pool = _drop(_pool)
-
-
-def _drop(pool: ThreadPoolExecutor) -> None:
-    """Forget what has not begun."""
-    _futures.clear()
-    pool.shutdown(cancel_futures=True)
+    _pool = ThreadPoolExecutor(workers, thread_name_prefix="kernels")
+    try:
+        yield
+        for future in _futures:
+            # An error of a kernel is raised, with all that the user needs, when it is launched.
+            with contextlib.suppress(Exception):
+                future.result()
+    finally:
+        pool, _pool = _pool, None
+        _futures.clear()
+        pool.shutdown(cancel_futures=True)  # after an error: what has not begun is left out
 
 
 def compile_ahead(kernel: wp.Kernel, device: str, block_dim: int) -> None:

@@ -37,7 +37,7 @@ Params = dict[str, dict]
 _SafeDumper: type[yaml.SafeDumper] = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
-class _Dumper(_SafeDumper):  # type: ignore[misc, valid-type]  # a class by a variable
+class _Dumper(_SafeDumper):
     """Safe YAML with lists of values on one line. It takes subclasses of the plain types too, as ``numpy.float64``."""
 
     def represent_list(self, data: list) -> yaml.Node:
