@@ -2,7 +2,7 @@
 """Threads of torch on the CPU: as many as the work is worth, on cores that nobody else uses.
 
 By default torch takes a thread for each core. Small networks gain nothing from that. Where others use the cores, too,
-threads wait for each other: two trainings at once on two cores then take many times as long as one after the other.
+threads wait for each other, and where they wait by spinning, they take the cores from those that compute.
 """
 
 from __future__ import annotations
