@@ -8,6 +8,9 @@ import os
 import pytest
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Before torch is loaded, and for the processes that tests start: small networks are slower on several threads, and
+# tests run side by side.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 def has_cuda() -> bool:
@@ -35,17 +38,6 @@ def quiet_warp() -> None:
 def own_folder(tmp_path, monkeypatch) -> None:
     """Run each test in a temporary folder, so that relative paths do not write into the source tree."""
     monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture
-def one_thread():
-    """Torch on one thread: small networks are slower on several, and tests run side by side."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])

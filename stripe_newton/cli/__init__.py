@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from stripe_newton.configclass import ConfigError, NoConfigClassError
 from stripe_newton.matching import NoMatchError
 from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError
+from stripe_newton.threads import watch_cores
 
 from .end_signals import end_on_signals
 from .system_errors import system_message
@@ -60,6 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # code calls this function, whose process goes on.
         gc.disable()
         end_on_signals()
+        watch_cores()
         # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
         # the cores, too, an update of a small network took twenty times as long by that.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

@@ -60,12 +60,19 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
     Raises:
         ConfigError: for values of configs that are not of the field's type, or out of its range.
     """
-    # One dataclass for all options, made from the values of the configs, so that help shows them as defaults.
-    nested = {name: type(options_of(cfg, name)) for name, cfg in configs.items()}
+    # One dataclass for all options, made from the values of the configs, so that help shows them as defaults. A config
+    # that no word is about is left out: it takes tyro a second to go through the hundreds of fields of a task.
+    given = configs if {"-h", "--help"} & set(argv) else {n: c for n, c in configs.items() if _names_fields(argv, n)}
+    nested = {name: type(options_of(cfg, name)) for name, cfg in given.items()}
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in nested.items()]
     full = dataclasses.make_dataclass("Args", fields, bases=(options,), namespace={"__doc__": options.__doc__})
     args: T = tyro.cli(full, args=argv, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,))
-    for name, cfg in configs.items():
+    for name, cfg in given.items():
         apply_options(cfg, getattr(args, name))
     check_types(*((name, cfg) for name, cfg in configs.items() if is_config(cfg)))
     return args
+
+
+def _names_fields(argv: Sequence[str], config: str) -> bool:
+    """Whether arguments have options for fields of a config."""
+    return any(word.startswith(f"--{config}.") for word in argv)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from stripe_newton.rl.distributed import rank_device, world
+from stripe_newton.threads import choose_threads
 
 from .user_error import UserError
 
@@ -24,7 +25,8 @@ def set_device(env_cfg: RLEnvCfg, requested: str | None) -> None:
     """Write the device to run on into ``env_cfg``.
 
     It is the requested one, or else the configured one, the first GPU, or the CPU. Where several processes train
-    together, it is the one of this rank.
+    together, it is the one of this rank. Torch computes on one thread from here on: environments compute nothing large
+    on the CPU, and whoever makes networks chooses anew.
 
     Args:
         env_cfg: Config of the environment.
@@ -33,6 +35,7 @@ def set_device(env_cfg: RLEnvCfg, requested: str | None) -> None:
     Raises:
         UserError: if the requested device is not there.
     """
+    choose_threads(0.0)
     if world().size > 1:
         try:
             env_cfg.sim.device = rank_device(requested, env_cfg.sim.device)

@@ -7,10 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stripe_newton.rl import RunFolder, find_checkpoint
+import torch
+
+from stripe_newton.rl import RslRlOnPolicyRunnerCfg, RunFolder, find_checkpoint
+from stripe_newton.rl.configs import RunnerCfg
 from stripe_newton.rl.distributed import world
 from stripe_newton.rl.torch_vector_env import rl_env_of
 from stripe_newton.sim.device import resolve_device
+from stripe_newton.threads import choose_threads
 
 from .compile_log import CompileLog
 from .kernel_warmup import warm_up
@@ -46,10 +50,23 @@ def build(
         runner = DistillationRunner(env, agent, log_dir)
     else:
         runner = OnPolicyRunner(env, agent, log_dir)
+    _choose_threads(runner, agent, acts_only=checkpoint is not None)
     if checkpoint is not None:
         runner.load(checkpoint, load_cfg=runner.parts_to_act)
         restore_normalization(env.unwrapped, checkpoint)
     return runner
+
+
+def _choose_threads(runner: OnPolicyRunner, agent: RunnerCfg, acts_only: bool) -> None:
+    """Choose torch's threads for the networks of a runner on the CPU; ``--deterministic`` has chosen one."""
+    if runner.device != "cpu" or torch.are_deterministic_algorithms_enabled():
+        return
+    networks, samples = list(runner.networks.values()), runner.env.num_envs
+    if acts_only:
+        networks = networks[:1]
+    elif isinstance(agent, RslRlOnPolicyRunnerCfg):
+        samples = samples * agent.num_steps_per_env // agent.algorithm.num_mini_batches
+    choose_threads(sum(weights.numel() for network in networks for weights in network.parameters()) * samples)
 
 
 def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvWrapper:

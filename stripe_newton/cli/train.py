@@ -22,7 +22,7 @@ from stripe_newton.rl.distributed import as_rank, world
 from stripe_newton.rl.experiments.sweep_process import end_with_sweep
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
-from stripe_newton.rl.runs.video import video_steps
+from stripe_newton.rl.runs.video import CPU_FPS, CPU_SECONDS, MAX_FPS, VIDEO_SECONDS, video_steps
 from stripe_newton.rl.torch_vector_env import rl_env_of
 
 from . import USER_ERRORS
@@ -192,12 +192,17 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
     except ExportError as error:
         failed = error  # raised after the video, which does not depend on the export
     if complete and film:
-        policy = runner.get_inference_policy(runner.device)
-        name = f"final_{runner.iterations_done}.mp4"
-        print(f"filming {video_steps(runner.env)} steps (--final-video False: no video)", flush=True)
-        record_video(runner.env, policy, folder.videos / name, video_steps(runner.env))
+        _film(runner, folder.videos / f"final_{runner.iterations_done}.mp4")
     if failed is not None:
         raise failed
+
+
+def _film(runner: OnPolicyRunner, path: Path) -> None:
+    """Film the trained policy; on the CPU with fewer frames, so that it does not take longer than a short training."""
+    seconds, fps = (CPU_SECONDS, CPU_FPS) if runner.device == "cpu" else (VIDEO_SECONDS, MAX_FPS)
+    steps = video_steps(runner.env, seconds)
+    print(f"filming {steps} steps (--final-video False: no video)", flush=True)
+    record_video(runner.env, runner.get_inference_policy(runner.device), path, steps, most_fps=fps)
 
 
 def _print_next(task: str, folder: RunFolder, complete: bool) -> None:

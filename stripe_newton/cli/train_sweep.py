@@ -14,6 +14,7 @@ from pathlib import Path
 import torch
 
 from stripe_newton.rl.experiments.sweep_process import Slot
+from stripe_newton.threads import PROCESSES
 
 from .run_configs import Configs
 from .shell_command import command
@@ -142,9 +143,7 @@ def list_slots(device: str | None, jobs: int | None) -> list[Slot]:
 
 
 def _cpu_slots(jobs: int) -> list[Slot]:
-    # The cores are shared out: torch in each run would take all of them.
-    threads = str(max(1, (os.cpu_count() or 1) // jobs))
-    environ = {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", threads)}
+    environ = {"CUDA_VISIBLE_DEVICES": "", PROCESSES: str(jobs)}
     return [Slot("the CPU" if jobs == 1 else f"CPU {number}", "cpu", environ) for number in range(jobs)]
 
 

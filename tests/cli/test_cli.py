@@ -31,15 +31,13 @@ from stripe_newton.rl import DivergedError, find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
 from tests.helpers.fake_env import TASK
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 @pytest.fixture
 def no_video(monkeypatch):
     """Leave the videos out, where a test is about something else."""
     from stripe_newton.cli import train
 
-    monkeypatch.setattr(train, "record_video", lambda *args: None)
+    monkeypatch.setattr(train, "record_video", lambda *args, **kwargs: None)
     monkeypatch.setattr(train, "export_policy", lambda *args: None)
 
 

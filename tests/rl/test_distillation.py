@@ -21,8 +21,6 @@ from stripe_newton.rl import (
 )
 from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 normal = RslRlMLPModelCfg.GaussianDistributionCfg
 
 

@@ -15,8 +15,6 @@ from stripe_newton.rl import (
 from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv
 from tests.helpers.fake_runner import make_env, make_runner, rnn_cfg
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 class ScriptedEnv(FakeCartEnv):
     """Episodes of fixed lengths: 2 in environment 0 and 10 in all others; a step is worth 1."""

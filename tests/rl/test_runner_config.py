@@ -17,8 +17,6 @@ from tests.helpers.checkout import ROOT
 from tests.helpers.fake_env import FakeCartRunnerCfg
 from tests.helpers.fake_runner import make_env
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def test_default_config_is_what_rsl_rl_takes():
     agent = RslRlOnPolicyRunnerCfg()

@@ -21,6 +21,7 @@ from pathlib import Path
 from torch.distributed.elastic.multiprocessing.errors import ProcessFailure
 
 from stripe_newton.rl.runs.interrupt import on_first_signal
+from stripe_newton.threads import PROCESSES
 
 from .ranks import LAUNCHER, LostRankError
 
@@ -114,8 +115,7 @@ def _environment(folder: Path, count: int) -> Iterator[None]:
     """Set the environment variables that the ranks inherit."""
     before = dict(os.environ)
     os.environ[LAUNCHER] = f"{os.getpid()}:{folder}"
-    # The cores are shared out: torch in each rank would take all of them.
-    os.environ.setdefault("OMP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // count)))
+    os.environ[PROCESSES] = str(count)
     if sys.platform == "linux":
         # All ranks are on this host. By themselves the libraries take an interface of the network, which may lead
         # nowhere, and where anybody can connect to them.

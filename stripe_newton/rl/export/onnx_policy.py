@@ -102,8 +102,10 @@ def _open(path: Path, device: str) -> onnxruntime.InferenceSession:
     there = onnxruntime.get_available_providers()
     wanted = ["CUDAExecutionProvider"] if device.startswith("cuda") else []
     providers = [p for p in [*wanted, "CPUExecutionProvider"] if p in there]
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = torch.get_num_threads()  # by default one for each core, busy or not
     try:
-        return onnxruntime.InferenceSession(str(path), providers=providers)
+        return onnxruntime.InferenceSession(str(path), options, providers=providers)
     except Exception as error:  # its errors have no common base
         raise CheckpointError(f"{path}: onnxruntime cannot run it ({str(error).splitlines()[0][:160]})") from None
 

@@ -162,7 +162,9 @@ def _onnx_runner(model: bytes) -> tuple[Run, str]:
         import onnxruntime
     except ImportError:
         return _reference_runner(model)
-    session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1  # by default one for each core, which wait for each other by spinning
+    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     names = [output.name for output in session.get_outputs()]
 
     def run(arrays: Arrays) -> Arrays:

@@ -33,7 +33,11 @@ Params = dict[str, dict]
 """Configs of a run by ``"env"`` and ``"agent"``, as nested dicts of plain values."""
 
 
-class _Dumper(yaml.SafeDumper):
+# libyaml's, the fast one, where it is built in.
+_SafeDumper: type[yaml.SafeDumper] = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+class _Dumper(_SafeDumper):
     """Safe YAML with lists of values on one line. It takes subclasses of the plain types too, as ``numpy.float64``."""
 
     def represent_list(self, data: list) -> yaml.Node:

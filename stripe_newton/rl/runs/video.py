@@ -25,23 +25,30 @@ MAX_FPS = 60.0
 """Most frames that a video has in a second."""
 VIDEO_SECONDS = 10.0
 """Longest video without an explicit length [s]."""
+CPU_FPS, CPU_SECONDS = 30.0, 5.0
+"""The same of the video at the end of a training on the CPU, where a frame takes as long as many steps."""
 
 
-def video_timing(step_dt: float) -> tuple[int, float]:
-    """Steps from one frame to the next, and frames a second, for a video in real time of at most ``MAX_FPS``."""
-    # The small number keeps a step of exactly 1 / MAX_FPS from being rounded up to two.
-    stride = max(1, math.ceil(1.0 / (step_dt * MAX_FPS) - 1e-6))
+def video_timing(step_dt: float, most_fps: float = MAX_FPS) -> tuple[int, float]:
+    """Steps from one frame to the next, and frames a second, for a video in real time of at most ``most_fps``."""
+    # The small number keeps a step of exactly 1 / most_fps from being rounded up to two.
+    stride = max(1, math.ceil(1.0 / (step_dt * most_fps) - 1e-6))
     return stride, 1.0 / (step_dt * stride)
 
 
-def video_steps(env: RslRlVecEnvWrapper) -> int:
-    """Steps of a video without an explicit length: an episode, but not longer than ``VIDEO_SECONDS``."""
-    return max(1, min(int(env.max_episode_length), round(VIDEO_SECONDS / env.unwrapped.step_dt)))
+def video_steps(env: RslRlVecEnvWrapper, seconds: float = VIDEO_SECONDS) -> int:
+    """Steps of a video without an explicit length: an episode, but not longer than ``seconds``."""
+    return max(1, min(int(env.max_episode_length), round(seconds / env.unwrapped.step_dt)))
 
 
 @torch.inference_mode()
 def record_video(
-    env: RslRlVecEnvWrapper, policy: Policy, path: str | os.PathLike, steps: int, seed: int | None = None
+    env: RslRlVecEnvWrapper,
+    policy: Policy,
+    path: str | os.PathLike,
+    steps: int,
+    seed: int | None = None,
+    most_fps: float = MAX_FPS,
 ) -> Path:
     """Reset the environment, run ``policy`` and write what ``env.render()`` shows to a video.
 
@@ -51,6 +58,7 @@ def record_video(
         path: The file, ``.mp4``.
         steps: Number of steps.
         seed: Seed of the reset.
+        most_fps: Most frames a second.
 
     Returns:
         The file.
@@ -65,7 +73,7 @@ def record_video(
         raise ValueError(f"steps: is {short(steps)}, must be a whole number of at least 1")
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    stride, fps = video_timing(env.unwrapped.step_dt)
+    stride, fps = video_timing(env.unwrapped.step_dt, most_fps)
     obs = env.reset(seed=seed)
     policy.reset()
     with VideoWriter(path, fps) as video:

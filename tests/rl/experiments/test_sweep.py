@@ -33,6 +33,7 @@ from stripe_newton.rl.experiments.sweep_cfg import MedianPruning, Space, SweepCf
 from stripe_newton.rl.experiments.sweep_folder import SweepError  # noqa: E402
 from stripe_newton.rl.experiments.sweep_process import Slot, end_with_sweep  # noqa: E402
 from stripe_newton.rl.experiments.sweep_report import report  # noqa: E402
+from stripe_newton.threads import PROCESSES  # noqa: E402
 from tests.helpers.fake_env import TASK, FakeCartCfg, FakeCartRunnerCfg  # noqa: E402
 
 FAKE = [sys.executable, str(HELPERS / "fake_training.py")]
@@ -468,10 +469,7 @@ def test_the_command(fake_children, capsys):
     folder = Path("here/fake_cart/sweep_my")
     assert {"results.csv", "sweep.png", "sweep.yaml", "study.journal", "trials"} <= {p.name for p in folder.iterdir()}
     assert yaml.safe_load((folder / "sweep.yaml").read_text())["options"] == ["--env.limit", "3.0"]
-    threads = str(max(1, (os.cpu_count() or 1) // 2))
-    assert [slot.environ["OMP_NUM_THREADS"] for slot in cli_sweep.list_slots("cpu", 2)] == [
-        os.environ.get("OMP_NUM_THREADS", threads)
-    ] * 2
+    assert [slot.environ[PROCESSES] for slot in cli_sweep.list_slots("cpu", 2)] == ["2", "2"]
 
 
 @pytest.mark.parametrize(

@@ -298,7 +298,7 @@ def trained(*args: str) -> Path:
 def no_video(monkeypatch):
     from stripe_newton.cli import train
 
-    monkeypatch.setattr(train, "record_video", lambda *args: None)
+    monkeypatch.setattr(train, "record_video", lambda *args, **kwargs: None)
 
 
 @pytest.mark.usefixtures("no_video")

@@ -282,7 +282,7 @@ def test_export_of_a_run_with_its_robot(task, capsys, monkeypatch):
     """The command; what the environment normalises by comes from the checkpoint."""
     from stripe_newton.cli import train
 
-    monkeypatch.setattr(train, "record_video", lambda *args: None)
+    monkeypatch.setattr(train, "record_video", lambda *args, **kwargs: None)
     assert main(["train", task, "--device", "cpu", "--max-iterations", "1"]) == 0
     (run,) = (path for path in Path("logs").glob("*/*") if path.is_dir())
     assert main(["export", str(run), "--mjcf", "--out", "out", "--device", "cpu"]) == 0

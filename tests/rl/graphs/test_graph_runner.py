@@ -28,8 +28,6 @@ from stripe_newton.rl.graphs.ppo import update_normalizer_in_place
 from stripe_newton.rl.graphs.rollout import GraphRollout
 from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 CARTPOLE = "Stripe-Cartpole-v0"
 
 

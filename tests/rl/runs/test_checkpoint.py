@@ -17,8 +17,6 @@ from stripe_newton.rl import (
 from tests.helpers.fake_env import FakeCartRunnerCfg
 from tests.helpers.fake_runner import make_runner
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def test_checkpoint_errors(tmp_path):
     runner = make_runner(tmp_path / "run")

@@ -9,8 +9,6 @@ import torch
 from stripe_newton.rl import DivergedError, find_checkpoint, load_checkpoint
 from tests.helpers.fake_runner import make_runner, rows
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def spoil(runner, value: float) -> None:
     with torch.no_grad():

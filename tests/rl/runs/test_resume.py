@@ -36,8 +36,6 @@ from stripe_tasks.cartpole.manager_based import CartpoleManagerPPORunnerCfg
 from tests.helpers.cartpole_manager_env import rich
 from tests.helpers.fake_env import TASK
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 STEPS = 16
 
 
@@ -123,7 +121,7 @@ def test_new_episodes_keep_the_clock_and_what_curricula_changed(tmp_path):
 def no_files(monkeypatch):
     from stripe_newton.cli import train
 
-    monkeypatch.setattr(train, "record_video", lambda *args: None)
+    monkeypatch.setattr(train, "record_video", lambda *args, **kwargs: None)
     monkeypatch.setattr(train, "export_policy", lambda *args: "")
 
 

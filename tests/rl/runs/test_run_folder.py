@@ -21,8 +21,6 @@ from stripe_newton.rl import (
 )
 from tests.helpers.fake_runner import flat, make_env, make_runner
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def test_run_folder(tmp_path):
     one, two = RunFolder.create(tmp_path, "exp", "name"), RunFolder.create(tmp_path, "exp", "name")

@@ -23,8 +23,6 @@ from stripe_newton.rl.runs import run_folder
 from tests.helpers.fake_env import FakeCartEnv, FakeCartRunnerCfg
 from tests.helpers.fake_runner import flat, make_runner, rnd_cfg, rnn_cfg, rows
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def on_the_clock(name: str) -> bool:
     return name.startswith("Perf/") or name == "elapsed_s"

@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
 from tests.helpers.fake_runner import make_env
-
-pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def test_wrapper_hands_out_new_tensors_and_time_outs():
