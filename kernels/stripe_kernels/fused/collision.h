@@ -55,6 +55,11 @@ FN real margin_of(const Parameters& P, int pair) {
     return contact_rule(pair) == OF_PAIR ? P.pair_margin()[contact_explicit(pair)] : P.geom_margin()[contact_geom1(pair)] + P.geom_margin()[contact_geom2(pair)];
 }
 
+// Whether the world has both geoms of a pair: one that it lacks has the margin ABSENT_MARGIN of mujoco_model.py.
+FN bool has_both(const Parameters& P, int pair) {
+    return P.geom_margin()[contact_geom1(pair)] + P.geom_margin()[contact_geom2(pair)] > (real)-1e20;
+}
+
 struct Material {
     real solref[2], solreffriction[2], solimp[5];
 };
@@ -160,7 +165,7 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
         int p = first + lane;
         Hits hits;
         hits.count = 0;
-        if (p < FIRST_SEARCHED_PAIR) {
+        if (p < FIRST_SEARCHED_PAIR && has_both(P, p)) {
             PairGeoms g = geoms_of(w, P, p);
             const Geom &a = g.a, &b = g.b;
             real margin = margin_of(P, p);
