@@ -44,7 +44,7 @@ from stripe_newton.usd import (
     solver_reason,
     stage_name,
 )
-from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_triangles
+from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_distance, rows_by_triangles
 from stripe_newton.usd.mesh_approximations import asks_for_distance_field
 
 from .body_choices import body_choices
@@ -352,8 +352,12 @@ class SceneBuilder:
         if solver.chooses_contacts:
             concave = concave_colliders(report.ignored)
             mark_triangles(builder, first, concave)
-            if any(asks_for_distance_field(stage.GetPrimAtPath(path)) for path in concave & _moving(builder, first)):
+            moving = concave & _moving(builder, first)
+            if as_they_are := {path for path in moving if asks_for_distance_field(stage.GetPrimAtPath(path))}:
                 self._use_mujoco_contacts(False)  # Newton's collision detection takes meshes as they are
+                report.ignored = rows_by_distance(report.ignored, as_they_are)
+                what = [f"the concave mesh '{path}' that moves as 'sdf'" for path in sorted(as_they_are)]
+                self._scene.sim.newton_contacts_for += tuple(what)
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
         for prim, names in _keyed_prims(stage, NAMES_KEY, root, ignore):

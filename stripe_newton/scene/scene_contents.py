@@ -62,7 +62,7 @@ class InteractiveSceneCfg:
     lazy_sensor_update: bool = True
     """Ignored: sensors measure as part of the step, in their ``update_period``."""
     replicate_physics: bool = True
-    """Without effect: environments differ in the rigid objects of a ``MultiAssetSpawnerCfg`` or ``MultiUsdFileCfg``, and
+    """Without effect: environments differ in the rigid objects of ``MultiAssetSpawnerCfg`` and ``MultiUsdFileCfg``, and
     are copies of one otherwise."""
     filter_collisions: bool = True
     """Ignored: environments never collide with each other."""

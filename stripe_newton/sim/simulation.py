@@ -135,6 +135,8 @@ class Simulation:
     """Effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` asks for them."""
     template: newton.ModelBuilder
     """Builder of one environment, at the origin."""
+    newton_contacts_for: tuple[str, ...] = ()
+    """What of the scene asks for Newton's collision detection, to be named in :meth:`describe_solver`."""
     body_choices: Sequence[BodyChoice] = ()
     """Bodies that are another asset in each environment."""
     absent_shapes: AbsentShapes | None = None
@@ -284,6 +286,8 @@ class Simulation:
             make = SolverStatic if self.is_static else self.cfg.solver.create
             forces = ["contact_f"] if self.cfg.contact_forces else []
             self.solver = make(self.model, [*self.cfg.observables, *forces])
+        if isinstance(self.solver, SolverFused):
+            self.solver.newton_contacts_for += self.newton_contacts_for
         if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
             if not tables and newton.GeoType.CONVEX_MESH in builder.shape_type:
                 self._make_solver(builder, tables=True)
