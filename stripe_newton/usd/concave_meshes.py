@@ -94,7 +94,7 @@ def rows_by_triangles(rows: Ignored) -> Ignored:
 
 
 def rows_by_distance(rows: Ignored, paths: Collection[str]) -> Ignored:
-    """Rows of a report in which concave meshes that move collide as they are, because their approximation is ``sdf``."""
+    """Rows of a report, of concave meshes that move and collide as they are, as their approximation is ``sdf``."""
     return [_by_triangles(row, _BY_NEWTON) if row[1] == _WHAT and row[0] in paths else row for row in rows]
 
 
