@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
+from .attribute_checks import numbers
 from .stage_access import open_stage
 
 __all__ = ["mixed_units", "si_stage", "stage_units", "to_si"]
@@ -181,6 +182,9 @@ def _scale_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, factor: flo
 
 
 def _scaled(value: object, factor: float) -> object:
+    """A value in other units; what is no number stays, for the checks that come after to refuse."""
+    if numbers(value) is None:
+        return value
     if isinstance(value, (Gf.Matrix4d, Gf.Matrix4f)):
         matrix = type(value)(value)
         for column in range(3):  # the translation alone: rotation and scale have no unit
