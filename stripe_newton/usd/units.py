@@ -195,6 +195,6 @@ def _scaled(value: object, factor: float) -> object:
     # Gf's vectors and Vt's arrays have no common base: they are told apart by the names of their types.
     if type(value).__name__.endswith("Array"):
         make: Callable[..., object] = getattr(Vt, type(value).__name__).FromNumpy
-        numbers = np.array(value)
-        return make(np.ascontiguousarray(numbers * factor, dtype=numbers.dtype))
+        given = np.array(value)
+        return make(np.ascontiguousarray(given * factor, dtype=given.dtype))
     return type(value)(*(component * factor for component in value))  # type: ignore[attr-defined]
