@@ -174,17 +174,16 @@ def _dimension(type_name: str, name: str) -> tuple[int, int] | None:
 
 
 def _scale_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, factor: float) -> None:
+    """Convert the values of an attribute. What is no number stays: the checks that come after name it."""
     for time in layer.ListTimeSamplesForPath(attribute.path):
         value = layer.QueryTimeSample(attribute.path, time)
-        layer.SetTimeSample(attribute.path, time, _scaled(value, factor))
-    if attribute.HasDefaultValue():
+        if numbers(value) is not None:
+            layer.SetTimeSample(attribute.path, time, _scaled(value, factor))
+    if attribute.HasDefaultValue() and numbers(attribute.default) is not None:
         attribute.default = _scaled(attribute.default, factor)
 
 
 def _scaled(value: object, factor: float) -> object:
-    """A value in other units; what is no number stays, for the checks that come after to refuse."""
-    if numbers(value) is None:
-        return value
     if isinstance(value, (Gf.Matrix4d, Gf.Matrix4f)):
         matrix = type(value)(value)
         for column in range(3):  # the translation alone: rotation and scale have no unit
