@@ -23,7 +23,7 @@ def ignore_cuda_calls() -> None:
     """Let ``.cuda()`` give the tensor or module itself, until :func:`restore_cuda_calls`, if there is no GPU."""
     if not torch.cuda.is_available():
         torch.Tensor.cuda = _stay  # type: ignore[method-assign, assignment]
-        torch.nn.Module.cuda = _stay  # type: ignore[method-assign, assignment]
+        torch.nn.Module.cuda = _stay  # type: ignore[method-assign]
 
 
 def restore_cuda_calls() -> None:

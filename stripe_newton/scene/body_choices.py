@@ -33,7 +33,7 @@ def body_choices(
     Raises:
         ConfigError: for what is no rigid object, and for assets that are not one free body.
     """
-    found, problems = [], list[str]()
+    found, problems = list[BodyChoice](), list[str]()
     for asset in assets:
         spawn = asset.cfg.spawn
         if not isinstance(spawn, AssetChoiceCfg):

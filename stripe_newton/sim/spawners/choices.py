@@ -20,11 +20,14 @@ _MERGED = "mass_props", "rigid_props", "collision_props"
 """Fields that override those of each asset."""
 
 
-class AssetChoiceCfg:
+@configclass
+class AssetChoiceCfg(SpawnerCfg):
     """Base of the configs of which each environment gets another asset."""
 
-    random_choice: bool
-    seed: int
+    random_choice: bool = True
+    """Draw the asset of each environment; otherwise they take turns."""
+    seed: int = 0
+    """Seed of the draw."""
 
     def assets(self) -> list[SpawnerCfg]:
         """The spawners of the assets."""
@@ -70,10 +73,6 @@ class MultiAssetSpawnerCfg(AssetChoiceCfg, RigidObjectSpawnerCfg):
     """Function that authors the asset of the first environment."""
     assets_cfg: list[SpawnerCfg] = MISSING
     """The assets. Each makes one rigid body, of any shapes."""
-    random_choice: bool = True
-    """Draw the asset of each environment; otherwise they take turns."""
-    seed: int = 0
-    """Seed of the draw."""
 
     IGNORED: ClassVar[dict[str, str]] = {"visible": "it is that of the assets"}
 
@@ -102,15 +101,14 @@ class MultiUsdFileCfg(AssetChoiceCfg, UsdFileCfg):
     """Function that references the file of the first environment."""
     usd_path: str | list[str] = MISSING  # type: ignore[assignment]  # a list in Isaac Lab, too
     """The files."""
-    random_choice: bool = True
-    """Draw the file of each environment; otherwise they take turns."""
-    seed: int = 0
-    """Seed of the draw."""
 
     FILE_CFG: ClassVar[type[UsdFileCfg]] = UsdFileCfg
     """Class of the spawner of a file."""
 
     def assets(self) -> list[SpawnerCfg]:
+        return list(self._files())
+
+    def _files(self) -> list[UsdFileCfg]:
         names = set(self.FILE_CFG.__dataclass_fields__) - {"func", "usd_path"}
         fields = {name: getattr(self, name) for name in names}
         paths = [self.usd_path] if isinstance(self.usd_path, str) else self.usd_path
@@ -120,7 +118,7 @@ class MultiUsdFileCfg(AssetChoiceCfg, UsdFileCfg):
         if self.usd_path is MISSING:
             return
         yield from _none(self.usd_path, "usd_path", "file")
-        for index, asset in enumerate(self.assets()):
+        for index, asset in enumerate(self._files()):
             for name, problem in asset.problems():
                 yield (f"usd_path[{index}]" if name == "usd_path" else name), problem
 
