@@ -161,6 +161,7 @@ def test_properties_override_those_of_the_assets_and_pictures_show_each_object()
     assert [newton.GeoType(kind).name for kind in model.shape_type.numpy()[seen]] == kinds
 
 
+@pytest.mark.filterwarnings("ignore:.*left out, converted or replaced")
 def test_files_take_turns_and_env_0_is_exported(tmp_path) -> None:
     files = []
     for index, radius in enumerate((0.1, 0.2)):
