@@ -15,7 +15,20 @@ from newton._src.solvers.mujoco.kernels import (
     quat_xyzw_to_wxyz,
 )
 
-__all__ = ["MuJoCoJoints", "copy_limits", "write_bodies", "write_gravity", "write_joints", "write_shapes"]
+__all__ = [
+    "ABSENT_MARGIN",
+    "MuJoCoJoints",
+    "copy_limits",
+    "mark_absent_geoms",
+    "write_bodies",
+    "write_gravity",
+    "write_joints",
+    "write_shapes",
+]
+
+ABSENT_MARGIN = wp.constant(-1.0e30)
+"""Margin of a geom that a world does not have [m]."""
+
 
 _POSITION = wp.constant(int(newton.JointTargetMode.POSITION))
 _SLIDE = wp.constant(2)
@@ -202,6 +215,19 @@ def write_shapes(
     geom_gap[world, i] = gap[shape]
     if has_margin:
         geom_margin[world, i] = margin[shape]
+
+
+@wp.kernel(enable_backward=False)
+def mark_absent_geoms(absent: wp.array2d[wp.bool], geom_margin: wp.array2d[float]):
+    """Give geoms that a world does not have a margin that nothing is within; a thread for each geom of a world.
+
+    Args:
+        absent: Whether the world lacks the geom.
+        geom_margin: Output, contact margins [m].
+    """
+    world, i = wp.tid()
+    if absent[world, i]:
+        geom_margin[world, i] = ABSENT_MARGIN
 
 
 @wp.kernel(enable_backward=False)

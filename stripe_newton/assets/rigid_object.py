@@ -7,9 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import newton
+import numpy as np
 import torch
 
 from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.sim.spawners.choices import AssetChoiceCfg
 
 from .asset_base import AssetBase, AssetBaseCfg, AssetInitialStateCfg, BoundAsset, EnvIds
 from .layout import Layout
@@ -48,6 +50,9 @@ class RigidObject(BoundAsset):
     """A rigid body in every environment; its state is in :attr:`data`."""
 
     cfg: RigidObjectCfg
+    asset_index: torch.Tensor
+    """Which asset of a ``MultiAssetSpawnerCfg`` or ``MultiUsdFileCfg`` each environment holds, int64, shape
+    ``(num_envs,)``; 0 where all hold the same."""
 
     def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
         self.layout = self._find_layout(layouts)
@@ -62,6 +67,10 @@ class RigidObject(BoundAsset):
         self._data = RootData(sim, self.layout)
         start, origins = self.cfg.init_state, torch.from_numpy(sim.env_origins).to(sim.device)
         self._data.set_defaults(start.lin_vel, start.ang_vel, origins)
+        spawn, indices = self.cfg.spawn, np.zeros(sim.num_envs, dtype=np.int64)
+        if isinstance(spawn, AssetChoiceCfg):
+            indices = spawn.choices(sim.num_envs)
+        self.asset_index = torch.as_tensor(indices, device=sim.device)
 
     def reset(self, env_ids: EnvIds = None) -> None:
         """Remove external forces."""

@@ -114,6 +114,11 @@ class RootData(FrameData):
         return self.default_root_state[:, :7]
 
     @property
+    def default_root_vel(self) -> torch.Tensor:
+        """Velocity part of :attr:`default_root_state` (view), shape ``(num_envs, 6)``."""
+        return self.default_root_state[:, 7:]
+
+    @property
     def root_pose_w(self) -> torch.Tensor:
         """Pose of the root link (view): position [m] and quaternion, shape ``(num_envs, 7)``."""
         return self._root_pose

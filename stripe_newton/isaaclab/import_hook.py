@@ -37,6 +37,9 @@ def install() -> None:
     for name in [m for m in sys.modules if m.partition(".")[0] in PACKAGES]:
         del sys.modules[name]  # a half-imported launcher of the wheel
     sys.meta_path.insert(0, _Finder())
+    from .cuda_calls import ignore_cuda_calls  # here, as torch takes seconds to import
+
+    ignore_cuda_calls()
 
 
 def uninstall() -> None:
@@ -44,6 +47,9 @@ def uninstall() -> None:
     sys.meta_path[:] = [finder for finder in sys.meta_path if not isinstance(finder, _Finder)]
     for name in [m for m in sys.modules if m.partition(".")[0] in PACKAGES]:
         del sys.modules[name]
+    from .cuda_calls import restore_cuda_calls  # as in `install`
+
+    restore_cuda_calls()
 
 
 def is_installed() -> bool:

@@ -30,6 +30,8 @@ __all__ = [
     "MeshCuboidCfg",
     "MeshCylinderCfg",
     "MeshSphereCfg",
+    "MultiAssetSpawnerCfg",
+    "MultiUsdFileCfg",
     "RigidObjectSpawnerCfg",
     "SpawnerCfg",
     "SphereCfg",
@@ -40,6 +42,8 @@ __all__ = [
     "spawn_from_usd",
     "spawn_ground_plane",
     "spawn_light",
+    "spawn_multi_asset",
+    "spawn_multi_usd_file",
     "spawn_shape",
 ]
 
@@ -101,6 +105,20 @@ def spawn_light(
     return native.spawn_light(prim_path, cfg, translation, _xyzw(orientation))
 
 
+def spawn_multi_asset(
+    prim_path: str, cfg: native.MultiAssetSpawnerCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_multi_asset` with an orientation (w, x, y, z)."""
+    return native.spawn_multi_asset(prim_path, cfg, translation, _xyzw(orientation))
+
+
+def spawn_multi_usd_file(
+    prim_path: str, cfg: native.MultiUsdFileCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_multi_usd_file` with an orientation (w, x, y, z)."""
+    return native.spawn_multi_usd_file(prim_path, cfg, translation, _xyzw(orientation))
+
+
 def _deformable(props: object) -> Iterator[tuple[str, str]]:
     if props is not None:
         yield "deformable_props", "is set, but deformable bodies are not simulated; use rigid_props"
@@ -143,6 +161,34 @@ class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
             yield from native.UsdFileCfg.problems(self)
         elif (problem := problem_of(self.usd_path)) is not None:
             yield "usd_path", problem
+        yield from _deformable(self.deformable_props)
+
+
+@configclass
+class MultiUsdFileCfg(_WxyzFunc, native.MultiUsdFileCfg):
+    """:class:`stripe_newton.sim.MultiUsdFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    FILE_CFG: ClassVar[type[native.UsdFileCfg]] = UsdFileCfg
+
+    func: Spawn = spawn_multi_usd_file
+    fixed_tendons_props: object = None
+    spatial_tendons_props: object = None
+    deformable_props: object = None
+
+    IGNORED: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("fixed_tendons_props", "spatial_tendons_props"), "tendons are those of the file"
+    )
+
+
+@configclass
+class MultiAssetSpawnerCfg(_WxyzFunc, native.MultiAssetSpawnerCfg):
+    """:class:`stripe_newton.sim.MultiAssetSpawnerCfg` whose ``func`` takes an orientation (w, x, y, z)."""
+
+    func: Spawn = spawn_multi_asset
+    deformable_props: object = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from native.MultiAssetSpawnerCfg.problems(self)
         yield from _deformable(self.deformable_props)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, overload
 
 import newton
@@ -26,7 +27,8 @@ from stripe_newton.assets.terrain_base import GroundAsset
 from stripe_newton.configclass import ConfigError
 from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
 from stripe_newton.sensors import SensorBase, SensorCfg
-from stripe_newton.sim.scene_context import ENV_0
+from stripe_newton.sim import SpawnerCfg
+from stripe_newton.sim.scene_context import ENV_0, scene_context
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.sim.spawners.model_names import NAMES_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
@@ -42,11 +44,13 @@ from stripe_newton.usd import (
     solver_reason,
     stage_name,
 )
-from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_triangles
+from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_distance, rows_by_triangles
 from stripe_newton.usd.mesh_approximations import asks_for_distance_field
 
+from .body_choices import body_choices
 from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
+from .new_stage import new_stage
 from .obstacles import Obstacles
 from .scene_contents import SceneContents
 from .scene_parts import Part, part_kind
@@ -207,6 +211,7 @@ class SceneBuilder:
         self.authored_joints = AuthoredJoints(template)
         self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
         self._prepare_assets(template)
+        choices = body_choices(scene.assets, scene.num_envs, template, self._load_apart)
         self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
         if scene.scenery is not None:
             scene.scenery.measure(template)
@@ -234,7 +239,8 @@ class SceneBuilder:
         origins, imported = scene.env_origins.cpu().numpy().copy(), self.adopt or scene.scenery is not None
         may_be_static = self.adopt or self.allow_empty
         try:
-            sim.build(template, static, origins, allow_static=may_be_static, unmoved=own, try_start=imported)
+            sim.build(template, static, origins, allow_static=may_be_static, unmoved=own, try_start=imported,
+                      body_choices=choices)  # fmt: skip
         except ValueError as error:
             if "Element name" not in str(error):
                 raise
@@ -318,8 +324,21 @@ class SceneBuilder:
         return (f"{terrain.path}/terrain",) if terrain is not None and terrain.ground is not None else ()
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
-        stage = self._scene.stage
-        files, first = self._keyed_prims(FILE_KEY, root, ignore), builder.shape_count
+        self.reports.append(self._read(self._scene.stage, builder, root, ignore))
+
+    def _load_apart(self, spawn: SpawnerCfg, asset: AssetBase) -> newton.ModelBuilder:
+        """Builder of an asset that another environment than the first has in the place of one."""
+        stage, builder = new_stage(), self._scene.sim.new_builder()
+        with scene_context(SimpleNamespace(stage=stage, alias=self._scene.alias)):
+            start = asset.cfg.init_state
+            spawn.spawn(asset.cfg.prim_path, start.pos, start.rot_xyzw)
+        report = self._read(stage, builder, ENV_0, ())
+        self.reports[0].ignored += [row for row in report.ignored if row not in self.reports[0].ignored]
+        return builder
+
+    def _read(self, stage: Usd.Stage, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> StageReport:
+        """Read prims of a stage, and the files that they represent, into a builder."""
+        files, first = _keyed_prims(stage, FILE_KEY, root, ignore), builder.shape_count
         solver = self._scene.sim.cfg.solver
         report = load_stage(
             builder,
@@ -333,25 +352,22 @@ class SceneBuilder:
         if solver.chooses_contacts:
             concave = concave_colliders(report.ignored)
             mark_triangles(builder, first, concave)
-            if any(asks_for_distance_field(stage.GetPrimAtPath(path)) for path in concave & _moving(builder, first)):
+            moving = concave & _moving(builder, first)
+            if as_they_are := {path for path in moving if asks_for_distance_field(stage.GetPrimAtPath(path))}:
                 self._use_mujoco_contacts(False)  # Newton's collision detection takes meshes as they are
+                report.ignored = rows_by_distance(report.ignored, as_they_are)
+                what = [f"the concave mesh '{path}' that moves as 'sdf'" for path in sorted(as_they_are)]
+                self._scene.sim.newton_contacts_for += tuple(what)
         for prim, options in files:
             extend_report(report, _import_file(builder, prim, options))
-        for prim, names in self._keyed_prims(NAMES_KEY, root, ignore):
+        for prim, names in _keyed_prims(stage, NAMES_KEY, root, ignore):
             rename_model(builder, str(prim.GetPath()), names)
-        self.reports.append(report)
+        return report
 
     def _use_mujoco_contacts(self, value: bool) -> None:
         """Decide what the config of the solver leaves open, in a copy of it."""
         sim = self._scene.sim
         sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=value))
-
-    def _keyed_prims(self, key: str, root: str, ignore: tuple[str, ...]) -> list[tuple[Usd.Prim, dict[str, Any]]]:
-        """Prims below ``root`` with custom data of a key, and these data."""
-        prims = (p for p in Usd.PrimRange(self._scene.stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
-        # Where something is ignored it is what lies in the environments: they are loaded with their own root.
-        inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
-        return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
 
     def _adopt(self, layouts: list[Layout]) -> None:
         """Make assets of the articulations and free bodies that an imported stage brings."""
@@ -364,6 +380,16 @@ class SceneBuilder:
             else:
                 scene.articulations[name] = _FoundArticulation(layout)
                 scene.assets.append(scene.articulations[name])
+
+
+def _keyed_prims(
+    stage: Usd.Stage, key: str, root: str, ignore: tuple[str, ...]
+) -> list[tuple[Usd.Prim, dict[str, Any]]]:
+    """Prims below ``root`` with custom data of a key, and these data."""
+    prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
+    # Where something is ignored it is what lies in the environments: they are loaded with their own root.
+    inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
+    return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
 
 
 def _unique(name: str, taken: list[str]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd
 
 from stripe_newton.assets import AssetBase
 from stripe_newton.configclass import ConfigError
@@ -20,6 +20,7 @@ from stripe_newton.usd import StageError, ignored_text, open_stage, solver_reaso
 from .builder import SceneBuilder
 from .controller import SceneController
 from .export import export_stage
+from .new_stage import new_stage
 from .querier import SceneQuerier
 from .regenerator import SceneRegenerator
 from .scene_contents import InteractiveSceneCfg, SceneContents
@@ -62,7 +63,7 @@ class InteractiveScene(SceneContents):
         """
         cfg = cfg.completed()
         cfg.validate()
-        super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or _new_stage())
+        super().__init__(cfg, sim or Simulation(SimulationCfg()), stage or new_stage())
         self.builder, self.controller, self.querier = SceneBuilder(self), SceneController(self), SceneQuerier(self)
         if author:
             self.builder.author()
@@ -262,13 +263,3 @@ class InteractiveScene(SceneContents):
     def close(self) -> None:
         """Release the simulation."""
         self.sim.close()
-
-
-def _new_stage() -> Usd.Stage:
-    stage = Usd.Stage.CreateInMemory()
-    # USD's own defaults are Y up and centimetres.
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    UsdGeom.Xform.Define(stage, ENV_0)
-    return stage

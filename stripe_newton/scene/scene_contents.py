@@ -62,7 +62,8 @@ class InteractiveSceneCfg:
     lazy_sensor_update: bool = True
     """Ignored: sensors measure as part of the step, in their ``update_period``."""
     replicate_physics: bool = True
-    """Ignored: environments are always copies of one; events randomize what is to differ."""
+    """Without effect: environments differ in the rigid objects of ``MultiAssetSpawnerCfg`` and ``MultiUsdFileCfg``, and
+    are copies of one otherwise."""
     filter_collisions: bool = True
     """Ignored: environments never collide with each other."""
     clone_in_fabric: bool = False
@@ -85,7 +86,6 @@ class InteractiveSceneCfg:
         "lazy_sensor_update": "sensors measure as part of the step, in their update_period",
         "filter_collisions": "environments never collide with each other",
         "clone_in_fabric": "prims are never copied",
-        "replicate_physics": "environments are always copies of one; events randomize what is to differ",
     }
 
     def problems(self) -> Iterator[tuple[str, str]]:

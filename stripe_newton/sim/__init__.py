@@ -14,6 +14,7 @@ from .solver_cfg import (
     SolverCfg,
     XPBDSolverCfg,
 )
+from .spawners.choices import MultiAssetSpawnerCfg, MultiUsdFileCfg, spawn_multi_asset, spawn_multi_usd_file
 from .spawners.from_files import (
     FixedTendonCfg,
     GroundPlaneCfg,
@@ -103,6 +104,8 @@ __all__ = [
     "MjcfFileCfg",
     "ModelNamesCfg",
     "MuJoCoSolverCfg",
+    "MultiAssetSpawnerCfg",
+    "MultiUsdFileCfg",
     "PhysicsHook",
     "PreviewSurfaceCfg",
     "ResetMask",
@@ -143,6 +146,8 @@ __all__ = [
     "spawn_from_usd",
     "spawn_ground_plane",
     "spawn_light",
+    "spawn_multi_asset",
+    "spawn_multi_usd_file",
     "spawn_preview_surface",
     "spawn_rigid_body_material",
     "spawn_shape",

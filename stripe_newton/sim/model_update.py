@@ -167,6 +167,8 @@ class ModelUpdate:
             solver._update_site_properties()
             solver._sync_worldbody_geom_xposes()
             solver._sync_site_xposes()
+            if self._sim.absent_shapes is not None:  # the update has given their geoms a margin
+                self._sim.absent_shapes.launch_after_notify()
             return
         heeds_margin = not (solver._use_mujoco_contacts and solver._zero_margins_for_native_ccd)
         wp.launch(

@@ -9,7 +9,9 @@ import newton
 import numpy as np
 import warp as wp
 
-__all__ = ["put_unmoved", "replicate"]
+from .body_choice import BodyChoice
+
+__all__ = ["absent_shapes", "put_choices", "put_unmoved", "replicate"]
 
 
 def replicate(
@@ -57,3 +59,44 @@ def put_unmoved(builder: newton.ModelBuilder, template: newton.ModelBuilder, num
             builder.joint_X_p[copy] = template.joint_X_p[joint]
             for i in range(coords[joint], ends[joint]):
                 builder.joint_q[shift + i] = template.joint_q[i]
+
+
+def put_choices(
+    builder: newton.ModelBuilder,
+    template: newton.ModelBuilder,
+    num_envs: int,
+    shared_shapes: int,
+    choices: Sequence[BodyChoice],
+) -> None:
+    """Write the assets that environments have in each other's place.
+
+    Args:
+        builder: The builder of all environments.
+        template: One environment.
+        num_envs: Number of environments.
+        shared_shapes: Shapes that all environments share; they come first.
+        choices: Bodies that are another asset in each environment.
+    """
+    for choice in choices:
+        for env in range(num_envs):
+            choice.write(builder, env, shared_shapes + env * template.shape_count, env * template.body_count)
+
+
+def absent_shapes(
+    template: newton.ModelBuilder, num_envs: int, shared_shapes: int, choices: Sequence[BodyChoice]
+) -> np.ndarray:
+    """Shapes of the model that the environment they belong to does not have, shape ``(count,)``.
+
+    Args:
+        template: One environment.
+        num_envs: Number of environments.
+        shared_shapes: Shapes that all environments share; they come first.
+        choices: Bodies that are another asset in each environment.
+    """
+    lacking = [
+        shared_shapes + env * template.shape_count + row
+        for choice in choices
+        for env in range(num_envs)
+        for row in choice.absent(env)
+    ]
+    return np.array(lacking, dtype=int)

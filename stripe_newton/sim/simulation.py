@@ -24,6 +24,8 @@ from stripe_newton.usd import Light
 from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
 from stripe_newton.value_types import PositiveInt, Range, short
 
+from .absent_shapes import AbsentShapes
+from .body_choice import BodyChoice
 from .capture import capture_graph
 from .connect_anchors import ConnectAnchors
 from .device import resolve_device
@@ -33,7 +35,7 @@ from .growing_buffers import GrowingBuffers
 from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
-from .replication import put_unmoved, replicate
+from .replication import absent_shapes, put_choices, put_unmoved, replicate
 from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
 from .spawners.materials import RigidBodyMaterialCfg
@@ -134,6 +136,12 @@ class Simulation:
     """Effort limits of MuJoCo's drives, if ``MuJoCoSolverCfg.drive_limits`` asks for them."""
     template: newton.ModelBuilder
     """Builder of one environment, at the origin."""
+    newton_contacts_for: tuple[str, ...] = ()
+    """What of the scene asks for Newton's collision detection, to be named in :meth:`describe_solver`."""
+    body_choices: Sequence[BodyChoice] = ()
+    """Bodies that are another asset in each environment."""
+    absent_shapes: AbsentShapes | None = None
+    """Shapes that some environments lack; None if all have all."""
     static: newton.ModelBuilder
     """Builder of what all environments share, as it is now: ``scene.regenerate`` may have replaced it."""
     shared_shape_count: int = 0
@@ -203,6 +211,7 @@ class Simulation:
         allow_static: bool = False,
         unmoved: range = range(0),
         try_start: bool = False,
+        body_choices: Sequence[BodyChoice] = (),
     ) -> None:
         """Replicate ``template`` at ``env_origins`` beside ``static`` and make the solver.
 
@@ -213,6 +222,7 @@ class Simulation:
             allow_static: Accept a template in which nothing moves; steps then do nothing.
             unmoved: Joints of the template whose bodies stand where the template has them, whatever the origin.
             try_start: Size the solver's buffers by a trial of the first second, where they cannot grow later.
+            body_choices: Bodies of the template that are another asset in each environment.
 
         Raises:
             ValueError: if nothing can move and that is not allowed, or what is shared could.
@@ -232,6 +242,8 @@ class Simulation:
         builder = replicate(self.new_builder(), template, static, self.env_origins, self.cfg.gravity)
         if len(unmoved):
             put_unmoved(builder, template, self.num_envs, unmoved)
+        self.body_choices = body_choices
+        put_choices(builder, template, self.num_envs, self.shared_shape_count, body_choices)
         with wp.ScopedDevice(self.device):
             asked = self.cfg.solver  # which may leave a choice to what the model needs
             self._make_all(builder, asked)
@@ -245,6 +257,10 @@ class Simulation:
         self.cfg = self.cfg.replace(solver=solver)
         self._hooks.clear()
         self._make_solver(builder, tables=not self.is_static and self.cfg.solver.expects_newton_contacts(builder))
+        absent = absent_shapes(self.template, self.num_envs, self.shared_shape_count, self.body_choices)
+        if len(absent):
+            self.absent_shapes = AbsentShapes(self.solver, absent)
+            self.add_hook(self.absent_shapes)
         if self.cfg.solver.limits_drives and not self.is_static:
             self.drive_limits = DriveLimits(self.solver)
             self.add_hook(self.drive_limits)
@@ -271,6 +287,8 @@ class Simulation:
             make = SolverStatic if self.is_static else self.cfg.solver.create
             forces = ["contact_f"] if self.cfg.contact_forces else []
             self.solver = make(self.model, [*self.cfg.observables, *forces])
+        if isinstance(self.solver, SolverFused):
+            self.solver.newton_contacts_for += self.newton_contacts_for
         if self.cfg.solver.chooses_contacts and not getattr(self.solver, "_use_mujoco_contacts", True):
             if not tables and newton.GeoType.CONVEX_MESH in builder.shape_type:
                 self._make_solver(builder, tables=True)

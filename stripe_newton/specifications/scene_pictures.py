@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ from stripe_newton.viewers import SceneRenderer, ViewerCfg, VisualizationMarkers
 from stripe_newton.viewers.camera_framing import frame_points
 
 if TYPE_CHECKING:
+    from stripe_newton.sim.body_choice import BodyChoice
+
     from .scene_spec import Scene
 
 __all__ = ["EYE_HEIGHT", "ScenePictures", "StillLife", "still_life"]
@@ -164,6 +167,7 @@ class StillLife:
     lights: list[Light]
     template: newton.ModelBuilder = field(default_factory=newton.ModelBuilder)
     env_origins: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
+    body_choices: Sequence[BodyChoice] = ()
     env_origin: wp.array | None = None
     state: newton.State | None = None
     num_envs: int = 1

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import newton
 import numpy as np
@@ -11,7 +11,14 @@ from newton import GeoType, ShapeFlags
 
 from .ignored_rows import Ignored
 
-__all__ = ["concave_colliders", "concave_mesh_rows", "concave_meshes", "hollow_depth", "rows_by_triangles"]
+__all__ = [
+    "concave_colliders",
+    "concave_mesh_rows",
+    "concave_meshes",
+    "hollow_depth",
+    "rows_by_distance",
+    "rows_by_triangles",
+]
 
 _HOLLOW = 0.01
 """Depth of a hollow below the hull that counts, in extents of the mesh: less is a bevel or a round hole."""
@@ -28,6 +35,10 @@ _SPLIT = (
     "(slower)"
 )
 _TRIANGLES = "its triangles collide"
+_BY_NEWTON = (
+    ", and as it moves Newton's collision detection finds all contacts of the scene, which is slower; "
+    "'convexDecomposition' leaves them to the solver"
+)
 
 
 def concave_meshes(builder: newton.ModelBuilder, first: int = 0) -> Iterator[tuple[int, float]]:
@@ -82,9 +93,14 @@ def rows_by_triangles(rows: Ignored) -> Ignored:
     return [_by_triangles(row) if row[1] == _WHAT and row[2].startswith(_BUT) else row for row in rows]
 
 
-def _by_triangles(row: tuple[str, str, str]) -> tuple[str, str, str]:
+def rows_by_distance(rows: Ignored, paths: Collection[str]) -> Ignored:
+    """Rows of a report, of concave meshes that move and collide as they are, as their approximation is ``sdf``."""
+    return [_by_triangles(row, _BY_NEWTON) if row[1] == _WHAT and row[0] in paths else row for row in rows]
+
+
+def _by_triangles(row: tuple[str, str, str], how_found: str = "") -> tuple[str, str, str]:
     how = row[2].removeprefix(_BUT).removesuffix(f"; {_SPLIT}")
-    return row[0], row[1], f"it {how}: {_TRIANGLES}"
+    return row[0], row[1], f"it {how}: {_TRIANGLES}{how_found}"
 
 
 def hollow_depth(points: np.ndarray, faces: np.ndarray) -> float | None:

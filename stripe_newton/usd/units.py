@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
+from .attribute_checks import numbers
 from .stage_access import open_stage
 
 __all__ = ["mixed_units", "si_stage", "stage_units", "to_si"]
@@ -173,10 +174,12 @@ def _dimension(type_name: str, name: str) -> tuple[int, int] | None:
 
 
 def _scale_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, factor: float) -> None:
+    """Convert the values of an attribute. What is no number stays: the checks that come after name it."""
     for time in layer.ListTimeSamplesForPath(attribute.path):
         value = layer.QueryTimeSample(attribute.path, time)
-        layer.SetTimeSample(attribute.path, time, _scaled(value, factor))
-    if attribute.HasDefaultValue():
+        if numbers(value) is not None:
+            layer.SetTimeSample(attribute.path, time, _scaled(value, factor))
+    if attribute.HasDefaultValue() and numbers(attribute.default) is not None:
         attribute.default = _scaled(attribute.default, factor)
 
 
@@ -191,6 +194,6 @@ def _scaled(value: object, factor: float) -> object:
     # Gf's vectors and Vt's arrays have no common base: they are told apart by the names of their types.
     if type(value).__name__.endswith("Array"):
         make: Callable[..., object] = getattr(Vt, type(value).__name__).FromNumpy
-        numbers = np.array(value)
-        return make(np.ascontiguousarray(numbers * factor, dtype=numbers.dtype))
+        given = np.array(value)
+        return make(np.ascontiguousarray(given * factor, dtype=given.dtype))
     return type(value)(*(component * factor for component in value))  # type: ignore[attr-defined]

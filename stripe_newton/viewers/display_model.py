@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from stripe_kernels.picture import gather_bodies
+from stripe_newton.sim.body_choice import BodyChoice
 
 from .marker_slots import MarkerSlots
 from .recolor import recolor_shapes
@@ -67,7 +68,9 @@ class DisplayModel:
         self._static_shapes, self._first_body = builder.shape_count, builder.body_count
         for i in env_ids:
             origin = wp.vec3(*(float(x) for x in sim.env_origins[i]))
+            first = builder.shape_count, builder.body_count
             builder.add_builder(template, xform=wp.transform(origin, wp.quat_identity()))
+            _put_choices(builder, sim.body_choices, i, *first)
         self._index_bodies(builder, env_ids)
         if floor and _may_have_floor(static, template):
             # Under the lowest point of the current poses, and a little lower so that no surface flickers.
@@ -175,6 +178,16 @@ class DisplayModel:
             if on_body.any():
                 corners[on_body] = _transform(body_q[self._shape_body[on_body]][:, None], corners[on_body])
         return corners
+
+
+def _put_choices(
+    builder: newton.ModelBuilder, choices: Sequence[BodyChoice], env: int, first_shape: int, first_body: int
+) -> None:
+    """Draw the assets that an environment has, in a copy of the template."""
+    for choice in choices:
+        choice.write(builder, env, first_shape, first_body)
+        for row in choice.absent(env):
+            builder.shape_flags[first_shape + row] &= ~int(newton.ShapeFlags.VISIBLE)
 
 
 def _scenery(builder: newton.ModelBuilder, count: int, natural: bool | None) -> np.ndarray:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
     import warp as wp
 
+    from stripe_newton.sim.body_choice import BodyChoice
     from stripe_newton.usd import Light
 
     from .markers import VisualizationMarkers
@@ -25,6 +26,7 @@ class ViewedSimulation(Protocol):
         device: Device that pictures are traced on.
         num_envs: Number of environments.
         template: Builder of one environment, at the origin.
+        body_choices: Bodies of the template that are another asset in each environment.
         static: Builder of what all environments share.
         env_origins: Where the environments were built in the world frame [m], shape ``(num_envs, 3)``.
         env_origin: Where they start now, on the device [m], shape ``(num_envs,)``; None if they never moved.
@@ -41,6 +43,9 @@ class ViewedSimulation(Protocol):
 
     @property
     def template(self) -> newton.ModelBuilder: ...
+
+    @property
+    def body_choices(self) -> Sequence[BodyChoice]: ...
 
     @property
     def static(self) -> newton.ModelBuilder: ...

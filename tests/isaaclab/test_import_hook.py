@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+import torch
 
 import stripe_newton.isaaclab as dialect
 from stripe_newton.assets import ArticulationCfg
@@ -51,3 +52,14 @@ def test_uninstalling_forgets_the_modules():
     importlib.import_module("isaaclab.sim")
     dialect.uninstall()
     assert not any(m.partition(".")[0] == "isaaclab" for m in sys.modules)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU to move tensors to")
+def test_cuda_calls_leave_tensors_where_they_are_without_a_gpu():
+    tensor, layer = torch.ones(2), torch.nn.Linear(2, 1)
+    dialect.install()
+    assert tensor.cuda() is tensor
+    assert layer.cuda() is layer
+    dialect.uninstall()
+    with pytest.raises((AssertionError, RuntimeError)):
+        tensor.cuda()

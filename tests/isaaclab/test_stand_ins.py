@@ -3,7 +3,6 @@
 
 import pytest
 
-import stripe_newton.isaaclab as dialect
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.isaaclab.stand_ins import stand_in, with_ignored_fields
 
@@ -59,16 +58,3 @@ def test_fields_without_effect_load_and_warn():
     with pytest.warns(UserWarning, match="_Holder.physx has no effect: it is of PhysX"):
         more(part=1, physx=2).validate()
     assert with_ignored_fields(_Holder, (("part", "never"),)) is _Holder
-
-
-def test_environments_that_differ_are_refused_by_name():
-    dialect.install()
-    try:
-        import isaaclab.sim as sim_utils
-        from isaaclab.assets import RigidObjectCfg
-
-        spawn = sim_utils.MultiAssetSpawnerCfg(assets_cfg=[sim_utils.SphereCfg(radius=0.1)], random_choice=True)
-        with pytest.raises(ConfigError, match="spawn: MultiAssetSpawnerCfg is not supported: environments are copies"):
-            RigidObjectCfg(prim_path="{ENV_REGEX_NS}/Object", spawn=spawn).validate()
-    finally:
-        dialect.uninstall()

@@ -50,7 +50,14 @@ def built() -> scene.InteractiveScene:
     native = box("{ENV_REGEX_NS}/Native", START, native_assets.RigidObjectCfg)
     offset = sensors.OffsetCfg(rot=tuple(map(float, wxyz(OFFSET))))
     target = sensors.FrameTransformerCfg.FrameCfg(prim_path=ROOT, offset=offset)
+    either = box("{ENV_REGEX_NS}/Either", START)
+    either.spawn = spawners.MultiAssetSpawnerCfg(
+        assets_cfg=[either.spawn, spawners.SphereCfg(radius=0.2, rigid_props=RigidBodyPropertiesCfg())],
+        mass_props=MassPropertiesCfg(mass=2.0),
+        random_choice=False,
+    )
     made.builder.build_objects({
+        "either": either,
         "box": box(ROOT, START),
         "native": native,
         "upright": assets.RigidObjectCfg(prim_path="{ENV_REGEX_NS}/Up", spawn=box(ROOT, START).spawn),
@@ -79,6 +86,11 @@ def same(found: torch.Tensor, expected: np.ndarray) -> None:
     values = numpy(found).reshape(-1, 4)
     expected = np.broadcast_to(expected, values.shape)
     np.testing.assert_allclose(np.abs(np.sum(values * expected, axis=1)), 1.0, atol=1e-5)
+
+
+def test_environments_with_different_objects_start_alike(built):
+    assert built["either"].asset_index.tolist() == [0, 1]
+    same(built["either"].data.default_root_state[:, 3:7], wxyz(START))
 
 
 def test_what_a_config_sets_is_what_the_simulation_has(built):

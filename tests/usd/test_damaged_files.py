@@ -60,6 +60,14 @@ def test_a_mesh_collider_without_a_shape_is_refused(text, words):
     refuse(usda(body_text() + collider), "/mesh", words)
 
 
+def test_points_that_are_no_numbers_are_left_out_in_other_units_too():
+    text = mesh().replace("point3f[] points = " + POINTS, 'token points = "x"')
+    _, report = load(usda(body_text() + text, 'metersPerUnit = 0.01\nupAxis = "Z"'))
+    assert [why for path, what, why in report.ignored if (path, what) == ("/mesh", "visible mesh")] == [
+        "is left out: it is a mesh whose points or faces are not numbers"
+    ]
+
+
 def test_normals_that_fit_nothing_are_left_out():
     _, report = load(usda(body_text() + mesh(more="normal3f[] normals = [(0, 0, 1)]")))
     assert ("/mesh", "normals", "left out: 1 normals for 4 (vertex)") in report.ignored

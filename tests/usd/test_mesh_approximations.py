@@ -115,6 +115,8 @@ def test_a_ball_lies_in_a_bowl_that_moves_if_its_distances_collide(approximation
     why = next(why for path, what, why in scene.builder.reports[0].ignored if path == "/World/bowl/mesh")
     assert ("its triangles collide" in why) == inside
     if inside:
+        assert "Newton's collision detection finds all contacts of the scene" in why
+        assert "the concave mesh '/World/bowl/mesh' that moves as 'sdf'" in scene.sim.describe_solver()
         np.testing.assert_allclose(bowl[2], 0.0, atol=1e-3)
         np.testing.assert_allclose(ball[2], 0.05 + RADIUS, atol=1e-3)
     else:

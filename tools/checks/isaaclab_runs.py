@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import logging
 import multiprocessing
@@ -127,8 +128,13 @@ def train_task(task: str, num_envs: int, iterations: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         numbers = ["--num-envs", str(num_envs), "--max-iterations", str(iterations)]
         options = ["--isaaclab", "--device", "cpu", "--final-video", "False", "--log-dir", folder]
-        if status := cli.main(["train", task, *numbers, *options]):
-            raise RuntimeError(f"'stripe-newton train' ended with {status}")
+        told = io.StringIO()
+        with contextlib.redirect_stderr(told):
+            status = cli.main(["train", task, *numbers, *options])
+        if status:
+            raise RuntimeError(
+                f"'stripe-newton train' ended with {status}: {told.getvalue().strip().splitlines()[-1:]}"
+            )
         if not list(Path(folder).rglob("model_*.pt")):
             raise RuntimeError("no checkpoint was kept")
 

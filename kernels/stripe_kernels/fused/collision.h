@@ -52,7 +52,7 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
         int p = first + lane;
         Hits hits;
         hits.count = 0;
-        if (p < FIRST_SEARCHED_PAIR) {
+        if (p < FIRST_SEARCHED_PAIR && has_both(P, p)) {
             PairGeoms g = geoms_of(w, P, p);
             primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
         }

@@ -43,6 +43,11 @@ FN real margin_of(const Parameters& P, int pair) {
     return contact_rule(pair) == OF_PAIR ? P.pair_margin()[contact_explicit(pair)] : P.geom_margin()[contact_geom1(pair)] + P.geom_margin()[contact_geom2(pair)];
 }
 
+// Whether the world has both geoms of a pair: one that it lacks has the margin ABSENT_MARGIN of mujoco_model.py.
+FN bool has_both(const Parameters& P, int pair) {
+    return P.geom_margin()[contact_geom1(pair)] + P.geom_margin()[contact_geom2(pair)] > (real)-1e20;
+}
+
 struct Material {
     real solref[2], solreffriction[2], solimp[5];
 };

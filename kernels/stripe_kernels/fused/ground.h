@@ -32,6 +32,7 @@ FN Cover cover(const Geom& geom, int part) {
 
 // Whether a geom may touch its ground: by the distance to the nearest face, or by the highest vertex below it.
 FN bool is_near(const World& w, const Parameters& P, int p) {
+    if (!has_both(P, p)) return false;
     PairGeoms g = geoms_of(w, P, p);
     const Mat axes = transposed(g.a.axes);
     const Vec at = axes * (g.b.pos - g.a.pos);

@@ -49,6 +49,7 @@ FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, co
     int count = 0;
     ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
         const int p = limb_pair(t);
+        if (!has_both(P, p)) continue;
         PairGeoms g = geoms_of(w, P, p);
         Hits hits;
         primitive_hits(hits, p, margin_of(P, p), g.a, g.b);

@@ -70,10 +70,6 @@ NAMES: dict[str, Table] = {
     | refused(
         "deformable bodies are not simulated",
         "DeformableBodyMaterialCfg DeformableBodyPropertiesCfg DeformableObjectSpawnerCfg",
-    )
-    | refused(
-        "environments are copies of one; events randomise what differs, pools of objects spawn several",
-        "MultiAssetSpawnerCfg MultiUsdFileCfg",
     ),
     "isaaclab.utils.io": refused("the dialect does not translate this function", "load_torchscript_model"),
     "isaaclab.utils.math": refused(

@@ -28,7 +28,7 @@ NAMES: dict[str, Table] = {
         """UsdFileCfg UrdfFileCfg GroundPlaneCfg spawn_from_urdf spawn_from_usd spawn_ground_plane spawn_light
         CapsuleCfg ConeCfg CuboidCfg CylinderCfg SphereCfg MeshCapsuleCfg MeshConeCfg MeshCuboidCfg MeshCylinderCfg
         MeshSphereCfg CylinderLightCfg DiskLightCfg DistantLightCfg DomeLightCfg LightCfg SphereLightCfg SpawnerCfg
-        RigidObjectSpawnerCfg""",
+        RigidObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg spawn_multi_asset spawn_multi_usd_file""",
     ),
     "isaaclab.scene": dialect("scene", "InteractiveScene InteractiveSceneCfg"),
 }
