@@ -40,6 +40,7 @@ from stripe_kernels.mdp import (
     terminations,
     terrain,
     tracking,
+    walking,
 )
 from stripe_kernels.term_info import observation_size
 
@@ -47,7 +48,7 @@ Modules = tuple[ModuleType | SimpleNamespace, ...]
 
 KINDS: dict[str, Modules] = {
     "Observations": (observations,),
-    "Rewards": (rewards, tracking),
+    "Rewards": (rewards, tracking, walking),
     "Terminations": (terminations,),
     "Events": (events,),
     "Commands": (commands,),

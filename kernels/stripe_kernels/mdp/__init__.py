@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms: observations, rewards, terminations, events, commands, actions and curricula as Warp functions.
 
-Each term is a function of one environment. ``observations``, ``rewards`` and ``tracking`` (rewards too),
+Each term is a function of one environment. ``observations``, ``rewards`` (``tracking`` and ``walking``, too),
 ``terminations``, ``events``, ``commands``, ``actions`` and ``curriculums`` hold one kind each. Other modules hold the
 terms of one subject: ``objects`` those of pools of objects, ``contact`` and ``feet`` those of contacts, ``imu`` and
 ``scan`` those of other sensors, ``obstacles`` those of obstacles, ``terrain`` those of the ground,
@@ -191,6 +191,13 @@ from .tracking import (
     track_lin_vel_xy_exp,
     track_lin_vel_xy_yaw_frame_exp,
 )
+from .walking import (
+    body_angular_velocity_penalty,
+    track_angular_velocity,
+    track_linear_velocity,
+    upright,
+    variable_posture,
+)
 
 __all__ = [
     "ACTIONS",
@@ -219,6 +226,7 @@ __all__ = [
     "base_height_l2",
     "base_lin_vel",
     "base_pos_z",
+    "body_angular_velocity_penalty",
     "body_incoming_wrench",
     "body_lin_acc_l2",
     "body_pose_w",
@@ -344,11 +352,15 @@ __all__ = [
     "time_out",
     "track_ang_vel_z_exp",
     "track_ang_vel_z_world_exp",
+    "track_angular_velocity",
     "track_lin_vel_xy_exp",
     "track_lin_vel_xy_yaw_frame_exp",
+    "track_linear_velocity",
     "undesired_contacts",
     "update_uniform_pose_2d",
     "update_uniform_velocity",
+    "upright",
+    "variable_posture",
     "velocity_error_xy",
     "velocity_error_yaw",
 ]
