@@ -271,6 +271,8 @@ class EventsCfg:
         interval_range_s=(10.0, 15.0),
         params={"velocity_range": {"x": (-0.5, 0.5), "y": (-0.5, 0.5)}},
     )
+    encoder_bias: EventTermCfg | None = None
+    """Errors of the encoders, where the task has them."""
 
 
 @configclass
