@@ -64,12 +64,11 @@ class MotionLibrary:
         """
         if robot.is_fixed_base:
             raise MotionError("the root of the robot is held; motions are of robots that float")
+        for motion in motions:
+            if motion.duration * fps < 1.0 - 1.0e-6:
+                step = 1.0 / fps
+                raise MotionError(f"{motion.name}: lasts {motion.duration:.3g} s, must last {step:.3g} s or longer")
         ready = [motion.in_order(list(robot.joint_names)).resampled(fps) for motion in motions]
-        for motion in ready:
-            if motion.num_frames < 2:
-                raise MotionError(
-                    f"{motion.name}: lasts {motion.duration:.3g} s, must last {1.0 / fps:.3g} s or longer"
-                )
         states = [_with_bodies(motion, robot, sim) for motion in ready]
         return cls(
             fps=fps,
