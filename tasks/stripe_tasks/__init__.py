@@ -85,6 +85,16 @@ TASKS = {
         "stripe_tasks.locomotion.manager_based:HumanoidManagerEnvCfg",
         "stripe_tasks.locomotion.manager_based:HumanoidManagerPPORunnerCfg",
     ),
+    "Stripe-Lift-Cube-Panda-v0": (
+        "stripe_tasks.manipulation.lift:LiftEnv",
+        "stripe_tasks.manipulation.lift:LiftEnvCfg",
+        "stripe_tasks.manipulation.lift:LiftPPORunnerCfg",
+    ),
+    "Stripe-Open-Cabinet-Panda-v0": (
+        "stripe_tasks.manipulation.success:SuccessEnv",
+        "stripe_tasks.manipulation.cabinet:CabinetEnvCfg",
+        "stripe_tasks.manipulation.cabinet:CabinetPPORunnerCfg",
+    ),
     "Stripe-PushBall-Ant-v0": (
         "stripe_tasks.push_ball:PushBallEnv",
         "stripe_tasks.push_ball:PushBallEnvCfg",
@@ -94,6 +104,21 @@ TASKS = {
         "stripe_tasks.quadcopter:QuadcopterEnv",
         "stripe_tasks.quadcopter:QuadcopterEnvCfg",
         "stripe_tasks.quadcopter:QuadcopterPPORunnerCfg",
+    ),
+    "Stripe-Reach-Panda-IK-Rel-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachIKEnvCfg",
+        "stripe_tasks.manipulation.reach:PandaReachPPORunnerCfg",
+    ),
+    "Stripe-Reach-Panda-OSC-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachOSCEnvCfg",
+        "stripe_tasks.manipulation.reach:PandaReachOSCPPORunnerCfg",
+    ),
+    "Stripe-Reach-Panda-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachEnvCfg",
+        "stripe_tasks.manipulation.reach:PandaReachPPORunnerCfg",
     ),
     "Stripe-Reach-v0": (
         "stripe_tasks.reach:ReachEnv",
@@ -194,8 +219,13 @@ WHAT = {
     "Forest-Reach-Quadruped": "a quadruped gets to a goal 10 to 20 m away, between trees",
     "Forest-Walk-Quadruped": "a quadruped follows velocity commands between trees",
     "Humanoid": "a humanoid runs toward a goal far away",
+    "Lift-Cube-Panda": "a Panda lifts a cube to a place",
+    "Open-Cabinet-Panda": "a Panda opens a drawer",
     "PushBall-Ant": "an ant pushes a ball to a goal",
     "Quadcopter": "a quadcopter flies to a goal",
+    "Reach-Panda": "a Panda reaches poses with its hand",
+    "Reach-Panda-IK-Rel": "a Panda reaches poses by inverse kinematics",
+    "Reach-Panda-OSC": "a Panda reaches poses by operational space control",
     "Reach": "an arm reaches poses with its hand",
     "Tracking-Flat-G1": "Unitree's G1, a humanoid, moves as recorded motions do",
     "Velocity-Flat-AnymalC": "ANYbotics' ANYmal C follows velocity commands on a plane",

@@ -3,7 +3,7 @@
 
 Their files are not part of this package. Each function looks for the file by the robot's name
 (:func:`stripe_newton.assets.find_robot`), and its error says how to get it. Drives of the Go1 and the G1 are mjlab's,
-those of the Go2 and ANYmal C are Isaac Lab's.
+those of the Go2 and ANYmal C are Isaac Lab's, those of the Panda its file's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,18 @@ from dataclasses import dataclass
 from stripe_newton.actuators import ActuatorCfg, DCMotorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import ArticulationCfg, robot_cfg
 
-__all__ = ["G1_DRIVES", "GO1_DRIVES", "MotorDrive", "action_scale", "anymal_c_cfg", "g1_cfg", "go1_cfg", "go2_cfg"]
+__all__ = [
+    "G1_DRIVES",
+    "GO1_DRIVES",
+    "MotorDrive",
+    "action_scale",
+    "allegro_cfg",
+    "anymal_c_cfg",
+    "g1_cfg",
+    "go1_cfg",
+    "go2_cfg",
+    "panda_cfg",
+]
 
 _TURN = 2.0 * math.pi
 
@@ -189,3 +200,70 @@ def g1_cfg() -> ArticulationCfg:
         ".*_shoulder_pitch_joint": 0.2,
     }
     return _standing("g1", 0.76, pose, {k: drive.actuator() for k, drive in G1_DRIVES.items()}, 0.9)
+
+
+# -- arms
+
+
+def panda_cfg() -> ArticulationCfg:
+    """Franka Emika Panda with its gripper, held at its base, the hand facing down in front of it.
+
+    Stiffness and damping of the arm are those of the file. Both fingers have drives of their own, in place of the one
+    that the file puts on their tendon.
+
+    Raises:
+        LookupError: its file is not to be had.
+    """
+    cfg = robot_cfg("panda")
+    cfg.spawn.actuators = False
+    cfg.spawn.self_collision = False
+    gains = {"joint[12]": 4500.0, "joint[34]": 3500.0, "joint[567]": 2000.0}
+    arm = ImplicitActuatorCfg(
+        joint_names_expr=["joint[1-7]"],
+        stiffness=gains,
+        damping={joints: 0.1 * gain for joints, gain in gains.items()},
+        effort_limit={"joint[1-4]": 87.0, "joint[567]": 12.0},
+        velocity_limit={"joint[1-4]": 2.175, "joint[567]": 2.61},
+    )
+    fingers = ImplicitActuatorCfg(
+        joint_names_expr=["finger_joint[12]"], stiffness=2000.0, damping=100.0, effort_limit=70.0, velocity_limit=0.2
+    )
+    pose = {
+        "joint1": 0.0,
+        "joint2": -0.569,
+        "joint3": 0.0,
+        "joint4": -2.81,
+        "joint5": 0.0,
+        "joint6": 3.037,
+        "joint7": 0.741,
+        "finger_joint[12]": 0.04,
+    }
+    return cfg.replace(
+        init_state=ArticulationCfg.InitialStateCfg(pos=(0.0, 0.0, 0.0), rot=None, joint_pos=pose),
+        actuators={"arm": arm, "fingers": fingers},
+    )
+
+
+# -- hands
+
+
+def allegro_cfg() -> ArticulationCfg:
+    """Wonik Allegro right hand, held with its palm up, with the drives that Isaac Lab trains it with.
+
+    Raises:
+        LookupError: its file is not to be had.
+    """
+    cfg = robot_cfg("allegro")
+    cfg.spawn.actuators = False
+    cfg.spawn.self_collision = True
+    fingers = ImplicitActuatorCfg(
+        joint_names_expr=[".*"], stiffness=3.0, damping=0.1, effort_limit=0.5, friction=0.01, armature=0.001
+    )
+    half = math.sqrt(0.5)
+    return cfg.replace(
+        init_state=ArticulationCfg.InitialStateCfg(
+            pos=(0.0, 0.0, 0.5), rot=(0.0, -half, 0.0, half), joint_pos={"thj0": 0.28, "(ff|mf|rf|th)j[123]": 0.0}
+        ),
+        actuators={"fingers": fingers},
+        soft_joint_pos_limit_factor=1.0,
+    )
