@@ -125,6 +125,11 @@ TASKS = {
         "stripe_tasks.reach:ReachEnvCfg",
         "stripe_tasks.reach:ReachPPORunnerCfg",
     ),
+    "Stripe-Repose-Cube-Allegro-Direct-v0": (
+        "stripe_tasks.manipulation.repose:ReposeEnv",
+        "stripe_tasks.manipulation.repose:ReposeEnvCfg",
+        "stripe_tasks.manipulation.repose:ReposePPORunnerCfg",
+    ),
     "Stripe-Tracking-Flat-G1-v0": (
         MANAGER_BASED,
         "stripe_tasks.tracking.g1:TrackingEnvCfg",
@@ -227,6 +232,7 @@ WHAT = {
     "Reach-Panda-IK-Rel": "a Panda reaches poses by inverse kinematics",
     "Reach-Panda-OSC": "a Panda reaches poses by operational space control",
     "Reach": "an arm reaches poses with its hand",
+    "Repose-Cube-Allegro": "an Allegro hand turns a cube to goals",
     "Tracking-Flat-G1": "Unitree's G1, a humanoid, moves as recorded motions do",
     "Velocity-Flat-AnymalC": "ANYbotics' ANYmal C follows velocity commands on a plane",
     "Velocity-Flat-G1": "Unitree's G1, a humanoid, follows velocity commands on a plane",
@@ -252,12 +258,16 @@ FORMS = {
 }
 """Forms of a task by the rest of its name, the longest first."""
 
+WARP_HOOKS = ("Quadcopter", "Repose-Cube-Allegro")
+"""Direct tasks that have Warp hooks alone, without saying so in their names."""
+
 
 def describe(task_id: str) -> str:
     """Description of a task, such as ``"a cart keeps up a pole (terms)"``."""
     name = task_id.removeprefix("Stripe-").removesuffix("-v0")
     end = next(end for end in FORMS if name.endswith(end))
-    return f"{WHAT[name.removesuffix(end)]} ({FORMS[end]})"
+    what = name.removesuffix(end)
+    return f"{WHAT[what]} ({FORMS['-Direct-Warp' if what in WARP_HOOKS else end]})"
 
 
 for _id, (_env, _env_cfg, _rsl_rl_cfg) in TASKS.items():

@@ -259,11 +259,9 @@ def allegro_cfg() -> ArticulationCfg:
     fingers = ImplicitActuatorCfg(
         joint_names_expr=[".*"], stiffness=3.0, damping=0.1, effort_limit=0.5, friction=0.01, armature=0.001
     )
-    half = math.sqrt(0.5)
+    pose = {"(ff|mf|rf)j0": 0.0, "(ff|mf|rf)j[123]": 0.4, "thj0": 0.6, "thj[123]": 0.3}
     return cfg.replace(
-        init_state=ArticulationCfg.InitialStateCfg(
-            pos=(0.0, 0.0, 0.5), rot=(0.0, -half, 0.0, half), joint_pos={"thj0": 0.28, "(ff|mf|rf|th)j[123]": 0.0}
-        ),
+        init_state=ArticulationCfg.InitialStateCfg(pos=(0.0, 0.0, 0.5), rot=None, joint_pos=pose),
         actuators={"fingers": fingers},
         soft_joint_pos_limit_factor=1.0,
     )

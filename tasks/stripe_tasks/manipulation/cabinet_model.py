@@ -22,7 +22,7 @@ __all__ = ["CABINET_CFG", "DRAWERS", "HANDLE", "CabinetCfg", "spawn_cabinet"]
 
 Vector = tuple[float, float, float]
 
-WIDTH, DEPTH, HEIGHT, BOARD = 0.6, 0.5, 0.6, 0.02
+WIDTH, DEPTH, HEIGHT, BOARD, PLINTH = 0.6, 0.5, 0.6, 0.02, 0.1
 TRAVEL = 0.4
 """How far a drawer opens [m]."""
 DRAWERS = ("drawer_bottom", "drawer_top")
@@ -52,6 +52,8 @@ def _shell() -> Iterator[_Box]:
         yield _Box(name, (DEPTH, BOARD, HEIGHT), (0.0, y, 0.0), _WOOD)
     for name, z in (("top", 0.5 * (HEIGHT - BOARD)), ("bottom", -0.5 * (HEIGHT - BOARD))):
         yield _Box(name, (DEPTH, WIDTH - 2.0 * BOARD, BOARD), (0.0, 0.0, z), _WOOD)
+    plinth = (DEPTH - 0.1, WIDTH - 0.1, PLINTH)
+    yield _Box("plinth", plinth, (0.05, 0.0, -0.5 * (HEIGHT + PLINTH)), _METAL, collides=False)
     yield _Box("back", (BOARD, WIDTH, HEIGHT), (0.5 * (DEPTH - BOARD), 0.0, 0.0), _WOOD, collides=False)
 
 
@@ -137,7 +139,7 @@ class CabinetCfg(SpawnerCfg):
 CABINET_CFG = ArticulationCfg(
     prim_path="{ENV_REGEX_NS}/Cabinet",
     spawn=CabinetCfg(),
-    init_state=ArticulationCfg.InitialStateCfg(pos=(0.95, 0.0, 0.5 * HEIGHT + 0.1), joint_pos={".*": 0.0}),
+    init_state=ArticulationCfg.InitialStateCfg(pos=(0.95, 0.0, 0.5 * HEIGHT + PLINTH), joint_pos={".*": 0.0}),
     actuators={
         "drawers": ImplicitActuatorCfg(
             joint_names_expr=["drawer_.*_joint"], stiffness=10.0, damping=10.0, effort_limit=87.0, friction=0.5
