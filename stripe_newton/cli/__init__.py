@@ -84,9 +84,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_user_error(error: Exception) -> bool:
-    # Looked up rather than imported: it is heavy, and where it is not loaded it has raised nothing.
-    usd = sys.modules.get("stripe_newton.usd")
-    return isinstance(error, USER_ERRORS) or (usd is not None and isinstance(error, usd.StageError))
+    # Looked up rather than imported: they are heavy, and where they are not loaded they have raised nothing.
+    heavy = (("stripe_newton.usd", "StageError"), ("stripe_newton.assets", "RobotNotFoundError"))
+    found = tuple(getattr(sys.modules[module], name) for module, name in heavy if module in sys.modules)
+    return isinstance(error, (*USER_ERRORS, *found))
 
 
 def _dispatch(args: list[str]) -> int:

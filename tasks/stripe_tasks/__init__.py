@@ -70,6 +70,11 @@ TASKS = {
         "stripe_tasks.forest.walk:walk_cfg",
         "stripe_tasks.forest.walk:ForestWalkPPORunnerCfg",
     ),
+    "Stripe-Getup-Flat-G1-v0": (
+        "stripe_tasks.success:SuccessEnv",
+        "stripe_tasks.getup.g1:GetupEnvCfg",
+        "stripe_tasks.getup.g1:GetupPPORunnerCfg",
+    ),
     "Stripe-Humanoid-Direct-Warp-v0": (
         "stripe_tasks.locomotion.direct_warp:HumanoidWarpEnv",
         "stripe_tasks.locomotion:HumanoidEnvCfg",
@@ -91,7 +96,7 @@ TASKS = {
         "stripe_tasks.manipulation.lift:LiftPPORunnerCfg",
     ),
     "Stripe-Open-Cabinet-Panda-v0": (
-        "stripe_tasks.manipulation.success:SuccessEnv",
+        "stripe_tasks.success:SuccessEnv",
         "stripe_tasks.manipulation.cabinet:CabinetEnvCfg",
         "stripe_tasks.manipulation.cabinet:CabinetPPORunnerCfg",
     ),
@@ -223,6 +228,7 @@ WHAT = {
     "Cartpole": "a cart keeps up a pole",
     "Forest-Reach-Quadruped": "a quadruped gets to a goal 10 to 20 m away, between trees",
     "Forest-Walk-Quadruped": "a quadruped follows velocity commands between trees",
+    "Getup-Flat-G1": "Unitree's G1, a humanoid, gets up from any fall",
     "Humanoid": "a humanoid runs toward a goal far away",
     "Lift-Cube-Panda": "a Panda lifts a cube to a place",
     "Open-Cabinet-Panda": "a Panda opens a drawer",

@@ -101,7 +101,7 @@ def go1_cfg() -> ArticulationCfg:
     """Unitree Go1, knees bent, with the drives of its motors.
 
     Raises:
-        LookupError: its file is not to be had.
+        RobotNotFoundError: its file is not to be had.
     """
     pose = {".*_thigh_joint": 0.9, ".*_calf_joint": -1.8, ".*R_hip_joint": 0.1, ".*L_hip_joint": -0.1}
     return _standing("go1", 0.278, pose, {k: drive.actuator() for k, drive in GO1_DRIVES.items()}, 0.9)
@@ -111,7 +111,7 @@ def go2_cfg() -> ArticulationCfg:
     """Unitree Go2 with the gains that Isaac Lab trains it with; the legs do not collide with each other.
 
     Raises:
-        LookupError: its file is not to be had.
+        RobotNotFoundError: its file is not to be had.
     """
     pose = {
         ".L_hip_joint": 0.1,
@@ -132,7 +132,7 @@ def anymal_c_cfg() -> ArticulationCfg:
     """ANYbotics ANYmal C with DC motors in place of a network of its drives; its parts do not collide with each other.
 
     Raises:
-        LookupError: its file is not to be had.
+        RobotNotFoundError: its file is not to be had.
     """
     pose = {".*HAA": 0.0, ".*F_HFE": 0.4, ".*H_HFE": -0.4, ".*F_KFE": -0.8, ".*H_KFE": 0.8}
     legs = DCMotorCfg(
@@ -188,7 +188,7 @@ def g1_cfg() -> ArticulationCfg:
     """Unitree G1 with 29 joints, knees bent, with the drives of its motors.
 
     Raises:
-        LookupError: its file is not to be had.
+        RobotNotFoundError: its file is not to be had.
     """
     pose = {
         ".*_hip_pitch_joint": -0.312,
@@ -212,7 +212,7 @@ def panda_cfg() -> ArticulationCfg:
     that the file puts on their tendon.
 
     Raises:
-        LookupError: its file is not to be had.
+        RobotNotFoundError: its file is not to be had.
     """
     cfg = robot_cfg("panda")
     cfg.spawn.actuators = False
@@ -251,7 +251,7 @@ def allegro_cfg() -> ArticulationCfg:
     """Wonik Allegro right hand, held with its palm up, with the drives that Isaac Lab trains it with.
 
     Raises:
-        LookupError: its file is not to be had.
+        RobotNotFoundError: its file is not to be had.
     """
     cfg = robot_cfg("allegro")
     cfg.spawn.actuators = False

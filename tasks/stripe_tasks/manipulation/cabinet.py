@@ -23,12 +23,12 @@ from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.published_robots import panda_cfg
 from stripe_tasks.robot_scene import RobotSceneCfg
+from stripe_tasks.success import SuccessManagerCfg
 
 from . import terms
 from .cabinet_model import CABINET_CFG, HANDLE
 from .lift import FINGERS
 from .reach import ARM, FINGERTIPS, HAND
-from .success import SuccessManagerCfg
 
 __all__ = ["CabinetEnvCfg", "CabinetPPORunnerCfg"]
 

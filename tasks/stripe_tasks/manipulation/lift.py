@@ -36,10 +36,10 @@ from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.goal_marker import GoalMarked, goal_marker
 from stripe_tasks.published_robots import panda_cfg
 from stripe_tasks.robot_scene import RobotSceneCfg
+from stripe_tasks.success import SuccessEnv, SuccessManagerCfg
 
 from . import terms
 from .reach import ARM, FINGERTIPS, HAND
-from .success import SuccessEnv, SuccessManagerCfg
 
 __all__ = ["FINGERS", "LiftEnv", "LiftEnvCfg", "LiftPPORunnerCfg"]
 
