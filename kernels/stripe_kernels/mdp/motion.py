@@ -426,6 +426,8 @@ def motion_finished(env: int, command: MotionCommandData) -> bool:
     """The motion has been tracked to its last frame.
 
     Formula: ``frame >= last``.
+
+    Source: this project; BeyondMimic and mjlab go on at another frame.
     """
     return command.frame[env] >= command.last[command.frame[env]]
 
