@@ -225,8 +225,10 @@ def panda_cfg() -> ArticulationCfg:
         effort_limit={"joint[1-4]": 87.0, "joint[567]": 12.0},
         velocity_limit={"joint[1-4]": 2.175, "joint[567]": 2.61},
     )
+    # About 8 N on a thing of 5 cm: contacts are as soft as what they press on is light, and a cube of 0.1 kg would be
+    # squeezed by centimetres with the 70 N that the gripper has.
     fingers = ImplicitActuatorCfg(
-        joint_names_expr=["finger_joint[12]"], stiffness=2000.0, damping=100.0, effort_limit=70.0, velocity_limit=0.2
+        joint_names_expr=["finger_joint[12]"], stiffness=350.0, damping=35.0, effort_limit=20.0, velocity_limit=0.2
     )
     pose = {
         "joint1": 0.0,
