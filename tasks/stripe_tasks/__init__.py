@@ -35,6 +35,11 @@ TASKS = {
         "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLEnvCfg",
         "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLPPORunnerCfg",
     ),
+    "Stripe-Cartpole-Camera-Direct-v0": (
+        "stripe_tasks.cartpole.camera:CartpoleCameraEnv",
+        "stripe_tasks.cartpole.camera:CartpoleCameraEnvCfg",
+        "stripe_tasks.cartpole.camera:CartpoleCameraPPORunnerCfg",
+    ),
     "Stripe-Cartpole-Direct-Warp-v0": (
         "stripe_tasks.cartpole.direct_warp:CartpoleWarpEnv",
         "stripe_tasks.cartpole:CartpoleEnvCfg",
@@ -225,6 +230,7 @@ SCENES = {
 WHAT = {
     "Ant": "an ant runs toward a goal far away",
     "CartDoublePole": "a cart keeps up two poles, one on the other",
+    "Cartpole-Camera": "a cart keeps up a pole, by a camera",
     "Cartpole": "a cart keeps up a pole",
     "Forest-Reach-Quadruped": "a quadruped gets to a goal 10 to 20 m away, between trees",
     "Forest-Walk-Quadruped": "a quadruped follows velocity commands between trees",

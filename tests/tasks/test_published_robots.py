@@ -130,13 +130,16 @@ def test_tracking_begins_on_the_motion(tmp_path):
     assert ONE_LAUNCH in env.describe()
     obs, _ = env.reset(seed=0)
     assert {k: tuple(v.shape) for k, v in obs.items()} == {"policy": (N, 160), "critic": (N, 286)}
-    struct = env.command_manager.get_term("motion").data
-    struct.frame.assign(struct.start)  # one frame back: that at which the robot was put down
+    term = env.command_manager.get_term("motion")
+    torch.testing.assert_close(term.frame, term.start + 1)
+    term.frame[:] = term.start  # one frame back: that at which the robot was put down
     names = [n for n in env.reward_manager.active_terms if n.startswith("motion_")]
     values = env.reward_manager.compute_terms()[:, : len(names)]
     weights = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0, 1.0])
-    # Joints are held to the soft limits, which these small motions hardly reach.
-    assert (values / weights > 0.98).all(), dict(zip(names, values.mean(dim=0), strict=True))
+    shares = (values / weights).amin(dim=0)
+    # Knees and ankles are held to their soft limits, up to 0.2 rad from what these motions want.
+    bounds = torch.tensor([0.999, 0.999, 0.99, 0.93, 0.99, 0.99])
+    assert (shares > bounds).all(), dict(zip(names, shares, strict=True))
     env.reset(seed=0)
     steps(env, 5)
     env.close()
