@@ -170,7 +170,10 @@ def test_cabinet_rewards_are_those_of_numpy(cabinet):
 # -- reach
 
 
-@pytest.mark.parametrize(("form", "actions"), [("", 7), ("-IK-Rel", 6), ("-OSC", 13)])
+@pytest.mark.parametrize(
+    ("form", "actions"),
+    [pytest.param("", 7, marks=pytest.mark.slow), pytest.param("-IK-Rel", 6, marks=pytest.mark.slow), ("-OSC", 13)],
+)
 def test_reach_runs_with_each_kind_of_action(form, actions):
     robot_file("panda")
     env = make(f"Stripe-Reach-Panda{form}-v0")

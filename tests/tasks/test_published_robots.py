@@ -72,7 +72,7 @@ def test_gains_of_motors_are_those_that_mjlab_computes():
 # -- walking
 
 
-@pytest.mark.parametrize("robot", WALKERS)
+@pytest.mark.parametrize("robot", ["Go2", "G1", *(pytest.param(r, marks=pytest.mark.slow) for r in ("Go1", "AnymalC"))])
 def test_walker_runs_in_one_kernel_with_robots_that_differ(robot):
     name, base = WALKERS[robot]
     robot_file(name)

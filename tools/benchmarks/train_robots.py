@@ -40,6 +40,7 @@ TASKS = (
     "Stripe-Repose-Cube-Allegro-Direct-v0:2000",
     "Stripe-Tracking-Flat-G1-v0:3000",
     "Stripe-Getup-Flat-G1-v0:1000",
+    "Stripe-Cartpole-Camera-Direct-v0:300@1024",
 )
 """What is trained where nothing is named: task and iterations, the shortest first."""
 HEAD = "| task | device | envs | iterations | seed | samples/s | time | 90 % after | result |"
