@@ -12,7 +12,8 @@ import math
 from dataclasses import dataclass
 
 from stripe_newton.actuators import ActuatorCfg, DCMotorCfg, ImplicitActuatorCfg
-from stripe_newton.assets import ArticulationCfg, robot_cfg
+from stripe_newton.assets import ArticulationCfg, RobotNotFoundError, robot_cfg
+from stripe_newton.sim import MjcfFileCfg
 
 __all__ = [
     "G1_DRIVES",
@@ -85,16 +86,36 @@ GO1_DRIVES = {
 """Drives of the Go1, geared 6 and 9 to 1."""
 
 
-def _standing(
-    name: str, height: float, joint_pos: dict[str, float], actuators: dict[str, ActuatorCfg], limits: float
-) -> ArticulationCfg:
-    """Config of a robot by its name, standing: height of its root [m], pose [rad], drives, and soft limits."""
+def _of_mjcf(name: str, self_collision: bool = True, actuators: bool = True) -> ArticulationCfg:
+    """Config of a robot by its name, of which tasks know the joints and bodies of the MJCF file.
+
+    Raises:
+        RobotNotFoundError: its file is not to be had, or only another one.
+    """
     cfg = robot_cfg(name)
+    if not isinstance(cfg.spawn, MjcfFileCfg):
+        raise RobotNotFoundError(
+            f"robot '{name}': the file that was found is no MJCF file, whose names the tasks have; set MENAGERIE_ROOT "
+            "to a checkout of github.com/google-deepmind/mujoco_menagerie"
+        )
+    cfg.spawn.self_collision, cfg.spawn.actuators = self_collision, actuators
+    return cfg
+
+
+def _standing(
+    cfg: ArticulationCfg, height: float, joint_pos: dict[str, float], actuators: dict[str, ActuatorCfg], limits: float
+) -> ArticulationCfg:
+    """A robot that stands: height of its root [m], pose [rad], drives, and soft limits."""
     return cfg.replace(
         init_state=ArticulationCfg.InitialStateCfg(pos=(0.0, 0.0, height), rot=None, joint_pos=joint_pos),
         actuators=actuators,
         soft_joint_pos_limit_factor=limits,
     )
+
+
+def _drives(motors: dict[str, MotorDrive]) -> dict[str, ActuatorCfg]:
+    """Configs of motor drives."""
+    return {name: drive.actuator() for name, drive in motors.items()}
 
 
 def go1_cfg() -> ArticulationCfg:
@@ -104,7 +125,7 @@ def go1_cfg() -> ArticulationCfg:
         RobotNotFoundError: its file is not to be had.
     """
     pose = {".*_thigh_joint": 0.9, ".*_calf_joint": -1.8, ".*R_hip_joint": 0.1, ".*L_hip_joint": -0.1}
-    return _standing("go1", 0.278, pose, {k: drive.actuator() for k, drive in GO1_DRIVES.items()}, 0.9)
+    return _standing(_of_mjcf("go1"), 0.278, pose, _drives(GO1_DRIVES), 0.9)
 
 
 def go2_cfg() -> ArticulationCfg:
@@ -123,9 +144,7 @@ def go2_cfg() -> ArticulationCfg:
     legs = ImplicitActuatorCfg(
         joint_names_expr=[".*"], stiffness=25.0, damping=0.5, effort_limit=23.5, velocity_limit=30.0, armature=0.01
     )
-    cfg = _standing("go2", 0.33, pose, {"legs": legs}, 0.9)
-    cfg.spawn.self_collision = False
-    return cfg
+    return _standing(_of_mjcf("go2", self_collision=False), 0.33, pose, {"legs": legs}, 0.9)
 
 
 def anymal_c_cfg() -> ArticulationCfg:
@@ -143,9 +162,7 @@ def anymal_c_cfg() -> ArticulationCfg:
         stiffness=40.0,
         damping=5.0,
     )
-    cfg = _standing("anymal_c", 0.6, pose, {"legs": legs}, 0.95)
-    cfg.spawn.self_collision = False
-    return cfg
+    return _standing(_of_mjcf("anymal_c", self_collision=False), 0.6, pose, {"legs": legs}, 0.95)
 
 
 # -- humanoids
@@ -199,7 +216,7 @@ def g1_cfg() -> ArticulationCfg:
         "right_shoulder_roll_joint": -0.2,
         ".*_shoulder_pitch_joint": 0.2,
     }
-    return _standing("g1", 0.76, pose, {k: drive.actuator() for k, drive in G1_DRIVES.items()}, 0.9)
+    return _standing(_of_mjcf("g1"), 0.76, pose, _drives(G1_DRIVES), 0.9)
 
 
 # -- arms
@@ -214,9 +231,7 @@ def panda_cfg() -> ArticulationCfg:
     Raises:
         RobotNotFoundError: its file is not to be had.
     """
-    cfg = robot_cfg("panda")
-    cfg.spawn.actuators = False
-    cfg.spawn.self_collision = False
+    cfg = _of_mjcf("panda", self_collision=False, actuators=False)
     gains = {"joint[12]": 4500.0, "joint[34]": 3500.0, "joint[567]": 2000.0}
     arm = ImplicitActuatorCfg(
         joint_names_expr=["joint[1-7]"],
@@ -255,9 +270,7 @@ def allegro_cfg() -> ArticulationCfg:
     Raises:
         RobotNotFoundError: its file is not to be had.
     """
-    cfg = robot_cfg("allegro")
-    cfg.spawn.actuators = False
-    cfg.spawn.self_collision = True
+    cfg = _of_mjcf("allegro", actuators=False)
     fingers = ImplicitActuatorCfg(
         joint_names_expr=[".*"], stiffness=3.0, damping=0.1, effort_limit=0.5, friction=0.01, armature=0.001
     )

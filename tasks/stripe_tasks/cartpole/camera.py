@@ -36,7 +36,7 @@ class CartpoleCameraEnvCfg(CartpoleEnvCfg):
         height=64,
     )
     """The camera, 5 m in front of the rail."""
-    observation_space: list[int] | int = [3, 64, 64]
+    observation_space: list[int] = [3, 64, 64]  # type: ignore[assignment]  # a picture rather than numbers
     """Channels, height and width."""
 
     def __post_init__(self) -> None:

@@ -83,7 +83,7 @@ def stands(
     body_ids: wp.array[int],
     least_height: float,
     largest_tilt: float,
-):
+) -> None:
     """Record whether the robot stands: a body is above a height, and the root is upright within an angle [rad]."""
     upright = -frames.projected_gravity_b(env, robot)[2] > wp.cos(largest_tilt)
     reached[env] = wp.where(upright and _is_up(env, robot, body_ids[0], least_height) > 0.0, 1, 0)

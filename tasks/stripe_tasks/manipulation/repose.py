@@ -84,7 +84,7 @@ def draw_rotation(env: int, rng: wp.array[wp.uint32]) -> wp.quat:
 
 
 @wp.func
-def draw_goal(env: int, goals: Goals, rng: wp.array[wp.uint32], numbers: Numbers):
+def draw_goal(env: int, goals: Goals, rng: wp.array[wp.uint32], numbers: Numbers) -> None:
     """Draw a new goal."""
     goals.rot[env] = draw_rotation(env, rng)
     goals.marker[env] = wp.transform(numbers.marker_pos, goals.rot[env])
@@ -201,14 +201,14 @@ def reset_envs(
 
 
 @wp.func
-def write_vec3(v: wp.vec3, first: int, out: wp.array[float]):
+def write_vec3(v: wp.vec3, first: int, out: wp.array[float]) -> None:
     """Write three numbers."""
     for k in range(3):
         out[first + k] = v[k]
 
 
 @wp.func
-def write_quat(q: wp.quat, first: int, out: wp.array[float]):
+def write_quat(q: wp.quat, first: int, out: wp.array[float]) -> None:
     """Write four numbers."""
     for k in range(4):
         out[first + k] = q[k]
@@ -333,8 +333,9 @@ class ReposeEnv(GoalMarked, DirectRLEnv):
 
     def __init__(self, cfg: ReposeEnvCfg, render_mode: str | None = None, **kwargs: Any):
         super().__init__(cfg, render_mode, **kwargs)
-        numbers, goals, array = Numbers(), Goals(), self.context.array
-        for name in Numbers.vars:
+        goals, array = Goals(), self.context.array
+        numbers: Any = Numbers()
+        for name in numbers._cls.vars:
             value = getattr(self.cfg, name)
             setattr(numbers, name, wp.vec3(*value) if isinstance(value, (tuple, list)) else value)
         # Arrays of the context are saved with a checkpoint.

@@ -47,7 +47,7 @@ def _object_height(env: int, object: ArticulationData) -> float:
 @wp.func
 def object_position_in_robot_root_frame(
     env: int, robot: ArticulationData, object: ArticulationData, out: wp.array[float]
-):
+) -> None:
     """Position of an object in the frame of the robot's root.
 
     Formula: ``R^T (p_o - p)`` [m].
@@ -111,7 +111,7 @@ def object_at_goal(
     object: ArticulationData,
     command: PoseCommandData,
     threshold: float,
-):
+) -> None:
     """Record whether an object is at the commanded position: ``|goal - p_o| < threshold`` [m]."""
     reached[env] = wp.where(_goal_distance(env, robot, object, command) < threshold, 1, 0)
 
@@ -156,7 +156,7 @@ def rel_ee_drawer_distance(
     point: wp.vec3,
     handle: wp.vec3,
     out: wp.array[float],
-):
+) -> None:
     """Vector from the point between the fingers to the handle, in the world's axes.
 
     Formula: ``h - e`` [m].
@@ -309,6 +309,6 @@ def multi_stage_open_drawer(
 @wp.func
 def drawer_is_open(
     env: int, reached: wp.array[int], cabinet: ArticulationData, joint_ids: wp.array[int], threshold: float
-):
+) -> None:
     """Record whether a drawer is open: ``q > threshold`` [m]."""
     reached[env] = wp.where(cabinet.joint_pos[env, joint_ids[0]] > threshold, 1, 0)

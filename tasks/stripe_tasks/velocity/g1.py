@@ -13,6 +13,7 @@ import math
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import RewardTermCfg, TerminationTermCfg
+from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
 
 from .manager_based import (
@@ -164,7 +165,7 @@ def _set_up(cfg: VelocityEnvCfg) -> None:
     command.resampling_time_range = (3.0, 8.0)
     command.rel_standing_envs, command.rel_heading_envs = 0.1, 0.3
     command.ranges.ang_vel_z = (-0.5, 0.5)
-    cfg.sim.solver.njmax, cfg.sim.solver.nconmax = 300, 70
+    cfg.sim.solver = MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=300, nconmax=70, drive_limits=True)
     cfg.viewer.eye, cfg.viewer.lookat = (2.2, -2.4, 0.5), (0.0, 0.0, -0.05)
 
 

@@ -61,10 +61,13 @@ def use_mjlab_events(cfg: VelocityEnvCfg, friction: tuple[float, float]) -> None
         friction: Bounds of the friction of the feet.
     """
     events = cfg.events
+    centre, soles, push = events.centre_of_mass, events.soles, events.push_robot
+    if centre is None or soles is None or push is None:
+        raise ValueError("the task has no centre_of_mass, soles or push_robot among its events")
     events.payload = None
-    events.centre_of_mass.params["com_range"] = {"x": (-0.025, 0.025), "y": (-0.025, 0.025), "z": (-0.03, 0.03)}
-    events.soles.params["static_friction_range"] = friction
-    events.push_robot.interval_range_s, events.push_robot.params = (1.0, 3.0), {"velocity_range": PUSH}
+    centre.params["com_range"] = {"x": (-0.025, 0.025), "y": (-0.025, 0.025), "z": (-0.03, 0.03)}
+    soles.params["static_friction_range"] = friction
+    push.interval_range_s, push.params = (1.0, 3.0), {"velocity_range": PUSH}
     events.reset_robot_joints.params["position_range"] = (1.0, 1.0)
     events.encoder_bias = EventTermCfg(
         func=mdp.randomize_encoder_bias, mode="startup", params={"bias_range": (-0.015, 0.015)}
@@ -85,7 +88,8 @@ def use_isaac_lab_events(cfg: VelocityEnvCfg, payload: tuple[float, float]) -> N
         payload: Bounds of the mass that the base carries [kg].
     """
     events = cfg.events
-    events.payload.params["mass_distribution_params"] = payload
+    if events.payload is not None:
+        events.payload.params["mass_distribution_params"] = payload
     events.reset_robot_joints.params["position_range"] = (1.0, 1.0)
 
 
@@ -181,13 +185,28 @@ class Go2RoughEnvCfg(VelocityRoughEnvCfg):
 # -- ANYmal C
 
 
-def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float) -> None:
+def _set_weights(cfg: VelocityEnvCfg, **weights: float) -> None:
+    """Set weights of rewards by name, but of those that the task has not."""
+    for name, weight in weights.items():
+        term = getattr(cfg.rewards, name)
+        if term is not None:
+            term.weight = weight
+
+
+def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float, air_time_weight: float) -> None:
     cfg.actions.joint_pos.scale = 0.5
     use_isaac_lab_events(cfg, (-5.0, 5.0))
-    cfg.events.centre_of_mass.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}
-    rewards = cfg.rewards
-    rewards.track_lin_vel_xy_exp.weight, rewards.track_ang_vel_z_exp.weight = 1.0, 0.5
-    rewards.joint_torques_l2.weight = torque_weight
+    centre = cfg.events.centre_of_mass
+    if centre is not None:
+        centre.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}
+    _set_weights(
+        cfg,
+        track_lin_vel_xy_exp=1.0,
+        track_ang_vel_z_exp=0.5,
+        joint_torques_l2=torque_weight,
+        flat_orientation_l2=-5.0,
+        feet_air_time=air_time_weight,
+    )
     cfg.viewer.eye, cfg.viewer.lookat = (2.6, -2.8, 1.2), (0.0, 0.0, -0.15)
 
 
@@ -203,9 +222,7 @@ class AnymalCFlatEnvCfg(VelocityEnvCfg):
     def __post_init__(self) -> None:
         self.scene.robot = placed(anymal_c_cfg())
         super().__post_init__()
-        _set_up_anymal_c(self, -2.5e-5)
-        self.rewards.flat_orientation_l2.weight = -5.0
-        self.rewards.feet_air_time.weight = 0.5
+        _set_up_anymal_c(self, -2.5e-5, 0.5)
 
 
 @configclass
@@ -220,9 +237,8 @@ class AnymalCRoughEnvCfg(VelocityRoughEnvCfg):
     def __post_init__(self) -> None:
         self.scene.robot = placed(anymal_c_cfg())
         super().__post_init__()
-        _set_up_anymal_c(self, -1.0e-5)
         self.rewards.flat_orientation_l2 = None
-        self.rewards.feet_air_time.weight = 0.125
+        _set_up_anymal_c(self, -1.0e-5, 0.125)
 
 
 # -- training
