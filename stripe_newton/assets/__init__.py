@@ -8,7 +8,7 @@ from .dynamics import ArticulationDynamics
 from .fixed_tendons import FixedTendons
 from .layout import Layout, articulation_layouts
 from .rigid_object import RigidObject, RigidObjectCfg
-from .robot_library import ROBOT_SOURCES, ROBOTS, file_spawner, find_robot, robot_cfg
+from .robot_library import ROBOT_SOURCES, ROBOTS, RobotNotFoundError, file_spawner, find_robot, robot_cfg
 from .root_data import RootData
 from .terrain_base import TerrainBase, TerrainBaseCfg
 
@@ -26,6 +26,7 @@ __all__ = [
     "Layout",
     "RigidObject",
     "RigidObjectCfg",
+    "RobotNotFoundError",
     "RootData",
     "TerrainBase",
     "TerrainBaseCfg",

@@ -23,7 +23,12 @@ from stripe_newton.sim import ArticulationRootPropertiesCfg, MjcfFileCfg, UrdfFi
 from .articulation import ArticulationCfg
 from .robot_table import ROBOTS, RobotEntry
 
-__all__ = ["ROBOTS", "ROBOT_SOURCES", "file_spawner", "find_robot", "robot_cfg"]
+__all__ = ["ROBOTS", "ROBOT_SOURCES", "RobotNotFoundError", "file_spawner", "find_robot", "robot_cfg"]
+
+
+class RobotNotFoundError(LookupError):
+    """A robot that is not in the table, or whose file is not to be had; the message says how to get it."""
+
 
 ROBOT_SOURCES = ("mjlab", "menagerie", "newton", "descriptions", "example_robot_data", "isaacgymenvs")
 """Sources that :func:`find_robot` knows."""
@@ -121,7 +126,7 @@ def robot_cfg(name: str, path: str | Path | None = None) -> ArticulationCfg:
             it would find.
 
     Raises:
-        LookupError: there is no such robot, or its file is not to be had; the message says how to get it.
+        RobotNotFoundError: there is no such robot, or its file is not to be had; the message says how to get it.
     """
     entry = _entry(name)
     file = Path(path) if path is not None else find_robot(name)
@@ -154,7 +159,7 @@ def _entry(name: str) -> RobotEntry:
     if name not in ROBOTS:
         near = difflib.get_close_matches(name, ROBOTS, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
-        raise LookupError(f"robot '{name}' is not in the table; {hint}it has {', '.join(ROBOTS)}")
+        raise RobotNotFoundError(f"robot '{name}' is not in the table; {hint}it has {', '.join(ROBOTS)}")
     return ROBOTS[name]
 
 
@@ -170,7 +175,7 @@ def _find_listed(name: str) -> Path:
         if path.is_file():
             return path
         reasons.append(f"{source}: no file '{path}'")
-    raise LookupError(
+    raise RobotNotFoundError(
         "".join([f"robot '{name}' ({entry.title}): no file found", *(f"\n  {r}" for r in reasons)])
         + (f"; {entry.get}" if entry.get else "")
     )

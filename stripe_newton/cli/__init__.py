@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "eval": ("stripe_newton.cli.eval", "measure a trained policy over a number of episodes"),
     "export": ("stripe_newton.cli.export", "write a policy as ONNX and TorchScript, with what a robot has to know"),
     "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
+    "replay-motion": ("stripe_newton.cli.replay_motion", "show recorded motions on their robot, live or as a video"),
     "compare": ("stripe_newton.cli.compare", "compare runs: curves with confidence bands, a table, what differs"),
     "bench": ("stripe_newton.cli.bench", "measure what a step of a task costs, and how much of it is physics"),
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),
@@ -85,9 +86,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_user_error(error: Exception) -> bool:
-    # Looked up rather than imported: it is heavy, and where it is not loaded it has raised nothing.
-    usd = sys.modules.get("stripe_newton.usd")
-    return isinstance(error, USER_ERRORS) or (usd is not None and isinstance(error, usd.StageError))
+    # Looked up rather than imported: they are heavy, and where they are not loaded they have raised nothing.
+    heavy = (("stripe_newton.usd", "StageError"), ("stripe_newton.assets", "RobotNotFoundError"))
+    found = tuple(getattr(sys.modules[module], name) for module, name in heavy if module in sys.modules)
+    return isinstance(error, (*USER_ERRORS, *found))
 
 
 def _dispatch(args: list[str]) -> int:

@@ -15,6 +15,10 @@ from stripe_kernels.data import ArticulationData, CommandData, Pose2dCommandData
 from stripe_kernels.mdp import (
     COMMANDS,
     advance_command,
+    motion_anchor_position_error,
+    motion_body_orientation_error,
+    motion_body_position_error,
+    motion_joint_position_error,
     orientation_command_error,
     pose_2d_error_heading,
     pose_2d_error_pos,
@@ -31,6 +35,7 @@ from stripe_newton.matching import match_names
 from .command_term import CommandTerm, KernelCommandTerm, view_of
 from .commands_cfg import (
     CommandTermCfg,
+    MotionCommandCfg,
     NormalVelocityCommandCfg,
     NullCommandCfg,
     UniformPose2dCommandCfg,
@@ -39,6 +44,7 @@ from .commands_cfg import (
 )
 from .context import ManagerContext
 from .manager_base import ManagerBase, is_warp_term, terms_of
+from .motion_command import MODES, MotionCommand, MotionError, motion_robot
 from .term_class import make_instance
 from .term_params import params_for, unknown_params
 from .terrain_checks import check_terrain
@@ -95,6 +101,8 @@ class CommandManager(ManagerBase):
         self._torch: dict[str, TorchCommand] = {}
         """Terms of a user's class."""
         self._views: dict[str, KernelCommandTerm] = {}
+        self._motions: dict[str, MotionCommand] = {}
+        """Motions of the motion commands."""
         for name, term in self.terms(cfg, CommandTermCfg).items():
             if isinstance(term, NullCommandCfg):
                 self._null.append(name)
@@ -122,6 +130,8 @@ class CommandManager(ManagerBase):
             self._add_pose(path, name, term)
         elif isinstance(cfg, UniformPose2dCommandCfg):
             self._add_pose_2d(path, name, term)
+        elif isinstance(cfg, MotionCommandCfg):
+            self._add_motion(path, name, term)
         term.metrics |= cfg.metrics
         self.context.problems += self._function_problems(path, term)
         if len(self.context.problems) == before:
@@ -155,11 +165,18 @@ class CommandManager(ManagerBase):
         return []
 
     def _make_data(self, path: str, name: str, cfg: CommandTermCfg, known: KnownCommand | None) -> _Term:
-        data = _clock(self.context, path, cfg.size if known is None else known.size)
+        data = _clock(self.context, path, self._size(path, cfg, known))
         self._provide(data, name, data)
         own = known if known is not None else KnownCommand(None, None, cfg.size)
         params = {"asset_cfg": SceneEntityCfg(cfg.asset_name)} | cfg.params
         return _Term(cfg, data, cfg.resample or own.resample, cfg.update or own.update, params)
+
+    def _size(self, path: str, cfg: CommandTermCfg, known: KnownCommand | None) -> int:
+        """Number of values of a command."""
+        if isinstance(cfg, MotionCommandCfg):
+            robot = motion_robot(self.context, path, cfg)
+            return 2 * robot.num_joints if robot is not None else 0
+        return cfg.size if known is None else known.size
 
     def _provide(self, struct: StructInstance, name: str, data: CommandData) -> None:
         """Offer a struct of a command to terms by the command's name."""
@@ -226,6 +243,31 @@ class CommandManager(ManagerBase):
         term.struct = place
         term.metrics |= {"error_pos_2d": pose_2d_error_pos, "error_heading": pose_2d_error_heading}
         check_terrain(self.context, path, term.resample)
+
+    def _add_motion(self, path: str, name: str, term: _Term) -> None:
+        context, cfg = self.context, term.cfg
+        assert isinstance(cfg, MotionCommandCfg)
+        robot = motion_robot(context, path, cfg)
+        if robot is None:
+            return  # which `_size` has reported, too
+        try:
+            motion = MotionCommand(context, path, cfg, robot, term.data)
+        except MotionError as error:
+            context.problems.append(f"{path}.motion_file: {error}")
+            return
+        except ValueError as error:
+            context.problems.append(f"{path}.anchor_body_name: {error}")
+            return
+        self._motions[name], term.struct = motion, motion.struct
+        self._provide(motion.struct, name, term.data)
+        term.params["asset_cfg"] = SceneEntityCfg(cfg.asset_name, body_names=cfg.body_names)
+        term.params["sampling_mode"] = MODES[cfg.sampling_mode]
+        term.metrics |= {
+            "error_anchor_pos": motion_anchor_position_error,
+            "error_body_pos": motion_body_position_error,
+            "error_body_rot": motion_body_orientation_error,
+            "error_joint_pos": motion_joint_position_error,
+        }
 
     def _add_fields(self, path: str, term: _Term, functions: Sequence[wp.Function]) -> None:
         """Give arguments the values of fields of the same name, of the config and of its ``ranges``."""
@@ -303,7 +345,8 @@ class CommandManager(ManagerBase):
                 line = self._call(name, term, func, f"{name}.{what}", "metric")
                 body += [code("{}[env, {}] += {}", self._sums_name, metric, line[0])] if line else []
                 metric += 1
-        section = [Section("commands", body, list(self._terms))] if body else []
+        section: list[Item] = [Section("commands", body, list(self._terms))] if body else []
+        section += [item for motion in self._motions.values() for item in motion.items()]
         return [*section, *(self._eager(name, self._compute_torch) for name in self._torch)]
 
     def _eager(self, name: str, run: Callable[[str], None]) -> Eager:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import torch
 
 from stripe_kernels.data import CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
+from stripe_kernels.motion import MotionCommandData
 from stripe_newton.fusion.warp_types import is_instance
 
 from .commands_cfg import CommandTermCfg
@@ -17,6 +18,7 @@ from .term_class import ManagerTermBase, TermEnv
 __all__ = [
     "CommandTerm",
     "KernelCommandTerm",
+    "KernelMotionCommandTerm",
     "KernelPose2dCommandTerm",
     "KernelPoseCommandTerm",
     "KernelVelocityCommandTerm",
@@ -171,11 +173,42 @@ class KernelPoseCommandTerm(KernelCommandTerm):
         return self.command
 
 
+class KernelMotionCommandTerm(KernelCommandTerm):
+    """View of a motion command.
+
+    Attributes:
+        frame: Frames that the robots are to reach by the end of the next step, among those of all motions, int32,
+            shape ``(num_envs,)``.
+        start: Frames at which the episodes began, int32, shape ``(num_envs,)``.
+        body_pose: Poses of the bodies in all frames, relative to the environment's origin [m], (x, y, z, w), shape
+            ``(num_frames, num_bodies, 7)``.
+        failure_rate: Averaged failures of the bins, shape ``(num_bins,)``.
+    """
+
+    def __init__(self, cfg: CommandTermCfg, context: ManagerContext, data: CommandData, motion: MotionCommandData):
+        super().__init__(cfg, context, data)
+        self.frame, self.start, self.body_pose, self.failure_rate = (
+            context.torch(array) for array in (motion.frame, motion.start, motion.body_pose, motion.failure_rate)
+        )
+
+    @property
+    def joint_pos(self) -> torch.Tensor:
+        """Joint positions of the reference [rad], shape ``(num_envs, num_joints)``."""
+        return self.command[:, : self.command.shape[1] // 2]
+
+    @property
+    def joint_vel(self) -> torch.Tensor:
+        """Joint velocities of the reference [rad/s], shape ``(num_envs, num_joints)``."""
+        return self.command[:, self.command.shape[1] // 2 :]
+
+
 def view_of(cfg: CommandTermCfg, context: ManagerContext, data: CommandData, struct: object) -> KernelCommandTerm:
     """The view of a command of kernels, by the struct of its kind."""
     if is_instance(struct, VelocityCommandData):
         return KernelVelocityCommandTerm(cfg, context, data, struct)
     if is_instance(struct, Pose2dCommandData):
         return KernelPose2dCommandTerm(cfg, context, data, struct)
+    if is_instance(struct, MotionCommandData):
+        return KernelMotionCommandTerm(cfg, context, data, struct)
     kind = KernelPoseCommandTerm if is_instance(struct, PoseCommandData) else KernelCommandTerm
     return kind(cfg, context, data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.value_types import AnyFloat, NonNegativeFloat, UnitFloat
@@ -13,6 +13,7 @@ from stripe_newton.value_types import AnyFloat, NonNegativeFloat, UnitFloat
 __all__ = [
     "CommandManagerCfg",
     "CommandTermCfg",
+    "MotionCommandCfg",
     "NormalVelocityCommandCfg",
     "NullCommandCfg",
     "TerrainBasedPose2dCommandCfg",
@@ -215,3 +216,47 @@ class TerrainBasedPose2dCommandCfg(UniformPose2dCommandCfg):
 
     ranges: Ranges = Ranges()  # type: ignore[assignment]  # without bounds of the position
     """Bounds."""
+
+
+@configclass
+class MotionCommandCfg(CommandTermCfg):
+    """Motion command: reference motions of a robot, joint positions and velocities of which are the command.
+
+    An episode begins at a drawn frame, with the robot put there. Where episodes fail, more of them begin. A step later
+    the robot is to be at the next frame; after the last one, :func:`motion_finished` is true.
+    """
+
+    resampling_time_range: tuple[AnyFloat, AnyFloat] = (math.inf, math.inf)
+    motion_file: str | list[str] = MISSING
+    """CSV or NPZ files, folders of them, or patterns; see :func:`stripe_newton.motions.read_motion`."""
+    anchor_body_name: str = MISSING
+    """Body at which the reference is aligned with the robot."""
+    body_names: str | list[str] = [".*"]
+    """Bodies of the metrics; rewards and terminations name theirs by ``asset_cfg``."""
+    joint_names: list[str] | None = None
+    """Names of the joints in the files' order. Default: the names in the file, or the robot's joints in its order."""
+    quaternions: Literal["xyzw", "wxyz"] | None = None
+    """Order of quaternions in the files. Default: (x, y, z, w) in CSV, (w, x, y, z) in NPZ."""
+    motion_fps: AnyFloat | None = None
+    """Frames a second of the files. Default: what the file or its name says."""
+    pose_range: dict[str, Range] = {}
+    """Noise of the root's pose at the start, by axis: x, y, z [m], roll, pitch, yaw [rad]."""
+    velocity_range: dict[str, Range] = {}
+    """Noise of the root's velocity at the start, by the same axes [m/s, rad/s]."""
+    joint_position_range: Range = (0.0, 0.0)
+    """Noise of the joint positions at the start [rad]."""
+    sampling_mode: Literal["adaptive", "uniform", "start"] = "adaptive"
+    """Frames at which episodes begin: by failures, all alike, or the first of a motion."""
+    adaptive_kernel_size: int = 1
+    """Bins over which a failure counts: that in which it happened, and those before."""
+    adaptive_lambda: UnitFloat = 0.8
+    """Factor by which it counts less from bin to bin."""
+    adaptive_uniform_ratio: NonNegativeFloat = 0.1
+    """Failures in a step that all bins together are given, so that none is forgotten."""
+    adaptive_alpha: UnitFloat = 0.001
+    """Share of a step in the averaged failures."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from CommandTermCfg.problems(self)
+        if self.adaptive_kernel_size < 1:
+            yield "adaptive_kernel_size", f"is {self.adaptive_kernel_size}, must be 1 or more"

@@ -35,6 +35,11 @@ TASKS = {
         "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLEnvCfg",
         "stripe_tasks.cart_double_pole.multi_agent:CartDoublePoleMARLPPORunnerCfg",
     ),
+    "Stripe-Cartpole-Camera-Direct-v0": (
+        "stripe_tasks.cartpole.camera:CartpoleCameraEnv",
+        "stripe_tasks.cartpole.camera:CartpoleCameraEnvCfg",
+        "stripe_tasks.cartpole.camera:CartpoleCameraPPORunnerCfg",
+    ),
     "Stripe-Cartpole-Direct-Warp-v0": (
         "stripe_tasks.cartpole.direct_warp:CartpoleWarpEnv",
         "stripe_tasks.cartpole:CartpoleEnvCfg",
@@ -70,6 +75,11 @@ TASKS = {
         "stripe_tasks.forest.walk:walk_cfg",
         "stripe_tasks.forest.walk:ForestWalkPPORunnerCfg",
     ),
+    "Stripe-Getup-Flat-G1-v0": (
+        "stripe_tasks.success:SuccessEnv",
+        "stripe_tasks.getup.g1:GetupEnvCfg",
+        "stripe_tasks.getup.g1:GetupPPORunnerCfg",
+    ),
     "Stripe-Humanoid-Direct-Warp-v0": (
         "stripe_tasks.locomotion.direct_warp:HumanoidWarpEnv",
         "stripe_tasks.locomotion:HumanoidEnvCfg",
@@ -85,6 +95,16 @@ TASKS = {
         "stripe_tasks.locomotion.manager_based:HumanoidManagerEnvCfg",
         "stripe_tasks.locomotion.manager_based:HumanoidManagerPPORunnerCfg",
     ),
+    "Stripe-Lift-Cube-Panda-v0": (
+        "stripe_tasks.manipulation.lift:LiftEnv",
+        "stripe_tasks.manipulation.lift:LiftEnvCfg",
+        "stripe_tasks.manipulation.lift:LiftPPORunnerCfg",
+    ),
+    "Stripe-Open-Cabinet-Panda-v0": (
+        "stripe_tasks.success:SuccessEnv",
+        "stripe_tasks.manipulation.cabinet:CabinetEnvCfg",
+        "stripe_tasks.manipulation.cabinet:CabinetPPORunnerCfg",
+    ),
     "Stripe-PushBall-Ant-v0": (
         "stripe_tasks.push_ball:PushBallEnv",
         "stripe_tasks.push_ball:PushBallEnvCfg",
@@ -95,10 +115,75 @@ TASKS = {
         "stripe_tasks.quadcopter:QuadcopterEnvCfg",
         "stripe_tasks.quadcopter:QuadcopterPPORunnerCfg",
     ),
+    "Stripe-Reach-Panda-IK-Rel-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachIKEnvCfg",
+        "stripe_tasks.manipulation.reach:PandaReachPPORunnerCfg",
+    ),
+    "Stripe-Reach-Panda-OSC-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachOSCEnvCfg",
+        "stripe_tasks.manipulation.reach:PandaReachOSCPPORunnerCfg",
+    ),
+    "Stripe-Reach-Panda-v0": (
+        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachEnvCfg",
+        "stripe_tasks.manipulation.reach:PandaReachPPORunnerCfg",
+    ),
     "Stripe-Reach-v0": (
         "stripe_tasks.reach:ReachEnv",
         "stripe_tasks.reach:ReachEnvCfg",
         "stripe_tasks.reach:ReachPPORunnerCfg",
+    ),
+    "Stripe-Repose-Cube-Allegro-Direct-v0": (
+        "stripe_tasks.manipulation.repose:ReposeEnv",
+        "stripe_tasks.manipulation.repose:ReposeEnvCfg",
+        "stripe_tasks.manipulation.repose:ReposePPORunnerCfg",
+    ),
+    "Stripe-Tracking-Flat-G1-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.tracking.g1:TrackingEnvCfg",
+        "stripe_tasks.tracking.g1:TrackingPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-AnymalC-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.published_quadrupeds:AnymalCFlatEnvCfg",
+        "stripe_tasks.velocity.published_quadrupeds:AnymalCFlatPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-G1-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.g1:G1FlatEnvCfg",
+        "stripe_tasks.velocity.g1:G1FlatPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-Go1-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.published_quadrupeds:Go1FlatEnvCfg",
+        "stripe_tasks.velocity.published_quadrupeds:Go1FlatPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Flat-Go2-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.published_quadrupeds:Go2FlatEnvCfg",
+        "stripe_tasks.velocity.published_quadrupeds:Go2FlatPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Rough-AnymalC-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.published_quadrupeds:AnymalCRoughEnvCfg",
+        "stripe_tasks.velocity.published_quadrupeds:AnymalCRoughPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Rough-G1-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.g1:G1RoughEnvCfg",
+        "stripe_tasks.velocity.g1:G1RoughPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Rough-Go1-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.published_quadrupeds:Go1RoughEnvCfg",
+        "stripe_tasks.velocity.published_quadrupeds:Go1RoughPPORunnerCfg",
+    ),
+    "Stripe-Velocity-Rough-Go2-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.published_quadrupeds:Go2RoughEnvCfg",
+        "stripe_tasks.velocity.published_quadrupeds:Go2RoughPPORunnerCfg",
     ),
     "Stripe-Velocity-Flat-Humanoid-Direct-Warp-v0": (
         "stripe_tasks.velocity.humanoid_direct_warp:HumanoidFlatWarpEnv",
@@ -145,13 +230,30 @@ SCENES = {
 WHAT = {
     "Ant": "an ant runs toward a goal far away",
     "CartDoublePole": "a cart keeps up two poles, one on the other",
+    "Cartpole-Camera": "a cart keeps up a pole, by a camera",
     "Cartpole": "a cart keeps up a pole",
     "Forest-Reach-Quadruped": "a quadruped gets to a goal 10 to 20 m away, between trees",
     "Forest-Walk-Quadruped": "a quadruped follows velocity commands between trees",
+    "Getup-Flat-G1": "Unitree's G1, a humanoid, gets up from any fall",
     "Humanoid": "a humanoid runs toward a goal far away",
+    "Lift-Cube-Panda": "a Panda lifts a cube to a place",
+    "Open-Cabinet-Panda": "a Panda opens a drawer",
     "PushBall-Ant": "an ant pushes a ball to a goal",
     "Quadcopter": "a quadcopter flies to a goal",
+    "Reach-Panda": "a Panda reaches poses with its hand",
+    "Reach-Panda-IK-Rel": "a Panda reaches poses by inverse kinematics",
+    "Reach-Panda-OSC": "a Panda reaches poses by operational space control",
     "Reach": "an arm reaches poses with its hand",
+    "Repose-Cube-Allegro": "an Allegro hand turns a cube to goals",
+    "Tracking-Flat-G1": "Unitree's G1, a humanoid, moves as recorded motions do",
+    "Velocity-Flat-AnymalC": "ANYbotics' ANYmal C follows velocity commands on a plane",
+    "Velocity-Flat-G1": "Unitree's G1, a humanoid, follows velocity commands on a plane",
+    "Velocity-Flat-Go1": "Unitree's Go1 follows velocity commands on a plane",
+    "Velocity-Flat-Go2": "Unitree's Go2 follows velocity commands on a plane",
+    "Velocity-Rough-AnymalC": "ANYbotics' ANYmal C follows velocity commands on stairs, slopes and blocks",
+    "Velocity-Rough-G1": "Unitree's G1, a humanoid, follows velocity commands on stairs, slopes and blocks",
+    "Velocity-Rough-Go1": "Unitree's Go1 follows velocity commands on stairs, slopes and blocks",
+    "Velocity-Rough-Go2": "Unitree's Go2 follows velocity commands on stairs, slopes and blocks",
     "Velocity-Flat-Humanoid": "a humanoid follows velocity commands on a plane",
     "Velocity-Flat-Quadruped": "a quadruped follows velocity commands on a plane",
     "Velocity-Rough-Humanoid": "a humanoid follows velocity commands on stairs, slopes and blocks",
@@ -168,12 +270,16 @@ FORMS = {
 }
 """Forms of a task by the rest of its name, the longest first."""
 
+WARP_HOOKS = ("Quadcopter", "Repose-Cube-Allegro")
+"""Direct tasks that have Warp hooks alone, without saying so in their names."""
+
 
 def describe(task_id: str) -> str:
     """Description of a task, such as ``"a cart keeps up a pole (terms)"``."""
     name = task_id.removeprefix("Stripe-").removesuffix("-v0")
     end = next(end for end in FORMS if name.endswith(end))
-    return f"{WHAT[name.removesuffix(end)]} ({FORMS[end]})"
+    what = name.removesuffix(end)
+    return f"{WHAT[what]} ({FORMS['-Direct-Warp' if what in WARP_HOOKS else end]})"
 
 
 for _id, (_env, _env_cfg, _rsl_rl_cfg) in TASKS.items():

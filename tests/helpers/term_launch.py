@@ -65,6 +65,11 @@ PARAMS: dict[str, Any] = {
     "pos_x": (-3.0, 3.0),
     "pos_y": (-2.0, 1.0),
     "simple_heading": False,
+    "std_standing": [0.5, 1.0, 1.5, 2.0],
+    "std_walking": [1.0, 2.0, 3.0, 0.7],
+    "std_running": [2.5, 0.9, 3.5, 4.0],
+    "walking_threshold": 0.8,
+    "running_threshold": 1.8,
 }
 """Parameters by name, where a case says nothing else."""
 

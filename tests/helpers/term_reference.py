@@ -179,6 +179,22 @@ def _tracking(
     return value
 
 
+def upright(v: Values, p: Params) -> np.ndarray:
+    r = v["ArticulationData"]
+    tilts = [rotation(r["body_pose"][:, i]).inv().apply(r["gravity_dir"])[:, :2] for i in p["body_ids"]]
+    return np.exp(-(np.stack(tilts) ** 2).sum(axis=(0, 2)) / p["std"] ** 2)
+
+
+def variable_posture(v: Values, p: Params) -> np.ndarray:
+    r, c = v["ArticulationData"], v["VelocityCommandData"]["command"]
+    speed = np.hypot(c[:, 0], c[:, 1]) + np.abs(c[:, 2])
+    kind = np.digitize(speed, [p["walking_threshold"], p["running_threshold"]])
+    assert set(kind) == {0, 1, 2}, "every gait occurs"
+    std = np.array([p["std_standing"], p["std_walking"], p["std_running"]], dtype=np.float32)[kind]
+    error = (r["joint_pos"] - r["default_joint_pos"])[:, p["joint_ids"]] / std
+    return np.exp(-(error**2).mean(axis=1))
+
+
 def _sum(formula: Callable[[dict[str, Any]], np.ndarray]) -> Callable[[Values, Params], np.ndarray]:
     return lambda v, p: formula(v["ArticulationData"])[:, p["joint_ids"]].sum(axis=1)
 
@@ -217,6 +233,19 @@ REWARDS: dict[str, Callable[[Values, Params], np.ndarray]] = {
     "position_command_error": position_command_error,
     "position_command_error_tanh": lambda v, p: 1.0 - np.tanh(position_command_error(v, p) / p["std"]),
     "orientation_command_error": orientation_command_error,
+    "track_linear_velocity": lambda v, p: np.exp(
+        -((v["VelocityCommandData"]["command"] * [1, 1, 0] - lin_vel_b(v["ArticulationData"])) ** 2).sum(axis=1)
+        / p["std"] ** 2
+    ),
+    "track_angular_velocity": lambda v, p: np.exp(
+        -((v["VelocityCommandData"]["command"] * [0, 0, 1] - ang_vel_b(v["ArticulationData"])) ** 2).sum(axis=1)
+        / p["std"] ** 2
+    ),
+    "upright": upright,
+    "body_angular_velocity_penalty": lambda v, p: (v["ArticulationData"]["body_vel"][:, p["body_ids"], 3:5] ** 2).sum(
+        axis=(1, 2)
+    ),
+    "variable_posture": variable_posture,
 }
 
 

@@ -222,7 +222,7 @@ def test_command_lines_parse(line):
         if argv[1:]:  # else the action is only named
             tyro.cli(ACTIONS[argv[0]], args=argv[1:])
         return
-    if command in ("list", "new", "inspect", "compare", "export"):
+    if command in ("list", "new", "inspect", "compare", "export", "replay-motion"):
         tyro.cli(options, args=argv)
         return
     argv[0] = argv[0] if argv[0] in task_ids() else TASK
@@ -241,6 +241,6 @@ def test_the_command_line_page_names_each_option(command):
 
         fields += [field for kind in ACTIONS.values() for field in dataclasses.fields(kind)]
     known = {field.name.replace("_", "-") for field in fields} - {"resume"}
-    positional = {"task", "target", "spec", "runs", "name"}
+    positional = {"task", "target", "spec", "runs", "name", "files"}
     assert named <= known
     assert known - positional <= named

@@ -27,6 +27,7 @@ from stripe_kernels.mdp import (
     feet,
     imu,
     inverse_kinematics,
+    motion,
     objects,
     observations,
     obstacles,
@@ -40,6 +41,7 @@ from stripe_kernels.mdp import (
     terminations,
     terrain,
     tracking,
+    walking,
 )
 from stripe_kernels.term_info import observation_size
 
@@ -47,7 +49,7 @@ Modules = tuple[ModuleType | SimpleNamespace, ...]
 
 KINDS: dict[str, Modules] = {
     "Observations": (observations,),
-    "Rewards": (rewards, tracking),
+    "Rewards": (rewards, tracking, walking),
     "Terminations": (terminations,),
     "Events": (events,),
     "Commands": (commands,),
@@ -107,6 +109,14 @@ GROUND: dict[str, Modules] = {
     "Commands on the ground": (part(terrain, "resample_terrain_based_pose_2d"),),
 }
 """Terms of docs/terrain.md."""
+MOTIONS: dict[str, Modules] = {
+    "Observations of motions": (observations_of(motion),),
+    "Rewards for motions": (part(motion, *(n for n in motion.__all__ if n.endswith("_error_exp"))),),
+    "Terminations by motions": (part(motion, *(n for n in motion.__all__ if n.startswith("bad_")), "motion_finished"),),
+    "Metrics of motions": (part(motion, *(n for n in motion.__all__ if n.endswith("_error"))),),
+    "Commands of motions": (part(motion, "resample_motion", "update_motion"),),
+}
+"""Terms of docs/motions.md."""
 BODIES: dict[str, Modules] = {"Actions that move a body": (inverse_kinematics,)}
 """Terms that read Jacobians as well as the state."""
 EXTRA_COLUMNS = {"Observations": "numbers"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
@@ -243,12 +253,12 @@ def page() -> str:
     lines += ["| command | new command | every step | numbers |", "| --- | --- | --- | ---: |"]
     for name, command in mdp.COMMANDS.items():
         update = f"`{command.update.func.__name__}`" if command.update else ""
-        lines.append(f"| `{name}` | `{command.resample.func.__name__}` | {update} | {command.size} |")
+        lines.append(f"| `{name}` | `{command.resample.func.__name__}` | {update} | {command.size or '2 a joint'} |")
     lines += ["", "| action | every step | before each physics step | when an episode starts |", "| --- " * 4 + "|"]
     for name, action in mdp.ACTIONS.items():
         reset = f"`{action.reset.func.__name__}`" if action.reset else ""
         lines.append(f"| `{name}` | `{action.process.func.__name__}` | `{action.apply.func.__name__}` | {reset} |")
-    lines += tables(CURRICULUMS | OBJECTS | RAYS | OBSTACLES | CONTACTS | RANDOMIZATION | GROUND | BODIES)
+    lines += tables(CURRICULUMS | OBJECTS | RAYS | OBSTACLES | CONTACTS | RANDOMIZATION | GROUND | MOTIONS | BODIES)
     return "\n".join(lines) + "\n"
 
 

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms: observations, rewards, terminations, events, commands, actions and curricula as Warp functions.
 
-Each term is a function of one environment. ``observations``, ``rewards`` and ``tracking`` (rewards too),
+Each term is a function of one environment. ``observations``, ``rewards`` (``tracking`` and ``walking``, too),
 ``terminations``, ``events``, ``commands``, ``actions`` and ``curriculums`` hold one kind each. Other modules hold the
 terms of one subject: ``objects`` those of pools of objects, ``contact`` and ``feet`` those of contacts, ``imu`` and
-``scan`` those of other sensors, ``obstacles`` those of obstacles, ``terrain`` those of the ground,
-``inverse_kinematics`` actions that move a body, ``randomization_*`` events that change the model. ``frames``,
-``kinematics``, ``least_squares`` and ``random`` hold functions that terms call. docs/terms.md lists all terms.
+``scan`` those of other sensors, ``motion`` those of reference motions, ``obstacles`` those of obstacles, ``terrain``
+those of the ground, ``inverse_kinematics`` actions that move a body, ``randomization_*`` events that change the model.
+``frames``, ``kinematics``, ``least_squares`` and ``random`` hold functions that terms call. docs/terms.md lists all
+terms.
 """
 
 from typing import TYPE_CHECKING
@@ -85,6 +86,30 @@ from .inverse_kinematics import (
     apply_differential_ik_svd,
     apply_differential_ik_trans,
     process_differential_ik,
+)
+from .motion import (
+    bad_anchor_ori,
+    bad_anchor_pos,
+    bad_anchor_pos_z_only,
+    bad_motion_body_pos,
+    bad_motion_body_pos_z_only,
+    motion_anchor_ori_b,
+    motion_anchor_pos_b,
+    motion_anchor_position_error,
+    motion_body_orientation_error,
+    motion_body_position_error,
+    motion_finished,
+    motion_global_anchor_orientation_error_exp,
+    motion_global_anchor_position_error_exp,
+    motion_global_body_angular_velocity_error_exp,
+    motion_global_body_linear_velocity_error_exp,
+    motion_joint_position_error,
+    motion_relative_body_orientation_error_exp,
+    motion_relative_body_position_error_exp,
+    resample_motion,
+    robot_body_ori_b,
+    robot_body_pos_b,
+    update_motion,
 )
 from .observations import (
     base_ang_vel,
@@ -191,6 +216,13 @@ from .tracking import (
     track_lin_vel_xy_exp,
     track_lin_vel_xy_yaw_frame_exp,
 )
+from .walking import (
+    body_angular_velocity_penalty,
+    track_angular_velocity,
+    track_linear_velocity,
+    upright,
+    variable_posture,
+)
 
 __all__ = [
     "ACTIONS",
@@ -214,11 +246,17 @@ __all__ = [
     "apply_joint_velocity",
     "apply_non_holonomic",
     "apply_relative_joint_position",
+    "bad_anchor_ori",
+    "bad_anchor_pos",
+    "bad_anchor_pos_z_only",
+    "bad_motion_body_pos",
+    "bad_motion_body_pos_z_only",
     "bad_orientation",
     "base_ang_vel",
     "base_height_l2",
     "base_lin_vel",
     "base_pos_z",
+    "body_angular_velocity_penalty",
     "body_incoming_wrench",
     "body_lin_acc_l2",
     "body_pose_w",
@@ -275,6 +313,19 @@ __all__ = [
     "modify_env_param",
     "modify_reward_weight",
     "modify_term_cfg",
+    "motion_anchor_ori_b",
+    "motion_anchor_pos_b",
+    "motion_anchor_position_error",
+    "motion_body_orientation_error",
+    "motion_body_position_error",
+    "motion_finished",
+    "motion_global_anchor_orientation_error_exp",
+    "motion_global_anchor_position_error_exp",
+    "motion_global_body_angular_velocity_error_exp",
+    "motion_global_body_linear_velocity_error_exp",
+    "motion_joint_position_error",
+    "motion_relative_body_orientation_error_exp",
+    "motion_relative_body_position_error_exp",
     "obstacle_distance",
     "obstacle_proximity",
     "obstacle_too_close",
@@ -312,6 +363,7 @@ __all__ = [
     "randomize_site_pose",
     "randomize_visual_color",
     "remaining_time_s",
+    "resample_motion",
     "resample_normal_velocity",
     "resample_terrain_based_pose_2d",
     "resample_uniform_pose",
@@ -330,6 +382,8 @@ __all__ = [
     "reset_root_to_default",
     "reset_scene_to_default",
     "restart_command",
+    "robot_body_ori_b",
+    "robot_body_pos_b",
     "root_ang_vel_w",
     "root_height_below_minimum",
     "root_height_over_ground_below_minimum",
@@ -344,11 +398,16 @@ __all__ = [
     "time_out",
     "track_ang_vel_z_exp",
     "track_ang_vel_z_world_exp",
+    "track_angular_velocity",
     "track_lin_vel_xy_exp",
     "track_lin_vel_xy_yaw_frame_exp",
+    "track_linear_velocity",
     "undesired_contacts",
+    "update_motion",
     "update_uniform_pose_2d",
     "update_uniform_velocity",
+    "upright",
+    "variable_posture",
     "velocity_error_xy",
     "velocity_error_yaw",
 ]

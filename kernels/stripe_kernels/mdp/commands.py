@@ -11,6 +11,7 @@ import warp as wp
 
 from ..data import ArticulationData, CommandData, Pose2dCommandData, PoseCommandData, VelocityCommandData
 from . import frames, random
+from .motion import resample_motion, update_motion
 from .terrain import resample_terrain_based_pose_2d
 
 __all__ = [
@@ -279,7 +280,7 @@ class CommandTerm(NamedTuple):
     update: wp.Function | None
     """Function that updates the command in every step; None where there is nothing to update."""
     size: int
-    """Number of floats in the command."""
+    """Number of floats in the command; 0 where it depends on the robot."""
 
 
 COMMANDS: dict[str, CommandTerm] = {
@@ -288,5 +289,6 @@ COMMANDS: dict[str, CommandTerm] = {
     "UniformPoseCommand": CommandTerm(resample_uniform_pose, None, 7),
     "UniformPose2dCommand": CommandTerm(resample_uniform_pose_2d, update_uniform_pose_2d, 4),
     "TerrainBasedPose2dCommand": CommandTerm(resample_terrain_based_pose_2d, update_uniform_pose_2d, 4),
+    "MotionCommand": CommandTerm(resample_motion, update_motion, 0),
 }
 """Command terms by the names of Isaac Lab's classes."""

@@ -66,8 +66,8 @@ class ObservationsCfg:
     class PolicyCfg(ObservationGroupCfg):
         """The joints, the commanded pose, the last actions."""
 
-        joint_pos: ObservationTermCfg = ObservationTermCfg(func=mdp.joint_pos_rel, noise=NOISE)
-        joint_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.joint_vel_rel, noise=NOISE)
+        joint_pos: ObservationTermCfg | None = ObservationTermCfg(func=mdp.joint_pos_rel, noise=NOISE)
+        joint_vel: ObservationTermCfg | None = ObservationTermCfg(func=mdp.joint_vel_rel, noise=NOISE)
         pose_command: ObservationTermCfg = ObservationTermCfg(
             func=mdp.generated_commands, params={"command_name": "ee_pose"}
         )
@@ -80,7 +80,7 @@ class ObservationsCfg:
 class ActionsCfg:
     """Actions: positions of all joints, relative to the default pose."""
 
-    arm_action: mdp.JointPositionActionCfg = mdp.JointPositionActionCfg(
+    arm_action: mdp.ActionTermCfg = mdp.JointPositionActionCfg(
         asset_name="robot", joint_names=[".*"], scale=0.5, use_default_offset=True
     )
 

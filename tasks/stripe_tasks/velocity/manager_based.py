@@ -206,10 +206,10 @@ class RewardsCfg:
     track_ang_vel_z_exp: RewardTermCfg | None = RewardTermCfg(
         func=mdp.track_ang_vel_z_exp, weight=0.75, params={**TWIST, "std": 0.5}
     )
-    lin_vel_z_l2: RewardTermCfg = RewardTermCfg(func=mdp.lin_vel_z_l2, weight=-2.0)
-    ang_vel_xy_l2: RewardTermCfg = RewardTermCfg(func=mdp.ang_vel_xy_l2, weight=-0.05)
-    joint_torques_l2: RewardTermCfg = RewardTermCfg(func=mdp.joint_torques_l2, weight=-2.0e-4)
-    joint_acc_l2: RewardTermCfg = RewardTermCfg(func=mdp.joint_acc_l2, weight=-2.5e-7)
+    lin_vel_z_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.lin_vel_z_l2, weight=-2.0)
+    ang_vel_xy_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.ang_vel_xy_l2, weight=-0.05)
+    joint_torques_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.joint_torques_l2, weight=-2.0e-4)
+    joint_acc_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.joint_acc_l2, weight=-2.5e-7)
     action_rate_l2: RewardTermCfg = RewardTermCfg(func=mdp.action_rate_l2, weight=-0.01)
     flat_orientation_l2: RewardTermCfg | None = RewardTermCfg(func=mdp.flat_orientation_l2, weight=-2.5)
     joint_pos_limits: RewardTermCfg = RewardTermCfg(func=mdp.joint_pos_limits, weight=-1.0)
@@ -271,6 +271,8 @@ class EventsCfg:
         interval_range_s=(10.0, 15.0),
         params={"velocity_range": {"x": (-0.5, 0.5), "y": (-0.5, 0.5)}},
     )
+    encoder_bias: EventTermCfg | None = None
+    """Errors of the encoders, where the task has them."""
 
 
 @configclass

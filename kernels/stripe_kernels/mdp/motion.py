@@ -1,0 +1,498 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motion terms: how a robot follows a reference motion, under the names of BeyondMimic and mjlab.
+
+``command`` is a motion command, ``p_i, q_i, v_i, w_i`` are position, orientation, velocity of the centre of mass and
+angular velocity of body ``i``, a hat marks those of the reference, ``a`` is the anchor body. Sums run over the bodies
+that ``asset_cfg`` names, by default all. The relative reference of a body is that of the reference which has been
+turned about the vertical and shifted horizontally so that its anchor is above or below the robot's:
+
+``q'_i = T ^q_i``, ``p'_i = (p_a.x, p_a.y, ^p_a.z) + T (^p_i - ^p_a)``, ``T`` the yaw of ``q_a ^q_a^-1``.
+"""
+
+import warp as wp
+
+from ..data import ArticulationData, EpisodeData
+from ..motion import MotionCommandData
+from ..term_info import Each, writes
+from . import frames, random
+
+__all__ = [
+    "bad_anchor_ori",
+    "bad_anchor_pos",
+    "bad_anchor_pos_z_only",
+    "bad_motion_body_pos",
+    "bad_motion_body_pos_z_only",
+    "motion_anchor_ori_b",
+    "motion_anchor_pos_b",
+    "motion_anchor_position_error",
+    "motion_body_orientation_error",
+    "motion_body_position_error",
+    "motion_finished",
+    "motion_global_anchor_orientation_error_exp",
+    "motion_global_anchor_position_error_exp",
+    "motion_global_body_angular_velocity_error_exp",
+    "motion_global_body_linear_velocity_error_exp",
+    "motion_joint_position_error",
+    "motion_relative_body_orientation_error_exp",
+    "motion_relative_body_position_error_exp",
+    "resample_motion",
+    "robot_body_ori_b",
+    "robot_body_pos_b",
+    "update_motion",
+]
+
+MODE_ADAPTIVE = wp.constant(0)
+MODE_UNIFORM = wp.constant(1)
+
+
+# -- poses of the reference
+
+
+@wp.func
+def _reference_pose(env: int, command: MotionCommandData, robot: ArticulationData, body: int) -> wp.transform:
+    """Pose of a body of the reference in the world."""
+    pose = command.body_pose[command.frame[env], body]
+    return wp.transform(wp.transform_get_translation(pose) + robot.env_origin[env], wp.transform_get_rotation(pose))
+
+
+@wp.func
+def _alignment(env: int, command: MotionCommandData, robot: ArticulationData) -> wp.transform:
+    """Map of the world that brings the reference's anchor to the robot's, by a yaw and a horizontal shift."""
+    own = robot.body_pose[env, command.anchor]
+    reference = _reference_pose(env, command, robot, command.anchor)
+    turn = frames.yaw_quat(wp.transform_get_rotation(own) * wp.quat_inverse(wp.transform_get_rotation(reference)))
+    at = wp.transform_get_translation(reference)
+    to = wp.transform_get_translation(own)
+    shift = wp.vec3(to[0], to[1], at[2]) - wp.quat_rotate(turn, at)
+    return wp.transform(shift, turn)
+
+
+@wp.func
+def _anchor_error(env: int, command: MotionCommandData, robot: ArticulationData) -> wp.vec3:
+    """Vector from the robot's anchor to the reference's [m]."""
+    reference = _reference_pose(env, command, robot, command.anchor)
+    return wp.transform_get_translation(reference) - wp.transform_get_translation(robot.body_pose[env, command.anchor])
+
+
+@wp.func
+def _write_two_columns(q: wp.quat, first: int, out: wp.array[float]):
+    """Write the first two columns of a rotation matrix, row by row."""
+    x = wp.quat_rotate(q, wp.vec3(1.0, 0.0, 0.0))
+    y = wp.quat_rotate(q, wp.vec3(0.0, 1.0, 0.0))
+    for k in range(3):
+        out[first + 2 * k] = x[k]
+        out[first + 2 * k + 1] = y[k]
+
+
+# -- command
+
+
+@wp.func
+def _find_bin(command: MotionCommandData, value: float) -> int:
+    """The first bin whose summed weight is above a value."""
+    low = wp.int32(0)
+    high = command.cumulative.shape[0] - 1
+    while low < high:
+        middle = (low + high) // 2
+        if command.cumulative[middle] > value:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@wp.func
+def _draw_frame(env: int, command: MotionCommandData, rng: wp.array[wp.uint32], sampling_mode: int) -> int:
+    """Frame at which an episode begins."""
+    # Two draws in every mode: the mode does not change what else an environment draws.
+    u = random.uniform(env, rng)
+    v = random.uniform(env, rng)
+    if sampling_mode == MODE_ADAPTIVE:
+        index = _find_bin(command, u * command.cumulative[command.cumulative.shape[0] - 1])
+        return command.bin_start[index] + wp.min(int(v * float(command.bin_size[index])), command.bin_size[index] - 1)
+    if sampling_mode == MODE_UNIFORM:
+        frame = wp.min(int(u * float(command.last.shape[0])), command.last.shape[0] - 1)
+        return wp.min(frame, command.last[frame] - 1)
+    count = command.motion_start.shape[0]
+    return command.motion_start[wp.min(int(u * float(count)), count - 1)]
+
+
+@wp.func
+def resample_motion(
+    env: int,
+    command: MotionCommandData,
+    robot: ArticulationData,
+    episode: EpisodeData,
+    rng: wp.array[wp.uint32],
+    step: wp.array[wp.int64],
+    sampling_mode: int,
+    pose_range: wp.array[wp.vec2],
+    velocity_range: wp.array[wp.vec2],
+    joint_position_range: wp.vec2,
+):
+    """Begin at a drawn frame of the motions: put the robot there, with noise; count the failure of the last episode.
+
+    Formula: root ``p = ^p + U`` [m], ``q = Rz(U) Ry(U) Rx(U) ^q``, ``v = ^v + U``; joints
+    ``q_i = clamp(^q_i + U(joint_position_range))`` to the soft limits, ``qd_i = ^qd_i``. The frame is drawn from the
+    bins by their failures (mode 0), from all frames alike (1), or is the first of a motion (2).
+
+    Source: BeyondMimic (Liao et al. 2025) and mjlab, ``MotionCommand``.
+    """
+    if episode.terminated[env]:
+        wp.atomic_add(command.failures, command.bin[command.frame[env]], 1.0)
+    frame = _draw_frame(env, command, rng, sampling_mode)
+    command.start[env] = frame
+    command.started_at[env] = step[0]
+    pose = command.body_pose[frame, 0]
+    pos = wp.transform_get_translation(pose) + robot.env_origin[env] + random.uniform_vec3(env, rng, pose_range, 0)
+    angles = random.uniform_vec3(env, rng, pose_range, 3)
+    rot = wp.quat_rpy(angles[0], angles[1], angles[2]) * wp.transform_get_rotation(pose)
+    robot.root_pose[env] = wp.transform(pos, rot)
+    robot.root_vel[env] = command.body_vel[frame, 0] + random.uniform_twist(env, rng, velocity_range)
+    for joint in range(robot.joint_pos.shape[1]):
+        limits = frames.soft_joint_pos_limits(env, robot, joint)
+        value = command.joint_pos[frame, joint] + random.uniform_range(env, rng, joint_position_range)
+        robot.joint_pos[env, joint] = wp.clamp(value, limits[0], limits[1])
+        robot.joint_vel[env, joint] = command.joint_vel[frame, joint]
+
+
+@wp.func
+def update_motion(env: int, command: MotionCommandData, step: wp.array[wp.int64]):
+    """Go on to the frame that the robot is to reach by the end of the next step; the last one of a motion stays.
+
+    Formula: ``frame = min(start + n + 1, last)``, ``n`` the steps since the start; ``c = (^q, ^qd)`` of that frame.
+
+    Source: BeyondMimic and mjlab, ``MotionCommand``, which begin again after the last frame.
+    """
+    start = command.start[env]
+    frame = wp.min(start + wp.int32(step[0] - command.started_at[env]) + 1, command.last[start])
+    command.frame[env] = frame
+    count = command.joint_pos.shape[1]
+    for joint in range(count):
+        command.command[env, joint] = command.joint_pos[frame, joint]
+        command.command[env, count + joint] = command.joint_vel[frame, joint]
+
+
+# -- observations
+
+
+@writes(3)
+@wp.func
+def motion_anchor_pos_b(env: int, command: MotionCommandData, robot: ArticulationData, out: wp.array[float]):
+    """Position of the reference's anchor in the frame of the robot's anchor.
+
+    Formula: ``R_a^T (^p_a - p_a)`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_anchor_pos_b``.
+    """
+    q = wp.transform_get_rotation(robot.body_pose[env, command.anchor])
+    v = wp.quat_rotate_inv(q, _anchor_error(env, command, robot))
+    for k in range(3):
+        out[k] = v[k]
+
+
+@writes(6)
+@wp.func
+def motion_anchor_ori_b(env: int, command: MotionCommandData, robot: ArticulationData, out: wp.array[float]):
+    """Orientation of the reference's anchor in the frame of the robot's, as two columns of its rotation matrix.
+
+    Formula: the first two columns of ``R_a^T ^R_a``, row by row.
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_anchor_ori_b``.
+    """
+    own = wp.transform_get_rotation(robot.body_pose[env, command.anchor])
+    reference = wp.transform_get_rotation(command.body_pose[command.frame[env], command.anchor])
+    _write_two_columns(wp.quat_inverse(own) * reference, 0, out)
+
+
+@writes(Each("body_ids", 3))
+@wp.func
+def robot_body_pos_b(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]
+):
+    """Positions of the robot's bodies in the frame of its anchor.
+
+    Formula: ``R_a^T (p_i - p_a)`` [m], three numbers a body.
+
+    Source: BeyondMimic and mjlab, ``mdp.robot_body_pos_b``.
+    """
+    inverse = wp.transform_inverse(robot.body_pose[env, command.anchor])
+    for i in range(body_ids.shape[0]):
+        v = wp.transform_point(inverse, wp.transform_get_translation(robot.body_pose[env, body_ids[i]]))
+        for k in range(3):
+            out[3 * i + k] = v[k]
+
+
+@writes(Each("body_ids", 6))
+@wp.func
+def robot_body_ori_b(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], out: wp.array[float]
+):
+    """Orientations of the robot's bodies in the frame of its anchor, as two columns of their rotation matrices.
+
+    Formula: the first two columns of ``R_a^T R_i``, row by row, six numbers a body.
+
+    Source: BeyondMimic and mjlab, ``mdp.robot_body_ori_b``.
+    """
+    inverse = wp.quat_inverse(wp.transform_get_rotation(robot.body_pose[env, command.anchor]))
+    for i in range(body_ids.shape[0]):
+        _write_two_columns(inverse * wp.transform_get_rotation(robot.body_pose[env, body_ids[i]]), 6 * i, out)
+
+
+# -- rewards
+
+
+@wp.func
+def motion_global_anchor_position_error_exp(
+    env: int, command: MotionCommandData, robot: ArticulationData, std: float
+) -> float:
+    """Nearness of the anchor to the reference in the world, exponential kernel, from 0 to 1.
+
+    Formula: ``exp(-|^p_a - p_a|^2 / std^2)``, ``std`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_global_anchor_position_error_exp``.
+    """
+    return wp.exp(-wp.length_sq(_anchor_error(env, command, robot)) / (std * std))
+
+
+@wp.func
+def motion_global_anchor_orientation_error_exp(
+    env: int, command: MotionCommandData, robot: ArticulationData, std: float
+) -> float:
+    """Nearness of the anchor's orientation to the reference in the world, exponential kernel, from 0 to 1.
+
+    Formula: ``exp(-angle(^q_a, q_a)^2 / std^2)``, ``std`` [rad].
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_global_anchor_orientation_error_exp``.
+    """
+    own = wp.transform_get_rotation(robot.body_pose[env, command.anchor])
+    reference = wp.transform_get_rotation(command.body_pose[command.frame[env], command.anchor])
+    angle = frames.quat_error_magnitude(own, reference)
+    return wp.exp(-angle * angle / (std * std))
+
+
+@wp.func
+def motion_relative_body_position_error_exp(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], std: float
+) -> float:
+    """Nearness of bodies to their relative reference, exponential kernel, from 0 to 1.
+
+    Formula: ``exp(-mean_i |p'_i - p_i|^2 / std^2)``, ``std`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_relative_body_position_error_exp``.
+    """
+    align = _alignment(env, command, robot)
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        target = align * _reference_pose(env, command, robot, body_ids[i])
+        own = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
+        total += wp.length_sq(wp.transform_get_translation(target) - own)
+    return wp.exp(-total / (float(body_ids.shape[0]) * std * std))
+
+
+@wp.func
+def motion_relative_body_orientation_error_exp(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], std: float
+) -> float:
+    """Nearness of the orientations of bodies to their relative reference, exponential kernel, from 0 to 1.
+
+    Formula: ``exp(-mean_i angle(q'_i, q_i)^2 / std^2)``, ``std`` [rad].
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_relative_body_orientation_error_exp``.
+    """
+    turn = wp.transform_get_rotation(_alignment(env, command, robot))
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        target = turn * wp.transform_get_rotation(command.body_pose[command.frame[env], body_ids[i]])
+        angle = frames.quat_error_magnitude(wp.transform_get_rotation(robot.body_pose[env, body_ids[i]]), target)
+        total += angle * angle
+    return wp.exp(-total / (float(body_ids.shape[0]) * std * std))
+
+
+@wp.func
+def motion_global_body_linear_velocity_error_exp(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], std: float
+) -> float:
+    """Nearness of the velocities of bodies to the reference in the world, exponential kernel, from 0 to 1.
+
+    Formula: ``exp(-mean_i |^v_i - v_i|^2 / std^2)``, ``std`` [m/s], of the centres of mass.
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_global_body_linear_velocity_error_exp``; in mjlab of the link frames.
+    """
+    frame = command.frame[env]
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        error = command.body_vel[frame, body_ids[i]] - robot.body_vel[env, body_ids[i]]
+        total += wp.length_sq(wp.spatial_top(error))
+    return wp.exp(-total / (float(body_ids.shape[0]) * std * std))
+
+
+@wp.func
+def motion_global_body_angular_velocity_error_exp(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], std: float
+) -> float:
+    """Nearness of the angular velocities of bodies to the reference in the world, exponential kernel, from 0 to 1.
+
+    Formula: ``exp(-mean_i |^w_i - w_i|^2 / std^2)``, ``std`` [rad/s].
+
+    Source: BeyondMimic and mjlab, ``mdp.motion_global_body_angular_velocity_error_exp``.
+    """
+    frame = command.frame[env]
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        error = command.body_vel[frame, body_ids[i]] - robot.body_vel[env, body_ids[i]]
+        total += wp.length_sq(wp.spatial_bottom(error))
+    return wp.exp(-total / (float(body_ids.shape[0]) * std * std))
+
+
+# -- terminations
+
+
+@wp.func
+def bad_anchor_pos(env: int, command: MotionCommandData, robot: ArticulationData, threshold: float) -> bool:
+    """The anchor is far from the reference.
+
+    Formula: ``|^p_a - p_a| > threshold`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.bad_anchor_pos``.
+    """
+    return wp.length(_anchor_error(env, command, robot)) > threshold
+
+
+@wp.func
+def bad_anchor_pos_z_only(env: int, command: MotionCommandData, robot: ArticulationData, threshold: float) -> bool:
+    """The anchor is far above or below the reference.
+
+    Formula: ``|^p_a.z - p_a.z| > threshold`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.bad_anchor_pos_z_only``.
+    """
+    return wp.abs(_anchor_error(env, command, robot)[2]) > threshold
+
+
+@wp.func
+def bad_anchor_ori(env: int, command: MotionCommandData, robot: ArticulationData, threshold: float) -> bool:
+    """The anchor is tilted otherwise than the reference.
+
+    Formula: ``|(^R_a^T g).z - (R_a^T g).z| > threshold``, ``g`` the direction of gravity.
+
+    Source: BeyondMimic and mjlab, ``mdp.bad_anchor_ori``.
+    """
+    own = wp.transform_get_rotation(robot.body_pose[env, command.anchor])
+    reference = wp.transform_get_rotation(command.body_pose[command.frame[env], command.anchor])
+    difference = wp.quat_rotate_inv(reference, robot.gravity_dir) - wp.quat_rotate_inv(own, robot.gravity_dir)
+    return wp.abs(difference[2]) > threshold
+
+
+@wp.func
+def bad_motion_body_pos(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], threshold: float
+) -> bool:
+    """A body is far from its relative reference.
+
+    Formula: any ``|p'_i - p_i| > threshold`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.bad_motion_body_pos``.
+    """
+    align = _alignment(env, command, robot)
+    worst = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        worst = wp.max(worst, wp.length(target - wp.transform_get_translation(robot.body_pose[env, body_ids[i]])))
+    return worst > threshold
+
+
+@wp.func
+def bad_motion_body_pos_z_only(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], threshold: float
+) -> bool:
+    """A body is far above or below its relative reference.
+
+    Formula: any ``|p'_i.z - p_i.z| > threshold`` [m].
+
+    Source: BeyondMimic and mjlab, ``mdp.bad_motion_body_pos_z_only``.
+    """
+    align = _alignment(env, command, robot)
+    worst = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        own = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
+        worst = wp.max(worst, wp.abs(target[2] - own[2]))
+    return worst > threshold
+
+
+@wp.func
+def motion_finished(env: int, command: MotionCommandData) -> bool:
+    """The motion has been tracked to its last frame.
+
+    Formula: ``frame >= last``.
+
+    Source: this project; BeyondMimic and mjlab go on at another frame.
+    """
+    return command.frame[env] >= command.last[command.frame[env]]
+
+
+# -- metrics
+
+
+@wp.func
+def motion_anchor_position_error(env: int, command: MotionCommandData, robot: ArticulationData) -> float:
+    """Distance of the anchor from the reference in the world, for the metric ``error_anchor_pos``.
+
+    Formula: ``|^p_a - p_a|`` [m].
+
+    Source: mjlab, ``MotionCommand``.
+    """
+    return wp.length(_anchor_error(env, command, robot))
+
+
+@wp.func
+def motion_body_position_error(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int]
+) -> float:
+    """Mean distance of bodies from their relative reference, for the metric ``error_body_pos``.
+
+    Formula: ``mean_i |p'_i - p_i|`` [m].
+
+    Source: mjlab, ``MotionCommand``.
+    """
+    align = _alignment(env, command, robot)
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        total += wp.length(target - wp.transform_get_translation(robot.body_pose[env, body_ids[i]]))
+    return total / float(body_ids.shape[0])
+
+
+@wp.func
+def motion_body_orientation_error(
+    env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int]
+) -> float:
+    """Mean angle between bodies and their relative reference, for the metric ``error_body_rot``.
+
+    Formula: ``mean_i angle(q'_i, q_i)`` [rad].
+
+    Source: mjlab, ``MotionCommand``.
+    """
+    turn = wp.transform_get_rotation(_alignment(env, command, robot))
+    total = wp.float32(0.0)
+    for i in range(body_ids.shape[0]):
+        target = turn * wp.transform_get_rotation(command.body_pose[command.frame[env], body_ids[i]])
+        total += frames.quat_error_magnitude(wp.transform_get_rotation(robot.body_pose[env, body_ids[i]]), target)
+    return total / float(body_ids.shape[0])
+
+
+@wp.func
+def motion_joint_position_error(env: int, command: MotionCommandData, robot: ArticulationData) -> float:
+    """Distance of the joint positions from the reference, for the metric ``error_joint_pos``.
+
+    Formula: ``sqrt(sum_i (^q_i - q_i)^2)`` [rad].
+
+    Source: mjlab, ``MotionCommand``.
+    """
+    frame = command.frame[env]
+    total = wp.float32(0.0)
+    for joint in range(command.joint_pos.shape[1]):
+        error = command.joint_pos[frame, joint] - robot.joint_pos[env, joint]
+        total += error * error
+    return wp.sqrt(total)

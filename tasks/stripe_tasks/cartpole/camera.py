@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cart-pole by camera: ``Stripe-Cartpole-Camera-Direct-v0``, which sees a picture of cart and pole and nothing else.
+
+It is the cart-pole of :mod:`stripe_tasks.cartpole.direct` but for its observation, as in Isaac Lab's
+``Isaac-Cartpole-RGB-Camera-Direct-v0``.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from stripe_newton.configclass import configclass
+from stripe_newton.rl import RslRlCNNModelCfg, RslRlPpoAlgorithmCfg
+from stripe_newton.sensors import Camera, PinholeCameraCfg, TiledCameraCfg
+
+from .direct import CartpoleEnv, CartpoleEnvCfg, CartpolePPORunnerCfg
+
+__all__ = ["CartpoleCameraEnv", "CartpoleCameraEnvCfg", "CartpoleCameraPPORunnerCfg"]
+
+
+@configclass
+class CartpoleCameraEnvCfg(CartpoleEnvCfg):
+    """Cart-pole by camera: a picture of 64 by 64 pixels, its colours less their mean over the picture.
+
+    ``tiled_camera.width`` and ``tiled_camera.height`` set another size.
+    """
+
+    tiled_camera: TiledCameraCfg = TiledCameraCfg(
+        prim_path="{ENV_REGEX_NS}/Camera",
+        offset=TiledCameraCfg.OffsetCfg(pos=(-5.0, 0.0, 2.0), rot=(0.0, 0.0, 0.0, 1.0), convention="world"),
+        data_types=("rgb",),
+        spawn=PinholeCameraCfg(
+            focal_length=24.0, focus_distance=400.0, horizontal_aperture=20.955, clipping_range=(0.1, 20.0)
+        ),
+        width=64,
+        height=64,
+    )
+    """The camera, 5 m in front of the rail."""
+    observation_space: list[int] = [3, 64, 64]  # type: ignore[assignment]  # a picture rather than numbers
+    """Channels, height and width."""
+
+    def __post_init__(self) -> None:
+        self.observation_space = [3, self.tiled_camera.height, self.tiled_camera.width]
+
+
+class CartpoleCameraEnv(CartpoleEnv):
+    """Balance a pole on a cart by its picture.
+
+    Observation: colours from 0 to 1 less their mean over the picture, shape ``(num_envs, 3, height, width)``.
+    """
+
+    cfg: CartpoleCameraEnvCfg
+
+    def _setup_scene(self) -> None:
+        self.camera = Camera(self.cfg.tiled_camera)
+        self.scene.sensors["camera"] = self.camera
+        super()._setup_scene()
+
+    def _get_observations(self) -> dict[str, torch.Tensor]:
+        colours = self.camera.data.output["rgb"].permute(0, 3, 1, 2) / 255.0
+        return {"policy": colours - colours.mean(dim=(2, 3), keepdim=True)}
+
+
+@configclass
+class CartpoleCameraPPORunnerCfg(CartpolePPORunnerCfg):
+    """PPO with convolutions for the cart-pole by camera."""
+
+    num_steps_per_env: int = 64
+    max_iterations: int = 500
+    experiment_name: str = "cartpole_camera_direct"
+    actor: RslRlCNNModelCfg = RslRlCNNModelCfg(
+        hidden_dims=(512,),
+        cnn_cfg=RslRlCNNModelCfg.CNNCfg(output_channels=(32, 64, 64), kernel_size=(8, 4, 3), stride=(4, 2, 1)),
+        distribution_cfg=RslRlCNNModelCfg.GaussianDistributionCfg(init_std=1.0),
+    )
+    critic: RslRlCNNModelCfg = RslRlCNNModelCfg(
+        hidden_dims=(512,),
+        cnn_cfg=RslRlCNNModelCfg.CNNCfg(output_channels=(32, 64, 64), kernel_size=(8, 4, 3), stride=(4, 2, 1)),
+    )
+    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.005, learning_rate=1.0e-4)

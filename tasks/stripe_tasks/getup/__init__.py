@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recovery from falls: a humanoid gets up from wherever it lies."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motion tracking tasks: a humanoid moves as recorded motions do."""

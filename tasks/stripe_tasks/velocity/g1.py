@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Velocity tasks of Unitree's G1: ``Stripe-Velocity-Flat-G1-v0`` and ``Stripe-Velocity-Rough-G1-v0``.
+
+Rewards, randomisation, pushes and noise are those of mjlab's velocity tasks of the G1. On rough ground, where the
+height of a foot above the ground is not its height above the origin, its air time is rewarded in place of its height.
+Angular momentum and collisions of the robot with itself cost nothing here.
+"""
+
+from __future__ import annotations
+
+import math
+
+from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.envs import mdp
+from stripe_newton.managers import RewardTermCfg, TerminationTermCfg
+from stripe_newton.sim import MuJoCoSolverCfg
+from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
+
+from .manager_based import (
+    TWIST,
+    BodyNames,
+    RewardsCfg,
+    RoughSceneCfg,
+    RoughTerminationsCfg,
+    TerminationsCfg,
+    VelocityEnvCfg,
+    VelocityPPORunnerCfg,
+    VelocityRoughEnvCfg,
+    VelocityRoughPPORunnerCfg,
+    VelocitySceneCfg,
+    bodies,
+    contacts,
+    joints,
+)
+from .published_quadrupeds import placed, use_mjlab_events
+
+__all__ = [
+    "G1FlatEnvCfg",
+    "G1FlatPPORunnerCfg",
+    "G1RewardsCfg",
+    "G1RoughEnvCfg",
+    "G1RoughPPORunnerCfg",
+]
+
+TORSO = "torso_link"
+FEET = "(left|right)_ankle_roll_link"
+SOLE = 0.035
+"""Height of a foot's frame above the ground that it stands on [m]."""
+MOVING = {**TWIST, "command_threshold": 0.05}
+STANDING = {".*": 0.05}
+WALKING = {
+    ".*_hip_pitch_joint": 0.3,
+    ".*_hip_(roll|yaw)_joint": 0.15,
+    ".*_knee_joint": 0.35,
+    ".*_ankle_pitch_joint": 0.25,
+    ".*_ankle_roll_joint": 0.1,
+    "waist_yaw_joint": 0.2,
+    "waist_roll_joint": 0.08,
+    "waist_pitch_joint": 0.1,
+    ".*_shoulder_(pitch|roll)_joint": 0.15,
+    ".*_shoulder_yaw_joint": 0.1,
+    ".*_elbow_joint": 0.15,
+    ".*_wrist_.*_joint": 0.3,
+}
+RUNNING = {
+    ".*_hip_pitch_joint": 0.5,
+    ".*_hip_(roll|yaw)_joint": 0.2,
+    ".*_knee_joint": 0.6,
+    ".*_ankle_pitch_joint": 0.35,
+    ".*_ankle_roll_joint": 0.15,
+    "waist_yaw_joint": 0.3,
+    "waist_roll_joint": 0.08,
+    "waist_pitch_joint": 0.2,
+    ".*_shoulder_pitch_joint": 0.5,
+    ".*_shoulder_roll_joint": 0.2,
+    ".*_shoulder_yaw_joint": 0.15,
+    ".*_elbow_joint": 0.35,
+    ".*_wrist_.*_joint": 0.3,
+}
+"""How far joints may be from the default pose, by gait [rad]."""
+
+
+@configclass
+class G1RewardsCfg(RewardsCfg):
+    """Rewards of the G1: follow the command upright, near the default pose, with quiet feet."""
+
+    track_lin_vel_xy_exp: RewardTermCfg | None = RewardTermCfg(
+        func=mdp.track_linear_velocity, weight=2.0, params={**TWIST, "std": 0.5}
+    )
+    track_ang_vel_z_exp: RewardTermCfg | None = RewardTermCfg(
+        func=mdp.track_angular_velocity, weight=2.0, params={**TWIST, "std": math.sqrt(0.5)}
+    )
+    upright: RewardTermCfg = RewardTermCfg(
+        func=mdp.upright, weight=1.0, params={"asset_cfg": bodies(TORSO), "std": math.sqrt(0.2)}
+    )
+    pose: RewardTermCfg = RewardTermCfg(
+        func=mdp.variable_posture,
+        weight=1.0,
+        params={
+            **TWIST,
+            "asset_cfg": joints(".*"),
+            "std_standing": STANDING,
+            "std_walking": WALKING,
+            "std_running": RUNNING,
+            "walking_threshold": 0.05,
+            "running_threshold": 1.5,
+        },
+    )
+    body_ang_vel: RewardTermCfg = RewardTermCfg(
+        func=mdp.body_angular_velocity_penalty, weight=-0.05, params={"asset_cfg": bodies(TORSO)}
+    )
+    action_rate_l2: RewardTermCfg = RewardTermCfg(func=mdp.action_rate_l2, weight=-0.1)
+    joint_pos_limits: RewardTermCfg = RewardTermCfg(func=mdp.joint_pos_limits, weight=-1.0)
+    foot_clearance: RewardTermCfg | None = RewardTermCfg(
+        func=mdp.feet_clearance,
+        weight=-2.0,
+        params={**MOVING, "asset_cfg": bodies(FEET), "target_height": 0.1 + SOLE},
+    )
+    foot_swing_height: RewardTermCfg | None = RewardTermCfg(
+        func=mdp.feet_swing_height,
+        weight=-0.25,
+        params={**MOVING, "sensor_cfg": contacts(FEET), "asset_cfg": bodies(FEET), "target_height": 0.1 + SOLE},
+    )
+    foot_slip: RewardTermCfg = RewardTermCfg(
+        func=mdp.feet_slip,
+        weight=-0.1,
+        params={**MOVING, "sensor_cfg": contacts(FEET), "asset_cfg": bodies(FEET)},
+    )
+    soft_landing: RewardTermCfg = RewardTermCfg(
+        func=mdp.soft_landing, weight=-1.0e-5, params={**MOVING, "sensor_cfg": contacts(FEET)}
+    )
+    lin_vel_z_l2: RewardTermCfg | None = None
+    ang_vel_xy_l2: RewardTermCfg | None = None
+    joint_torques_l2: RewardTermCfg | None = None
+    joint_acc_l2: RewardTermCfg | None = None
+    flat_orientation_l2: RewardTermCfg | None = None
+    feet_air_time: RewardTermCfg | None = None
+    undesired_contacts: RewardTermCfg | None = None
+
+
+FELL_OVER = TerminationTermCfg(func=mdp.bad_orientation, params={"limit_angle": math.radians(70.0)})
+
+
+@configclass
+class G1TerminationsCfg(TerminationsCfg):
+    """An episode ends when the robot has tipped over, or after its full length."""
+
+    base_contact: TerminationTermCfg | None = None
+    fell_over: TerminationTermCfg = FELL_OVER
+
+
+@configclass
+class G1RoughTerminationsCfg(RoughTerminationsCfg):
+    """An episode also ends near the edge of the terrain."""
+
+    base_contact: TerminationTermCfg | None = None
+    fell_over: TerminationTermCfg = FELL_OVER
+
+
+def _set_up(cfg: VelocityEnvCfg) -> None:
+    """What the tasks on both grounds share: actions, commands, events, room for contacts, the view."""
+    cfg.actions.joint_pos.scale = action_scale(G1_DRIVES)
+    use_mjlab_events(cfg, (0.3, 1.2))
+    command = cfg.commands.base_velocity
+    command.resampling_time_range = (3.0, 8.0)
+    command.rel_standing_envs, command.rel_heading_envs = 0.1, 0.3
+    command.ranges.ang_vel_z = (-0.5, 0.5)
+    cfg.sim.solver = MuJoCoSolverCfg(iterations=10, ls_iterations=20, njmax=300, nconmax=70, drive_limits=True)
+    cfg.viewer.eye, cfg.viewer.lookat = (2.2, -2.4, 0.5), (0.0, 0.0, -0.05)
+
+
+@configclass
+class G1FlatEnvCfg(VelocityEnvCfg):
+    """G1 on a plane: 99 observations, 29 joint positions."""
+
+    scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5)
+    rewards: G1RewardsCfg = G1RewardsCfg()
+    terminations: G1TerminationsCfg = G1TerminationsCfg()
+    base: str = TORSO
+    feet: BodyNames = FEET
+
+    def __post_init__(self) -> None:
+        self.scene.robot = placed(g1_cfg())
+        super().__post_init__()
+        _set_up(self)
+
+
+@configclass
+class G1RoughEnvCfg(VelocityRoughEnvCfg):
+    """G1 on rough ground: 286 observations, 187 of them heights."""
+
+    scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5)
+    rewards: G1RewardsCfg = G1RewardsCfg()
+    terminations: G1RoughTerminationsCfg = G1RoughTerminationsCfg()
+    base: str = TORSO
+    feet: BodyNames = FEET
+
+    def __post_init__(self) -> None:
+        self.scene.robot = placed(g1_cfg())
+        self.rewards.foot_clearance = self.rewards.foot_swing_height = None
+        self.rewards.feet_air_time = RewardTermCfg(
+            func=mdp.feet_air_time_positive_biped, weight=1.0, params={**TWIST, "sensor_cfg": MISSING, "threshold": 0.4}
+        )
+        super().__post_init__()
+        _set_up(self)
+
+
+@configclass
+class G1FlatPPORunnerCfg(VelocityPPORunnerCfg):
+    """PPO for the G1 on a plane."""
+
+    experiment_name: str = "velocity_flat_g1"
+    max_iterations: int = 1500
+
+
+@configclass
+class G1RoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
+    """PPO for the G1 on rough ground."""
+
+    experiment_name: str = "velocity_rough_g1"
+    max_iterations: int = 3000
