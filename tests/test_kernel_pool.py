@@ -36,7 +36,7 @@ build, main = wp._src.build.build_cpu, threading.current_thread()
 def counted(*args, **kwargs):
     assert threading.current_thread() is not main
     both.wait()
-    print("compiled", flush=True)
+    sys.stdout.write("compiled\\n")  # whole, as threads write side by side
     return build(*args, **kwargs)
 wp._src.build.build_cpu = counted
 

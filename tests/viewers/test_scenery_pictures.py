@@ -76,7 +76,7 @@ def wall_and_floor(wall: bool, robot_at=(0.0, 0.0, -50.0), color=(0.9, 0.05, 0.0
     sun = types.SimpleNamespace(kind="distant", color=(1.0, 1.0, 1.0), intensity=3000.0, direction=(-0.7, 0.0, -0.7))
     dome = types.SimpleNamespace(kind="dome", color=(1.0, 1.0, 1.0), intensity=800.0, direction=(0.0, 0.0, -1.0))
     return types.SimpleNamespace(
-        markers=[],
+        markers=[], body_choices=[],
         device=wp.get_device("cpu"), template=template, static=static, env_origins=np.zeros((1, 3)),
         state=model.state(), num_envs=1, lights=[sun, dome], env_origin=None,
     )  # fmt: skip

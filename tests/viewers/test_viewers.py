@@ -42,7 +42,7 @@ def sim_of(template, num_envs=1, spacing=3.0, ground=True, device="cpu", lights=
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     return types.SimpleNamespace(
-        markers=[],
+        markers=[], body_choices=[],
         device=device, template=template, static=static, env_origins=origins, model=model, state=state,
         num_envs=num_envs, lights=list(lights), env_origin=None,
     )  # fmt: skip

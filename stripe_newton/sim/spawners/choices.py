@@ -73,6 +73,8 @@ class MultiAssetSpawnerCfg(AssetChoiceCfg, RigidObjectSpawnerCfg):
     """Function that authors the asset of the first environment."""
     assets_cfg: list[SpawnerCfg] = MISSING
     """The assets. Each makes one rigid body, of any shapes."""
+    visible: bool = True
+    """Ignored: it is that of the assets."""
 
     IGNORED: ClassVar[dict[str, str]] = {"visible": "it is that of the assets"}
 
