@@ -87,6 +87,4 @@ def _wait(lock: FileLock, what: str) -> None:
 
 
 def _name(owner: Owner) -> str:
-    if owner.process == os.getpid():  # of the kernel pool
-        return "a thread of this process"
     return f"process {owner.process}" if owner.process else "another process"

@@ -17,7 +17,6 @@ import gymnasium
 
 from stripe_newton.configclass import is_config, resolve_name
 from stripe_newton.rl.configs import RunnerCfg
-from stripe_newton.threads import available_cores
 from stripe_newton.trusted_code import trust
 from stripe_newton.value_types import short
 
@@ -232,18 +231,12 @@ def load_cfg(task: str, kind: Literal["env", "agent"]) -> RLEnvCfg | RunnerCfg:
 
 def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchVectorEnv:
     """The vector environment of a task, made from ``cfg``; several agents are shown as one."""
-    # Here, as they load Warp, which commands that build nothing do not need.
-    from stripe_newton.kernel_pool import kernel_pool
-    from stripe_newton.rl.torch_vector_env import rl_env_of
-
-    from .kernel_lock import compile_once
+    from .kernel_lock import compile_once  # here, as it loads Warp, which commands that build nothing do not need
 
     compile_once()
     creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point, task)
-    with user_code(f"the environment of {task}"), kernel_pool(available_cores()):
+    with user_code(f"the environment of {task}"):
         env = creator(cfg=cfg, render_mode=render_mode)
-        if (inner := rl_env_of(env.unwrapped)) is not None:
-            inner.sim.compile_ahead()
     if not gc.isenabled():  # `main` has switched it off
         # All that there is by now lives as long as the process, so no collection has to look at it.
         gc.freeze()
@@ -251,8 +244,8 @@ def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchV
     # Here, since commands that build nothing should not load environments and, with them, Newton.
     from stripe_newton.envs import DirectMARLEnv, multi_agent_to_single_agent
 
-    many = env.unwrapped
-    return multi_agent_to_single_agent(many) if isinstance(many, DirectMARLEnv) else env
+    inner = env.unwrapped
+    return multi_agent_to_single_agent(inner) if isinstance(inner, DirectMARLEnv) else env
 
 
 def _resolved(entry: str | Callable[..., T], task: str) -> Callable[..., T]:

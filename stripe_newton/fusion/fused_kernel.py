@@ -11,7 +11,6 @@ from pathlib import Path
 import warp as wp
 
 from stripe_newton.generated_files import write_generated
-from stripe_newton.kernel_pool import compile_ahead
 
 from .kernel_source import KernelSource, write_kernel
 from .scope import Scope
@@ -58,7 +57,6 @@ def fuse(name: str, sections: Sequence[Section], scope: Scope, num_envs: int, de
     """
     source = write_kernel(name, sections, scope, num_envs)
     compiled = _compiled(name, source)
-    compile_ahead(compiled.kernel, device, source.layout.block_dim)
     counts = [num_envs] if source.layout.neighbours else []
     launch = {
         "dim": source.layout.dim(num_envs),

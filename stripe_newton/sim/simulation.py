@@ -18,7 +18,6 @@ from stripe_kernels.actuators import JointDrives
 from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.configclass import configclass
-from stripe_newton.kernel_pool import compile_ahead
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
 from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
@@ -339,14 +338,6 @@ class Simulation:
         Add hooks before the first step: a graph that was recorded without one does not run it.
         """
         self._hooks.append(hook)
-
-    def compile_ahead(self) -> None:
-        """Begin to compile the kernel of the fused step, within :func:`kernel_pool`, when its options are settled."""
-        solver = self.solver
-        if isinstance(solver, SolverFused) and not solver.unsupported:
-            lanes, worlds = solver.fused.options.lanes, solver.fused.layout.worlds_per_block
-            # The block of its launches, see StepKernel.launch.
-            compile_ahead(solver.fused.kernel, self.device, 256 if lanes == 1 else worlds * lanes)
 
     def describe_solver(self) -> str:
         """Describe in a line what computes the physics, and why."""

@@ -63,6 +63,6 @@ def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, capsys, monkeypatc
     with hold_cache(tmp_path / "b.lock", "module b"):
         assert lock.is_held
     err = capsys.readouterr().err
-    assert "waiting for a thread of this process, which compiles module b" in err
-    assert "a thread of this process has been compiling for long; compiling module b here, too" in err
+    assert f"waiting for process {os.getpid()}, which compiles module b" in err
+    assert f"process {os.getpid()} has been compiling for long; compiling module b here, too" in err
     lock.release()
