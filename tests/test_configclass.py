@@ -20,10 +20,7 @@ import numpy as np
 import pytest
 
 from stripe_newton import trusted_code
-from stripe_newton.configclass import MISSING, ConfigError, config_with, configclass, is_config, resolve_name
-from stripe_newton.envs import mdp
-from stripe_newton.managers import RewardTermCfg
-from stripe_newton.value_types import PositiveFloat, PositiveInt
+from stripe_newton.configclass import MISSING, ConfigError, configclass, is_config, resolve_name
 
 
 class Shape(enum.Enum):
@@ -530,83 +527,3 @@ def test_a_dataclass_in_its_place_is_refused_by_name():
         length: float = 1.0
 
     assert Both(length=2.0).length == 2.0
-
-
-# -- further fields
-
-
-@configclass
-class BoxCfg:
-    """Parts by name."""
-
-    OPEN: ClassVar[tuple[type, ...]] = (PartCfg,)
-    label: str = "box"
-
-
-def test_an_open_config_takes_further_fields_of_its_kind():
-    box = BoxCfg(leg=PartCfg(mass=2.0))
-    box.arm = PartCfg(mass=3.0)
-    assert [f.name for f in dataclasses.fields(box)] == ["label", "leg", "arm"]
-    assert box.to_dict()["arm"]["mass"] == 3.0
-    box.from_dict({"arm": {"mass": 4.0}})
-    assert (box.arm.mass, type(box).__name__, isinstance(box, BoxCfg)) == (4.0, "BoxCfg", True)
-    assert [f.name for f in dataclasses.fields(BoxCfg())] == ["label"]  # others are not affected
-    bad = box.replace(head=PartCfg(mass=-1.0))
-    with pytest.raises(ConfigError, match=r"head\.mass: is -1"):
-        bad.validate()
-    assert BoxCfg(leg=PartCfg()) == BoxCfg(leg=PartCfg()) != BoxCfg(leg=PartCfg(mass=9.0))
-    for wrong in (lambda: BoxCfg(hand=1), lambda: setattr(box, "lable", "x")):
-        with pytest.raises(TypeError, match=r"BoxCfg has no field '.*; a new field must be PartCfg, is "):
-            wrong()
-
-
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, BoxCfg.copy, lambda c: pickle.loads(pickle.dumps(c))])
-def test_copies_keep_further_fields(duplicate):
-    box = BoxCfg(leg=PartCfg(mass=2.0))
-    other = duplicate(box)
-    assert other == box
-    assert type(other) is type(box)
-    other.leg.mass = 5.0
-    assert box.leg.mass == 2.0
-
-
-def test_config_with_gives_any_config_further_fields():
-    robot_with_tail = config_with(robot(), {"tail": PartCfg(mass=0.5), "seed": 3})
-    assert (robot_with_tail.tail.mass, robot_with_tail.seed) == (0.5, 3)
-    assert not hasattr(robot(), "tail")
-    assert pickle.loads(pickle.dumps(robot_with_tail)).tail.mass == 0.5
-
-
-def test_the_range_of_a_base_holds_in_subclasses_that_name_the_bare_type():
-    @configclass
-    class Steps:
-        number: PositiveInt = 1
-        scale: float = 1.0
-
-    @configclass
-    class Long(Steps):
-        number: int = 4
-        scale: PositiveFloat = 1.0
-
-    @configclass
-    class Longer(Long):
-        number = 8
-
-    for cls in (Long, Longer):
-        with pytest.raises(ConfigError, match=r"number: is 0, must be a whole number of at least 1"):
-            cls(number=0).validate()
-        with pytest.raises(ConfigError, match=r"scale: is 0\.0, must be a number above 0"):
-            cls(scale=0.0).validate()
-        cls(number=2, scale=0.5).validate()
-
-
-def test_a_config_of_the_same_kind_may_take_the_place_of_another():
-    @configclass
-    class Actions:
-        joint: mdp.JointEffortActionCfg = mdp.JointEffortActionCfg(asset_name="robot", joint_names=[".*"])
-
-    cfg = Actions(joint=mdp.JointPositionActionCfg(asset_name="robot", joint_names=[".*"]))
-    cfg.validate()
-    cfg.joint = RewardTermCfg(func=len, weight=1.0)
-    with pytest.raises(ConfigError, match=r"joint: is RewardTermCfg.*must be a JointEffortActionCfg"):
-        cfg.validate()
