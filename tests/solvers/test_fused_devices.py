@@ -10,13 +10,16 @@ import stripe_tasks  # noqa: F401 - registers the tasks
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs import RLEnv
 
-WALKS = ["Stripe-Velocity-Flat-Quadruped-v0", "Stripe-Velocity-Rough-Quadruped-v0"]
+FLAT, ROUGH = "Stripe-Velocity-Flat-Quadruped-v0", "Stripe-Velocity-Rough-Quadruped-v0"
+WALKS = [(FLAT, True), (FLAT, False), (ROUGH, False)]
+"""Tasks, and whether they take the form for a hub with limbs."""
 
 
-def states(task: str, num_envs: int, device: str, steps: int) -> torch.Tensor:
+def states(task: str, limbs: bool, num_envs: int, device: str, steps: int) -> torch.Tensor:
     """Joints and rewards of a task under random actions, shape ``(steps, num_envs, n)``, on the CPU."""
     cfg = load_cfg(task, "env")
     cfg.scene.num_envs, cfg.sim.device, cfg.seed = num_envs, device, 3
+    cfg.sim.solver.fused_limbs = limbs
     env = make_env(task, cfg).unwrapped
     assert isinstance(env, RLEnv)
     assert env.sim.describe_solver().endswith("all physics steps of a step in one launch")
@@ -34,21 +37,21 @@ def states(task: str, num_envs: int, device: str, steps: int) -> torch.Tensor:
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("task", WALKS)
-def test_equal_seeds_give_equal_bits(task):
+@pytest.mark.parametrize(("task", "limbs"), WALKS)
+def test_equal_seeds_give_equal_bits(task, limbs):
     """With contacts and resets, in as many worlds as fill the GPU several times over."""
-    one, two = (states(task, 4096, "cuda", 40) for _ in range(2))
+    one, two = (states(task, limbs, 4096, "cuda", 40) for _ in range(2))
     assert torch.isfinite(one).all()
     assert torch.equal(one, two)
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("task", WALKS)
-def test_it_is_the_physics_of_the_cpu(task):
-    gpu, cpu = (states(task, 16, device, 6) for device in ("cuda", "cpu"))
+@pytest.mark.parametrize(("task", "limbs"), WALKS)
+def test_it_is_the_physics_of_the_cpu(task, limbs):
+    gpu, cpu = (states(task, limbs, 16, device, 6) for device in ("cuda", "cpu"))
     torch.testing.assert_close(gpu, cpu, atol=2e-3, rtol=1e-3)
 
 
 def test_equal_seeds_give_equal_bits_on_the_cpu():
-    one, two = (states(WALKS[0], 4, "cpu", 10) for _ in range(2))
+    one, two = (states(FLAT, True, 4, "cpu", 10) for _ in range(2))
     assert torch.equal(one, two)
