@@ -41,9 +41,11 @@ class ViewedEnv(Protocol):
     extras: Mapping[str, Any]
 
     @property
-    def sim(self) -> ViewedSimulation: ...
+    def sim(self) -> ViewedSimulation:
+        """The simulation."""
 
-    def reset(self) -> object: ...
+    def reset(self) -> object:
+        """Begin new episodes."""
 
 
 def what_is_viewed(subject: object) -> tuple[ViewedEnv | None, ViewedSimulation]:
