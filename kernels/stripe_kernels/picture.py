@@ -24,6 +24,8 @@ SAMPLES = 4
 """Rays through a pixel that lies on an edge."""
 
 FAR = wp.constant(1.0e30)
+STEEPEST = wp.constant(20.0)
+"""Largest slope of a surface towards the sun by which the shadow test follows it."""
 NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
 
 
@@ -155,15 +157,21 @@ def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, n
     if x < -3.0 or y < -3.0 or x > float(size) + 3.0 or y > float(size) + 3.0:
         return 1.0
     depth = look.shadow_start - wp.dot(p, look.to_sun) - 1.5 * texel
+    # The surface goes on in its plane: further from the sun on one side of the point, nearer on the other. Without
+    # this, low light would find the surface itself in the texels around. Bounded, as no surface goes on for long.
+    facing = wp.max(wp.dot(normal, look.to_sun), 1.0e-3)
+    du = wp.clamp(wp.dot(normal, look.shadow_x) / facing, -STEEPEST, STEEPEST) * texel
+    dv = wp.clamp(-wp.dot(normal, look.shadow_y) / facing, -STEEPEST, STEEPEST) * texel
     ix = int(wp.floor(x))
     iy = int(wp.floor(y))
+    depth += du * (float(ix) + 0.5 - x) + dv * (float(iy) + 0.5 - y)
     # Five probes decide for most points, which lie well inside the light or the shadow; only the rest pays for 25.
     probe = (
         shadow_tap(casters, size, ix, iy, depth)
-        + shadow_tap(casters, size, ix - 2, iy - 2, depth)
-        + shadow_tap(casters, size, ix + 2, iy - 2, depth)
-        + shadow_tap(casters, size, ix - 2, iy + 2, depth)
-        + shadow_tap(casters, size, ix + 2, iy + 2, depth)
+        + shadow_tap(casters, size, ix - 2, iy - 2, depth - 2.0 * (du + dv))
+        + shadow_tap(casters, size, ix + 2, iy - 2, depth + 2.0 * (du - dv))
+        + shadow_tap(casters, size, ix - 2, iy + 2, depth - 2.0 * (du - dv))
+        + shadow_tap(casters, size, ix + 2, iy + 2, depth + 2.0 * (du + dv))
     )
     if probe == 0.0:
         return 1.0
@@ -178,7 +186,7 @@ def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, n
             fx = (float(ix + i) + 0.5 - x) / 2.6
             weight = weight_y * wp.max(1.0 - fx * fx, 0.0)
             total += weight
-            blocked += weight * shadow_tap(casters, size, ix + i, iy + j, depth)
+            blocked += weight * shadow_tap(casters, size, ix + i, iy + j, depth + du * float(i) + dv * float(j))
     return 1.0 - blocked / total
 
 
@@ -221,7 +229,7 @@ def shade(
         hit: Whether it ends on a surface; otherwise the sample shows the sky.
         hit_normal: Normal of the surface in the world, on either side.
         albedo: Colour of the surface, linear RGB.
-        ground: Whether it is a ground plane, which has squares.
+        ground: Whether it is a ground plane or height field, which have squares.
         casters: Shadow map.
         detail: Radiance of scenery, which was lit before, and -1; otherwise the last number is the share of the sun
             that other things let through.
@@ -229,9 +237,11 @@ def shade(
     backdrop = sky_color(look, direction)
     color = backdrop
     if not hit:
+        # Darker below the horizon, where nothing is: an even colour there would look like fog.
+        below = wp.clamp(-1.5 * direction[2], 0.0, 1.0)
+        color = backdrop * (1.0 - 0.45 * below)
         if look.haze > 0.0:
-            below = wp.clamp(-1.5 * direction[2], 0.0, 1.0)
-            color = backdrop * (wp.pow(look.exposure, 0.2) * (1.0 - 0.45 * below))
+            color = color * wp.pow(look.exposure, 0.2)
     elif detail[3] < 0.0:
         color = wp.vec3f(detail[0], detail[1], detail[2])
     else:

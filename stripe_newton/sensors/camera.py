@@ -256,14 +256,15 @@ class Camera(SensorBase):
             enable_shadows=cfg.shadows,
             max_distance=self._reach,
         )
+        if self._color.size:
+            lens = float(cfg.spawn.matrix(cfg.width, cfg.height)[1, 1])
+            # Before the sensor is made, which reads the meshes: colours give them their creases.
+            self._colors = CameraColors(sim, self._color, lens, textured, cfg.shadows, cfg.background_color)
         renderer = SensorCamera(
             sim.model, default_clear_data=clear, default_render_config=config, load_textures=textured
         )
-        if self._color.size:
-            lens = float(cfg.spawn.matrix(cfg.width, cfg.height)[1, 1])
-            colors = CameraColors(sim, self._color, lens, textured, cfg.shadows, cfg.background_color)
-            colors.set_lights(renderer)
-            self._colors = colors
+        if self._colors is not None:
+            self._colors.set_lights(renderer)
         return renderer
 
     def _make_data(self) -> CameraData:

@@ -11,6 +11,7 @@ from newton.sensors import SensorCamera
 
 from stripe_kernels.sensors.camera_colors import color_pixels
 from stripe_newton.viewers.camera_framing import USUAL_AZIMUTH
+from stripe_newton.viewers.creases import crease_model
 from stripe_newton.viewers.lighting import lighting_from
 from stripe_newton.viewers.look import lit_look
 from stripe_newton.viewers.recolor import recolor_model
@@ -47,6 +48,7 @@ class CameraColors:
     ):
         self._model, self._color = sim.model, color
         recolor_model(sim.model, sim.template, sim.static)
+        crease_model(sim.model)
         # A sun that the scene lacks shines from where it does in pictures that frame themselves.
         self._lighting = lighting_from(sim.lights, azimuth=USUAL_AZIMUTH)
         self._look = lit_look(self._lighting)

@@ -9,6 +9,7 @@ from stripe_kernels.picture import Look, pack_color, shade, texture_color
 __all__ = ["color_pixels"]
 
 _PLANE = wp.constant(int(newton.GeoType.PLANE))
+_FIELD = wp.constant(int(newton.GeoType.HFIELD))
 _NOTHING = wp.constant(wp.uint32(0xFFFFFFFF))
 _SHADED = wp.constant(0.65)
 """Share of the light between that of a point in Newton's shadow, 0.3, and that of one in the sun, 1."""
@@ -81,7 +82,7 @@ def color_pixels(
     if found < wp.uint32(shape_color.shape[0]):
         own = shape_color[int(found)]
         albedo = wp.vec3(linear(own[0]), linear(own[1]), linear(own[2]))
-        ground = shape_kind[int(found)] == _PLANE
+        ground = shape_kind[int(found)] == _PLANE or shape_kind[int(found)] == _FIELD
     if texture.shape[0] > 0 and hit:
         albedo = texture_color(texture[c, row, column])
     detail = wp.vec4(0.0, 0.0, 0.0, 1.0)
