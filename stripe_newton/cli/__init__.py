@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "export": ("stripe_newton.cli.export", "write a policy as ONNX and TorchScript, with what a robot has to know"),
     "play": ("stripe_newton.cli.play", "watch a policy, live or as a video"),
     "replay-motion": ("stripe_newton.cli.replay_motion", "show recorded motions on their robot, live or as a video"),
+    "report": ("stripe_newton.cli.report", "write the report of a run, or of several beside each other, as HTML"),
     "compare": ("stripe_newton.cli.compare", "compare runs: curves with confidence bands, a table, what differs"),
     "bench": ("stripe_newton.cli.bench", "measure what a step of a task costs, and how much of it is physics"),
     "inspect": ("stripe_newton.cli.inspect", "show what is in a USD stage or a task: tables and a picture"),

@@ -20,6 +20,8 @@ from stripe_newton.rl import (
 )
 from stripe_newton.rl.distributed import as_rank, world
 from stripe_newton.rl.experiments.sweep_process import end_with_sweep
+from stripe_newton.rl.report.run_facts import write_changes
+from stripe_newton.rl.report.run_report import REPORT_NAME, RunReport
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
 from stripe_newton.rl.runs.video import CPU_FPS, CPU_SECONDS, MAX_FPS, VIDEO_SECONDS, video_steps
@@ -74,7 +76,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
     keeps_episodes = check_changes(resume, changes, args.allow_changes)
     if resumed is not None and checkpoint is None:
         print(f"{resume} contains no checkpoint yet: it starts anew")
-    total_envs = configs.env.scene.num_envs
+    total_envs, from_default = configs.env.scene.num_envs, _changes_from_default(task, configs)
     split_over_ranks(configs)
     if args.deterministic:
         make_deterministic(configs.env.sim.device)
@@ -88,6 +90,9 @@ def _train(task: str, argv: Sequence[str]) -> int:
                 # Before the environment is built, so that the run can be resumed from the beginning on.
                 folder.write_task(task)
                 folder.write_params(configs.env, configs.need_agent(), total_envs)
+            if world().rank == 0:
+                with contextlib.suppress(OSError):  # the report then leaves them out
+                    write_changes(folder, from_default)
             runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
             if args.deterministic:
                 print(promise(runner.env))
@@ -115,6 +120,12 @@ def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:
     if args.video_interval < 0:
         raise UserError(f"--video-interval {args.video_interval}: must be 0 or more iterations")
     set_device(env, args.device)
+
+
+def _changes_from_default(task: str, configs: Configs) -> Changes:
+    """Fields that differ from the task's own configs: by the command line, or in the run that is resumed."""
+    default = {name: cfg.to_dict() for name, cfg in vars(load_configs(task, None)).items()}
+    return differences(default, {name: cfg.to_dict() for name, cfg in vars(configs).items()})
 
 
 def _run_folder(task: str, args: TrainArgs, configs: Configs, resumed: RunFolder | None) -> RunFolder:
@@ -180,7 +191,7 @@ def _learn(runner: OnPolicyRunner, folder: RunFolder, video_interval: int) -> bo
 
 
 def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool, film: bool = True) -> None:
-    """Write the learning curve, the exported policy and, after a complete run, the video."""
+    """Write the learning curve, the exported policy, after a complete run the video, and the report."""
     try:
         plot_learning_curve(folder.metrics, folder.learning_curve, f"{task}, {runner.iterations_done} iterations")
     except (ValueError, OSError) as error:
@@ -193,6 +204,7 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
         failed = error  # raised after the video, which does not depend on the export
     if complete and film:
         _film(runner, folder.videos / f"final_{runner.iterations_done}.mp4")
+        RunReport(folder).finish()  # again, with the film
     if failed is not None:
         raise failed
 
@@ -212,7 +224,7 @@ def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
         ranks = ["--gpus", str(world().size)] if world().size > 1 else []
         print(f"stopped; continue with:\n  {command('train', task, *ranks, '--resume', path)}")
     print(f"run folder: {folder.path}")
-    for file in (folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]):
+    for file in (folder.path / REPORT_NAME, folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]):
         if file.exists():
             print(f"  {file.relative_to(folder.path)}")
     print("next:")

@@ -24,6 +24,7 @@ from .camera_colors import CameraColors
 from .camera_data import FROM_WORLD, CameraData
 from .camera_labels import shape_labels
 from .clock import SensorClock
+from .depth_noise import DepthNoiseCfg
 from .image_corruption import ImageCorruption
 from .pinhole import PinholeIntrinsics
 from .prim_paths import Frame
@@ -39,6 +40,8 @@ __all__ = ["DATA_TYPES", "Camera", "CameraCfg", "PinholeCameraCfg", "TiledCamera
 
 _IMAGES = ("rgb", "distance_to_image_plane", "distance_to_camera", "normals")
 _LABELS = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
+_NOT_SAVED = ("rgb", "mount", "default_mount")
+"""Fields of the struct that are saved as other arrays, or never change."""
 _NOTHING = 0xFFFFFFFF
 """Shape index of a pixel that shows no shape."""
 
@@ -120,10 +123,10 @@ class CameraCfg(SensorBaseCfg):
     """Colour where there is nothing, sRGB, each from 0 to 1. None: the sky that ``env.render()`` shows."""
     shadows: bool = False
     """Whether the sun casts shadows: a second ray a pixel."""
-    noise: NoiseCfg | NoiseModelCfg | None = None
+    noise: NoiseCfg | NoiseModelCfg | DepthNoiseCfg | None = None
     """Noise of depths and distances [m]; of colours, put it on the observations. What is not seen stays so."""
-    delay: NonNegativeInt = 0
-    """Age of pose and images, in images."""
+    delay: NonNegativeInt | tuple[NonNegativeInt, NonNegativeInt] = 0
+    """Age of pose and images, in images; a pair is the range from which each episode draws it."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()
@@ -134,6 +137,13 @@ class CameraCfg(SensorBaseCfg):
             yield "depth_clipping_behavior", f"is {self.depth_clipping_behavior!r}, must be 'none', 'max' or 'zero'"
         if self.history_length:
             yield "history_length", "is not kept by cameras"
+        if self.delay_range[0] > self.delay_range[1]:
+            yield "delay", f"is {self.delay}, must be (least, most) with least <= most [images]"
+
+    @property
+    def delay_range(self) -> tuple[int, int]:
+        """Least and largest age of the images, in images."""
+        return (self.delay, self.delay) if isinstance(self.delay, int) else (self.delay[0], self.delay[1])
 
 
 @configclass
@@ -167,7 +177,7 @@ class Camera(SensorBase):
         super().initialize(sim)
         cfg, shape = self.cfg, (self.num_envs, self.cfg.height, self.cfg.width)
         with wp.ScopedDevice(sim.device):
-            remembers = cfg.noise is not None or cfg.delay > 0
+            remembers = cfg.noise is not None or cfg.delay_range[1] > 0
             self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True, remembers=remembers)
             self._setup = self._make_setup(sim)
             self._pose = wp.zeros(self.num_envs, dtype=wp.transform)
@@ -184,7 +194,9 @@ class Camera(SensorBase):
         setup.body_pose, setup.num_bodies = sim.state.body_q, sim.template.body_count
         setup.body = self._mount.body
         setup.env_origin = wp.array(sim.env_origins, dtype=wp.vec3)
-        setup.mount = wp.full(self.num_envs, value=self._mount.pose, dtype=wp.transform)
+        setup.mount, self._default_mount = (
+            wp.full(self.num_envs, value=self._mount.pose, dtype=wp.transform) for _ in range(2)
+        )
         setup.due = self.clock.due
         return setup
 
@@ -231,8 +243,9 @@ class Camera(SensorBase):
         """Make what terms and users read: the same arrays, unless noise or delay lies between."""
         cfg, raw = self.cfg, self._raw
         self._missing = {"none": math.inf, "max": cfg.spawn.clipping_range[1], "zero": 0.0}[cfg.depth_clipping_behavior]
-        self._corruption = corruption = ImageCorruption(self.num_envs, cfg.delay, self.device)
+        self._corruption = corruption = ImageCorruption(self.num_envs, cfg.delay_range, self.device, self._where)
         self.struct = data = kernels.CameraData()
+        data.mount, data.default_mount = self._setup.mount, self._default_mount
         # Poses are delayed with the images: a policy is to see from where an image was taken.
         for name in ("pos_w", "quat_w_world", *_IMAGES[1:], *_LABELS):
             array = getattr(raw, name)
@@ -294,7 +307,7 @@ class Camera(SensorBase):
         kept = {"mount": self._setup.mount} | self.clock.arrays | self._corruption.arrays
         if self.clock.period == 1:
             return kept
-        seen = {name: value for name, value in struct_fields(self.struct).items() if name != "rgb"}
+        seen = {name: value for name, value in struct_fields(self.struct).items() if name not in _NOT_SAVED}
         return kept | seen | ({"color": self._seen_color.view(wp.int32)} if self._seen_color.size else {})
 
     def describe(self) -> str:

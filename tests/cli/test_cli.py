@@ -346,12 +346,19 @@ def test_train_eval_play(capsys):
     names = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
     assert names >= {
         *("params/env.yaml", "params/agent.yaml", "checkpoints/model_5.pt", "metrics.csv", "learning_curve.png"),
+        *("params/system.yaml", "params/changes.yaml", "report.html"),
         *("videos/iteration_3.mp4", "videos/final_6.mp4", "exported/policy.pt", "exported/policy.onnx"),
     }
     agent = yaml.safe_load((run / "params/agent.yaml").read_text())
     env = yaml.safe_load((run / "params/env.yaml").read_text())
     assert (agent["seed"], env["seed"], env["scene"]["num_envs"]) == (5, 5, 8)
     assert agent["actor"]["hidden_dims"] == [8, 4]
+    page = (run / "report.html").read_text()
+    changes = yaml.safe_load((run / "params/changes.yaml").read_text())
+    assert changes["agent.actor.hidden_dims"][1] == "[8, 4]"
+    assert {"env.scene.num_envs", "agent.seed"} <= changes.keys()
+    assert "final_6.mp4" in page
+    assert "6 of 6 iterations" in page
 
     assert main(["eval", TASK, "--checkpoint", str(run), "--episodes", "5", "--json", "out/r.json"]) == 0
     result = json.loads(Path("out/r.json").read_text())
