@@ -153,9 +153,10 @@ def test_colours_are_those_of_pictures():
     eye = np.array([-3.5, -0.4, 1.05]) + turn.apply([1.0, 0.0, 0.0])
     scene.sensors["rays"].update(DT)
     seen = scene.sensors["rays"].data.output["rgb"][0].numpy().astype(int)
+    fov = math.degrees(2.0 * math.atan(0.5 * 24.0 / 20.0 * height / width))
     view = ViewerCfg(
-        eye=tuple(eye), lookat=tuple(eye + turn.apply([3.0, 0.0, 0.0])), origin_type="world",
-        resolution=(width, height), fov=math.degrees(2.0 * math.atan(0.5 * 24.0 / 20.0 * height / width)), shadows=False, anti_aliasing=False,
+        eye=tuple(eye), lookat=tuple(eye + turn.apply([3.0, 0.0, 0.0])), origin_type="world", fov=fov,
+        resolution=(width, height), shadows=False, anti_aliasing=False,
     )  # fmt: skip
     drawn = SceneRenderer(scene.sim, view).render().astype(int)
     apart = np.abs(seen - drawn).max(axis=-1)
