@@ -9,7 +9,7 @@ import trimesh
 
 from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_newton.viewers.creases import corner_normals, creased
-from tests.viewers.test_viewers import sim_of
+from tests.helpers.viewed_scenes import sim_of
 
 
 def newton_mesh(mesh: trimesh.Trimesh, normals: np.ndarray | None = None) -> newton.Mesh:
