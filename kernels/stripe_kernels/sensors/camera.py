@@ -31,6 +31,10 @@ class CameraData:
     """Labels of bodies and static prims, 0 for none, shape ``(num_envs, height, width)``."""
     instance_id_segmentation: wp.array3d[int]
     """Labels of the shapes, 0 for none, shape ``(num_envs, height, width)``."""
+    mount: wp.array[wp.transform]
+    """Poses in the frame of the body or the environment, x forward and z up [m], shape ``(num_envs,)``."""
+    default_mount: wp.array[wp.transform]
+    """Poses by the config, likewise."""
 
 
 @wp.struct
