@@ -12,6 +12,7 @@ import warp as wp
 from stripe_kernels.picture import gather_bodies
 from stripe_newton.sim.body_choice import BodyChoice
 
+from .creases import crease_builder
 from .marker_slots import MarkerSlots
 from .recolor import recolor_shapes
 from .viewed_simulation import ViewedSimulation
@@ -33,7 +34,7 @@ class DisplayModel:
         state: Its state, set by :meth:`update`.
         roots: Index in the display state of each copy's first body, shape (number of copies,).
         colors: Linear RGB of each shape, shape (shape_count, 3).
-        is_ground: Whether each shape is a plane, shape (shape_count,).
+        is_ground: Whether each shape is a plane or height field, shape (shape_count,).
         textured: Whether a shape carries a texture.
         scenery: Shapes that :class:`SceneryTracer` traces instead of Newton's sensor, shape (n,).
 
@@ -53,7 +54,7 @@ class DisplayModel:
         self,
         sim: ViewedSimulation,
         env_ids: Sequence[int],
-        floor: bool = True,
+        floor: bool = False,
         recolor: bool = True,
         natural: bool | None = None,
         is_traced: bool = True,
@@ -85,7 +86,7 @@ class DisplayModel:
         self._markers = MarkerSlots(builder, sim, env_ids, is_traced)
         builder.end_world()
         self.sources = builder.shape_source
-        self.is_ground = np.asarray(builder.shape_type, dtype=int) == int(newton.GeoType.PLANE)
+        self.is_ground = np.isin(np.asarray(builder.shape_type, dtype=int), _GROUND_TYPES)
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
         self.model = builder.finalize(device=sim.device, skip_all_validations=True)
@@ -120,6 +121,7 @@ class DisplayModel:
         self.scenery = _scenery(builder, self._static_shapes, natural)
         for i in self.scenery:
             builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
+        crease_builder(builder)  # after scenery was hidden: it is drawn by its faces
 
     def update(self) -> np.ndarray:
         """Copy the body poses of the simulation and refit the hierarchy that rays are traced against.
