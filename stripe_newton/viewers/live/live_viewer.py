@@ -19,10 +19,12 @@ from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .backdrop import Backdrop
 from .camera_control import CameraControl
+from .camera_pictures import CameraPictures
 from .command_panel import CommandPanel
 from .env_choice import EnvChoice
 from .inbox import Inbox
 from .live_scene import LiveScene
+from .overlays import Overlays
 from .plot_panel import PlotPanel
 from .pushes import Pushes
 from .status_panel import StatusPanel
@@ -125,6 +127,8 @@ class LiveViewer:
         with tabs.add_tab("View"):
             self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
             self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
+            self.overlays = Overlays(server, gui, self.inbox, sim, env)
+            self.pictures = None if env is None else CameraPictures(server, gui, self.inbox, env)
         self.camera.look_at(self.scene, self.envs.chosen)
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
         self._backdrop.set_grounds(self.scene.grounds)
@@ -287,6 +291,9 @@ class LiveViewer:
             self.camera.update(self.scene, chosen, stands=self.pushes is not None and self.pushes.is_dragging)
             self._backdrop.update(self.camera.center, self.camera.rotation)
             self.status.update(chosen)
+            self.overlays.update(self.scene.env_ids, chosen)
+            if self.pictures is not None:
+                self.pictures.update(chosen)
             if self.commands is not None:
                 self.commands.update()
             if self.plots is not None:
