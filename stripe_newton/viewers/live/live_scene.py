@@ -166,6 +166,8 @@ class LiveScene:
         else:
             # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
             args["side"] = "double" if kind in (int(newton.GeoType.MESH), int(newton.GeoType.PLANE)) else "front"
+            # The corners of a terrain belong to faces of all directions.
+            args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
             handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=linear_bytes(colors), **args)
         batch = ShapeBatch(handle, bodies.astype(int), local.astype(float))
         self.batches.append(batch)

@@ -22,8 +22,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Overlays"]
 
-_COMMANDED, _ACTUAL = (40, 170, 70), (45, 110, 220)
-_HIT, _RAY, _FORCE = (225, 60, 40), (240, 170, 60), (220, 40, 120)
+_COMMANDED, _ACTUAL = (4, 110, 14), (4, 38, 175)
+_HIT, _RAY, _FORCE = (200, 10, 4), (220, 105, 10), (185, 4, 50)
+"""Linear, as browsers take them."""
+_SHORTEST = 0.08
+"""Length below which an arrow is not drawn, as it would be all head [m]."""
 _ABOVE = 0.35
 """Height of the arrows of velocities above the root [m]."""
 _PER_WEIGHT = 0.5
@@ -61,7 +64,7 @@ class _Drawing:
 
     def arrows(self, starts: np.ndarray, ways: np.ndarray, color: tuple[int, int, int]) -> None:
         """Draw arrows from ``starts``, ``(n, 3)``, along ``ways``, ``(n, 3)`` [m]."""
-        long = np.isfinite(starts).all(axis=1) & (np.linalg.norm(np.nan_to_num(ways), axis=1) > 0.02)
+        long = np.isfinite(starts).all(axis=1) & (np.linalg.norm(np.nan_to_num(ways), axis=1) > _SHORTEST)
         points = np.stack([starts[long], (starts + ways)[long]], axis=1).astype(np.float32)
         if self._needs(points):
             self._handle = self._server.scene.add_arrows(
@@ -81,7 +84,9 @@ class _Drawing:
         fine = np.isfinite(starts).all(axis=1) & np.isfinite(ends).all(axis=1)
         points = np.stack([starts[fine], ends[fine]], axis=1).astype(np.float32)
         if self._needs(points):
-            self._handle = self._server.scene.add_line_segments(self._path, points, color, line_width=1.0)
+            self._handle = self._server.scene.add_line_segments(
+                self._path, points, color, thickness=1.0, thickness_units="screen"
+            )
 
     def axes(self, poses: np.ndarray, length: float) -> None:
         """Draw frames, poses ``(n, 7)``."""
@@ -131,18 +136,26 @@ class Overlays:
         self.boxes: dict[str, viser.GuiCheckboxHandle] = {}
         for layer in (_Markers(server, sim), *_command_layers(server, env), *_sensor_layers(server, env)):
             self.layers[layer.name] = layer
-        self._others = [name for name in self.layers if name != _Markers.name]
-        with gui.add_folder("Draw", visible=bool(self._others) or bool(sim.markers)):
+        self._markers = sim.markers
+        self._folder = gui.add_folder("Draw")
+        with self._folder:
             for name, layer in self.layers.items():
                 self.boxes[name] = gui.add_checkbox(name, initial_value=layer.is_on)
                 inbox.on_change(self.boxes[name], layer.set_visible)
 
-    @torch.no_grad()
-    def update(self, env_ids: Sequence[int], chosen: int) -> None:
-        """Draw what is switched on."""
-        for name, layer in self.layers.items():
-            if self.boxes[name].value:
-                layer.update(env_ids, chosen)
+    def draw(self, name: str, env_ids: Sequence[int], chosen: int) -> None:
+        """Draw a layer if it is switched on.
+
+        Args:
+            name: The layer.
+            env_ids: The shown environments.
+            chosen: The chosen one.
+        """
+        if name == _Markers.name:  # which may be made at any time
+            self.boxes[name].visible = has_markers = len(self._markers) > 0
+            self._folder.visible = has_markers or len(self.layers) > 1
+        if self.boxes[name].value:
+            self.layers[name].update(env_ids, chosen)
 
 
 class _Markers:
@@ -321,12 +334,15 @@ class _Forces(_Drawn):
 
     def __init__(self, server: viser.ViserServer, name: str, sensor: Any, env: Any):
         super().__init__(server, f"contact forces {name}")
-        self._data = sensor.data
+        self._data, self._sim = sensor.data, env.sim
         mass = float(np.sum(env.sim.template.body_mass)) or 1.0
         self._scale = _PER_WEIGHT / (mass * _GRAVITY)
+        self._bodies = _rows_of(env.sim.template.body_label, sensor.body_names, sensor.parent_path)
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
-        starts, forces = (_host(self._data, f, [chosen])[0].reshape(-1, 3) for f in ("pos_w", "net_forces_w"))
+        forces = _host(self._data, "net_forces_w", [chosen])[0].reshape(-1, 3)
+        count = self._sim.template.body_count
+        starts = self._sim.state.body_q[chosen * count : (chosen + 1) * count].numpy()[self._bodies, :3].astype(float)
         ways = self._scale * forces
         length = np.linalg.norm(ways, axis=1, keepdims=True)
         self._drawings[0].arrows(starts, ways * np.minimum(1.0, 1.5 / np.maximum(length, 1e-9)), _FORCE)
@@ -342,6 +358,17 @@ class _Frames(_Drawn):
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
         fields = ("target_pos_w", "target_quat_w")
         self._drawings[0].axes(np.column_stack([_host(self._data, f, [chosen])[0] for f in fields]), 0.1)
+
+
+def _rows_of(labels: Sequence[str], names: Sequence[str], parent: str) -> list[int]:
+    """Bodies of an environment by name; among those of one name, the first below ``parent``, a prim path."""
+    owner = parent.rpartition("/")[2]
+    rows = []
+    for name in names:
+        found = [i for i, label in enumerate(labels) if str(label).rpartition("/")[2] == name]
+        below = [i for i in found if owner in str(labels[i]).split("/")]
+        rows.append((below or found or [0])[0])
+    return rows
 
 
 def _host(data: Any, field: str, ids: list[int]) -> np.ndarray:
