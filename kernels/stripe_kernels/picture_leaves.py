@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Picture leaves: where foliage has leaves or needles and where one looks through it.
 
-A triangle of foliage stands for a bunch of leaves. It is drawn by a mask that is computed where a ray meets it: leaves in
-the cells of a grid in its plane, each with a place, a turn and a shade of its own from a hash. The triangles that are
+A triangle of foliage stands for a bunch of leaves. It is drawn by a mask that is computed where a ray meets it: leaves
+in the cells of a grid in its plane, each with a place, a turn and a shade of its own from a hash. The triangles that are
 traced are larger than those of the mesh by a margin, so that leaves reach over its edges and no edge is straight.
 """
 

@@ -38,7 +38,7 @@ def leaf_styles() -> list[LeafStyle]:
 
 
 def leaf_mesh(source: newton.Mesh, device: wp.Device) -> wp.Mesh:
-    """The triangles of a mesh with foliage, each by itself and widened by the margin of its style, in the same order."""
+    """The triangles of a mesh with foliage in the same order, each by itself and widened by its style's margin."""
     # Kept on the mesh itself: it is shared by thousands of shapes, and by the renderers of several pictures.
     known: dict[str, wp.Mesh] = source.__dict__.setdefault("_leaf_meshes", {})
     if str(device) not in known:

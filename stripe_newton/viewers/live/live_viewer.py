@@ -19,12 +19,15 @@ from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .backdrop import Backdrop
 from .camera_control import CameraControl
+from .command_panel import CommandPanel
 from .env_choice import EnvChoice
 from .inbox import Inbox
 from .live_scene import LiveScene
+from .plot_panel import PlotPanel
+from .pushes import Pushes
 from .status_panel import StatusPanel
 from .time_control import TimeControl
-from .viewed_env import viewer_cfg_of, what_is_viewed
+from .viewed_env import ViewedEnv, viewer_cfg_of, what_is_viewed
 
 if TYPE_CHECKING:
     import viser
@@ -118,12 +121,31 @@ class LiveViewer:
         self.status = StatusPanel(gui, name, self.time, env)
         with wp.ScopedDevice(sim.device):
             self.scene = LiveScene(server, sim, env_ids)
-        self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
-        self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("View"):
+            self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
+            self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
         self.camera.look_at(self.scene, self.envs.chosen)
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
         self._backdrop.set_grounds(self.scene.grounds)
+        self.commands: CommandPanel | None = None
+        self.pushes: Pushes | None = None
+        self.plots: PlotPanel | None = None
+        if env is not None:
+            self._build_panels(env, tabs)
         self._draw()
+
+    def _build_panels(self, env: ViewedEnv, tabs: viser.GuiTabGroupHandle) -> None:
+        """Make the panels that an environment has beyond a scene."""
+        gui, inbox = self.server.gui, self.inbox
+        with tabs.add_tab("Act"):
+            self.commands = CommandPanel(gui, inbox, env, lambda: self.envs.chosen)
+            if hasattr(env.sim, "enable_external_wrench"):
+                self.pushes = Pushes(gui, inbox, env, self.camera, lambda: self.envs.chosen)
+                self.pushes.attach(self.scene)
+        self.plots = PlotPanel(gui, tabs.add_tab("Plots"), inbox, env, lambda: self.envs.chosen)
+        self.plots.add(self.plots.names[0])
+        self.plots.add()
 
     def _listen(self, host: str, port: int) -> str:
         """The address for browsers, after opening it to other machines if ``host`` says so."""
@@ -189,6 +211,12 @@ class LiveViewer:
         self.time.count_step()
         if self.status.meter is not None:
             self.status.meter.after_step()
+        if self.commands is not None:
+            self.commands.after_step()
+        if self.pushes is not None:
+            self.pushes.before_step()
+        if self.plots is not None:
+            self.plots.after_step()
 
     def update(self, dt: float | None = None) -> None:
         """Show the present state, and return when time goes on: while it is paused, this serves the page.
@@ -256,9 +284,13 @@ class LiveViewer:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
             self.scene.update()
-            self.camera.update(self.scene, chosen)
+            self.camera.update(self.scene, chosen, stands=self.pushes is not None and self.pushes.is_dragging)
             self._backdrop.update(self.camera.center, self.camera.rotation)
             self.status.update(chosen)
+            if self.commands is not None:
+                self.commands.update()
+            if self.plots is not None:
+                self.plots.update(self.time.steps * self._step_dt)
 
     def _show_chosen(self) -> None:
         """Show the environments that the inputs say."""
@@ -268,7 +300,13 @@ class LiveViewer:
                 self.scene.remove()
                 self.scene = LiveScene(self.server, self._sim, shown)
                 self._backdrop.set_grounds(self.scene.grounds)
+                if self.pushes is not None:
+                    self.pushes.attach(self.scene)
         self.camera.jump(self.scene, chosen)
+        if self.commands is not None:
+            self.commands.follow_choice()
+        if self.plots is not None:
+            self.plots.clear()
         self._draw()
 
     def _reset(self, begin: Callable[[], object]) -> None:
