@@ -2,8 +2,8 @@
 """Picture leaves: where foliage has leaves or needles and where one looks through it.
 
 A triangle of foliage stands for a bunch of leaves. It is drawn by a mask that is computed where a ray meets it: leaves
-in the cells of a grid in its plane, each with a place, a turn and a shade of its own from a hash. The triangles that are
-traced are larger than those of the mesh by a margin, so that leaves reach over its edges and no edge is straight.
+in the cells of a grid in its plane, each with a place, a turn and a shade of its own from a hash. Traced triangles are
+larger than the mesh's by a margin, so that leaves reach over its edges and no edge is straight.
 """
 
 import warp as wp
