@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
 
@@ -16,20 +15,18 @@ from stripe_newton.rl import (
     ZeroPolicy,
     record_video,
 )
+from stripe_newton.rl.runs.run_checkpoints import RunCheckpoints
 from stripe_newton.rl.runs.video import video_steps
 from stripe_newton.rl.torch_vector_env import is_simulated
 
 from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
-from .env_and_policy import build_env, build_policy, find_policy
+from .env_and_policy import build, build_env, build_policy, find_policy
 from .live_view import FPS, check_installed, open_viewer
 from .options import PlayArgs
 from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
 from .written_places import try_place
-
-if TYPE_CHECKING:
-    from stripe_newton.envs import RLEnvCfg
 
 __all__ = ["PlayArgs", "run"]
 
@@ -44,12 +41,12 @@ def run(argv: list[str]) -> int:
     name = f"play_{checkpoint.stem}.mp4" if checkpoint else f"{task}_{args.agent}.mp4"
     path = (folder.videos if folder else Path("videos")) / name
     try_place("video", path if args.viewer == "video" else None)
-    env, policy = _env_and_policy(task, args, configs, checkpoint)
+    env, policy, checkpoints = _env_and_policy(task, args, configs, checkpoint)
     try:
         if args.viewer == "video":
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
         elif args.viewer == "viser":
-            _watch(task, env, policy, configs.env, args)
+            _watch(task, env, policy, checkpoints, args)
         else:
             _roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
     finally:
@@ -75,15 +72,23 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
 
 def _env_and_policy(
     task: str, args: PlayArgs, configs: Configs, checkpoint: Path | None
-) -> tuple[RslRlVecEnvWrapper, Policy]:
-    if checkpoint is not None:
-        return build_policy(task, configs, checkpoint, render=args.viewer == "video")
-    env = build_env(task, configs, render=args.viewer == "video")
-    return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env)
+) -> tuple[RslRlVecEnvWrapper, Policy, RunCheckpoints | None]:
+    """The environment, what acts in it and, for the live view of a run, its checkpoints."""
+    render = args.viewer == "video"
+    if checkpoint is None:
+        env = build_env(task, configs, render)
+        return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env), None
+    if checkpoint.suffix == ".onnx" or args.viewer != "viser":
+        return *build_policy(task, configs, checkpoint, render), None
+    runner = build(task, configs, checkpoint=checkpoint)
+    policy = runner.get_inference_policy(runner.device)
+    return runner.env, policy, RunCheckpoints(runner, checkpoint, policy.reset)
 
 
 @torch.inference_mode()
-def _watch(task: str, env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, args: PlayArgs) -> None:
+def _watch(
+    task: str, env: RslRlVecEnvWrapper, policy: Policy, checkpoints: RunCheckpoints | None, args: PlayArgs
+) -> None:
     """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps."""
     inner = env.unwrapped
     if not is_simulated(inner):
@@ -93,9 +98,10 @@ def _watch(task: str, env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, ar
         env.reset()
         policy.reset()
 
+    sim = inner.sim.cfg
     # The interval of the pictures is in steps of the physics.
-    fps = min(FPS, 1.0 / (cfg.sim.dt * cfg.sim.render_interval))
-    viewer = open_viewer(inner, task, args.host, args.port, reset=reset, fps=fps)
+    fps = min(FPS, 1.0 / (sim.dt * sim.render_interval)) if sim is not None else FPS
+    viewer = open_viewer(inner, task, args.host, args.port, reset=reset, fps=fps, checkpoints=checkpoints)
     env.reset(args.seed)
     policy.reset()
     try:

@@ -425,6 +425,51 @@ def test_a_panel_that_fails_is_left_out_and_the_rest_goes_on(viewer, env, capsys
     assert viewer.inbox.problems[0].startswith("drawing rays scan: no longer updated: TypeError")
 
 
+class Policies:
+    """Checkpoints of a policy, one of which cannot be read."""
+
+    def __init__(self):
+        self.current, self.there, self.loads = "model_10", ["model_5", "model_10"], []
+
+    def names(self):
+        return self.there
+
+    def load(self, name):
+        self.loads.append(name)
+        if name == "model_20":
+            raise ValueError("not whole")
+        self.current = name
+
+
+def test_checkpoints_are_switched_and_the_newest_is_taken_by_itself(env, capsys):
+    policies = Policies()
+    with LiveViewer(env, checkpoints=policies, port=18580) as viewer:
+        panel = viewer.policy
+        assert (panel.choice.value, panel.choice.options, panel.newest.value) == (
+            "model_10",
+            ("model_10", "model_5"),
+            True,
+        )
+        panel.choice.value = "model_5"
+        viewer.inbox.run()
+        assert (policies.current, panel.newest.value) == ("model_5", False)
+        policies.there.append("model_15")
+        panel.update(at_once=True)
+        assert policies.current == "model_5"
+        panel.newest.value = True
+        viewer.inbox.run()
+        assert (policies.current, panel.choice.value) == ("model_15", "model_15")
+        policies.there.append("model_20")
+        for _ in range(2):
+            panel.update(at_once=True)
+        assert policies.loads == ["model_5", "model_15", "model_20"]  # a bad one is not tried again
+        assert policies.current == panel.choice.value == "model_15"
+        assert "not whole" in capsys.readouterr().err
+        policies.there.append("model_25")
+        panel.update(at_once=True)
+        assert policies.current == "model_25"
+
+
 def test_an_error_of_a_panel_ends_nothing(viewer, env, capsys):
     viewer.inbox.put(lambda: 1 / 0)
     take(viewer, env, 2)
