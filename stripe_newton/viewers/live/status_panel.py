@@ -80,7 +80,7 @@ class StatusPanel:
             return
         self._next = now + _EVERY
         rows = [("time", self._time()), *self._episode(env_id), *self._more.items()]
-        table = "\n".join(f"| {_plain(name)} | {_plain(text)} |" for name, text in rows)
+        table = "\n".join(f"| {_plain(name)}&nbsp;&nbsp; | {_plain(text)} |" for name, text in rows)
         self.text.content = f"| | |\n|:--|:--|\n{table}"
 
     def _time(self) -> str:
