@@ -26,6 +26,7 @@ BEGAN = time.perf_counter()
 """Start of the program [s], by ``time.perf_counter``; ``bench`` measures from here."""
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("stripe_newton.cli.demo", "watch a trained policy that comes with its task, in a browser"),
     "list": ("stripe_newton.cli.list_tasks", "show the tasks, one a line"),
     "new": ("stripe_newton.cli.new", "make a package with a task that trains at once, and tests"),
     "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
