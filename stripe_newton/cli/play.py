@@ -24,7 +24,7 @@ from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
 from .env_and_policy import build_env, build_policy, find_policy
 from .live_view import FPS, check_installed, open_viewer
-from .options import DemoArgs, PlayArgs
+from .options import PlayArgs
 from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
 from .written_places import try_place
@@ -32,6 +32,8 @@ from .written_places import try_place
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
     from stripe_newton.viewers import LiveViewer
+
+    from .options import DemoArgs
 
 __all__ = ["PlayArgs", "roll", "run", "watch"]
 
