@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -28,7 +30,13 @@ from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
 from .written_places import try_place
 
-__all__ = ["PlayArgs", "run"]
+if TYPE_CHECKING:
+    from stripe_newton.envs import RLEnvCfg
+    from stripe_newton.viewers import LiveViewer
+
+    from .options import DemoArgs
+
+__all__ = ["PlayArgs", "roll", "run", "watch"]
 
 
 def run(argv: list[str]) -> int:
@@ -46,9 +54,9 @@ def run(argv: list[str]) -> int:
         if args.viewer == "video":
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
         elif args.viewer == "viser":
-            _watch(task, env, policy, checkpoints, args)
+            watch(task, env, policy, configs.env, args, checkpoints=checkpoints)
         else:
-            _roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
+            roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
     finally:
         env.close()
     return 0
@@ -86,10 +94,29 @@ def _env_and_policy(
 
 
 @torch.inference_mode()
-def _watch(
-    task: str, env: RslRlVecEnvWrapper, policy: Policy, checkpoints: RunCheckpoints | None, args: PlayArgs
+def watch(
+    task: str,
+    env: RslRlVecEnvWrapper,
+    policy: Policy,
+    cfg: RLEnvCfg,
+    args: PlayArgs | DemoArgs,
+    on_open: Callable[[LiveViewer], None] | None = None,
+    checkpoints: RunCheckpoints | None = None,
 ) -> None:
-    """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps."""
+    """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps.
+
+    Args:
+        task: Name of what is shown.
+        env: The wrapped environment.
+        policy: What acts.
+        cfg: Config of the environment.
+        args: Address, seed and number of steps.
+        on_open: Called once, when the page can be opened and the first step was taken.
+        checkpoints: Policies to switch between.
+
+    Raises:
+        UserError: if the environment has no simulation to show, or the page cannot be served.
+    """
     inner = env.unwrapped
     if not is_simulated(inner):
         raise UserError(f"--viewer viser: {type(inner).__name__} has no simulation to show; use --viewer video")
@@ -98,9 +125,8 @@ def _watch(
         env.reset()
         policy.reset()
 
-    sim = inner.sim.cfg
     # The interval of the pictures is in steps of the physics.
-    fps = min(FPS, 1.0 / (sim.dt * sim.render_interval)) if sim is not None else FPS
+    fps = min(FPS, 1.0 / (cfg.sim.dt * cfg.sim.render_interval))
     viewer = open_viewer(inner, task, args.host, args.port, reset=reset, fps=fps, checkpoints=checkpoints)
     env.reset(args.seed)
     policy.reset()
@@ -109,6 +135,9 @@ def _watch(
             # Asked for anew in each step, as a click may have begun new episodes.
             _, _, dones, _ = env.step(policy(env.get_observations()))
             policy.reset(dones)
+            if on_open is not None:
+                on_open(viewer)
+                on_open = None
     except KeyboardInterrupt:
         print()
     finally:
@@ -116,7 +145,7 @@ def _watch(
 
 
 @torch.inference_mode()
-def _roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
+def roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
     """Act without pictures and print rewards and ends of episodes."""
     obs = env.reset(seed)
     policy.reset()

@@ -87,7 +87,8 @@ class DisplayModel:
         self._markers = MarkerSlots(builder, sim, env_ids, is_traced)
         builder.end_world()
         self.sources = list(builder.shape_source)
-        self.is_ground = np.isin(np.asarray(builder.shape_type, dtype=int), _GROUND_TYPES)
+        self.kinds = np.asarray(builder.shape_type, dtype=int)
+        self.is_ground = np.isin(self.kinds, _GROUND_TYPES)
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
         if not is_traced:
