@@ -10,7 +10,7 @@ import warp as wp
 from stripe_kernels.picture import Look, sky_color, sun_visibility
 from stripe_kernels.picture_noise import ground_albedo, lattice, value_noise
 
-__all__ = ["FOLIAGE", "GROUND", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]
+__all__ = ["FOLIAGE", "GROUND", "PLAIN", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]
 
 SOLID = 0
 """Opaque surface with grain: wood, rock."""
@@ -20,6 +20,8 @@ GROUND = 2
 """The height field."""
 SMOOTH = 3
 """Surface that mirrors the sky, as water does."""
+PLAIN = 4
+"""Opaque surface of one colour: what is made, not grown."""
 
 STRETCH = wp.constant(16.0)
 """Length of the first stretch of a ray [m]; the next ones are each twice as long as the one before."""
@@ -36,7 +38,7 @@ class SceneryMeshes:
     pose: wp.array[wp.transformf]  # poses of the instances in the world [m]
     scale: wp.array[wp.vec3f]
     shape: wp.array[wp.int32]  # indices of the model's shapes
-    kind: wp.array[wp.int32]  # SOLID, FOLIAGE, GROUND or SMOOTH
+    kind: wp.array[wp.int32]  # SOLID, FOLIAGE, GROUND, SMOOTH or PLAIN
     color: wp.array[wp.vec3f]  # linear RGB
     middle: wp.array[wp.vec3f]  # centres of the meshes' boxes, in the meshes' frames [m]
     half: wp.array[wp.vec3f]  # half extents of those boxes [m]
@@ -173,15 +175,16 @@ def light_scenery(
     open = open_sky(s, point)
     local = to_local(s, i, point)
     albedo = s.color[i]
-    facing = wp.dot(normal, to_sun)
+    # Of the sun's middle: its disc, from which `to_sun` is drawn, softens shadows alone.
+    facing = wp.dot(normal, look.to_sun)
     lit = wp.max(facing, 0.0)
     through = wp.float32(0.0)
-    start = point + normal * 0.002  # off the surface, or the ray to the sun would hit it
+    # Off the surface, or the ray to the sun would hit it: by what single precision leaves of a place so far away.
+    start = point + normal * (0.002 + 2.0e-5 * (hit.distance + wp.max(wp.abs(point))))
     if kind == GROUND:
-        if s.ground_color.shape[0] > 0:
-            albedo = grid_color(s, point)
-        albedo = ground_albedo(albedo, point, footprint)
-    else:
+        if s.ground_color.shape[0] > 0:  # soil; without colours of its own it is no more than a surface
+            albedo = ground_albedo(grid_color(s, point), point, footprint)
+    elif kind != PLAIN:
         # Each instance, and each pair of triangles of a leaf, has a shade of its own, drawn by a hash of its index.
         own = lattice(i, 7, 1)
         albedo = wp.cw_mul(albedo * (0.82 + 0.36 * own), wp.vec3f(1.0 + 0.16 * (lattice(i, 3, 5) - 0.5), 1.0, 1.0))
@@ -195,7 +198,7 @@ def light_scenery(
             depth = wp.min(wp.length(out), 1.2)
             outward = wp.quat_rotate(wp.transform_get_rotation(s.pose[i]), wp.cw_mul(out, wp.vec3f(1.0, 1.0, 0.8)))
             normal = wp.normalize(normal * 0.6 + outward)
-            facing = wp.dot(normal, to_sun)
+            facing = wp.dot(normal, look.to_sun)
             lit = wp.clamp(0.25 + 0.75 * facing, 0.0, 1.0)
             through = 0.35 * wp.clamp(0.6 - 0.4 * facing, 0.0, 1.0)
             open = open * (0.4 + 0.6 * depth * depth)
@@ -209,7 +212,7 @@ def light_scenery(
             tilt = wp.vec3f(grain - 0.5, value_noise(local * 23.0 + wp.vec3f(9.0, 4.0, 7.0)) - 0.5, fine - 0.5)
             normal = wp.normalize(normal + tilt * (0.9 * near))
             # The tilted normal must not light a surface that faces away from the sun.
-            lit = wp.max(wp.dot(normal, to_sun), 0.0) * wp.clamp(4.0 * facing, 0.0, 1.0)
+            lit = wp.max(wp.dot(normal, look.to_sun), 0.0) * wp.clamp(4.0 * facing, 0.0, 1.0)
     sun = wp.float32(0.0)
     blocked = wp.bool(True)
     if lit + through > 0.0:

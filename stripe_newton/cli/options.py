@@ -34,6 +34,12 @@ class TrainArgs:
     """Film the training every so many iterations; 0 for one video at the end."""
     final_video: bool = True
     """Whether the trained policy is filmed at the end."""
+    viewer: Literal["viser", "none"] = "none"
+    """Show the training live in a browser; it is slowed only while somebody looks."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
     runner: tyro.conf.DisallowNone[Literal["graph", "rsl_rl"] | None] = None
     """Rollout and update as CUDA graphs where possible, or rsl_rl's own, unchanged; short for --agent.runner."""
     resume: tyro.conf.DisallowNone[str | None] = None
@@ -106,6 +112,10 @@ class PlayArgs:
     """Number of environments; by default 16 at most."""
     steps: tyro.conf.DisallowNone[int | None] = None
     """Stop after so many steps; by default after an episode, and with viser at Ctrl-C."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
     seed: tyro.conf.DisallowNone[int | None] = None
     """Seed of everything."""
     device: tyro.conf.DisallowNone[str | None] = None
@@ -152,6 +162,12 @@ class InspectArgs:
     """Folder that the picture is written to."""
     json: bool = False
     """Print a JSON object in place of the tables."""
+    viewer: Literal["viser", "none"] = "none"
+    """Show it in a browser, too, until Ctrl-C."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
 
 
 OPTIONS: dict[str, type] = {

@@ -22,16 +22,18 @@ from stripe_newton.rl.distributed import as_rank, world
 from stripe_newton.rl.experiments.sweep_process import end_with_sweep
 from stripe_newton.rl.report.run_facts import write_changes
 from stripe_newton.rl.report.run_report import REPORT_NAME, RunReport
+from stripe_newton.rl.runs.live_training import TrainingView
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
 from stripe_newton.rl.runs.video import CPU_FPS, CPU_SECONDS, MAX_FPS, VIDEO_SECONDS, video_steps
-from stripe_newton.rl.torch_vector_env import rl_env_of
+from stripe_newton.rl.torch_vector_env import is_simulated, rl_env_of
 
 from . import USER_ERRORS
 from .arguments import parse, peek, task_of
 from .determinism import make_deterministic, promise
 from .device import set_device, set_seeds
 from .env_and_policy import build
+from .live_view import check_installed, open_viewer
 from .options import TrainArgs
 from .run_configs import Configs, check, load_configs
 from .shell_command import command
@@ -126,6 +128,8 @@ def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:
         env.seed = agent.seed
     if args.video_interval < 0:
         raise UserError(f"--video-interval {args.video_interval}: must be 0 or more iterations")
+    if args.viewer == "viser":
+        check_installed()
     set_device(env, args.device)
 
 
@@ -174,7 +178,7 @@ def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunF
     """Learn, leave curve, policy and video in the run folder, and print what can be done next."""
     print(f"run folder: {folder.path}", flush=True)
     try:
-        complete = _learn(runner, folder, args.video_interval)
+        complete = _learn(runner, folder, task, args)
         if world().rank == 0:
             _finish(runner, folder, task, complete, film=args.final_video)
     except BaseException:
@@ -186,15 +190,28 @@ def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunF
     return 0
 
 
-def _learn(runner: OnPolicyRunner, folder: RunFolder, video_interval: int) -> bool:
-    if not video_interval or world().rank:  # rank 0 alone can draw pictures
+def _learn(runner: OnPolicyRunner, folder: RunFolder, task: str, args: TrainArgs) -> bool:
+    if world().rank:  # rank 0 alone can draw pictures
         return runner.learn()
-    film = TrainingVideo(runner.env, folder.videos, video_interval, video_steps(runner.env))
-    runner.logger.iteration_hooks.append(film.after_iteration)
-    try:
+    with contextlib.ExitStack() as stack:
+        if args.video_interval:
+            film = TrainingVideo(runner.env, folder.videos, args.video_interval, video_steps(runner.env))
+            stack.callback(film.close)
+            runner.logger.iteration_hooks.append(film.after_iteration)
+        if args.viewer == "viser":
+            _show(runner, task, args, stack)
         return runner.learn()
-    finally:
-        film.close()
+
+
+def _show(runner: OnPolicyRunner, task: str, args: TrainArgs, stack: contextlib.ExitStack) -> None:
+    """Open the live view of a training, which the stack closes."""
+    inner = runner.env.unwrapped
+    if not is_simulated(inner):
+        raise UserError(f"--viewer viser: {type(inner).__name__} has no simulation to show")
+    viewer = stack.enter_context(open_viewer(inner, task, args.host, args.port, reset=False, is_paced=False, fps=20.0))
+    view = TrainingView(runner, viewer)
+    stack.callback(view.close)
+    runner.logger.iteration_hooks.append(view.after_iteration)
 
 
 def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool, film: bool = True) -> None:

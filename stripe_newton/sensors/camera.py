@@ -19,8 +19,8 @@ from stripe_kernels.sensors import camera as kernels
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 from stripe_newton.value_types import NonNegativeInt, PositiveInt, UnitFloat
-from stripe_newton.viewers.lighting import lighting_from
 
+from .camera_colors import CameraColors
 from .camera_data import FROM_WORLD, CameraData
 from .camera_labels import shape_labels
 from .clock import SensorClock
@@ -119,8 +119,8 @@ class CameraCfg(SensorBaseCfg):
     """Images that are rendered, of :data:`DATA_TYPES`."""
     depth_clipping_behavior: str = "none"
     """Depth of what is not seen: ``"none"`` infinity, ``"max"`` the far bound, ``"zero"`` 0."""
-    background_color: tuple[UnitFloat, UnitFloat, UnitFloat] = (0.66, 0.77, 0.88)
-    """Colour where there is nothing, sRGB, each from 0 to 1."""
+    background_color: tuple[UnitFloat, UnitFloat, UnitFloat] | None = None
+    """Colour where there is nothing, sRGB, each from 0 to 1. None: the sky that ``env.render()`` shows."""
     shadows: bool = False
     """Whether the sun casts shadows: a second ray a pixel."""
     noise: NoiseCfg | NoiseModelCfg | DepthNoiseCfg | None = None
@@ -185,6 +185,7 @@ class Camera(SensorBase):
             self._make_rays()
             self._make_images(sim, shape)
             self._hand_out()
+            self._colors: CameraColors | None = None
             self.renderer = self._make_renderer(sim)
         self.data = self._make_data()
 
@@ -231,8 +232,12 @@ class Camera(SensorBase):
         for name in (n for n in _LABELS if n in wanted):
             numbers, self._info[name] = shape_labels(self._scene, sim.model, name)
             self._labels[name] = wp.array(numbers, dtype=int)
-        needed = self._labels or "normals" in wanted
+        needed = self._labels or "normals" in wanted or "rgb" in wanted
         self._shapes = wp.full(shape if needed else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
+        # Colours need lengths and normals, whether the config asks for those or not.
+        colored = shape if "rgb" in wanted else (0, 0, 0)
+        self._lengths = raw.distance_to_camera if raw.distance_to_camera.size else wp.zeros(colored, dtype=float)
+        self._normals = raw.normals if raw.normals.size else wp.zeros(colored, dtype=wp.vec3)
 
     def _hand_out(self) -> None:
         """Make what terms and users read: the same arrays, unless noise or delay lies between."""
@@ -253,26 +258,26 @@ class Camera(SensorBase):
 
     def _make_renderer(self, sim: Simulation) -> SensorCamera:
         cfg = self.cfg
-        red, green, blue = (round(255.0 * c) for c in cfg.background_color)
-        # Colours are packed as ABGR; a negative depth, which nothing has, marks pixels that show nothing.
-        clear = SensorCamera.ClearData(
-            clear_color=0xFF000000 | blue << 16 | green << 8 | red, clear_depth=-1.0, clear_shape_index=_NOTHING
-        )
+        # A negative depth, which nothing has, marks pixels that show nothing.
+        clear = SensorCamera.ClearData(clear_depth=-1.0, clear_shape_index=_NOTHING)
         # Loading textures takes time and memory, and the kernel is another one: only where a mesh has one.
         textured = any(isinstance(s, newton.Mesh) and s.texture is not None for s in sim.model.shape_source)
         config = SensorCamera.RenderConfig(
             enable_textures=textured,
             enable_backface_culling=False,
+            enable_ambient_lighting=False,
             enable_shadows=cfg.shadows,
             max_distance=self._reach,
         )
+        if self._color.size:
+            lens = float(cfg.spawn.matrix(cfg.width, cfg.height)[1, 1])
+            # Before the sensor is made, which reads the meshes: colours give them their creases.
+            self._colors = CameraColors(sim, self._color, lens, textured, cfg.shadows, cfg.background_color)
         renderer = SensorCamera(
             sim.model, default_clear_data=clear, default_render_config=config, load_textures=textured
         )
-        light = lighting_from(sim.lights)
-        direction = wp.vec3(*(-light.to_sun).tolist())
-        renderer.create_default_light(enable_shadows=cfg.shadows, direction=direction, color=light.sun.tolist())
-        renderer.set_ambient_light(light.sky.tolist(), light.ground.tolist())
+        if self._colors is not None:
+            self._colors.set_lights(renderer)
         return renderer
 
     def _make_data(self) -> CameraData:
@@ -388,18 +393,21 @@ class Camera(SensorBase):
             state,
             self._pose,
             self._rays,
-            color_image=_or_none(self._color),
             forward_depth_image=_or_none(raw.distance_to_image_plane),
-            depth_image=_or_none(raw.distance_to_camera),
-            normal_image=_or_none(raw.normals),
+            depth_image=_or_none(self._lengths),
+            normal_image=_or_none(self._normals),
             shape_index_image=_or_none(self._shapes),
             world_indices=self._world,
+            **({} if self._colors is None else self._colors.images),
         )
         dim = (self.num_envs, self.cfg.height, self.cfg.width)
-        if raw.normals.size:
+        if self._normals.size:
             inputs = [self._pose, self._rays, self._shapes, model.shape_type, model.shape_scale, model.shape_body]
             inputs += [model.shape_transform, state.body_q]
-            wp.launch(fill_box_normals, dim=dim, inputs=inputs, outputs=[raw.normals])
+            wp.launch(fill_box_normals, dim=dim, inputs=inputs, outputs=[self._normals])
+        if self._colors is not None:
+            found = self._lengths, self._shapes, self._normals
+            self._colors.launch(self.clock.due, self._pose, self._rays, *found)
         # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
         if raw.distance_to_image_plane.size or raw.distance_to_camera.size:
             near, far = map(float, self.cfg.spawn.clipping_range)

@@ -29,11 +29,13 @@ class MarkerSlots:
         first_body: First body of the slots; those after it are slots, too.
     """
 
-    def __init__(self, builder: newton.ModelBuilder, sim: ViewedSimulation, env_ids: Sequence[int]):
-        """Add the slots to ``builder``, as its last bodies and shapes."""
-        self._sim, self._env_ids = sim, np.asarray(env_ids, dtype=int)
+    def __init__(
+        self, builder: newton.ModelBuilder, sim: ViewedSimulation, env_ids: Sequence[int], is_drawn: bool = True
+    ):
+        """Add the slots to ``builder``, as its last bodies and shapes; none without ``is_drawn``."""
+        self._sim, self._env_ids, self._is_drawn = sim, np.asarray(env_ids, dtype=int), is_drawn
         self.first_body, self._first_shape = builder.body_count, builder.shape_count
-        self._kinds = [(markers, self._room(markers)) for markers in sim.markers]
+        self._kinds = [(markers, self._room(markers)) for markers in sim.markers if is_drawn]
         self._shapes_of: list[list[int]] = []
         """Shapes of each slot."""
         shape = newton.ModelBuilder.ShapeConfig(density=0.0, has_shape_collision=False, has_particle_collision=False)
@@ -48,7 +50,7 @@ class MarkerSlots:
 
     def fit(self) -> bool:
         """Whether there are still as many markers as slots were made for."""
-        now = [(markers, self._room(markers)) for markers in self._sim.markers]
+        now = [(markers, self._room(markers)) for markers in self._sim.markers if self._is_drawn]
         return len(now) == len(self._kinds) and all(
             markers is known and room <= there for (markers, room), (known, there) in zip(now, self._kinds)
         )

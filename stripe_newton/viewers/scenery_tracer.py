@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from stripe_kernels.picture_scenery import (
     FOLIAGE,
     GROUND,
+    PLAIN,
     SMOOTH,
     SOLID,
     SceneryMeshes,
@@ -76,8 +77,11 @@ class SceneryTracer:
         meshes.scale = wp.array(scale, dtype=wp.vec3f, **make)
         meshes.shape = wp.array(index.astype(np.int32), dtype=wp.int32, **make)
         smooth = np.array([(getattr(s, "roughness", None) or 1.0) < _MIRROR_ROUGHNESS for s in self._sources])
+        # Meshes of scene/scenery.py alone say whether they are leaves: they are nature, and all others are made.
+        grown = np.array([hasattr(s, "two_sided") for s in self._sources], dtype=bool)
         # The first that applies: a leaf may be smooth, too.
-        kind = np.select([fields, leaves, smooth], [GROUND, FOLIAGE, SMOOTH], SOLID).astype(np.int32)
+        kinds = [(fields, GROUND), (leaves, FOLIAGE), (smooth, SMOOTH), (grown, SOLID)]
+        kind = np.select(*map(list, zip(*kinds, strict=True)), PLAIN).astype(np.int32)
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)
         meshes.middle = wp.array(bounds.mean(axis=1).astype(np.float32), dtype=wp.vec3f, **make)

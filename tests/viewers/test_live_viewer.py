@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Live viewer: its panels, worked by the handles that a browser works, without a browser."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from stripe_newton.viewers import LiveViewer, ViewerCfg
+from stripe_newton.viewers.live.glb_file import glb_of
+from stripe_newton.viewers.live.poses import compose, rotate, yaw_of
+from tests.helpers.viewed_boxes import BoxEnv, BoxSim
+
+viser = pytest.importorskip("viser")
+
+
+@pytest.fixture
+def env():
+    return BoxEnv()
+
+
+@pytest.fixture
+def viewer(env):
+    with LiveViewer(env, port=18500) as viewer:
+        viewer.time.speed.value = "as fast as possible"
+        yield viewer
+
+
+def take(viewer, env, count):
+    """Take so many steps as the page lets."""
+    for _ in viewer.steps(count):
+        env.step()
+
+
+def looks(viewer, turns=20):
+    """Steps that are due in so many looks at the page."""
+    due = 0
+    for _ in range(turns):
+        viewer._serve_page()
+        due += viewer.time.takes_step()
+    return due
+
+
+def test_steps_are_taken_until_the_limit(viewer, env):
+    take(viewer, env, 5)
+    assert env.common_step_counter == viewer.time.steps == 5
+
+
+def test_pause_stops_time_and_a_single_step_takes_one(viewer, env):
+    steps = viewer.steps()
+    next(steps)
+    env.step()
+    viewer.time.pause_button.value = True  # a click
+    assert looks(viewer) == 0
+    assert viewer.time.pause_button.label == "Play"
+    viewer.time.step_button.value = True
+    next(steps)
+    env.step()
+    assert env.common_step_counter == 2
+    viewer.time.count_step()
+    assert looks(viewer) == 0
+    viewer.time.pause_button.value = True
+    assert looks(viewer) > 0
+
+
+def test_a_step_pauses_what_runs(viewer):
+    viewer.time.step_button.value = True
+    looks(viewer, 1)
+    assert viewer.time.is_paused
+
+
+def test_clicks_on_step_add_up(viewer, env):
+    viewer.time.set_paused(True)
+    for _ in range(3):
+        viewer.time.step_button.value = True
+    for _ in zip(range(3), viewer.steps()):
+        env.step()
+    viewer.after_step()  # the third, which the generator has not come back from
+    assert looks(viewer) == 0
+    assert env.common_step_counter == 3
+
+
+def test_reset_begins_new_episodes(viewer, env):
+    take(viewer, env, 7)
+    viewer.time.reset_button.value = True
+    looks(viewer, 1)
+    assert env.resets == 1
+    assert not env.episode_length_buf.any()
+    np.testing.assert_allclose(env.box_positions[:, 0], env.sim.env_origins[:, 0], atol=1e-6)
+
+
+def test_speed_paces_the_steps(env, monkeypatch):
+    clock = {"now": 0.0}
+    monkeypatch.setattr("stripe_newton.viewers.live.time_control.time.monotonic", lambda: clock["now"])
+    with LiveViewer(env, port=18510) as viewer:
+        viewer.time.speed.value = "1/2"
+        viewer.inbox.run()
+        taken = 0
+        for _ in range(200):  # 2 s in centiseconds: at half speed 1 s of simulated time, 50 steps of 0.02 s
+            clock["now"] += 0.01
+            if viewer.time.takes_step():
+                viewer.after_step()
+                taken += 1
+        assert taken == pytest.approx(50, abs=1)
+        assert viewer.time.factor == pytest.approx(0.5, abs=0.03)
+
+
+def test_the_chosen_environment_is_followed_and_shown(viewer, env):
+    take(viewer, env, 10)
+    viewer.envs.number.value = 2
+    viewer.envs.way.value = "this one"
+    viewer.inbox.run()
+    assert viewer.scene.env_ids == [2]
+    np.testing.assert_allclose(viewer.camera.center, env.box_positions[2], atol=1e-6)
+    np.testing.assert_allclose(viewer.camera._root.position, -env.box_positions[2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("way", "count", "chosen", "shown"),
+    [
+        ("nearest", 3, 4, [3, 4, 5]),
+        ("group", 3, 4, [3, 4, 5]),
+        ("group", 4, 6, [4, 5, 6]),
+        ("all", 1, 0, list(range(7))),
+    ],
+)
+def test_environments_are_shown_in_groups(way, count, chosen, shown):
+    with LiveViewer(BoxEnv(7), port=18520) as viewer:
+        viewer.envs.count.value, viewer.envs.number.value, viewer.envs.way.value = count, chosen, way
+        viewer.inbox.run()
+        assert viewer.scene.env_ids == shown
+
+
+def test_shapes_stand_where_the_simulation_has_them(viewer, env):
+    take(viewer, env, 3)
+    viewer._draw()
+    (batch,) = viewer.scene.batches
+    np.testing.assert_allclose(batch.handle.batched_positions, env.box_positions, atol=1e-6)
+    np.testing.assert_allclose(batch.handle.batched_scales, [[0.2, 0.1, 0.1]] * 4, atol=1e-6)
+    assert viewer.scene.body_of(int(batch.bodies[3])) == (3, 0)
+
+
+def test_a_diverged_environment_does_not_take_the_camera_along(viewer, env):
+    before = viewer.camera.center.copy()
+    poses = env.sim.state.body_q.numpy().copy()
+    poses[0] = np.nan
+    env.sim.state.body_q.assign(poses)
+    viewer._draw()
+    assert np.isfinite(viewer.scene.batches[0].handle.batched_positions).all()
+    np.testing.assert_allclose(viewer.camera.center, before)
+
+
+def test_the_config_says_where_the_camera_is(env):
+    cfg = ViewerCfg(eye=(4.0, 0.0, 1.0), lookat=(0.0, 0.0, 0.5), origin_type="env", env_index=0, follow=False)
+    with LiveViewer(env, cfg=cfg, port=18530) as viewer:
+        camera = viewer.server.initial_camera
+        eye = np.asarray(camera.position) + viewer.camera.center
+        np.testing.assert_allclose(eye, (4.0, 0.0, 1.0), atol=1e-6)
+
+
+def test_the_status_says_episode_and_rewards(viewer, env):
+    take(viewer, env, 4)
+    viewer.envs.number.value = 2
+    viewer.inbox.run()
+    viewer.set_status({"iteration": "7 of 10"})
+    viewer.status.update(2, at_once=True)
+    text = viewer.status.text.content
+    for words in ("step 4 of 100", "2 in this step, 8 in this episode", "iteration", "7 of 10"):
+        assert words in text
+
+
+def test_returns_are_those_of_ended_episodes(viewer, env):
+    take(viewer, env, 100)
+    mean, count = viewer.status.meter.mean_return()
+    assert (mean, count) == (pytest.approx(100 * (0 + 1 + 2 + 3) / 4), 4)
+
+
+def test_an_error_of_a_panel_ends_nothing(viewer, env, capsys):
+    viewer.inbox.put(lambda: 1 / 0)
+    take(viewer, env, 2)
+    assert env.common_step_counter == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_a_simulation_or_a_scene_is_shown_too():
+    with LiveViewer(BoxSim(2), [1], port=18540) as viewer:
+        assert viewer.scene.env_ids == [1]
+        assert not viewer.time.reset_button.visible
+    with pytest.raises(TypeError, match="int has no simulation"):
+        LiveViewer(3)
+    with pytest.raises(IndexError, match="9"):
+        LiveViewer(BoxSim(2), [9], port=18540)
+
+
+def test_update_waits_while_time_is_paused(viewer):
+    """`update` returns at once when time goes on, and serves the page until a step is wanted when it does not."""
+    viewer.update()
+    viewer.time.set_paused(True)
+    viewer.inbox.put(lambda: viewer.inbox.put(viewer.time.take_single_step))
+    viewer.update()
+    assert viewer.time.takes_step()
+
+
+def test_a_glb_file_has_what_was_put_in():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    data = glb_of(vertices, np.array([[0, 1, 2]]), uvs=vertices[:, :2], picture=np.full((4, 5, 3), 90, np.uint8))
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<I4s", data, 12)
+    content, rest = json.loads(data[20 : 20 + size]), data[28 + size :]
+    assert kind == b"JSON"
+
+    def values(index, dtype):
+        accessor = content["accessors"][index]
+        view = content["bufferViews"][accessor["bufferView"]]
+        return np.frombuffer(rest, dtype, view["byteLength"] // 4, view["byteOffset"])
+
+    primitive = content["meshes"][0]["primitives"][0]
+    np.testing.assert_array_equal(values(primitive["attributes"]["POSITION"], np.float32).reshape(3, 3), vertices)
+    np.testing.assert_array_equal(values(primitive["attributes"]["NORMAL"], np.float32).reshape(3, 3), [[0, 0, 1]] * 3)
+    np.testing.assert_array_equal(values(primitive["indices"], np.uint32), [0, 1, 2])
+    view = content["bufferViews"][content["images"][0]["bufferView"]]
+    image = pytest.importorskip("PIL.Image").open(io.BytesIO(rest[view["byteOffset"] :][: view["byteLength"]]))
+    assert image.size == (5, 4)
+
+
+def test_poses_compose_as_scipy_has_it():
+    rotations = pytest.importorskip("scipy.spatial.transform").Rotation
+    rng = np.random.default_rng(3)
+    a, b = (np.column_stack([rng.normal(size=(9, 3)), rotations.random(9, rng).as_quat()]) for _ in range(2))
+    found = compose(a, b)
+    turns = rotations.from_quat(a[:, 3:])
+    np.testing.assert_allclose(found[:, :3], a[:, :3] + turns.apply(b[:, :3]), atol=1e-12)
+    np.testing.assert_allclose(rotate(a[:, 3:], b[:, :3]), turns.apply(b[:, :3]), atol=1e-12)
+    expected = (turns * rotations.from_quat(b[:, 3:])).as_matrix()
+    np.testing.assert_allclose(rotations.from_quat(found[:, 3:]).as_matrix(), expected, atol=1e-12)
+    assert yaw_of(rotations.from_euler("z", 0.7).as_quat()) == pytest.approx(0.7)
