@@ -13,6 +13,7 @@ import warp as wp
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial.transform import Rotation
 
+from stripe_kernels.picture_leaves import LeafStyle
 from stripe_kernels.picture_scenery import (
     FOLIAGE,
     GROUND,
@@ -23,6 +24,8 @@ from stripe_kernels.picture_scenery import (
     scenery_distances,
     trace_scenery,
 )
+
+from .leaf_meshes import LEAF_STYLES, leaf_mesh, leaf_styles
 
 if TYPE_CHECKING:
     from stripe_kernels.picture import Look
@@ -66,13 +69,22 @@ class SceneryTracer:
         scale[fields] = 1.0  # Newton keeps the extent of a height field in the source, not in the scale
         # scene/scenery.py marks meshes with double-sided triangles as leaves; Newton's Mesh knows no such thing.
         leaves = np.array([bool(getattr(s, "two_sided", False)) for s in self._sources])
+        styles = list(LEAF_STYLES)
+        foliage = np.array([styles.index(getattr(s, "foliage", "")) for s in self._sources], dtype=int)
+        margins = np.array([fields.get("margin", 0.0) for fields in LEAF_STYLES.values()])[foliage]
+        bounds += margins[:, None, None] * np.array([[-2.0], [2.0]])  # corners move farther than edges
         # One hierarchy over the boxes of all shapes; inside a box the ray meets the mesh's own hierarchy.
         lower, upper = _boxes(bounds, pose, scale)
         make = {"device": self._device}
         self._bvh = wp.Bvh(wp.array(lower, dtype=wp.vec3, **make), wp.array(upper, dtype=wp.vec3, **make))
         self._meshes = meshes = SceneryMeshes()
         meshes.bvh, meshes.far = self._bvh.id, _FAR
-        meshes.mesh = wp.array(model.shape_source_ptr.numpy()[index], dtype=wp.uint64, **make)
+        pointers = model.shape_source_ptr.numpy()[index]
+        for i in np.flatnonzero(foliage):
+            pointers[i] = leaf_mesh(self._sources[i], self._device).id
+        meshes.mesh = wp.array(pointers, dtype=wp.uint64, **make)
+        meshes.foliage = wp.array(foliage.astype(np.int32), dtype=wp.int32, **make)
+        meshes.leaf = wp.array(leaf_styles(), dtype=LeafStyle, **make)
         meshes.pose = wp.array(pose, dtype=wp.transformf, **make)
         meshes.scale = wp.array(scale, dtype=wp.vec3f, **make)
         meshes.shape = wp.array(index.astype(np.int32), dtype=wp.int32, **make)

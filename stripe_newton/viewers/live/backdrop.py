@@ -27,7 +27,7 @@ _SQUARES = 8
 """Squares along a side of the ground's picture."""
 _PIXELS = 64
 """Side of a square in the picture [px]."""
-_SATURATION = 1.7
+_SATURATION = 1.35
 _TONES = 0.52, 0.565, 0.68
 """Brightness of dark and light squares and of the joints, sRGB."""
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import TYPE_CHECKING
 
 import newton
@@ -24,6 +25,8 @@ __all__ = ["CameraControl"]
 
 _ASPECT = 1.2
 """Width over height of the usual window beside its panels."""
+_FPS = 30.0
+_MOST_FRAMES = 60
 
 
 class CameraControl:
@@ -63,7 +66,8 @@ class CameraControl:
         """Point of the world that stands at the scene's origin [m], shape ``(3,)``."""
         self.rotation = np.eye(2)
         """Rotation of the world about the upright axis, shape ``(2, 2)``."""
-        self._yaw = 0.0
+        self._yaw, self._last_picture = 0.0, time.monotonic()
+        self._last_point: np.ndarray | None = None
         self._turner = Follower(4.0 * cfg.follow_time, jump=1.0e9)
         self._eye, self._target = np.array([3.0, -3.0, 2.0]), np.zeros(3)
         self.radius = 1.0
@@ -75,14 +79,22 @@ class CameraControl:
         away = self._eye - self._target
         return math.atan2(away[1], away[0])
 
+    def to_scene(self, point: np.ndarray) -> np.ndarray:
+        """A point of the world in the scene that browsers show [m], shape ``(3,)``; or points, ``(n, 3)``."""
+        return _turn(np.asarray(point, dtype=float) - self.center, self.rotation)
+
+    def to_world(self, point: np.ndarray) -> np.ndarray:
+        """A point of the scene in the world [m], shape ``(3,)``; or points, ``(n, 3)``."""
+        return _turn(np.asarray(point, dtype=float), self.rotation.T) + self.center
+
     def look_at(self, scene: LiveScene, env_id: int) -> None:
         """Set the first view from an environment that the scene shows."""
         cfg, copy = self._cfg, scene.env_ids.index(env_id)
         points = scene.model.bounds(copy)
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self.radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
-        self._follower = Follower(cfg.follow_time, jump=max(self.radius, 0.5))
         anchor = self._anchor(scene, env_id)
+        self._start_following(anchor)
         if cfg.eye is not None and cfg.lookat is not None:
             origin = np.zeros(3) if cfg.origin_type == "world" else self._origin(env_id)
             origin = anchor if cfg.origin_type.startswith("asset_") else origin
@@ -92,7 +104,6 @@ class CameraControl:
             elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
             eye, target = frame_points(points, azimuth, elevation, fov, _ASPECT, cfg.margin)
         self._eye, self._target = eye - anchor, target - anchor
-        self.center = anchor
         camera = self._server.initial_camera
         camera.position, camera.look_at = _triple(self._eye), _triple(self._target)
         camera.up, camera.fov = (0.0, 0.0, 1.0), math.radians(cfg.fov)
@@ -107,22 +118,47 @@ class CameraControl:
 
     def jump(self, scene: LiveScene, env_id: int) -> None:
         """Go to another environment, at once."""
-        self._follower = Follower(self._cfg.follow_time, jump=max(self.radius, 0.5))
-        self.center = self._anchor(scene, env_id)
+        self._start_following(self._anchor(scene, env_id))
 
-    def update(self, scene: LiveScene, env_id: int) -> None:
-        """Move the world for the present state."""
+    def update(self, scene: LiveScene, env_id: int, stands: bool = False) -> None:
+        """Move the world for the present state; with ``stands``, leave the camera where it is in the world."""
+        frames = self._frames()
+        if stands:
+            self._start_following(self.center)  # from there on, smoothly, when it ends
+            return
         if self.follow.value:
-            self.center = self._follower.follow(self._anchor(scene, env_id))
+            self._follow(self._anchor(scene, env_id), frames)
         yaw = self._heading(scene, env_id) if self.turn.value else 0.0
         if math.isfinite(yaw):  # an angle that goes on beyond pi: the filter must not see a jump to -pi
             self._yaw += math.remainder(yaw - self._yaw, 2.0 * math.pi)
-        turned = -float(self._turner.follow(np.array([self._yaw, 0.0, 0.0]))[0])
+        for _ in range(frames):
+            turned = -float(self._turner.follow(np.array([self._yaw, 0.0, 0.0]))[0])
         c, s = math.cos(turned), math.sin(turned)
         self.rotation = np.array([[c, -s], [s, c]])
         x, y = (float(v) for v in -self.rotation @ self.center[:2])
         self._root.position = (x, y, -float(self.center[2]))
         self._root.wxyz = (math.cos(0.5 * turned), 0.0, 0.0, math.sin(0.5 * turned))
+
+    def _frames(self) -> int:
+        """Frames of a video since the last picture: the smoothing is in frames, pictures come as often as they can."""
+        now = time.monotonic()
+        last, self._last_picture = self._last_picture, now
+        return min(max(round((now - last) * _FPS), 1), _MOST_FRAMES)
+
+    def _follow(self, point: np.ndarray, frames: int) -> None:
+        """Follow to a point, on a straight way in so many frames."""
+        begin = point if self._last_point is None else self._last_point
+        if float(np.linalg.norm(point - begin)) > max(self.radius, 0.5):  # a new episode
+            self._start_following(point)
+            begin = point
+        self._last_point = point
+        for share in np.linspace(0.0, 1.0, frames + 1)[1:]:
+            self.center = self._follower.follow(begin + share * (point - begin))
+
+    def _start_following(self, point: np.ndarray) -> None:
+        """Begin at a point."""
+        self._follower, self._last_point = Follower(self._cfg.follow_time, jump=1.0e9), None
+        self.center = self._follower.follow(point)
 
     def _set_fov(self) -> None:
         fov = math.radians(float(self.fov.value))
@@ -158,6 +194,11 @@ def _followed_body(sim: ViewedSimulation, cfg: ViewerCfg) -> int | None:
     free = int(newton.JointType.FREE)
     joints = zip(sim.template.joint_type, sim.template.joint_parent, sim.template.joint_child)
     return next((int(child) for kind, parent, child in joints if int(parent) < 0 and int(kind) == free), None)
+
+
+def _turn(points: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Points ``(..., 3)`` turned about the upright axis by ``rotation``, ``(2, 2)``."""
+    return np.concatenate([points[..., :2] @ rotation.T, points[..., 2:]], axis=-1)
 
 
 def _triple(point: np.ndarray) -> tuple[float, float, float]:

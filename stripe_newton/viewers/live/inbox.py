@@ -45,9 +45,18 @@ class Inbox:
 
         handle.on_update(changed)
 
-    def on_click(self, handle: viser.GuiButtonHandle | viser.GuiButtonGroupHandle, action: Callable[[], None]) -> None:
+    def on_click(self, handle: viser.GuiButtonHandle, action: Callable[[], None]) -> None:
         """Do something whenever a button is clicked."""
         handle.on_click(lambda _: self.put(action))
+
+    def on_choice(self, handle: viser.GuiButtonGroupHandle, action: Callable[[str], None]) -> None:
+        """Do something with the name of a button of a group whenever one is clicked."""
+
+        def clicked(_: object) -> None:
+            name = handle.value
+            self.put(lambda: action(name))
+
+        handle.on_click(clicked)
 
     def set_quietly(self, handle: viser.GuiInputHandle[T], value: T) -> None:
         """Show a value in an input without the action of a change."""
@@ -67,5 +76,9 @@ class Inbox:
             try:
                 action()
             except Exception as error:  # whatever a panel does wrong, hours of training must not end by it
-                traceback.print_exc(file=sys.stderr)
-                self.problems.append(f"{type(error).__name__}: {error}")
+                self.tell("an input", error)
+
+    def tell(self, where: str, error: Exception) -> None:
+        """Print an error, and keep it for those who look at the page."""
+        traceback.print_exception(error, file=sys.stderr)
+        self.problems.append(f"{where}: {type(error).__name__}: {error}")

@@ -9,6 +9,7 @@ import io
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import torch
@@ -19,12 +20,17 @@ from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .backdrop import Backdrop
 from .camera_control import CameraControl
+from .camera_pictures import CameraPictures
+from .command_panel import CommandPanel
 from .env_choice import EnvChoice
 from .inbox import Inbox
 from .live_scene import LiveScene
+from .overlays import Overlays
+from .plot_panel import PlotPanel
+from .pushes import Pushes
 from .status_panel import StatusPanel
 from .time_control import TimeControl
-from .viewed_env import viewer_cfg_of, what_is_viewed
+from .viewed_env import ViewedEnv, viewer_cfg_of, what_is_viewed
 
 if TYPE_CHECKING:
     import viser
@@ -118,12 +124,35 @@ class LiveViewer:
         self.status = StatusPanel(gui, name, self.time, env)
         with wp.ScopedDevice(sim.device):
             self.scene = LiveScene(server, sim, env_ids)
-        self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
-        self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("View"):
+            self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
+            self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
+            self.overlays = Overlays(server, gui, self.inbox, sim, env)
+            self.pictures = None if env is None else CameraPictures(server, gui, self.inbox, env)
         self.camera.look_at(self.scene, self.envs.chosen)
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
         self._backdrop.set_grounds(self.scene.grounds)
+        self.commands: CommandPanel | None = None
+        self.pushes: Pushes | None = None
+        self.plots: PlotPanel | None = None
+        if env is not None:
+            self._build_panels(env, tabs)
+        self._broken = set[str]()
+        self._panels = self._make_updates()
         self._draw()
+
+    def _build_panels(self, env: ViewedEnv, tabs: viser.GuiTabGroupHandle) -> None:
+        """Make the panels that an environment has beyond a scene."""
+        gui, inbox = self.server.gui, self.inbox
+        with tabs.add_tab("Act"):
+            self.commands = CommandPanel(gui, inbox, env, lambda: self.envs.chosen)
+            if hasattr(env.sim, "enable_external_wrench"):
+                self.pushes = Pushes(gui, inbox, env, self.camera, lambda: self.envs.chosen)
+                self.pushes.attach(self.scene)
+        self.plots = PlotPanel(gui, tabs.add_tab("Plots"), inbox, env, lambda: self.envs.chosen)
+        self.plots.add(self.plots.names[0])
+        self.plots.add()
 
     def _listen(self, host: str, port: int) -> str:
         """The address for browsers, after opening it to other machines if ``host`` says so."""
@@ -189,6 +218,12 @@ class LiveViewer:
         self.time.count_step()
         if self.status.meter is not None:
             self.status.meter.after_step()
+        if self.commands is not None:
+            self.commands.after_step()
+        if self.pushes is not None:
+            self.pushes.before_step()
+        if self.plots is not None:
+            self.plots.after_step()
 
     def update(self, dt: float | None = None) -> None:
         """Show the present state, and return when time goes on: while it is paused, this serves the page.
@@ -256,9 +291,39 @@ class LiveViewer:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
             self.scene.update()
-            self.camera.update(self.scene, chosen)
+            drags = self.pushes is not None and self.pushes.is_dragging
+            self.camera.update(self.scene, chosen, stands=drags)
             self._backdrop.update(self.camera.center, self.camera.rotation)
-            self.status.update(chosen)
+            for name, update in self._panels.items():
+                self._try(name, update)
+
+    def _make_updates(self) -> dict[str, Callable[[], None]]:
+        """What each panel does at a picture, by name."""
+        updates: dict[str, Callable[[], None]] = {
+            "status": lambda: self.status.update(self.envs.chosen),
+        }
+        for name in self.overlays.layers:
+            updates[f"drawing {name}"] = partial(self._draw_layer, name)
+        if (pictures := self.pictures) is not None:
+            updates["cameras"] = lambda: pictures.update(self.envs.chosen)
+        if (commands := self.commands) is not None:
+            updates["commands"] = commands.update
+        if (plots := self.plots) is not None:
+            updates["plots"] = lambda: plots.update(self.time.steps * self._step_dt)
+        return updates
+
+    def _draw_layer(self, name: str) -> None:
+        self.overlays.draw(name, self.scene.env_ids, self.envs.chosen)
+
+    def _try(self, name: str, update: Callable[[], None]) -> None:
+        """Update a panel; one that fails is left out from then on, as what it shows must not end by it."""
+        if name in self._broken:
+            return
+        try:
+            update()
+        except Exception as error:  # of whatever kind: an environment may have anything in it
+            self._broken.add(name)
+            self.inbox.tell(f"{name}: no longer updated", error)
 
     def _show_chosen(self) -> None:
         """Show the environments that the inputs say."""
@@ -268,7 +333,13 @@ class LiveViewer:
                 self.scene.remove()
                 self.scene = LiveScene(self.server, self._sim, shown)
                 self._backdrop.set_grounds(self.scene.grounds)
+                if self.pushes is not None:
+                    self.pushes.attach(self.scene)
         self.camera.jump(self.scene, chosen)
+        if self.commands is not None:
+            self.commands.follow_choice()
+        if self.plots is not None:
+            self.plots.clear()
         self._draw()
 
     def _reset(self, begin: Callable[[], object]) -> None:
@@ -279,6 +350,8 @@ class LiveViewer:
 
     def _tell_problems(self) -> None:
         """Show errors of panels on the page."""
+        if not self.has_clients():
+            return
         problems, self.inbox.problems = self.inbox.problems, []
         for problem in problems:
             for client in self.server.get_clients().values():

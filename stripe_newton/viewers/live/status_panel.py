@@ -81,7 +81,7 @@ class StatusPanel:
         self._next = now + _EVERY
         rows = [("time", self._time()), *self._episode(env_id), *self._more.items()]
         table = "\n".join(f"| {_plain(name)} | {_plain(text)} |" for name, text in rows)
-        self.text.content = f"**{_plain(self._title)}**\n\n| | |\n|:--|:--|\n{table}"
+        self.text.content = f"| | |\n|:--|:--|\n{table}"
 
     def _time(self) -> str:
         if self._clock.is_paused:

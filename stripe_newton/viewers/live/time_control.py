@@ -51,18 +51,15 @@ class TimeControl:
         self._factor, self._window = 0.0, (time.monotonic(), 0)
         self._steps = 0
         self.pause_button = gui.add_button("Pause", icon="player-pause", hint="Stop before the next step, or go on")
-        self.step_button = gui.add_button("Step", icon="player-track-next", hint="Take one step, then pause")
-        self.reset_button = gui.add_button(
-            "Reset", icon="refresh", hint="Begin new episodes", visible=reset is not None
-        )
+        names = ("Step",) if reset is None else ("Step", "Reset")
+        hint = "One step, then pause" if reset is None else "One step, then pause; new episodes everywhere"
+        self.buttons = gui.add_button_group("", names, hint=hint)
         self.speed = gui.add_dropdown(
             "Speed", tuple(SPEEDS), initial_value="1" if is_paced else "as fast as possible", visible=is_paced,
             hint="Times real time",
         )  # fmt: skip
         inbox.on_click(self.pause_button, lambda: self.set_paused(not self._is_paused))
-        inbox.on_click(self.step_button, self.take_single_step)
-        if reset is not None:
-            inbox.on_click(self.reset_button, reset)
+        inbox.on_choice(self.buttons, self._press)
         inbox.on_change(self.speed, lambda _: self._start_anew())
 
     @property
@@ -97,7 +94,7 @@ class TimeControl:
     def hide(self) -> None:
         """Take all inputs off the page, as nothing moves."""
         self.set_paused(True)
-        for handle in (self.pause_button, self.step_button, self.reset_button, self.speed):
+        for handle in (self.pause_button, self.buttons, self.speed):
             handle.visible = False
 
     def takes_step(self) -> bool:
@@ -124,6 +121,12 @@ class TimeControl:
         """Sleep until a step may be due, but no longer than clicks can wait."""
         left = _LONGEST_WAIT if self._is_paused else self._due - time.monotonic()
         time.sleep(min(max(left, 0.0), _LONGEST_WAIT))
+
+    def _press(self, name: str) -> None:
+        if name == "Step":
+            self.take_single_step()
+        elif self._reset is not None:
+            self._reset()
 
     def _start_anew(self) -> None:
         """Measure speed and delay from now on."""
