@@ -168,6 +168,8 @@ class Camera(SensorBase):
     Attributes:
         clock: Says when it takes an image.
         renderer: What renders: :class:`CameraRenderer` or :class:`NewtonRenderer`.
+        colors: Light and air of its colours; None if it renders none.
+        poses_opengl: Poses in the world of frames that look along -z with y up, as renderers take them.
     """
 
     cfg: CameraCfg
@@ -189,7 +191,7 @@ class Camera(SensorBase):
             remembers = cfg.noise is not None or cfg.delay_range[1] > 0
             self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True, remembers=remembers)
             self._setup = self._make_setup(sim)
-            self._pose = wp.zeros(self.num_envs, dtype=wp.transform)
+            self.poses_opengl = wp.zeros(self.num_envs, dtype=wp.transform)
             self._make_images(sim, shape)
             self._hand_out()
             self.renderer = self._make_renderer(sim)
@@ -253,11 +255,11 @@ class Camera(SensorBase):
         fx, _, cx, _, fy, cy = map(float, cfg.spawn.matrix(cfg.width, cfg.height).ravel()[:6])
         # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
         missing = self._missing if cfg.noise is None else math.inf
-        colors = None
+        colors: CameraColors | None = None
         if self._color.size:
             # Before the sensor is made, which reads the meshes: colours give them their creases.
             colors = CameraColors(sim, self._color, fy, has_textures(model), cfg.shadows, cfg.background_color)
-        light = self._make_light(colors)
+        self.colors, light = colors, self._make_light(colors)
         depths = cfg.spawn.clipping_range
         reason = "renderer is 'newton'" if cfg.renderer == "newton" else why_not_rendered(model)
         if reason:
@@ -388,8 +390,8 @@ class Camera(SensorBase):
 
     def launch_observed(self) -> None:
         aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist())]
-        wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[self._raw, self._pose])
-        self.renderer.launch(self.clock.due, self._pose)
+        wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[self._raw, self.poses_opengl])
+        self.renderer.launch(self.clock.due, self.poses_opengl)
         dim = (self.num_envs, self.cfg.height, self.cfg.width)
         for name, labels in self._labels.items():
             inputs = [self.clock.due, self._shapes, labels]

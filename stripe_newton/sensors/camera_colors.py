@@ -29,6 +29,7 @@ class CameraColors:
     squares nor fog, highlights and tone curve, and large boxes have holes in them.
 
     Attributes:
+        color: Packed colours that are written.
         lighting: Light of the scene.
         look: Light, air, and the size of a pixel.
         background: Packed colour where there is nothing; 0 for the sky.
@@ -51,7 +52,7 @@ class CameraColors:
         shadows: bool,
         background: Sequence[float] | None,
     ):
-        self._model, self._color = sim.model, color
+        self._model, self.color = sim.model, color
         recolor_model(sim.model, sim.template, sim.static)
         crease_model(sim.model)
         # A sun that the scene lacks shines from where it does in pictures that frame themselves.
@@ -85,4 +86,4 @@ class CameraColors:
         """Write the colours of the environments that are due; arguments as of the kernel."""
         inputs = [self.look, due, pose, rays, distance, shape, normal, self._texture, self._sunlight]
         inputs += [self._model.shape_color, self._model.shape_type, self.background, self._no_casters]
-        wp.launch(color_pixels, dim=self._color.shape, inputs=inputs, outputs=[self._color])
+        wp.launch(color_pixels, dim=self.color.shape, inputs=inputs, outputs=[self.color])

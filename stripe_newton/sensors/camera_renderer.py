@@ -7,6 +7,7 @@ share is in the tree that Newton has built once. Rays, shading, shadows and writ
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import newton
@@ -109,16 +110,8 @@ class CameraRenderer:
         with wp.ScopedDevice(model.device):
             self._sort(model, terrain)
             self._mesh_normals(model)
-            self._output(images, missing, background)
             self._no_casters = wp.zeros(1, dtype=float)
-        sizes = {name: getattr(images, name).size > 0 for name in vars(images)}
-        found = next(getattr(images, name) for name in vars(images) if sizes[name])
-        self._num_envs, self._height, self._width = found.shape
-        self.features = shading.Features(
-            **sizes, field=self._field_shape >= 0, tree=bool(self._tree), shadows=shadows and sizes["color"]
-        )
-        """What the kernel writes and looks at."""
-        self._kernel = shading.picture_kernel(self.features)
+        self._output(images, missing, background, shadows)
 
     def _sort(self, model: newton.Model, terrain: TerrainData | None) -> None:
         """Sort shapes: those of each environment, a height field, and others that all share."""
@@ -135,6 +128,9 @@ class CameraRenderer:
         shared = seen[(worlds[seen] < 0) & (seen != self._field_shape)]
         self._tree = len(shared) > MOST_LISTED_STATICS
         listed = shared[:0] if self._tree else shared
+        met = kinds[seen[seen != self._field_shape]]
+        # Meshes of all kinds are one kind to a ray.
+        self._kinds = frozenset(int(newton.GeoType.MESH) if k in _MESH_KINDS else int(k) for k in np.unique(met))
         own = [seen[worlds[seen] == env] for env in range(model.world_count)]
         self._seen = _seen_shapes(model, [np.concatenate([mine, listed]) for mine in own])
         self._statics = _tree(model, self._tree)
@@ -158,11 +154,29 @@ class CameraRenderer:
         self._smooth, self._meshes = wp.array(smooth, dtype=int), wp.array(arrays, dtype=MeshNormals)
         self._kept = arrays  # which own the memory that the array of structs points to
 
-    def _output(self, images: CameraImages, missing: float, background: int) -> None:
+    def _output(self, images: CameraImages, missing: float, background: int, shadows: bool) -> None:
+        """Choose what is written, and the kernel for it."""
         self._out = out = shading.PictureOutput()
         for name, array in vars(images).items():
             setattr(out, name, array)
         out.background, out.missing = wp.uint32(background), missing
+        wanted = {name: array.size > 0 for name, array in vars(images).items()}
+        self._num_envs, self._height, self._width = next(a.shape for n, a in vars(images).items() if wanted[n])
+        self.features = shading.Features(
+            **wanted,
+            field=self._field_shape >= 0,
+            tree=self._tree,
+            shadows=shadows and wanted["color"],
+            kinds=self._kinds,
+        )
+        """What the kernel writes and looks at."""
+        self._kernel = shading.picture_kernel(self.features)
+
+    def variant(self, images: CameraImages, shadows: bool) -> CameraRenderer:
+        """The same renderer for other images, such as to measure what each costs."""
+        other = copy.copy(self)
+        other._output(images, self._out.missing, int(self._out.background), shadows)
+        return other
 
     def launch(self, due: wp.array, camera: wp.array) -> None:
         """Render; launches kernels only.
@@ -171,6 +185,11 @@ class CameraRenderer:
             due: Environments that take a picture, bool, shape ``(num_envs,)``; the others keep theirs.
             camera: Poses of the cameras in the world, looking along -z [m], shape ``(num_envs,)``.
         """
+        self.place(due, camera)
+        self.draw(due, camera)
+
+    def place(self, due: wp.array, camera: wp.array) -> None:
+        """Find the shapes that are in each picture; arguments as of :meth:`launch`."""
         model, seen = self._model, self._seen
         inputs = [due, camera, self._lens, model.shape_transform, model.shape_body, self._state.body_q]
         inputs += [model.shape_scale, model.shape_color]
@@ -178,12 +197,19 @@ class CameraRenderer:
         wp.launch(shapes.place_shapes, dim=seen.env.shape[0], inputs=inputs, outputs=[seen], device=device)
         inputs = [due, self._width, self._height]
         wp.launch(shapes.list_shapes, dim=self._num_envs, inputs=inputs, outputs=[seen], device=device)
+
+    def draw(self, due: wp.array, camera: wp.array) -> None:
+        """Draw the shapes that :meth:`place` has found; arguments as of :meth:`launch`."""
+        model = self._model
         across, down = -(-self._width // shading.TILE_WIDTH), -(-self._height // shading.TILE_HEIGHT)
-        inputs = [due, wp.vec2i(across, across * down), self._width, self._height, camera, self._lens, seen]
+        inputs = [due, wp.vec2i(across, across * down), self._width, self._height, camera, self._lens, self._seen]
         inputs += [self._field, self._blocks, self._field_shape, self._statics, model.shape_color]
         inputs += [model.shape_type, self._smooth, self._meshes, self._look, self._light, self._no_casters]
         threads = self._num_envs * across * down * shading.TILE_WIDTH * shading.TILE_HEIGHT
-        wp.launch(self._kernel, dim=threads, inputs=inputs, outputs=[self._out], device=device, block_dim=128)
+        wp.launch(
+            self._kernel, dim=threads, inputs=inputs, outputs=[self._out], device=model.device,
+            block_dim=shading.BLOCK_THREADS,
+        )  # fmt: skip
 
     def describe(self) -> str:
         """What it looks at, in a few words."""

@@ -11,14 +11,25 @@ from typing import NamedTuple
 import warp as wp
 
 from ..picture import Look, pack_color, shade
-from .camera_hits import MeshNormals, PixelHit, is_shadowed, listed_hit, listed_normal, tree_hit, tree_normal
+from .camera_hits import MeshNormals, PixelHit, hit_functions
 from .camera_shapes import FIELD, PLANE, Lens, SeenShapes, linear_of
 from .ray_blocks import FieldHit, field_normal, march_blocks
 from .ray_field import RayField
 from .ray_shapes import RayTargets
 
-__all__ = ["TILE_HEIGHT", "TILE_WIDTH", "CameraLight", "Features", "PictureOutput", "picture_kernel"]
+__all__ = [
+    "BLOCKS_PER_SM",
+    "BLOCK_THREADS",
+    "TILE_HEIGHT",
+    "TILE_WIDTH",
+    "CameraLight",
+    "Features",
+    "PictureOutput",
+    "picture_kernel",
+]
 
+BLOCK_THREADS, BLOCKS_PER_SM = 128, 4
+"""Threads of a block, and blocks that a multiprocessor shall have room for: at most 128 registers a thread."""
 TILE_WIDTH, TILE_HEIGHT = 8, 4
 """Pixels that a warp of 32 threads renders."""
 _LIFT = 1.0e-4
@@ -77,6 +88,14 @@ class Features(NamedTuple):
     tree: bool = False
     """Whether there is a tree of static shapes."""
     shadows: bool = False
+    kinds: frozenset[int] = frozenset()
+    """Kinds of shapes, by ``newton.GeoType``; meshes of all kinds are ``GeoType.MESH``."""
+
+    @property
+    def key(self) -> str:
+        """A name for the kernel with these features."""
+        flags = [name for name, value in zip(self._fields, self, strict=True) if value is True]
+        return "_".join([*flags, *map(str, sorted(self.kinds))])
 
 
 @wp.func
@@ -97,18 +116,6 @@ def _by_field(shadowed: bool, field: RayField, blocks: wp.array2d[wp.vec2], star
     return march_blocks(field, blocks, start, to_sun, _SUN_AWAY).distance >= 0.0
 
 
-@wp.func
-def _by_tree(shadowed: bool, skip: int, statics: RayTargets, start: wp.vec3, to_sun: wp.vec3) -> bool:
-    """Whether a point that is not shadowed yet is by a static shape."""
-    if shadowed:
-        return True
-    beam = PixelHit()
-    beam.distance = _SUN_AWAY
-    beam.slot = -1
-    beam.shape = -1
-    return tree_hit(start, to_sun, skip, statics, beam).shape >= 0
-
-
 @functools.cache
 def picture_kernel(features: Features) -> wp.Kernel:
     """The kernel with some features; threads count tile by tile, picture by picture.
@@ -119,9 +126,27 @@ def picture_kernel(features: Features) -> wp.Kernel:
     shadow map), ``out``.
     """
     shaded = features.color or features.normals
-    module_options = {"enable_backward": False, "fast_math": True}
+    listed_hit, tree_hit, listed_normal, tree_normal, is_shadowed = hit_functions(features.kinds)
 
-    @wp.kernel(enable_backward=False, module="unique", module_options=module_options)
+    @wp.func
+    def by_tree(shadowed: bool, skip: int, statics: RayTargets, start: wp.vec3, to_sun: wp.vec3) -> bool:
+        """Whether a point that is not shadowed yet is by a static shape."""
+        if shadowed:
+            return True
+        beam = PixelHit()
+        beam.distance = _SUN_AWAY
+        beam.slot = -1
+        beam.shape = -1
+        return tree_hit(start, to_sun, skip, statics, beam).shape >= 0
+
+    # A module of its own, named by everything that is baked in: Warp's hash does not see static values of functions.
+    module = wp.get_module(f"{__name__}.{features.key}")
+    module.options |= {"enable_backward": False, "fast_math": True}
+
+    @wp.kernel(
+        enable_backward=False, module=module, launch_bounds=(BLOCK_THREADS, BLOCKS_PER_SM),
+        grid_stride=False,
+    )  # fmt: skip
     def render_pictures(
         due: wp.array[wp.bool],
         tiles: wp.vec2i,
@@ -235,7 +260,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
                         if wp.static(features.field):
                             shadowed = _by_field(shadowed, field, blocks, lifted_w, lit.to_sun)
                         if wp.static(features.tree):
-                            shadowed = _by_tree(shadowed, field_shape, statics, lifted_w, lit.to_sun)
+                            shadowed = by_tree(shadowed, field_shape, statics, lifted_w, lit.to_sun)
                         if shadowed:
                             detail[3] = 0.0
                 squares = kinds[shape] == PLANE or kinds[shape] == FIELD
