@@ -9,6 +9,7 @@ Needs ``pip install stripe-newton[viser] playwright`` and Chromium. A few minute
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.cli.tasks import make_env
 from stripe_newton.envs import RLEnv
 from stripe_newton.viewers import LiveViewer
+from stripe_newton.viewers.camera_framing import camera_axes
 from tools.pictures.headless_browser import LivePage, open_page
 
 SIZE = 1280, 800
@@ -44,6 +46,22 @@ class Show:
             self.env.step(self._noise * torch.randn(self._shape))
             self.viewer.after_step()
 
+    def pixel_of_robot(self) -> tuple[float, float]:
+        """Where the chosen environment's robot is on the page, as long as nobody has turned the camera [px]."""
+        viewer = self.viewer
+        root = viewer.scene.root_of(viewer.envs.chosen)
+        camera = next(iter(viewer.server.get_clients().values())).camera
+        point = viewer.camera.to_scene(viewer.scene.body_q[root, :3])
+        x, y, z = camera_axes(camera.position, camera.look_at).T @ (point - camera.position)
+        scale = 0.5 * camera.image_height / math.tan(0.5 * camera.fov)
+        return 0.5 * camera.image_width - scale * x / z, 0.5 * camera.image_height + scale * y / z
+
+
+def forest(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
+    """A robot between trees."""
+    page.wait(12.0)
+    save("viewer_forest.jpg")
+
 
 def velocity(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     """Commands by hand, with their arrow; then a body that is dragged."""
@@ -52,11 +70,9 @@ def velocity(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     page.type_number("lin_vel_y", -0.3)
     page.wait(3.0)
     save("viewer_commands.jpg")
-    scene = show.viewer.scene
-    root = scene.root_of(show.viewer.envs.chosen)
-    assert root is not None  # the chosen environment is shown
-    page.drag((430.0, 400.0), (560.0, 190.0))
-    page.wait(1.5)
+    held = show.pixel_of_robot()
+    page.drag(held, (held[0] + 130.0, held[1] - 190.0))
+    page.wait(2.5)
     save("viewer_push.jpg")
     page.release()
 
@@ -76,7 +92,8 @@ def sensors(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     """A height scan and contact forces on rough ground."""
     for name, box in show.viewer.overlays.boxes.items():
         box.value = not name.startswith("markers")
-    page.wait(4.0)
+    page.wait_for(lambda: page.page.get_by_label("rays height_scanner").is_checked(), "the checkboxes")
+    page.wait(8.0)
     save("viewer_sensors.jpg")
 
 
@@ -89,6 +106,7 @@ def cameras(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
 SCENES: dict[str, tuple[str, int, float, Callable[[LivePage, Show, Callable[[str], None]], None]]] = {
     "velocity": ("Stripe-Velocity-Flat-Quadruped-v0", 4, 0.0, velocity),
     "plots": ("Stripe-Velocity-Flat-Quadruped-v0", 4, 0.8, plots),
+    "forest": ("Stripe-Forest-Walk-Quadruped-Play-v0", 1, 0.0, forest),
     "sensors": ("Stripe-Velocity-Rough-Quadruped-v0", 4, 0.0, sensors),
     "cameras": ("Stripe-Cartpole-Camera-Direct-v0", 4, 0.0, cameras),
 }
