@@ -41,8 +41,8 @@ def randomize_light(
     The azimuth is about +z from +x, the elevation above the horizon [rad]; strengths are factors on the scene's light.
     ``tint`` is the largest change of a colour channel, as a share.
 
-    Formula: ``to_sun = (cos e cos a, cos e sin a, sin e)``, ``sun_k = sun_default,k U(sun_range) U(1 - tint, 1 + tint)``;
-    the same for ``sky``, and for ``ground`` with the draws of ``sky``.
+    Formula: ``to_sun = (cos e cos a, cos e sin a, sin e)``, ``sun_k = sun_default,k U(sun_range)
+    U(1 - tint, 1 + tint)``, ``sky`` alike, ``ground`` with the draws of ``sky``.
 
     Source: this project, after mjlab's ``dr.light_dir``.
     """
