@@ -19,6 +19,8 @@ _MOST_DOFS = 10, 8
 """Degrees of freedom of the hub, whose system all lanes solve, and of a limb."""
 _MOST_PAIRS = 24
 """Pairs of geoms of a limb, which its lane looks at one after another."""
+_MOST_COLUMNS = 10
+"""Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
 _HITS = {"PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4}
 """Routines of pairs that it has, and how many contacts each finds at most."""
 
@@ -72,6 +74,11 @@ class LimbForm:
     def limb_dofs(self) -> int:
         """Degrees of freedom of the longest limb."""
         return max(map(len, self.limbs))
+
+    @property
+    def suits_gpu(self) -> bool:
+        """Whether it is faster on a GPU than the general form: a lane has the registers for few degrees of freedom."""
+        return len(self.limbs) > 1 and len(self.hub_dofs) + self.limb_dofs <= _MOST_COLUMNS
 
     @property
     def world_size(self) -> int:
