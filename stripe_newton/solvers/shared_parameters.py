@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shared parameters: those of MuJoCo's model that are the same in all worlds, of which the kernel reads one copy.
 
-A model with a world for each environment has all its arrays by world, about 7 KB of them for a quadruped. With thousands
-of worlds they fit in no cache of a GPU, and reading them would take longer than computing with them. Mostly few of them
-differ: what events randomise. The others are read from the first world, which stays in the cache nearest to the threads.
+A model with a world for each environment has all its arrays by world, about 7 KB of them for a quadruped. Those of
+thousands of worlds fit in no cache of a GPU, and reading them would take longer than computing with them. Mostly few of
+them differ: what events randomise. The others are read from the first world, and stay in the cache nearest to the
+threads.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ _WEIGHTS = frozenset({"weight", "dof_weight", "solref_limit", "bias"})
 """What follows from masses and armatures: inverse weights, stiffness of limits, damping of drives."""
 _BODIES = frozenset({"mass", "com", "inertia", "inertia_quat", "gravcomp"}) | _WEIGHTS
 _JOINTS = _WEIGHTS | {
-    "body_pos", "body_quat", "joint_pos", "joint_axis", "spring", "qpos0", "range", "limit_margin", "solimp_limit", "loss",
-    "damping", "armature", "stiffness", "solref_loss", "solimp_loss", "joint_force", "gain", "bias", "gear", "ctrl_range",
-    "force_range",
+    "body_pos", "body_quat", "joint_pos", "joint_axis", "spring", "qpos0", "range", "limit_margin", "solimp_limit",
+    "loss", "damping", "armature", "stiffness", "solref_loss", "solimp_loss", "joint_force", "gain", "bias", "gear",
+    "ctrl_range", "force_range",
 }  # fmt: skip
 _SHAPES = frozenset({
     "geom_pos", "geom_quat", "geom_size", "geom_friction", "geom_margin", "geom_solmix", "geom_solref", "geom_solimp",
@@ -51,6 +52,21 @@ _OF_NEWTON: dict[str, frozenset[str]] = {
 """Parameters that follow from arrays of Newton's model; of other arrays see :func:`parameters_of_newton`."""
 
 
+_FLAGS = newton.ModelFlags
+_OF_FLAGS: dict[newton.ModelFlags, frozenset[str]] = {
+    _FLAGS.BODY_INERTIAL_PROPERTIES: _BODIES,
+    _FLAGS.SHAPE_PROPERTIES: _SHAPES,
+    _FLAGS.MODEL_PROPERTIES: frozenset({"gravity"}),
+    _FLAGS.JOINT_PROPERTIES: _JOINTS,
+    _FLAGS.JOINT_DOF_PROPERTIES: _JOINTS,
+    _FLAGS.JOINT_DOF_FORCE_PROPERTIES: _JOINTS,
+    _FLAGS.JOINT_DOF_INERTIAL_PROPERTIES: _JOINTS,
+    _FLAGS.JOINT_REFERENCE_POSE_PROPERTIES: _JOINTS,
+    _FLAGS.ACTUATOR_PROPERTIES: _JOINTS,
+}
+"""Parameters that follow from what Newton's flags name; any flag that is not here may mean all of them."""
+
+
 def parameters_of_newton(names: Iterable[str]) -> frozenset[str]:
     """Parameters that may change with arrays of Newton's model.
 
@@ -68,18 +84,11 @@ def parameters_of_flags(flags: newton.ModelFlags | int) -> frozenset[str]:
     Args:
         flags: As for ``SolverBase.notify_model_changed``.
     """
-    kinds, found = newton.ModelFlags, frozenset[str]()
-    groups = {
-        kinds.BODY_INERTIAL_PROPERTIES: _BODIES, kinds.SHAPE_PROPERTIES: _SHAPES,
-        kinds.MODEL_PROPERTIES: frozenset({"gravity"}),
-        kinds.JOINT_PROPERTIES | kinds.JOINT_DOF_PROPERTIES | kinds.JOINT_DOF_FORCE_PROPERTIES
-        | kinds.JOINT_DOF_INERTIAL_PROPERTIES | kinds.JOINT_REFERENCE_POSE_PROPERTIES | kinds.ACTUATOR_PROPERTIES: _JOINTS,
-    }  # fmt: skip
-    left = int(flags)
-    for group, parameters in groups.items():
-        if left & int(group):
+    found, left = frozenset[str](), int(flags)
+    for flag, parameters in _OF_FLAGS.items():
+        if left & int(flag):
             found |= parameters
-            left &= ~int(group)
+            left &= ~int(flag)
     return _ALL if left else found
 
 

@@ -105,8 +105,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         limbs: Whether a robot that is a hub with limbs, which touch nothing that moves, is stepped in a form for such
             robots, see ``docs/solvers.md``; None where it is faster. Set it before the first step.
         newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
-        has_stale_graphs: Whether graphs that were recorded before must be recorded again, as worlds were found to differ
-            in what was the same in all of them, see :meth:`expect_changes`. Who records them again sets it to False.
+        has_stale_graphs: Whether graphs that were recorded before must be recorded again, as worlds were found to
+            differ in what was the same in all of them, see :meth:`expect_changes`. Who records them sets it to False.
     """
 
     def __init__(
