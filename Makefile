@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # make train   set up, then train a cart-pole on whatever device there is
 # make test    set up, then run the tests
+# make docs    set up, then build the docs site in site/; a warning is an error
 #
 # Variables: PYTHON (interpreter to build the environment from), VENV (where), TORCH (which torch; one that is already
 # in VENV is kept), TORCH_INDEX (extra package index for torch; by default the CPU builds where there is no NVIDIA GPU),
@@ -17,10 +18,10 @@ BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help train test lint format clean-venv
+.PHONY: help train test docs lint format clean-venv
 
 help:
-	@sed -n '2,7s/^# \{0,1\}//p' Makefile
+	@sed -n '2,8s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "stripe-newton needs Python 3.10 to 3.13, and none was found. Install one, or name it:" \
@@ -52,6 +53,10 @@ train: $(VENV)/.base
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+docs: $(VENV)/.base
+	$(PIP) install -e ".[docs]"
+	$(BIN)/python -m tools.documentation.site.build_site site
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

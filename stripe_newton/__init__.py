@@ -130,7 +130,7 @@ forward_modules(
         "stripe_newton.usd.stage": "stripe_newton.usd.stage_access",
         "stripe_newton.usd.trial": "stripe_newton.usd.stage_trial",
         "stripe_newton.viewers.camera": "stripe_newton.viewers.camera_framing",
-        "stripe_newton.viewers.live": "stripe_newton.viewers.live_viewer",
+        "stripe_newton.viewers.live_viewer": "stripe_newton.viewers.live.live_viewer",
         "stripe_newton.viewers.renderer": "stripe_newton.viewers.scene_renderer",
     }
 )

@@ -7,12 +7,25 @@ Colours are linear RGB until :func:`encode` writes sRGB bytes.
 
 import warp as wp
 
-__all__ = ["SAMPLES", "Look", "gather_bodies", "mark_edges", "resolve_edges", "shade_pixels", "shadow_casters"]
+__all__ = [
+    "SAMPLES",
+    "Look",
+    "gather_bodies",
+    "mark_edges",
+    "pack_color",
+    "resolve_edges",
+    "shade",
+    "shade_pixels",
+    "shadow_casters",
+    "texture_color",
+]
 
 SAMPLES = 4
 """Rays through a pixel that lies on an edge."""
 
 FAR = wp.constant(1.0e30)
+STEEPEST = wp.constant(20.0)
+"""Largest slope of a surface towards the sun by which the shadow test follows it."""
 NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
 
 
@@ -144,15 +157,21 @@ def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, n
     if x < -3.0 or y < -3.0 or x > float(size) + 3.0 or y > float(size) + 3.0:
         return 1.0
     depth = look.shadow_start - wp.dot(p, look.to_sun) - 1.5 * texel
+    # The surface goes on in its plane: further from the sun on one side of the point, nearer on the other. Without
+    # this, low light would find the surface itself in the texels around. Bounded, as no surface goes on for long.
+    facing = wp.max(wp.dot(normal, look.to_sun), 1.0e-3)
+    du = wp.clamp(wp.dot(normal, look.shadow_x) / facing, -STEEPEST, STEEPEST) * texel
+    dv = wp.clamp(-wp.dot(normal, look.shadow_y) / facing, -STEEPEST, STEEPEST) * texel
     ix = int(wp.floor(x))
     iy = int(wp.floor(y))
+    depth += du * (float(ix) + 0.5 - x) + dv * (float(iy) + 0.5 - y)
     # Five probes decide for most points, which lie well inside the light or the shadow; only the rest pays for 25.
     probe = (
         shadow_tap(casters, size, ix, iy, depth)
-        + shadow_tap(casters, size, ix - 2, iy - 2, depth)
-        + shadow_tap(casters, size, ix + 2, iy - 2, depth)
-        + shadow_tap(casters, size, ix - 2, iy + 2, depth)
-        + shadow_tap(casters, size, ix + 2, iy + 2, depth)
+        + shadow_tap(casters, size, ix - 2, iy - 2, depth - 2.0 * (du + dv))
+        + shadow_tap(casters, size, ix + 2, iy - 2, depth + 2.0 * (du - dv))
+        + shadow_tap(casters, size, ix - 2, iy + 2, depth - 2.0 * (du - dv))
+        + shadow_tap(casters, size, ix + 2, iy + 2, depth + 2.0 * (du + dv))
     )
     if probe == 0.0:
         return 1.0
@@ -167,7 +186,7 @@ def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, n
             fx = (float(ix + i) + 0.5 - x) / 2.6
             weight = weight_y * wp.max(1.0 - fx * fx, 0.0)
             total += weight
-            blocked += weight * shadow_tap(casters, size, ix + i, iy + j, depth)
+            blocked += weight * shadow_tap(casters, size, ix + i, iy + j, depth + du * float(i) + dv * float(j))
     return 1.0 - blocked / total
 
 
@@ -178,47 +197,58 @@ def to_linear(c: float):
 
 
 @wp.func
+def texture_color(packed: wp.uint32):
+    """Linear RGB of a packed sRGB colour, red in its lowest byte."""
+    return wp.vec3f(
+        to_linear(float(packed & wp.uint32(255)) / 255.0),
+        to_linear(float((packed >> wp.uint32(8)) & wp.uint32(255)) / 255.0),
+        to_linear(float((packed >> wp.uint32(16)) & wp.uint32(255)) / 255.0),
+    )
+
+
+@wp.func
 def shade(
     look: Look,
+    eye: wp.vec3f,
     direction: wp.vec3f,
     distance: float,
-    shape: wp.uint32,
+    hit: wp.bool,
     hit_normal: wp.vec3f,
-    packed_albedo: wp.uint32,
-    colors: wp.array[wp.vec3f],
-    is_ground: wp.array[wp.int32],
+    albedo: wp.vec3f,
+    ground: wp.bool,
     casters: wp.array[wp.float32],
     detail: wp.vec4f,
 ):
-    """Colour of one sample after tone mapping: linear RGB, 0 to 1.
+    """Colour of one sample after tone mapping: linear RGB, 0 to 1. Videos and camera sensors share it.
 
-    ``detail`` is the radiance of scenery, which was lit before, and -1; otherwise its last number is the share of the
-    sun that scenery lets through.
+    Args:
+        look: Light and air; its camera gives the size of a pixel alone.
+        eye: Start of the ray in the world [m].
+        direction: Unit vector along the ray in the world.
+        distance: Length of the ray [m].
+        hit: Whether it ends on a surface; otherwise the sample shows the sky.
+        hit_normal: Normal of the surface in the world, on either side.
+        albedo: Colour of the surface, linear RGB.
+        ground: Whether it is a ground plane or height field, which have squares.
+        casters: Shadow map.
+        detail: Radiance of scenery, which was lit before, and -1; otherwise the last number is the share of the sun
+            that other things let through.
     """
     backdrop = sky_color(look, direction)
     color = backdrop
-    if shape == NO_HIT:
+    if not hit:
+        # Darker below the horizon, where nothing is: an even colour there would look like fog.
+        below = wp.clamp(-1.5 * direction[2], 0.0, 1.0)
+        color = backdrop * (1.0 - 0.45 * below)
         if look.haze > 0.0:
-            below = wp.clamp(-1.5 * direction[2], 0.0, 1.0)
-            color = backdrop * (wp.pow(look.exposure, 0.2) * (1.0 - 0.45 * below))
+            color = color * wp.pow(look.exposure, 0.2)
     elif detail[3] < 0.0:
         color = wp.vec3f(detail[0], detail[1], detail[2])
     else:
-        ground = wp.bool(False)
-        albedo = wp.vec3f(0.75, 0.75, 0.75)
-        if shape < wp.uint32(colors.shape[0]):
-            albedo = colors[wp.int32(shape)]
-            ground = is_ground[wp.int32(shape)] != 0
-        if packed_albedo != wp.uint32(0):
-            albedo = wp.vec3f(
-                to_linear(float(packed_albedo & wp.uint32(255)) / 255.0),
-                to_linear(float((packed_albedo >> wp.uint32(8)) & wp.uint32(255)) / 255.0),
-                to_linear(float((packed_albedo >> wp.uint32(16)) & wp.uint32(255)) / 255.0),
-            )
         normal = hit_normal
         if wp.dot(normal, direction) > 0.0:
             normal = -normal
-        point = look.eye + direction * distance
+        point = eye + direction * distance
         facing = wp.dot(normal, look.to_sun)
         lit = wp.max(facing, 0.0)
         if lit > 0.0 and look.shadow_size > 0:
@@ -227,9 +257,9 @@ def shade(
         upness = 0.5 * normal[2] + 0.5
         light = look.ground + (look.sky - look.ground) * upness + look.sun * lit
         if ground:
-            albedo = albedo * ground_pattern(look, point, direction, normal, distance)
-        color = wp.cw_mul(albedo, light)
-        if not ground:
+            color = wp.cw_mul(albedo * ground_pattern(look, point, direction, normal, distance), light)
+        else:
+            color = wp.cw_mul(albedo, light)
             # Blinn-Phong highlight with exponent 32, by five squarings, and a rim of reflected sky.
             half = wp.max(wp.dot(normal, wp.normalize(look.to_sun - direction)), 0.0)
             gloss = half * half
@@ -240,7 +270,7 @@ def shade(
             rim = 1.0 - wp.max(-wp.dot(normal, direction), 0.0)
             rim = rim * rim * rim
             color = color + look.sun * (0.16 * gloss * lit) + look.horizon * (0.16 * rim * upness)
-    if shape != NO_HIT:
+    if hit:
         if look.haze > 0.0:
             # Haze has the colour of the sky near the horizon, also where the ray points up or down.
             low = wp.vec3f(direction[0], direction[1], wp.max(0.3 * direction[2], 0.0))
@@ -253,6 +283,31 @@ def shade(
             fog = 1.0 - wp.exp(-deep * wp.min(deep, 1.0))
             color = color + (look.horizon - color) * fog
     return wp.vec3f(tone(color[0]), tone(color[1]), tone(color[2]))
+
+
+@wp.func
+def shade_sample(
+    look: Look,
+    direction: wp.vec3f,
+    distance: float,
+    shape: wp.uint32,
+    normal: wp.vec3f,
+    packed_albedo: wp.uint32,
+    colors: wp.array[wp.vec3f],
+    is_ground: wp.array[wp.int32],
+    casters: wp.array[wp.float32],
+    detail: wp.vec4f,
+):
+    """Shade what a ray of the frame's camera found, with the colour of its shape or texture."""
+    ground = wp.bool(False)
+    albedo = wp.vec3f(0.75, 0.75, 0.75)
+    if shape < wp.uint32(colors.shape[0]):
+        albedo = colors[wp.int32(shape)]
+        ground = is_ground[wp.int32(shape)] != 0
+    if packed_albedo != wp.uint32(0):
+        albedo = texture_color(packed_albedo)
+    hit = shape != NO_HIT
+    return shade(look, look.eye, direction, distance, hit, normal, albedo, ground, casters, detail)
 
 
 @wp.func
@@ -270,6 +325,16 @@ def encode_channel(c: float):
     s3 = wp.sqrt(s2)
     x = 0.662002687 * s1 + 0.684122060 * s2 - 0.323583601 * s3 - 0.0225411470 * c
     return wp.uint8(wp.clamp(x, 0.0, 1.0) * 255.0 + 0.5)
+
+
+@wp.func
+def pack_color(color: wp.vec3f):
+    """Linear colour as packed sRGB bytes, red in the lowest one and 255 in the highest."""
+    red = wp.uint32(encode_channel(color[0]))
+    green = wp.uint32(encode_channel(color[1]))
+    blue = wp.uint32(encode_channel(color[2]))
+    opaque = wp.uint32(255) << wp.uint32(24)
+    return opaque | (blue << wp.uint32(16)) | (green << wp.uint32(8)) | red
 
 
 @wp.func
@@ -314,7 +379,9 @@ def shade_pixels(
     lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
     if detail.shape[0] > 0:
         lit = detail[pixel]
-    color = shade(look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters, lit)
+    color = shade_sample(
+        look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters, lit
+    )
     encode(color, pixel, picture)
 
 
@@ -420,7 +487,7 @@ def resolve_edges(
         lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
         if detail.shape[0] > 0:
             lit = detail[i]
-        total += shade(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters, lit)
+        total += shade_sample(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters, lit)
     encode(total / float(wp.static(SAMPLES)), pixel, picture)
 
 

@@ -8,9 +8,10 @@ first: among trees most rays end a few metres away, and meshes behind that are n
 import warp as wp
 
 from stripe_kernels.picture import Look, sky_color, sun_visibility
+from stripe_kernels.picture_leaves import LeafStyle, leaf_at
 from stripe_kernels.picture_noise import ground_albedo, lattice, value_noise
 
-__all__ = ["FOLIAGE", "GROUND", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]
+__all__ = ["FOLIAGE", "GROUND", "PLAIN", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]
 
 SOLID = 0
 """Opaque surface with grain: wood, rock."""
@@ -20,10 +21,14 @@ GROUND = 2
 """The height field."""
 SMOOTH = 3
 """Surface that mirrors the sky, as water does."""
+PLAIN = 4
+"""Opaque surface of one colour: what is made, not grown."""
 
 STRETCH = wp.constant(16.0)
 """Length of the first stretch of a ray [m]; the next ones are each twice as long as the one before."""
 NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
+LAYERS = wp.constant(12)
+"""Largest number of a crown's triangles that a ray passes between leaves."""
 
 
 @wp.struct
@@ -36,7 +41,9 @@ class SceneryMeshes:
     pose: wp.array[wp.transformf]  # poses of the instances in the world [m]
     scale: wp.array[wp.vec3f]
     shape: wp.array[wp.int32]  # indices of the model's shapes
-    kind: wp.array[wp.int32]  # SOLID, FOLIAGE, GROUND or SMOOTH
+    kind: wp.array[wp.int32]  # SOLID, FOLIAGE, GROUND, SMOOTH or PLAIN
+    foliage: wp.array[wp.int32]  # styles of the instances' leaves
+    leaf: wp.array[LeafStyle]  # the styles; the first draws triangles whole
     color: wp.array[wp.vec3f]  # linear RGB
     middle: wp.array[wp.vec3f]  # centres of the meshes' boxes, in the meshes' frames [m]
     half: wp.array[wp.vec3f]  # half extents of those boxes [m]
@@ -55,6 +62,7 @@ class SceneryHit:
     distance: wp.float32  # [m]
     index: wp.int32  # instance, -1 for none
     face: wp.int32  # triangle of its mesh
+    leaf: wp.int32  # number of the leaf of its triangle
     normal: wp.vec3f  # unit vector in the world
 
 
@@ -71,9 +79,51 @@ def to_local(s: SceneryMeshes, i: int, point: wp.vec3f):
     return to_local_vector(s, i, point - wp.transform_get_translation(s.pose[i]))
 
 
+@wp.struct
+class LeafHit:
+    """First leaf of a mesh along a ray."""
+
+    distance: wp.float32  # [m], negative for none
+    face: wp.int32
+    leaf: wp.int32
+    normal: wp.vec3f  # in the mesh's frame
+
+
 @wp.func
-def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, near: float, limit: float):
-    """Find the nearest hit within ``limit`` [m] along a unit direction; all but the ground counts from ``near`` [m]."""
+def first_leaf(mesh: wp.uint64, style: LeafStyle, origin: wp.vec3f, direction: wp.vec3f, limit: float, pixel: wp.vec2f):
+    """Find the first leaf of a mesh along a ray, both in the mesh's frame, within ``limit`` [m].
+
+    ``pixel`` is the footprint of a pixel at the ray's start and its growth along the ray.
+    """
+    hit = LeafHit()
+    hit.distance = -1.0
+    travelled = wp.float32(0.0)
+    for _ in range(LAYERS):
+        found = wp.mesh_query_ray(mesh, origin + direction * travelled, direction, limit - travelled)
+        if not found.result:
+            return hit
+        travelled += found.t
+        leaf = leaf_at(mesh, found.face, origin + direction * travelled, style, pixel[0] + pixel[1] * travelled)
+        if leaf >= 0:
+            hit.distance = travelled
+            hit.face = found.face
+            hit.leaf = leaf
+            hit.normal = found.normal
+            return hit
+        travelled += 2.0e-4 + 1.0e-5 * travelled  # past this triangle
+        if travelled >= limit:
+            return hit
+    return hit
+
+
+@wp.func
+def closest_of_scenery(
+    s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, near: float, limit: float, pixel: float
+):
+    """Find the nearest hit within ``limit`` [m] along a unit direction; all but the ground counts from ``near`` [m].
+
+    ``pixel`` is the size of a pixel at distance 1; leaves are no smaller than that.
+    """
     hit = SceneryHit()
     hit.distance = limit
     hit.index = -1
@@ -87,12 +137,24 @@ def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, 
         while wp.bvh_query_next(query, i, wp.min(length, hit.distance - start)):
             skip = wp.where(s.kind[i] == GROUND, 0.0, near)
             local = to_local(s, i, origin + direction * skip)
-            found = wp.mesh_query_ray(s.mesh[i], local, to_local_vector(s, i, direction), hit.distance - skip)
-            if found.result:
-                hit.distance = found.t + skip
-                hit.index = i
-                hit.face = found.face
-                hit.normal = found.normal
+            along = to_local_vector(s, i, direction)
+            if s.leaf[s.foliage[i]].length > 0.0:
+                seen = wp.vec2f(pixel * skip, pixel)
+                leaf = first_leaf(s.mesh[i], s.leaf[s.foliage[i]], local, along, hit.distance - skip, seen)
+                if leaf.distance >= 0.0:
+                    hit.distance = leaf.distance + skip
+                    hit.index = i
+                    hit.face = leaf.face
+                    hit.leaf = leaf.leaf
+                    hit.normal = leaf.normal
+            else:
+                found = wp.mesh_query_ray(s.mesh[i], local, along, hit.distance - skip)
+                if found.result:
+                    hit.distance = found.t + skip
+                    hit.index = i
+                    hit.face = found.face
+                    hit.leaf = found.face / 2
+                    hit.normal = found.normal
         start += length
         length *= 2.0
     if hit.index >= 0:
@@ -103,15 +165,26 @@ def closest_of_scenery(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, 
 
 
 @wp.func
-def scenery_blocks(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f):
-    """Whether scenery stands between a point and the sun."""
+def scenery_blocks(s: SceneryMeshes, origin: wp.vec3f, direction: wp.vec3f, pixel: float):
+    """Whether scenery stands between a point and the sun; ``pixel`` is the size of a pixel at the point [m]."""
     start = wp.float32(0.0)
     length = wp.float32(STRETCH)
     i = wp.int32(0)
     while start < s.far:
         query = wp.bvh_query_ray(s.bvh, origin + direction * start, direction)
         while wp.bvh_query_next(query, i, length):
-            if wp.mesh_query_ray_anyhit(s.mesh[i], to_local(s, i, origin), to_local_vector(s, i, direction), s.far):
+            local = to_local(s, i, origin)
+            along = to_local_vector(s, i, direction)
+            if s.leaf[s.foliage[i]].length > 0.0:
+                # Sun comes through one bunch of leaves, hardly through two: the second counts whole, which is cheap.
+                found = wp.mesh_query_ray(s.mesh[i], local, along, s.far)
+                if found.result:
+                    at = local + along * found.t
+                    if leaf_at(s.mesh[i], found.face, at, s.leaf[s.foliage[i]], wp.max(pixel, 0.01)) >= 0:
+                        return True
+                    if wp.mesh_query_ray_anyhit(s.mesh[i], at + along * 0.001, along, s.far):
+                        return True
+            elif wp.mesh_query_ray_anyhit(s.mesh[i], local, along, s.far):
                 return True
         start += length
         length *= 2.0
@@ -173,29 +246,33 @@ def light_scenery(
     open = open_sky(s, point)
     local = to_local(s, i, point)
     albedo = s.color[i]
-    facing = wp.dot(normal, to_sun)
+    # Of the sun's middle: its disc, from which `to_sun` is drawn, softens shadows alone.
+    facing = wp.dot(normal, look.to_sun)
     lit = wp.max(facing, 0.0)
     through = wp.float32(0.0)
-    start = point + normal * 0.002  # off the surface, or the ray to the sun would hit it
+    # Off the surface, or the ray to the sun would hit it: by what single precision leaves of a place so far away.
+    start = point + normal * (0.002 + 2.0e-5 * (hit.distance + wp.max(wp.abs(point))))
     if kind == GROUND:
-        if s.ground_color.shape[0] > 0:
-            albedo = grid_color(s, point)
-        albedo = ground_albedo(albedo, point, footprint)
-    else:
+        if s.ground_color.shape[0] > 0:  # soil; without colours of its own it is no more than a surface
+            albedo = ground_albedo(grid_color(s, point), point, footprint)
+    elif kind != PLAIN:
         # Each instance, and each pair of triangles of a leaf, has a shade of its own, drawn by a hash of its index.
         own = lattice(i, 7, 1)
         albedo = wp.cw_mul(albedo * (0.82 + 0.36 * own), wp.vec3f(1.0 + 0.16 * (lattice(i, 3, 5) - 0.5), 1.0, 1.0))
         if kind == FOLIAGE:
             albedo = wp.cw_mul(
-                albedo * (0.75 + 0.5 * lattice(hit.face / 2, 11, 2)),
-                wp.vec3f(0.9 + 0.25 * lattice(hit.face / 2, 4, 9), 1.0, 1.0),
+                albedo * (0.6 + 0.8 * lattice(hit.leaf, 11, 2)),
+                wp.vec3f(0.9 + 0.25 * lattice(hit.leaf, 4, 9), 1.0, 1.0),
             )
+            if s.leaf[s.foliage[i]].length > 0.0:  # no leaf lies quite in the plane of its bunch
+                tilt = wp.vec3f(lattice(hit.leaf, 5, 3), lattice(hit.leaf, 8, 1), lattice(hit.leaf, 2, 7))
+                normal = wp.normalize(normal + (tilt - wp.vec3f(0.5, 0.5, 0.5)) * 1.2)
             # A crown is lit as a rounded whole: leaf normals bend outwards, and light fades towards the inside.
             out = wp.cw_div(local - s.middle[i], s.half[i])
             depth = wp.min(wp.length(out), 1.2)
             outward = wp.quat_rotate(wp.transform_get_rotation(s.pose[i]), wp.cw_mul(out, wp.vec3f(1.0, 1.0, 0.8)))
             normal = wp.normalize(normal * 0.6 + outward)
-            facing = wp.dot(normal, to_sun)
+            facing = wp.dot(normal, look.to_sun)
             lit = wp.clamp(0.25 + 0.75 * facing, 0.0, 1.0)
             through = 0.35 * wp.clamp(0.6 - 0.4 * facing, 0.0, 1.0)
             open = open * (0.4 + 0.6 * depth * depth)
@@ -209,11 +286,11 @@ def light_scenery(
             tilt = wp.vec3f(grain - 0.5, value_noise(local * 23.0 + wp.vec3f(9.0, 4.0, 7.0)) - 0.5, fine - 0.5)
             normal = wp.normalize(normal + tilt * (0.9 * near))
             # The tilted normal must not light a surface that faces away from the sun.
-            lit = wp.max(wp.dot(normal, to_sun), 0.0) * wp.clamp(4.0 * facing, 0.0, 1.0)
+            lit = wp.max(wp.dot(normal, look.to_sun), 0.0) * wp.clamp(4.0 * facing, 0.0, 1.0)
     sun = wp.float32(0.0)
     blocked = wp.bool(True)
     if lit + through > 0.0:
-        blocked = scenery_blocks(s, start, to_sun)
+        blocked = scenery_blocks(s, start, to_sun, footprint)
     if not blocked:
         sun = 1.0
         if look.shadow_size > 0:
@@ -269,7 +346,8 @@ def trace_scenery(
     a = 1.5707963 * (float(x % 2 + 2 * (y % 2)) + lattice(ray, 1, 17))
     r = sun_spread * wp.sqrt(even)
     to_sun = wp.normalize(look.to_sun + look.shadow_x * (r * wp.cos(a)) + look.shadow_y * (r * wp.sin(a)))
-    hit = closest_of_scenery(s, look.eye, direction, look.near, limit)
+    pixel = 2.0 * look.tan_y / float(look.height)
+    hit = closest_of_scenery(s, look.eye, direction, look.near, limit, pixel)
     if hit.index >= 0:
         depth[ray] = hit.distance
         shape[ray] = wp.uint32(s.shape[hit.index])
@@ -284,7 +362,7 @@ def trace_scenery(
             n = -n
         blocked = wp.bool(False)
         if wp.dot(n, to_sun) > 0.0:
-            blocked = scenery_blocks(s, look.eye + direction * limit + n * 0.01, to_sun)
+            blocked = scenery_blocks(s, look.eye + direction * limit + n * 0.01, to_sun, pixel * limit)
         if blocked:
             sun = 0.0
     detail[ray] = wp.vec4f(0.0, 0.0, 0.0, sun)
@@ -300,4 +378,4 @@ def scenery_distances(
 ):
     """Distance to the scenery from each origin along each unit direction, at most ``limit`` [m]."""
     i, j = wp.tid()
-    out[i * directions.shape[0] + j] = closest_of_scenery(s, origins[i], directions[j], 0.0, limit).distance
+    out[i * directions.shape[0] + j] = closest_of_scenery(s, origins[i], directions[j], 0.0, limit, 0.01).distance

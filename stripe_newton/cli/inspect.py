@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import json as json_module
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -20,6 +21,7 @@ from .compile_log import CompileLog
 from .device import set_device, set_seeds
 from .env_and_policy import build_env
 from .kernel_warmup import warm_up
+from .live_view import check_installed, open_viewer
 from .options import InspectArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import find_task, task_argument, task_ids
@@ -44,6 +46,8 @@ class _Inspection:
     """Reports of the files: what was read, and what was not."""
     picture: np.ndarray
     """uint8 ``(height, width, 3)``."""
+    subject: object
+    """The environment or the scene, which is there until the inspection ends."""
     actuators: list[ActuatorRow] = field(default_factory=list)
     """Actuators of an MJCF file."""
 
@@ -54,27 +58,45 @@ def run(argv: list[str]) -> int:
 
     log = CompileLog.install()
     task = task_argument(argv)
+    opened: AbstractContextManager[_Inspection]
     if task in task_ids():  # only a task has options for the fields of its config
         configs = load_configs(task, None, agent=False)
         args = parse(InspectArgs, _with_values(argv), "inspect", env=configs.env)
-        try_place("--out", args.out, folder=True)
-        is_file, found = False, _inspect_task(args.target, configs)
+        is_file = False
+        _check(args)
+        opened = _inspect_task(args.target, configs)
     else:
         args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
-        try_place("--out", args.out, folder=True)
         is_file = Path(args.target).suffix.lower() in _SUFFIXES or Path(args.target).is_file()
+        _check(args)
         if not is_file:
             _refuse_name(args.target)
-        found = _inspect_file(Path(args.target))
-    log.finish()
-    path = args.out / f"{Path(args.target).stem if is_file else args.target}.png"
-    save_image(path, found.picture)
+        opened = _inspect_file(Path(args.target))
+    with opened as found:
+        log.finish()
+        path = args.out / f"{Path(args.target).stem if is_file else args.target}.png"
+        save_image(path, found.picture)
+        _print(found, args, path)
+        if args.viewer == "viser":
+            _watch(found.subject, args)
+    return 0
+
+
+def _check(args: InspectArgs) -> None:
+    """Check, before anything is built, that the picture can be written and the viewer is there."""
+    try_place("--out", args.out, folder=True)
+    if args.viewer == "viser":
+        check_installed()
+
+
+def _print(found: _Inspection, args: InspectArgs, path: Path) -> None:
+    """Print tables, or one JSON object, and where the picture is."""
     if args.json:
         reports = [report.to_dict() for report in found.reports]
         actuators = [asdict(row) for row in found.actuators]
         content = {"name": args.target, **found.facts, "picture": str(path), "reports": reports, "actuators": actuators}
         print(json_module.dumps(content, indent=2))
-        return 0
+        return
     width = max(map(len, found.facts), default=0) + 2
     for name, value in found.facts.items():
         lines = str(value).splitlines()
@@ -86,7 +108,15 @@ def run(argv: list[str]) -> int:
 
         print(actuator_table(found.actuators) + "\n")
     print(f"picture: {path}")
-    return 0
+
+
+def _watch(subject: object, args: InspectArgs) -> None:
+    """Show what was inspected in a browser, until Ctrl-C; nothing moves."""
+    with open_viewer(subject, args.target, args.host, args.port) as viewer:
+        try:
+            viewer.hold()
+        except KeyboardInterrupt:
+            print()
 
 
 def _with_values(argv: list[str]) -> list[str]:
@@ -97,7 +127,7 @@ def _with_values(argv: list[str]) -> list[str]:
     return words
 
 
-def _inspect_file(path: Path) -> _Inspection:
+def _inspect_file(path: Path) -> AbstractContextManager[_Inspection]:
     """The report and a picture of a file, by what it is.
 
     Raises:
@@ -115,7 +145,8 @@ def _inspect_file(path: Path) -> _Inspection:
     raise UserError(f"{path} {kind.description}")
 
 
-def _inspect_robot(path: Path, kind: str) -> _Inspection:
+@contextmanager
+def _inspect_robot(path: Path, kind: str) -> Iterator[_Inspection]:
     """The report and a picture of a URDF or MJCF file."""
     from stripe_newton.assets import AssetBaseCfg
     from stripe_newton.robot_files import RobotFileError, actuator_rows, compile_mjcf, inspect_robot_file
@@ -144,12 +175,13 @@ def _inspect_robot(path: Path, kind: str) -> _Inspection:
             "mass": round(sum(row.mass for row in report.bodies), 6),
         }
         actuators = actuator_rows(compile_mjcf(path)) if kind == "mjcf" else []
-        return _Inspection(facts, [report], SceneRenderer(scene.sim, ViewerCfg()).render(), actuators)
+        yield _Inspection(facts, [report], SceneRenderer(scene.sim, ViewerCfg()).render(), scene, actuators)
     finally:
         scene.close()
 
 
-def _inspect_stage(path: Path) -> _Inspection:
+@contextmanager
+def _inspect_stage(path: Path) -> Iterator[_Inspection]:
     """The report and a picture of a stage, which says nothing about a task."""
     from stripe_newton.scene import InteractiveScene
     from stripe_newton.sim import SimulationCfg
@@ -161,7 +193,7 @@ def _inspect_stage(path: Path) -> _Inspection:
         warnings.simplefilter("ignore")  # the report has the rows that it would show
         scene = InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
     try:
-        return _Inspection({}, [report], SceneRenderer(scene.sim, ViewerCfg()).render())
+        yield _Inspection({}, [report], SceneRenderer(scene.sim, ViewerCfg()).render(), scene)
     finally:
         scene.close()
 
@@ -179,7 +211,8 @@ def _refuse_name(name: str) -> NoReturn:
     raise UserError(f"{name}: is a task without a config")
 
 
-def _inspect_task(task: str, configs: Configs) -> _Inspection:
+@contextmanager
+def _inspect_task(task: str, configs: Configs) -> Iterator[_Inspection]:
     """Sizes, rates and stages of a task, the reports of its assets, and a picture of its first environment.
 
     Raises:
@@ -211,7 +244,7 @@ def _inspect_task(task: str, configs: Configs) -> _Inspection:
         }
         picture = inner.render()
         assert picture is not None  # it was built to draw pictures
-        return _Inspection(facts, _titled(inner.scene.builder.reports), picture)
+        yield _Inspection(facts, _titled(inner.scene.builder.reports), picture, inner)
     finally:
         env.close()
 

@@ -11,7 +11,7 @@ import tyro
 
 from .user_error import UserError
 
-__all__ = ["OPTIONS", "BenchArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
+__all__ = ["OPTIONS", "BenchArgs", "DemoArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
 
 
 @dataclass
@@ -34,10 +34,18 @@ class TrainArgs:
     """Film the training every so many iterations; 0 for one video at the end."""
     final_video: bool = True
     """Whether the trained policy is filmed at the end."""
+    viewer: Literal["viser", "none"] = "none"
+    """Show the training live in a browser; it is slowed only while somebody looks."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
     runner: tyro.conf.DisallowNone[Literal["graph", "rsl_rl"] | None] = None
     """Rollout and update as CUDA graphs where possible, or rsl_rl's own, unchanged; short for --agent.runner."""
     resume: tyro.conf.DisallowNone[str | None] = None
     """Continue a run: its folder, or a checkpoint of it. Its configuration is taken over."""
+    teacher: tyro.conf.DisallowNone[str | None] = None
+    """Distil the policy of this run, its folder or a checkpoint of it, for tasks whose policy learns from a teacher."""
     allow_changes: bool = False
     """Resume a run with another environment or other networks than it had."""
     gpus: tyro.conf.DisallowNone[int | None] = None
@@ -104,6 +112,10 @@ class PlayArgs:
     """Number of environments; by default 16 at most."""
     steps: tyro.conf.DisallowNone[int | None] = None
     """Stop after so many steps; by default after an episode, and with viser at Ctrl-C."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
     seed: tyro.conf.DisallowNone[int | None] = None
     """Seed of everything."""
     device: tyro.conf.DisallowNone[str | None] = None
@@ -119,6 +131,30 @@ class PlayArgs:
             raise UserError("play needs either --checkpoint RUN_OR_FILE or --agent zero|random")
         if self.steps is not None and self.steps < 1:
             raise UserError(f"--steps {self.steps}: must be at least 1")
+
+
+@dataclass
+class DemoArgs:
+    """Watch a trained policy that comes with its task, in a browser; on the CPU unless --device says otherwise."""
+
+    task: tyro.conf.Positional[tyro.conf.DisallowNone[str | None]] = None
+    """A task with a policy; by default a quadruped on flat ground, where it has one."""
+    viewer: Literal["viser", "none"] = "viser"
+    """A live view in the browser, or only numbers."""
+    num_envs: int = 4
+    """Number of environments."""
+    steps: tyro.conf.DisallowNone[int | None] = None
+    """Stop after so many steps; by default at Ctrl-C, and without a viewer after an episode."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
+    browser: bool = True
+    """Open the page in the browser of this machine, where there is a screen."""
+    seed: tyro.conf.DisallowNone[int | None] = None
+    """Seed of everything."""
+    device: str = "cpu"
+    """cpu or cuda:N."""
 
 
 @dataclass
@@ -150,6 +186,12 @@ class InspectArgs:
     """Folder that the picture is written to."""
     json: bool = False
     """Print a JSON object in place of the tables."""
+    viewer: Literal["viser", "none"] = "none"
+    """Show it in a browser, too, until Ctrl-C."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
 
 
 OPTIONS: dict[str, type] = {
@@ -158,6 +200,7 @@ OPTIONS: dict[str, type] = {
     "export": ExportArgs,
     "play": PlayArgs,
     "bench": BenchArgs,
+    "demo": DemoArgs,
     "inspect": InspectArgs,
 }
 """Options by command."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
-import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ from stripe_newton.rl.torch_vector_env import is_simulated
 from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
 from .env_and_policy import build_env, build_policy, find_policy
+from .live_view import FPS, check_installed, open_viewer
 from .options import PlayArgs
 from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
@@ -30,8 +31,11 @@ from .written_places import try_place
 
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
+    from stripe_newton.viewers import LiveViewer
 
-__all__ = ["PlayArgs", "run"]
+    from .options import DemoArgs
+
+__all__ = ["PlayArgs", "roll", "run", "watch"]
 
 
 def run(argv: list[str]) -> int:
@@ -49,9 +53,9 @@ def run(argv: list[str]) -> int:
         if args.viewer == "video":
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
         elif args.viewer == "viser":
-            _watch(env, policy, configs.env, args)
+            watch(task, env, policy, configs.env, args)
         else:
-            _roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
+            roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
     finally:
         env.close()
     return 0
@@ -61,6 +65,8 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
     args.check()
     if args.viewer is None:
         args.viewer = "viser" if importlib.util.find_spec("viser") else "video"
+    if args.viewer == "viser":
+        check_installed()
     default = min(configs.env.scene.num_envs, 16)
     configs.env.scene.num_envs = default if args.num_envs is None else args.num_envs
     configs.env.seed = args.seed if args.seed is not None else configs.env.seed
@@ -81,35 +87,48 @@ def _env_and_policy(
 
 
 @torch.inference_mode()
-def _watch(env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, args: PlayArgs) -> None:
-    """Show the environments live, in real time, until Ctrl-C or for so many steps."""
-    from stripe_newton.viewers import LiveViewer  # here, as it needs viser, which need not be installed
+def watch(
+    task: str,
+    env: RslRlVecEnvWrapper,
+    policy: Policy,
+    cfg: RLEnvCfg,
+    args: PlayArgs | DemoArgs,
+    on_open: Callable[[LiveViewer], None] | None = None,
+) -> None:
+    """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps.
 
+    Args:
+        task: Name of what is shown.
+        env: The wrapped environment.
+        policy: What acts.
+        cfg: Config of the environment.
+        args: Address, seed and number of steps.
+        on_open: Called once, when the page can be opened and the first step was taken.
+
+    Raises:
+        UserError: if the environment has no simulation to show, or the page cannot be served.
+    """
     inner = env.unwrapped
     if not is_simulated(inner):
         raise UserError(f"--viewer viser: {type(inner).__name__} has no simulation to show; use --viewer video")
-    try:
-        viewer = LiveViewer(inner.sim, list(range(env.num_envs)))
-    except ImportError as error:
-        raise UserError(str(error)) from None
-    print(f"{viewer.url}  (Ctrl-C to stop)", flush=True)
-    obs = env.reset(args.seed)
+
+    def reset() -> None:
+        env.reset()
+        policy.reset()
+
+    # The interval of the pictures is in steps of the physics.
+    fps = min(FPS, 1.0 / (cfg.sim.dt * cfg.sim.render_interval))
+    viewer = open_viewer(inner, task, args.host, args.port, reset=reset, fps=fps)
+    env.reset(args.seed)
     policy.reset()
-    step_dt = env.unwrapped.step_dt
-    # The viewer's interval is in steps of the physics, this loop's in steps of the environment.
-    interval = max(1, round(cfg.sim.render_interval / cfg.decimation))
     try:
-        step = 0
-        due = time.monotonic()
-        while viewer.is_running() and (args.steps is None or step < args.steps):
-            obs, _, dones, _ = env.step(policy(obs))
+        for _ in viewer.steps(args.steps):
+            # Asked for anew in each step, as a click may have begun new episodes.
+            _, _, dones, _ = env.step(policy(env.get_observations()))
             policy.reset(dones)
-            step += 1
-            if step % interval == 0:
-                viewer.update(interval * step_dt)
-            # Real time, but a delay of more than a second is not caught up with.
-            due = max(due + step_dt, time.monotonic() - 1.0)
-            time.sleep(max(0.0, due - time.monotonic()))
+            if on_open is not None:
+                on_open(viewer)
+                on_open = None
     except KeyboardInterrupt:
         print()
     finally:
@@ -117,7 +136,7 @@ def _watch(env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, args: PlayArg
 
 
 @torch.inference_mode()
-def _roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
+def roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
     """Act without pictures and print rewards and ends of episodes."""
     obs = env.reset(seed)
     policy.reset()

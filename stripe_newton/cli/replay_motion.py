@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import importlib.util
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 import tyro
 
+from .live_view import check_installed, open_viewer
 from .user_error import UserError
 from .written_places import try_place
 
@@ -47,6 +48,10 @@ class ReplayMotionArgs:
     """The video."""
     resolution: tuple[int, int] = (960, 540)
     """Width and height of the video [px]."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
 
 
 def run(argv: list[str]) -> int:
@@ -55,8 +60,8 @@ def run(argv: list[str]) -> int:
     if not 0.0 < args.fps <= 240.0:
         raise UserError(f"--fps {args.fps:g}: must be above 0 and at most 240")
     viewer = args.viewer or ("viser" if importlib.util.find_spec("viser") else "video")
-    if viewer == "viser" and importlib.util.find_spec("viser") is None:
-        raise UserError('--viewer viser: is not installed; pip install "stripe-newton[viser]", or --viewer video')
+    if viewer == "viser":
+        check_installed()
     try_place("--out", args.out if viewer == "video" else None)
     scene, library = _load(args)
     print(_table(library))
@@ -164,17 +169,17 @@ def _film(scene: InteractiveScene, library: MotionLibrary, args: ReplayMotionArg
 
 
 def _watch(scene: InteractiveScene, library: MotionLibrary, args: ReplayMotionArgs) -> None:
-    from stripe_newton.viewers import LiveViewer
+    from stripe_newton.viewers import ViewerCfg
 
     count = None if args.seconds is None else max(1, round(args.seconds * args.fps))
-    with LiveViewer(scene.sim) as viewer:
-        print(f"{viewer.url}  (Ctrl-C ends)", flush=True)
-        begin = time.perf_counter()
+    cfg = ViewerCfg(origin_type="asset_root", asset_name="Robot", eye=(2.2, -2.4, 0.5), lookat=(0.0, 0.0, -0.05))
+    frames, title = _frames(scene, library, None), "replay-motion"
+    with open_viewer(scene, title, args.host, args.port, cfg=cfg, step_dt=1.0 / args.fps, fps=args.fps) as viewer:
         try:
-            for index in _frames(scene, library, count):
-                if not viewer.is_running():
-                    break
-                viewer.update(1.0 / args.fps)
-                time.sleep(max(0.0, begin + (index + 1) / args.fps - time.perf_counter()))
+            for _ in viewer.steps(count):
+                index = next(frames) % len(library.joint_pos)
+                motion = int(np.searchsorted(library.starts, index, side="right")) - 1
+                frame = f"{index - int(library.starts[motion])} of {int(library.lengths[motion])}"
+                viewer.set_status({"motion": Path(library.names[motion]).name, "frame": frame})
         except KeyboardInterrupt:
             print()

@@ -79,6 +79,10 @@ class SimulateArgs(SceneArgs):
     """The video; scene_SPEC_seedS.mp4 by default."""
     resolution: tuple[int, int] = (960, 540)
     """Width and height of the video [px]."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
     device: str | None = None
     """cpu or cuda:N; by default the first GPU where there is one."""
 
@@ -189,7 +193,11 @@ def _simulate(args: SimulateArgs) -> None:
     if out.suffix != ".mp4":
         raise UserError(f"--out {out}: must end in .mp4")
     try_place("--out", out if viewer == "video" else None)
-    simulate(args.spec, spec, Options(args.seed, args.drop, seconds, viewer, out, args.resolution, args.device))
+    simulate(
+        args.spec,
+        spec,
+        Options(args.seed, args.drop, seconds, viewer, out, args.resolution, args.host, args.port, args.device),
+    )
 
 
 def _create(spec: SceneSpec, seed: int, progress: Progress) -> Scene:

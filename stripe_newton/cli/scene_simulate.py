@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +12,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import torch
 
+from .live_view import check_installed, open_viewer
 from .progress import Progress
-from .user_error import UserError
 
 if TYPE_CHECKING:
     from stripe_newton.envs import LabScene
     from stripe_newton.specifications import Scene, SceneSpec
-    from stripe_newton.viewers import LiveViewer
 
 __all__ = ["Options", "simulate"]
 
@@ -47,6 +44,9 @@ class Options:
     out: Path
     """The video."""
     resolution: tuple[int, int]
+    host: str
+    port: int
+    """Where the live view listens."""
     device: str | None
 
 
@@ -54,10 +54,10 @@ def simulate(name: str, spec: SceneSpec, options: Options) -> None:
     """Simulate a scene, show it, and print what became of the things.
 
     Raises:
-        UserError: for a viewer that is not installed.
+        UserError: for a viewer that is not installed, or that cannot listen there.
     """
-    if options.viewer == "viser" and importlib.util.find_spec("viser") is None:
-        raise UserError('--viewer viser: is not installed; pip install "stripe-newton[viser]", or --viewer video')
+    if options.viewer == "viser":
+        check_installed()
     with Progress() as progress:
         progress.step("create", f"scene {name}, seed {options.seed}")
         scene = spec.create(options.seed)
@@ -67,11 +67,8 @@ def simulate(name: str, spec: SceneSpec, options: Options) -> None:
             walk = _Walk(scene, lab, options)
             walk.drop()
             if options.viewer == "viser":
-                from stripe_newton.viewers import LiveViewer  # here, as it needs viser, which need not be installed
-
                 progress.finish()
-                with LiveViewer(lab.sim, range(lab.num_envs)) as viewer:
-                    _watch(lab, viewer, options.seconds)
+                _watch(f"scene {name}", lab, walk, options)
             else:
                 progress.step("simulate", f"{options.seconds:g} s")
                 walk.run()
@@ -213,14 +210,12 @@ class _Walk:
         ]
 
 
-def _watch(lab: LabScene, viewer: LiveViewer, seconds: float) -> None:
+def _watch(title: str, lab: LabScene, walk: _Walk, options: Options) -> None:
     """Show the scene live, in real time, for so many seconds or until Ctrl-C."""
-    print(f"{viewer.url}  (Ctrl-C ends)", flush=True)
-    begin = time.perf_counter()
-    try:
-        while viewer.is_running() and lab.common_step_counter < seconds * _FPS:
-            lab.step()
-            viewer.update(1.0 / _FPS)
-            time.sleep(max(0.0, begin + lab.common_step_counter / _FPS - time.perf_counter()))
-    except KeyboardInterrupt:
-        pass
+    limit = None if math.isinf(options.seconds) else math.ceil(options.seconds * _FPS)
+    with open_viewer(lab, title, options.host, options.port, reset=walk.drop) as viewer:
+        try:
+            for _ in viewer.steps(limit):
+                lab.step()
+        except KeyboardInterrupt:
+            print()

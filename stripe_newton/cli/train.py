@@ -20,22 +20,27 @@ from stripe_newton.rl import (
 )
 from stripe_newton.rl.distributed import as_rank, world
 from stripe_newton.rl.experiments.sweep_process import end_with_sweep
+from stripe_newton.rl.report.run_facts import write_changes
+from stripe_newton.rl.report.run_report import REPORT_NAME, RunReport
+from stripe_newton.rl.runs.live_training import TrainingView
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
 from stripe_newton.rl.runs.video import CPU_FPS, CPU_SECONDS, MAX_FPS, VIDEO_SECONDS, video_steps
-from stripe_newton.rl.torch_vector_env import rl_env_of
+from stripe_newton.rl.torch_vector_env import is_simulated, rl_env_of
 
 from . import USER_ERRORS
 from .arguments import parse, peek, task_of
 from .determinism import make_deterministic, promise
 from .device import set_device, set_seeds
 from .env_and_policy import build
+from .live_view import check_installed, open_viewer
 from .options import TrainArgs
 from .run_configs import Configs, check, load_configs
 from .shell_command import command
 from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
 from .train_resume import Changes, check_changes, differences
 from .train_sweep import SweepOptions, run_sweep
+from .train_teacher import check_teacher, use_teacher
 from .user_error import UserError
 from .written_places import try_place
 
@@ -58,6 +63,11 @@ def _train(task: str, argv: Sequence[str]) -> int:
     resume = peek(argv, "--resume")
     resumed, checkpoint = find_run(resume) if resume else (None, None)
     configs = load_configs(task, resumed, same_device=True)
+    teacher = peek(argv, "--teacher")
+    if teacher and resumed is not None:
+        raise UserError(f"--teacher {teacher}: a run that is resumed has its teacher in its checkpoint")
+    if teacher:
+        use_teacher(task, teacher, configs)
     # The configs of the resumed run, before the options of this command change them.
     before = {name: cfg.to_dict() for name, cfg in vars(configs).items()}
     args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.need_agent())
@@ -65,6 +75,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
         try_place("--log-dir", args.log_dir, folder=True)
     _apply_shortcuts(args, configs)
     check(configs)
+    check_teacher(task, configs, resumed is not None)
     if args.sweep is not None:
         options = SweepOptions(args.sweep, args.jobs, args.device, args.log_dir, args.max_iterations, args.num_envs)
         return run_sweep(task, argv, options, configs)
@@ -74,7 +85,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
     keeps_episodes = check_changes(resume, changes, args.allow_changes)
     if resumed is not None and checkpoint is None:
         print(f"{resume} contains no checkpoint yet: it starts anew")
-    total_envs = configs.env.scene.num_envs
+    total_envs, from_default = configs.env.scene.num_envs, _changes_from_default(task, configs)
     split_over_ranks(configs)
     if args.deterministic:
         make_deterministic(configs.env.sim.device)
@@ -88,6 +99,9 @@ def _train(task: str, argv: Sequence[str]) -> int:
                 # Before the environment is built, so that the run can be resumed from the beginning on.
                 folder.write_task(task)
                 folder.write_params(configs.env, configs.need_agent(), total_envs)
+            if world().rank == 0:
+                with contextlib.suppress(OSError):  # the report then leaves them out
+                    write_changes(folder, from_default)
             runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
             if args.deterministic:
                 print(promise(runner.env))
@@ -114,7 +128,15 @@ def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:
         env.seed = agent.seed
     if args.video_interval < 0:
         raise UserError(f"--video-interval {args.video_interval}: must be 0 or more iterations")
+    if args.viewer == "viser":
+        check_installed()
     set_device(env, args.device)
+
+
+def _changes_from_default(task: str, configs: Configs) -> Changes:
+    """Fields that differ from the task's own configs: by the command line, or in the run that is resumed."""
+    default = {name: cfg.to_dict() for name, cfg in vars(load_configs(task, None)).items()}
+    return differences(default, {name: cfg.to_dict() for name, cfg in vars(configs).items()})
 
 
 def _run_folder(task: str, args: TrainArgs, configs: Configs, resumed: RunFolder | None) -> RunFolder:
@@ -156,7 +178,7 @@ def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunF
     """Learn, leave curve, policy and video in the run folder, and print what can be done next."""
     print(f"run folder: {folder.path}", flush=True)
     try:
-        complete = _learn(runner, folder, args.video_interval)
+        complete = _learn(runner, folder, task, args)
         if world().rank == 0:
             _finish(runner, folder, task, complete, film=args.final_video)
     except BaseException:
@@ -168,19 +190,32 @@ def _run_to_end(task: str, args: TrainArgs, runner: OnPolicyRunner, folder: RunF
     return 0
 
 
-def _learn(runner: OnPolicyRunner, folder: RunFolder, video_interval: int) -> bool:
-    if not video_interval or world().rank:  # rank 0 alone can draw pictures
+def _learn(runner: OnPolicyRunner, folder: RunFolder, task: str, args: TrainArgs) -> bool:
+    if world().rank:  # rank 0 alone can draw pictures
         return runner.learn()
-    film = TrainingVideo(runner.env, folder.videos, video_interval, video_steps(runner.env))
-    runner.logger.iteration_hooks.append(film.after_iteration)
-    try:
+    with contextlib.ExitStack() as stack:
+        if args.video_interval:
+            film = TrainingVideo(runner.env, folder.videos, args.video_interval, video_steps(runner.env))
+            stack.callback(film.close)
+            runner.logger.iteration_hooks.append(film.after_iteration)
+        if args.viewer == "viser":
+            _show(runner, task, args, stack)
         return runner.learn()
-    finally:
-        film.close()
+
+
+def _show(runner: OnPolicyRunner, task: str, args: TrainArgs, stack: contextlib.ExitStack) -> None:
+    """Open the live view of a training, which the stack closes."""
+    inner = runner.env.unwrapped
+    if not is_simulated(inner):
+        raise UserError(f"--viewer viser: {type(inner).__name__} has no simulation to show")
+    viewer = stack.enter_context(open_viewer(inner, task, args.host, args.port, reset=False, is_paced=False, fps=20.0))
+    view = TrainingView(runner, viewer)
+    stack.callback(view.close)
+    runner.logger.iteration_hooks.append(view.after_iteration)
 
 
 def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool, film: bool = True) -> None:
-    """Write the learning curve, the exported policy and, after a complete run, the video."""
+    """Write the learning curve, the exported policy, after a complete run the video, and the report."""
     try:
         plot_learning_curve(folder.metrics, folder.learning_curve, f"{task}, {runner.iterations_done} iterations")
     except (ValueError, OSError) as error:
@@ -193,6 +228,7 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
         failed = error  # raised after the video, which does not depend on the export
     if complete and film:
         _film(runner, folder.videos / f"final_{runner.iterations_done}.mp4")
+        RunReport(folder).finish()  # again, with the film
     if failed is not None:
         raise failed
 
@@ -212,7 +248,7 @@ def _print_next(task: str, folder: RunFolder, complete: bool) -> None:
         ranks = ["--gpus", str(world().size)] if world().size > 1 else []
         print(f"stopped; continue with:\n  {command('train', task, *ranks, '--resume', path)}")
     print(f"run folder: {folder.path}")
-    for file in (folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]):
+    for file in (folder.path / REPORT_NAME, folder.learning_curve, *sorted(folder.videos.glob("*.mp4"))[-1:]):
         if file.exists():
             print(f"  {file.relative_to(folder.path)}")
     print("next:")

@@ -22,6 +22,8 @@ from .distributed import join, world
 from .errors import CheckpointError, CheckpointWriteError, DivergedError
 from .graphs.loop import learn_in_graphs
 from .graphs.rollout import GraphRollout
+from .report.run_facts import write_system
+from .report.run_report import RunReport
 from .runner_settings import env_mismatches, rsl_rl_settings, why_no_graphs
 from .runs.checkpoint import CheckpointData, describe_room, load_checkpoint, save_checkpoint
 from .runs.divergence import check_networks, is_of_environment
@@ -51,6 +53,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     _unsaved: CheckpointWriteError | None = None
     """Reason why the last checkpoint is not on the disk; None if it is."""
     _said_room = False
+    _report: RunReport | None = None
+    """Report in the run folder; None in ranks that write no files."""
     _task: str | None = None
     """The task that the run folder names."""
 
@@ -160,6 +164,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             finally:
                 if self.logger.writer is not None:
                     self.logger.stop_logging_writer()
+                if self._report is not None:
+                    self._report.finish()
         self._raise_if_unsaved()
         return self.iterations_done == target
 
@@ -178,6 +184,9 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             return
         self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
         self._task = self.run_folder.read_task()
+        with contextlib.suppress(OSError):  # a report can do without; a full disk shows at the checkpoint
+            write_system(self.run_folder, self.device)
+        self._report = RunReport(self.run_folder)
         later = self.run_folder.set_aside_after(self.iterations_done - 1)
         if later:
             print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
@@ -253,6 +262,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             self._unsaved = None
             self.logger.save_model(str(path), self.current_learning_iteration)
             self._say_room(path, data)
+            if self._report is not None and self.logger.writer is not None:
+                self._report.update()
 
     def _say_room(self, path: Path, data: CheckpointData) -> None:
         """Say once what the checkpoints of the run will take, where that is much."""

@@ -20,10 +20,23 @@ from scipy.spatial.transform import Rotation
 
 from .capsules import Capsules
 
-__all__ = ["SCENERY_KEY", "Prototype", "Scenery", "add_scenery", "hidden", "read_scenery", "scenery_groups"]
+__all__ = [
+    "FOLIAGE_KEY",
+    "SCENERY_KEY",
+    "Prototype",
+    "Scenery",
+    "add_scenery",
+    "hidden",
+    "read_scenery",
+    "scenery_groups",
+]
 
 SCENERY_KEY = "stripeNewton:scenery"
 """Attribute of a prim whose children are all instances of static prototypes, placed by translate, orient and scale."""
+
+
+FOLIAGE_KEY = "stripeNewton:foliage"
+"""Attribute of a mesh whose triangles are bunches of leaves or twigs: which kind, see ``MeshPart.foliage``."""
 
 
 @dataclass
@@ -179,6 +192,8 @@ def _prototype(instance: Usd.Prim) -> Prototype:
             mesh = newton.Mesh(points.astype(np.float32), read.indices, compute_inertia=False)
             # No attribute of Newton's: viewers draw both sides of meshes that have it, such as leaves.
             mesh.two_sided = bool(UsdGeom.Mesh(prim).GetDoubleSidedAttr().Get())
+            foliage = prim.GetAttribute(FOLIAGE_KEY)
+            mesh.foliage = str(foliage.Get()) if foliage else ""
             found.meshes.append((mesh, newton.utils.color_linear_to_srgb((red, green, blue))))
     return found
 

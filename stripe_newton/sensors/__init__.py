@@ -4,6 +4,7 @@
 from .camera import Camera, CameraCfg, PinholeCameraCfg, TiledCameraCfg
 from .camera_data import CameraData
 from .contact_sensor import ContactSensor, ContactSensorCfg
+from .depth_noise import DepthNoiseCfg
 from .frame_transformer import FrameCfg, FrameTransformer, FrameTransformerCfg
 from .imu import Imu, ImuCfg
 from .patterns import BpearlPatternCfg, GridPatternCfg, LidarPatternCfg, PatternBaseCfg, PinholeCameraPatternCfg
@@ -18,6 +19,7 @@ __all__ = [
     "CameraData",
     "ContactSensor",
     "ContactSensorCfg",
+    "DepthNoiseCfg",
     "FrameCfg",
     "FrameTransformer",
     "FrameTransformerCfg",

@@ -22,6 +22,8 @@ class CameraData(SensorData):
     Attributes:
         pos_w: Position [m], shape ``(num_envs, 3)``.
         quat_w_world: Orientation, quaternion (x, y, z, w), of a frame with x forward and z up, ``(num_envs, 4)``.
+        mount: Pose in the frame of the body or the environment, x forward and z up, (x, y, z, qx, qy, qz, qw) [m],
+            shape ``(num_envs, 7)``; ``default_mount`` is the config's.
         intrinsic_matrices: ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`` [px], shape ``(num_envs, 3, 3)``.
         image_shape: ``(height, width)``.
         output: By data type, shape ``(num_envs, height, width, channels)``: ``rgb`` and ``rgba`` uint8; ``depth`` or
@@ -31,6 +33,8 @@ class CameraData(SensorData):
 
     pos_w: torch.Tensor
     quat_w_world: torch.Tensor
+    mount: torch.Tensor
+    default_mount: torch.Tensor
     intrinsic_matrices: torch.Tensor
     image_shape: tuple[int, int]
     output: dict[str, torch.Tensor]

@@ -18,6 +18,10 @@ SIZES: dict[str, int] = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
 """Number of lengths in the size of each kind of collider."""
 
 
+FOLIAGE = ("", "leaves", "spruce", "pine")
+"""Possible values of ``MeshPart.foliage``."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeshPart:
     """A visible surface of one colour.
@@ -29,6 +33,8 @@ class MeshPart:
         color: Linear RGB in [0, 1].
         roughness: 0 for a mirror, 1 for chalk.
         double_sided: Whether it is also visible from behind, like a leaf.
+        foliage: What its triangles stand for in pictures: bunches of ``"leaves"``, twigs of a ``"spruce"`` or a
+            ``"pine"``, or ``""`` for themselves.
     """
 
     name: str
@@ -37,6 +43,7 @@ class MeshPart:
     color: tuple[float, float, float] = (0.5, 0.5, 0.5)
     roughness: float = 0.9
     double_sided: bool = False
+    foliage: str = ""
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float32)
@@ -49,6 +56,9 @@ class MeshPart:
             or (faces.size and not 0 <= faces.min() <= faces.max() < len(vertices))
         ):
             raise ValueError(f"mesh part '{self.name}': faces must be (F, 3) and name its {len(vertices)} vertices")
+        if self.foliage not in FOLIAGE:
+            kinds = ", ".join(map(repr, FOLIAGE))
+            raise ValueError(f"mesh part '{self.name}': foliage is {self.foliage!r}, must be one of {kinds}")
         # A frozen dataclass sets its own fields this way.
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)

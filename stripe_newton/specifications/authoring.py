@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade, Vt
 
-from stripe_newton.scene.scenery import SCENERY_KEY
+from stripe_newton.scene.scenery import FOLIAGE_KEY, SCENERY_KEY
 from stripe_newton.sim import DistantLightCfg, DomeLightCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg
 from stripe_newton.terrains.ground_usd import author_ground
 
@@ -147,6 +147,8 @@ def _author_mesh(stage: Usd.Stage, path: str, part: MeshPart, look: str | None =
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.faces), 3, dtype=np.int32)))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)  # the default, Catmull-Clark, would round the edges
     mesh.CreateDoubleSidedAttr(part.double_sided)
+    if part.foliage:
+        mesh.GetPrim().CreateAttribute(FOLIAGE_KEY, Sdf.ValueTypeNames.Token, custom=True).Set(part.foliage)
     mesh.CreateExtentAttr([Gf.Vec3f(*map(float, f(part.vertices, axis=0))) for f in (np.min, np.max)])
     mesh.CreateDisplayColorAttr([Gf.Vec3f(*part.color)])  # for programs that read no materials
     if look is not None:

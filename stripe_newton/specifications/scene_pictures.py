@@ -189,6 +189,7 @@ def still_life(scene: Scene, device: wp.Device) -> StillLife:
     )
     for part, _ in terrain.parts:
         mesh = newton.Mesh(part.vertices, part.faces.reshape(-1), compute_inertia=False, roughness=part.roughness)
+        mesh.two_sided = part.double_sided  # a mark of generated scenery, see SceneryTracer
         static.add_shape_mesh(-1, mesh=mesh, color=newton.utils.color_linear_to_srgb(part.color))
     # Only the lights are populated: the stage of a forest has tens of thousands of prims.
     lights = Usd.StagePopulationMask(["/World/Light", "/World/Sun"])

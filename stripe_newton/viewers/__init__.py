@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from .viewer_cfg import ViewerCfg
 
 if TYPE_CHECKING:
-    from .live_viewer import LiveViewer
+    from .live import LiveViewer
     from .markers import VisualizationMarkers, VisualizationMarkersCfg
     from .scene_renderer import SceneRenderer
     from .video import VideoWriter, save_image, save_images
@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "LiveViewer": "live_viewer",
+    "LiveViewer": "live",
     "SceneRenderer": "scene_renderer",
     "VideoWriter": "video",
     "VisualizationMarkers": "markers",

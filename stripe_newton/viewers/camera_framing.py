@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
-__all__ = ["Follower", "camera_axes", "frame_points", "good_azimuth"]
+__all__ = ["USUAL_AZIMUTH", "Follower", "camera_axes", "frame_points", "good_azimuth"]
 
-_USUAL_AZIMUTH = math.radians(-55.0)
+USUAL_AZIMUTH = math.radians(-55.0)
+"""Direction from the scene to a camera that frames itself, about +Z from +X [rad]."""
 
 
 def camera_axes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -72,16 +73,16 @@ def frame_points(
 def good_azimuth(points: np.ndarray) -> float:
     """Azimuth of the camera [rad] that shows ``points``, shape (n, 3), well: long things show their long side."""
     if len(points) < 2:
-        return _USUAL_AZIMUTH
+        return USUAL_AZIMUTH
     flat = points[:, :2] - points[:, :2].mean(axis=0)
     sizes, directions = np.linalg.eigh(flat.T @ flat)
     if sizes[1] < 25.0 * max(float(sizes[0]), 1e-12):  # variances: less than five times as long as wide
-        return _USUAL_AZIMUTH
+        return USUAL_AZIMUTH
     # eigh() sorts: the last direction is that of the largest extent. Of the four views from 65 degrees beside it, the
     # one nearest to the usual direction.
     axis = math.atan2(directions[1, 1], directions[0, 1])
     choices = [axis + side * math.radians(65.0) + turn for side in (-1, 1) for turn in (0.0, math.pi)]
-    return min(choices, key=lambda a: 1.0 - math.cos(a - _USUAL_AZIMUTH))
+    return min(choices, key=lambda a: 1.0 - math.cos(a - USUAL_AZIMUTH))
 
 
 class Follower:

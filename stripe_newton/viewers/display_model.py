@@ -12,6 +12,7 @@ import warp as wp
 from stripe_kernels.picture import gather_bodies
 from stripe_newton.sim.body_choice import BodyChoice
 
+from .creases import crease_builder
 from .marker_slots import MarkerSlots
 from .recolor import recolor_shapes
 from .viewed_simulation import ViewedSimulation
@@ -33,7 +34,7 @@ class DisplayModel:
         state: Its state, set by :meth:`update`.
         roots: Index in the display state of each copy's first body, shape (number of copies,).
         colors: Linear RGB of each shape, shape (shape_count, 3).
-        is_ground: Whether each shape is a plane, shape (shape_count,).
+        is_ground: Whether each shape is a plane or height field, shape (shape_count,).
         textured: Whether a shape carries a texture.
         scenery: Shapes that :class:`SceneryTracer` traces instead of Newton's sensor, shape (n,).
 
@@ -43,6 +44,7 @@ class DisplayModel:
         floor: Add a floor below everything if nothing static is there and nothing falls.
         recolor: Replace colours that the stage did not author.
         natural: Leave static meshes to :class:`SceneryTracer`. None: if there are 64 of them or more.
+        is_traced: Prepare for rays and put markers in. Without, only shapes and poses are of use.
 
     Raises:
         IndexError: An environment that the simulation does not have.
@@ -52,9 +54,10 @@ class DisplayModel:
         self,
         sim: ViewedSimulation,
         env_ids: Sequence[int],
-        floor: bool = True,
+        floor: bool = False,
         recolor: bool = True,
         natural: bool | None = None,
+        is_traced: bool = True,
     ):
         env_ids = [int(i) for i in env_ids]
         wrong = [i for i in env_ids if not 0 <= i < sim.num_envs]
@@ -79,10 +82,11 @@ class DisplayModel:
         if recolor:
             recolor_shapes(builder, self._static_shapes, self._first_body, template)
         self._prepare_shapes(builder, template, natural)
-        self._markers = MarkerSlots(builder, sim, env_ids)
+        self._is_traced = is_traced
+        self._markers = MarkerSlots(builder, sim, env_ids, is_traced)
         builder.end_world()
         self.sources = builder.shape_source
-        self.is_ground = np.asarray(builder.shape_type, dtype=int) == int(newton.GeoType.PLANE)
+        self.is_ground = np.isin(np.asarray(builder.shape_type, dtype=int), _GROUND_TYPES)
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
         self.model = builder.finalize(device=sim.device, skip_all_validations=True)
@@ -117,6 +121,7 @@ class DisplayModel:
         self.scenery = _scenery(builder, self._static_shapes, natural)
         for i in self.scenery:
             builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
+        crease_builder(builder)  # after scenery was hidden: it is drawn by its faces
 
     def update(self) -> np.ndarray:
         """Copy the body poses of the simulation and refit the hierarchy that rays are traced against.
@@ -131,7 +136,7 @@ class DisplayModel:
             wp.launch(gather_bodies, dim=len(self._index), inputs=args, device=self.model.device)
             self.body_q = self.state.body_q.numpy()[: self._markers.first_body]
         # A refit keeps the tree of the hierarchy and costs far less than a new one.
-        if self.model.shape_count and self.model.bvh_shape_count_enabled:
+        if self._is_traced and self.model.shape_count and self.model.bvh_shape_count_enabled:
             self.model.bvh_refit_shapes(self.state)
         return self.body_q
 
@@ -139,11 +144,14 @@ class DisplayModel:
         """Whether there is room for the markers of the simulation; if not, a new display model is needed."""
         return self._markers.fit()
 
-    def bounds(self) -> np.ndarray:
+    def bounds(self, copy: int | None = None) -> np.ndarray:
         """Corners of the boxes around everything that a picture should show [m].
 
         These are the shapes that can move and the parts of fixed ones (a rail, a base) near them. If nothing can move,
         they are all shapes of the environment except its ground.
+
+        Args:
+            copy: Only what moves in this copy, and what is near. None: in all of them.
 
         Returns:
             Points in the world frame, shape (n, 3).
@@ -151,14 +159,18 @@ class DisplayModel:
         corners = self._corners(self.body_q)
         shown = np.isfinite(corners).all(axis=(1, 2))
         own = shown & (np.arange(len(shown)) >= self._static_shapes)
-        moving = own & self._moves[self._shape_body]  # a shape of the world has body -1: the last element
+        moves = own & self._moves[self._shape_body]  # a shape of the world has body -1: the last element
+        moving = moves
+        if copy is not None:
+            first = self.roots[copy]
+            moving = moves & (self._shape_body >= first) & (self._shape_body < first + self.body_count)
         if not moving.any():
             return corners[own if own.any() else shown].reshape(-1, 3)
         points = corners[moving].reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
         # A long rail or a wide table would make the robot small: of fixed shapes only what is near counts.
         around = 1.3 * float((high - low).max())
-        held = corners[own & ~moving]
+        held = corners[own & ~moves]
         near = ((held.max(axis=1) >= low - around) & (held.min(axis=1) <= high + around)).all(axis=1)
         return np.concatenate([points, np.clip(held[near], low - around, high + around).reshape(-1, 3)])
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import newton
 import numpy as np
 
-__all__ = ["recolor_shapes"]
+__all__ = ["recolor_model", "recolor_shapes"]
 
 _GROUND_TYPES = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
 _PALETTE = ((0.905, 0.892, 0.865), (0.890, 0.460, 0.240), (0.245, 0.345, 0.455))
@@ -42,6 +42,35 @@ def recolor_shapes(
         else:
             color = _PALETTE[ranks[(body - first_body) % bodies]]
         builder.shape_color[i] = color
+
+
+def recolor_model(model: newton.Model, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
+    """Colour shapes of a simulation's model as pictures of it do, see :func:`recolor_shapes`.
+
+    Args:
+        model: The static scene's shapes, then those of the template for each environment.
+        template: Builder of one environment.
+        static: Builder of what all environments share.
+    """
+    count = len(colors := model.shape_color.numpy()) if model.shape_count else 0
+    if not count:
+        return
+    # Environments differ in few colours: each is looked at once.
+    kinds, which = np.unique(colors, axis=0, return_inverse=True)
+    plain = np.array([_is_default(color) for color in kinds])[which.reshape(-1)]
+    if not plain.any():
+        return
+    one = newton.ModelBuilder()
+    one.add_builder(static)
+    first_body = one.body_count
+    one.add_builder(template)
+    recolor_shapes(one, static.shape_count, first_body, template)
+    index = np.arange(count)
+    index[static.shape_count :] = static.shape_count + (index[static.shape_count :] - static.shape_count) % max(
+        template.shape_count, 1
+    )
+    made = np.array(one.shape_color, dtype=np.float32).reshape(-1, 3)
+    model.shape_color.assign(np.where(plain[:, None], made[index], colors).astype(np.float32))
 
 
 def _body_ranks(template: newton.ModelBuilder) -> list[int]:

@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from .camera_framing import Follower, camera_axes, frame_points, good_azimuth
+from .camera_framing import USUAL_AZIMUTH, Follower, camera_axes, frame_points, good_azimuth
 from .display_model import DisplayModel
 from .lighting import lighting_from
 from .tracer import Tracer
@@ -45,8 +45,8 @@ class SceneRenderer:
             self._make_scene = lambda: DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
             self._scene = self._make_scene()
             self._setup_camera(sim, env_ids)
-            away = self._eye - self._target
-            self._lighting = lighting_from(sim.lights, azimuth=math.atan2(away[1], away[0]))
+            # Not of this camera: a sun that the scene lacks shines the same in all pictures and camera sensors.
+            self._lighting = lighting_from(sim.lights, azimuth=USUAL_AZIMUTH)
             self._open_tracer: Tracer | None = Tracer(self._scene, cfg, self._lighting)
 
     @property

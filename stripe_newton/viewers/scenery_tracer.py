@@ -13,15 +13,19 @@ import warp as wp
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial.transform import Rotation
 
+from stripe_kernels.picture_leaves import LeafStyle
 from stripe_kernels.picture_scenery import (
     FOLIAGE,
     GROUND,
+    PLAIN,
     SMOOTH,
     SOLID,
     SceneryMeshes,
     scenery_distances,
     trace_scenery,
 )
+
+from .leaf_meshes import LEAF_STYLES, leaf_mesh, leaf_styles
 
 if TYPE_CHECKING:
     from stripe_kernels.picture import Look
@@ -65,19 +69,31 @@ class SceneryTracer:
         scale[fields] = 1.0  # Newton keeps the extent of a height field in the source, not in the scale
         # scene/scenery.py marks meshes with double-sided triangles as leaves; Newton's Mesh knows no such thing.
         leaves = np.array([bool(getattr(s, "two_sided", False)) for s in self._sources])
+        styles = list(LEAF_STYLES)
+        foliage = np.array([styles.index(getattr(s, "foliage", "")) for s in self._sources], dtype=int)
+        margins = np.array([fields.get("margin", 0.0) for fields in LEAF_STYLES.values()])[foliage]
+        bounds += margins[:, None, None] * np.array([[-2.0], [2.0]])  # corners move farther than edges
         # One hierarchy over the boxes of all shapes; inside a box the ray meets the mesh's own hierarchy.
         lower, upper = _boxes(bounds, pose, scale)
         make = {"device": self._device}
         self._bvh = wp.Bvh(wp.array(lower, dtype=wp.vec3, **make), wp.array(upper, dtype=wp.vec3, **make))
         self._meshes = meshes = SceneryMeshes()
         meshes.bvh, meshes.far = self._bvh.id, _FAR
-        meshes.mesh = wp.array(model.shape_source_ptr.numpy()[index], dtype=wp.uint64, **make)
+        pointers = model.shape_source_ptr.numpy()[index]
+        for i in np.flatnonzero(foliage):
+            pointers[i] = leaf_mesh(self._sources[i], self._device).id
+        meshes.mesh = wp.array(pointers, dtype=wp.uint64, **make)
+        meshes.foliage = wp.array(foliage.astype(np.int32), dtype=wp.int32, **make)
+        meshes.leaf = wp.array(leaf_styles(), dtype=LeafStyle, **make)
         meshes.pose = wp.array(pose, dtype=wp.transformf, **make)
         meshes.scale = wp.array(scale, dtype=wp.vec3f, **make)
         meshes.shape = wp.array(index.astype(np.int32), dtype=wp.int32, **make)
         smooth = np.array([(getattr(s, "roughness", None) or 1.0) < _MIRROR_ROUGHNESS for s in self._sources])
+        # Meshes of scene/scenery.py alone say whether they are leaves: they are nature, and all others are made.
+        grown = np.array([hasattr(s, "two_sided") for s in self._sources], dtype=bool)
         # The first that applies: a leaf may be smooth, too.
-        kind = np.select([fields, leaves, smooth], [GROUND, FOLIAGE, SMOOTH], SOLID).astype(np.int32)
+        kinds = [(fields, GROUND), (leaves, FOLIAGE), (smooth, SMOOTH), (grown, SOLID)]
+        kind = np.select(*map(list, zip(*kinds, strict=True)), PLAIN).astype(np.int32)
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)
         meshes.middle = wp.array(bounds.mean(axis=1).astype(np.float32), dtype=wp.vec3f, **make)

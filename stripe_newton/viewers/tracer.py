@@ -15,6 +15,7 @@ from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, sha
 from .camera_framing import camera_axes
 from .display_model import DisplayModel
 from .lighting import Lighting
+from .look import lit_look
 from .scenery_tracer import SceneryTracer
 from .viewer_cfg import ViewerCfg
 
@@ -177,18 +178,12 @@ class Tracer:
         return rays
 
     def _look(self, eye: np.ndarray, target: np.ndarray, center: np.ndarray, radius: float) -> Look:
-        look, axes, sun = Look(), camera_axes(eye, target), self._sun_axes
         distance = float(np.linalg.norm(eye - target))
+        look = lit_look(self._lighting, distance, self._cfg.fog)
+        axes, sun = camera_axes(eye, target), self._sun_axes
         look.width, look.height, look.tan_x, look.tan_y = self._width, self._height, self._tan_x, self._tan_y
         for name, value in zip(("eye", "right", "up", "back"), (eye, *axes.T)):
             setattr(look, name, wp.vec3f(*value))
-        for name in ("to_sun", "sun", "sky", "ground", "horizon", "zenith"):
-            setattr(look, name, wp.vec3f(*getattr(self._lighting, name)))
-        # Fog begins behind what the camera looks at, whatever the scale of the scene.
-        reach = max(distance, 6.0)
-        look.fog_start = 1.2 * reach
-        look.fog_length = 9.0 * reach / self._cfg.fog if self._cfg.fog > 0 else 0.0
-        look.exposure = look.air = 1.0
         if self.scenery is not None:
             look.near, look.haze, look.air = self._cfg.near, self._cfg.haze, self.scenery.air_at(eye)
             look.exposure = self._exposure

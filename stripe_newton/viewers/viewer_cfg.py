@@ -72,8 +72,8 @@ class ViewerCfg:
     """Strength of the fog that fades distant things into the horizon; 0 switches it off."""
 
     natural: bool | None = None
-    """Draw static meshes as outdoors: all of them cast ray-traced shadows, with grain on ground and bark, light through
-    leaves, and haze. None: if the scene has 64 or more of them."""
+    """Draw static meshes as outdoors: all of them cast ray-traced shadows, with light through leaves, and haze; bark,
+    rock and soil of generated scenery have grain, and what is made is plain. None: if the scene has 64 or more."""
 
     near: float = 0.0
     """Outdoors: scenery nearer to the camera is not drawn [m], so that no leaf in front of it hides everything."""
@@ -84,8 +84,8 @@ class ViewerCfg:
     exposure: float = 1.0
     """Outdoors: factor on the exposure, which adapts to the picture."""
 
-    floor: bool = True
-    """Draw a floor under a scene without anything static, if all that moves in it is held."""
+    floor: bool = False
+    """Draw a floor that is not there, under a scene without anything static, if all that moves in it is held."""
 
     recolor: bool = True
     """Give shapes without a colour in the stage one of a small palette, by body."""

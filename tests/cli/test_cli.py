@@ -28,7 +28,7 @@ from stripe_newton.cli.field_options import apply_options, apply_saved, options_
 from stripe_newton.cli.shell_command import command, program
 from stripe_newton.cli.tasks import load_cfg, task_ids
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.rl import DivergedError, find_checkpoint, read_metrics
+from stripe_newton.rl import DivergedError, RslRlVecEnvWrapper, find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
 from tests.helpers.fake_env import TASK
 
@@ -346,12 +346,19 @@ def test_train_eval_play(capsys):
     names = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
     assert names >= {
         *("params/env.yaml", "params/agent.yaml", "checkpoints/model_5.pt", "metrics.csv", "learning_curve.png"),
+        *("params/system.yaml", "params/changes.yaml", "report.html"),
         *("videos/iteration_3.mp4", "videos/final_6.mp4", "exported/policy.pt", "exported/policy.onnx"),
     }
     agent = yaml.safe_load((run / "params/agent.yaml").read_text())
     env = yaml.safe_load((run / "params/env.yaml").read_text())
     assert (agent["seed"], env["seed"], env["scene"]["num_envs"]) == (5, 5, 8)
     assert agent["actor"]["hidden_dims"] == [8, 4]
+    page = (run / "report.html").read_text()
+    changes = yaml.safe_load((run / "params/changes.yaml").read_text())
+    assert changes["agent.actor.hidden_dims"][1] == "[8, 4]"
+    assert {"env.scene.num_envs", "agent.seed"} <= changes.keys()
+    assert "final_6.mp4" in page
+    assert "6 of 6 iterations" in page
 
     assert main(["eval", TASK, "--checkpoint", str(run), "--episodes", "5", "--json", "out/r.json"]) == 0
     result = json.loads(Path("out/r.json").read_text())
@@ -412,26 +419,75 @@ def test_live_view(monkeypatch, capsys):
     class View:
         url = "http://localhost:1"
 
-        def __init__(self, sim, env_ids):
-            seen.append(list(env_ids))
+        def __init__(self, subject, **options):
+            seen.append((subject.num_envs, options["title"], options["host"], options["port"]))
+            options["reset"]()
 
-        def is_running(self):
-            return True
-
-        def update(self, dt):
-            seen.append(dt)
-            if len(seen) == 4:
-                raise KeyboardInterrupt
+        def steps(self, limit):
+            yield from range(3)
+            raise KeyboardInterrupt
 
         def close(self):
             seen.append("closed")
 
     monkeypatch.setattr(stripe_newton.viewers, "LiveViewer", View, raising=False)
+    monkeypatch.setattr("stripe_newton.cli.live_view.check_installed", lambda: None)
+    monkeypatch.setattr("stripe_newton.cli.play.check_installed", lambda: None)
     monkeypatch.setattr("tests.helpers.fake_env.FakeCartEnv.sim", None, raising=False)
-    monkeypatch.setattr("time.sleep", lambda seconds: None)
-    assert main(["play", TASK, "--agent", "zero", "--viewer", "viser", "--num-envs", "2"]) == 0
-    assert seen == [[0, 1], 0.1, 0.1, 0.1, "closed"]
+    steps = []
+    monkeypatch.setattr(
+        "stripe_newton.rl.RslRlVecEnvWrapper.step",
+        lambda self, actions, step=RslRlVecEnvWrapper.step: (steps.append(1), step(self, actions))[1],
+    )
+    words = ["play", TASK, "--agent", "zero", "--viewer", "viser", "--num-envs", "2", "--host", "::1", "--port", "99"]
+    assert main(words) == 0
+    assert seen == [(2, TASK, "::1", 99), "closed"]
+    assert len(steps) == 3
     assert "http://localhost:1" in capsys.readouterr().out
+
+
+def test_a_training_is_shown_only_while_somebody_looks(monkeypatch):
+    import stripe_newton.viewers
+
+    seen = []
+
+    class View:
+        url = "http://localhost:1"
+
+        def __init__(self, subject, **options):
+            assert options["reset"] is False
+            assert not options["is_paced"]
+
+        def has_clients(self):
+            return 2 <= sum("iteration" in x for x in seen) < 4  # a browser comes after one iteration, and goes
+
+        def set_status(self, lines):
+            seen.append(lines)
+
+        def after_step(self):
+            seen.append("step")
+
+        def serve(self):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            seen.append("closed")
+
+    monkeypatch.setattr(stripe_newton.viewers, "LiveViewer", View, raising=False)
+    monkeypatch.setattr("stripe_newton.cli.train.check_installed", lambda: None)
+    monkeypatch.setattr("tests.helpers.fake_env.FakeCartEnv.sim", None, raising=False)
+    train("--num-envs", "4", "--max-iterations", "5", "--viewer", "viser", "--final-video", "False")
+    lines = [x["iteration"] for x in seen if isinstance(x, dict)]
+    assert lines == [f"{i} of 5" for i in range(6)]
+    begin, end = (
+        next(i for i, x in enumerate(seen) if x != "step" and x.get("iteration") == f"{k} of 5") for k in (1, 3)
+    )
+    assert "step" in seen[begin:end]
+    assert "step" not in seen[:begin] + seen[end:]
+    assert seen[-1] == "closed"
 
 
 def test_interrupted_command_leaves_a_run_that_goes_on():

@@ -17,6 +17,7 @@ from stripe_newton.envs import ManagerBasedRLEnv, mdp
 from stripe_newton.managers import ObservationTermCfg, SceneEntityCfg
 from stripe_newton.noise import UniformNoiseCfg
 from stripe_newton.sensors import CameraCfg, PinholeCameraCfg, TiledCameraCfg
+from stripe_newton.viewers import SceneRenderer, ViewerCfg
 from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from tests.helpers.manager_world import observation_group
 from tests.helpers.ray_world import SceneryCfg, body, place, random_poses, ray_scene
@@ -92,7 +93,7 @@ def test_normals_of_large_boxes_have_no_holes():
 
 def test_depths_and_normals_are_those_of_geometry():
     poses = random_poses(4, seed=3)
-    scene = ray_scene(cfg(offset=DOWN), add_sphere, 4)
+    scene = ray_scene(cfg(offset=DOWN, background_color=(0.66, 0.77, 0.88)), add_sphere, 4)
     place(scene, poses)
     camera = scene.sensors["rays"]
     camera.update(DT)
@@ -134,6 +135,33 @@ def test_depths_and_normals_are_those_of_geometry():
     empty = np.isinf(length) & clear
     sky = torch.tensor([round(255 * c) for c in camera.cfg.background_color], dtype=torch.uint8)
     assert (colour[torch.from_numpy(empty)] == sky).all()
+
+
+def test_colours_are_those_of_pictures():
+    """A camera and ``render()`` show one scene alike: light, ground, highlights, sky, colours of uncoloured shapes."""
+
+    def add_things(template, static):
+        add_sphere(template, static)
+        static.add_shape_box(-1, xform=wp.transform((2.0, -1.5, 0.2), wp.quat_identity()), hx=0.4, hy=0.4, hz=0.5)
+
+    width, height = 96, 72
+    lens = PinholeCameraCfg(focal_length=20.0, horizontal_aperture=24.0, clipping_range=(0.01, 1000.0))
+    ahead = CameraCfg.OffsetCfg(pos=(1.0, 0.0, 0.0), convention="world")
+    scene = ray_scene(cfg(spawn=lens, offset=ahead, data_types=["rgb"], width=width, height=height), add_things, 1)
+    turn = Rotation.from_euler("y", 0.15)
+    place(scene, np.concatenate([[-3.5, -0.4, 1.05], turn.as_quat()])[None])
+    eye = np.array([-3.5, -0.4, 1.05]) + turn.apply([1.0, 0.0, 0.0])
+    scene.sensors["rays"].update(DT)
+    seen = scene.sensors["rays"].data.output["rgb"][0].numpy().astype(int)
+    fov = math.degrees(2.0 * math.atan(0.5 * 24.0 / 20.0 * height / width))
+    view = ViewerCfg(
+        eye=tuple(eye), lookat=tuple(eye + turn.apply([3.0, 0.0, 0.0])), origin_type="world", fov=fov,
+        resolution=(width, height), shadows=False, anti_aliasing=False,
+    )  # fmt: skip
+    drawn = SceneRenderer(scene.sim, view).render().astype(int)
+    apart = np.abs(seen - drawn).max(axis=-1)
+    assert (apart <= 1).mean() > 0.995  # the pixels of silhouettes fall to either side
+    assert np.quantile(seen.reshape(-1, 3).std(axis=1), 0.9) > 10.0
 
 
 @pytest.mark.parametrize("convention", ["ros", "opengl", "world"])

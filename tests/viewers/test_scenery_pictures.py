@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import types
 
 import newton
@@ -38,7 +39,9 @@ def surfaces(renderer):
     return shape, depth, normal
 
 
-def test_scenery_is_what_newtons_sensor_sees(sim):
+def test_scenery_is_what_newtons_sensor_sees(sim, monkeypatch):
+    # Scenery is drawn by the normals of its faces.
+    monkeypatch.setattr("stripe_newton.viewers.display_model.crease_builder", lambda builder: None)
     ours, theirs = (SceneRenderer(sim, cfg(natural=natural)) for natural in (True, False))
     assert ours._scene.model.bvh_shape_count_enabled == 0
     assert theirs._scene.model.bvh_shape_count_enabled == 3 * 150 + 1
@@ -180,6 +183,23 @@ def test_the_ground_has_the_colours_of_its_points():
     left, right = picture[10:-10, 20:40].mean(axis=(0, 1)), picture[10:-10, 56:76].mean(axis=(0, 1))
     assert left[0] > 1.3 * left[1]  # brown
     assert right[1] > 1.3 * right[0]  # green
+
+
+@pytest.mark.parametrize("far", [1.0, 400.0])
+def test_a_plain_floor_has_one_colour(far):
+    """Neither grain, which is for bark and soil, nor shadows that it casts on itself, wherever it is and how large."""
+    sim = wall_and_floor(False)
+    size = 20.0 * far
+    floor = newton.Mesh.create_box(size, size, 0.5, compute_inertia=False)
+    sim.static.add_shape_mesh(
+        -1, xform=wp.transform((0, 0, 0.1), wp.quat_identity()), mesh=floor, color=(0.5, 0.5, 0.5)
+    )
+    low = math.radians(6.0)  # of the sun: shadows of a surface on itself show first where light is grazing
+    sim.lights[0].direction = (-math.cos(low), 0.0, -math.sin(low))
+    view = {"eye": (0.4 * size, -0.3 * size, 4.0 + 0.2 * far), "lookat": (0.45 * size, -0.3 * size, 0.6)}
+    options = {"natural": True, "haze": 0.0, "origin_type": "world", "anti_aliasing": False, "shadows": False}
+    picture = SceneRenderer(sim, ViewerCfg(resolution=SIZE, fov=30.0, **view, **options)).render().astype(int)
+    assert np.ptp(picture[SIZE[1] // 2 :].reshape(-1, 3), axis=0).max() <= 1
 
 
 def test_distances_end_at_what_is_seen(sim):

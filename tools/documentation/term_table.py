@@ -32,6 +32,7 @@ from stripe_kernels.mdp import (
     observations,
     obstacles,
     randomization_bodies,
+    randomization_cameras,
     randomization_encoder,
     randomization_joints,
     randomization_scene,
@@ -98,6 +99,7 @@ RANDOMIZATION: dict[str, Modules] = {
         randomization_shapes,
         randomization_scene,
     ),
+    "Events that randomise cameras": (randomization_cameras,),
     "Observations of encoders": (part(randomization_encoder, "joint_pos_biased", "joint_pos_rel_biased"),),
     "Actions by encoders": (part(randomization_encoder, "apply_joint_position_biased"),),
 }

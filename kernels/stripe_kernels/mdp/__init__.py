@@ -141,6 +141,7 @@ from .randomization_bodies import (
     randomize_rigid_body_inertia,
     randomize_rigid_body_mass,
 )
+from .randomization_cameras import randomize_camera_pose
 from .randomization_encoder import (
     apply_joint_position_biased,
     joint_pos_biased,
@@ -345,6 +346,7 @@ __all__ = [
     "push_by_setting_velocity",
     "random",
     "randomize_actuator_gains",
+    "randomize_camera_pose",
     "randomize_effort_limits",
     "randomize_encoder_bias",
     "randomize_geom_friction",

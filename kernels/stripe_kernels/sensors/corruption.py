@@ -19,6 +19,7 @@ __all__ = [
     "begin_corruption",
     "corrupt",
     "restart_corruption",
+    "uniform_at",
 ]
 
 NOISE_NONE = wp.constant(0)
@@ -46,7 +47,7 @@ class Noise:
 
 
 @wp.func
-def _uniform_at(env: int, n: wp.uint32) -> float:
+def uniform_at(env: int, n: wp.uint32) -> float:
     """Uniform draw in [0, 1) at number ``n`` of a stream, the same as ``random.uniform``'s."""
     return wp.randf(wp.rand_init(env, wp.int32(n)))
 
@@ -55,10 +56,10 @@ def _uniform_at(env: int, n: wp.uint32) -> float:
 def _sample_at(env: int, n: wp.uint32, kind: int, a: float, b: float) -> float:
     """Noise drawn at number ``n`` of a stream, the same as that of ``stripe_kernels.processing.sample_*``."""
     if kind == NOISE_UNIFORM:
-        return a + (b - a) * _uniform_at(env, n)
+        return a + (b - a) * uniform_at(env, n)
     if kind == NOISE_GAUSSIAN:
-        v = _uniform_at(env, n + wp.uint32(1))
-        return a + b * (wp.sqrt(-2.0 * wp.log(1.0 - _uniform_at(env, n))) * wp.cos(2.0 * wp.pi * v))
+        v = uniform_at(env, n + wp.uint32(1))
+        return a + b * (wp.sqrt(-2.0 * wp.log(1.0 - uniform_at(env, n))) * wp.cos(2.0 * wp.pi * v))
     return a
 
 

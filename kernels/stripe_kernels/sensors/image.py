@@ -1,19 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image observations: a camera's pixels as floats, row by row from the upper left, channels last.
+"""Image observations: a camera's pixels as floats, row by row from the upper left.
 
 Kernels run one thread a pixel, (environment, row, column), and write to ``out``, shape ``(num_envs, numbers)``, from
-column ``first`` on.
+``layout.first`` on.
 """
 
 import warp as wp
 
-__all__ = ["sum_colors", "write_colors", "write_depth", "write_labels", "write_normals"]
+__all__ = ["ImageLayout", "sum_colors", "write_colors", "write_depth", "write_labels", "write_normals"]
+
+
+@wp.struct
+class ImageLayout:
+    """Place and order of a picture's numbers."""
+
+    first: int
+    """Column of its first number."""
+    pixel: int
+    """Columns from a pixel to the next one of its row: the number of channels, or 1 with channels first."""
+    channel: int
+    """Columns from a channel to the next one of a pixel: 1, or the number of pixels with channels first."""
 
 
 @wp.func
-def _pixel_start(image_width: int, channels: int, row: int, col: int) -> int:
-    """Index of the first number of a pixel."""
-    return (row * image_width + col) * channels
+def _pixel_start(layout: ImageLayout, image_width: int, row: int, col: int) -> int:
+    """Column of the first number of a pixel."""
+    return layout.first + (row * image_width + col) * layout.pixel
 
 
 @wp.kernel(enable_backward=False)
@@ -27,42 +39,55 @@ def sum_colors(image: wp.array4d[wp.uint8], sums: wp.array2d[wp.uint32]):
 
 @wp.kernel(enable_backward=False)
 def write_colors(
-    image: wp.array4d[wp.uint8], normalize: bool, sums: wp.array2d[wp.uint32], first: int, out: wp.array2d[float]
+    image: wp.array4d[wp.uint8],
+    normalize: bool,
+    sums: wp.array2d[wp.uint32],
+    layout: ImageLayout,
+    out: wp.array2d[float],
 ):
     """Write colours from 0 to 255; with ``normalize`` ``c / 255 - mean(c / 255)``, the mean of each channel."""
     env, row, col = wp.tid()
-    at = first + _pixel_start(image.shape[2], 3, row, col)
+    at = _pixel_start(layout, image.shape[2], row, col)
     for k in range(3):
         value = float(image[env, row, col, k])
         if normalize:
             value = (value - float(sums[env, k]) / float(image.shape[1] * image.shape[2])) / 255.0
-        out[env, at + k] = value
+        out[env, at + k * layout.channel] = value
 
 
 @wp.kernel(enable_backward=False)
-def write_depth(image: wp.array3d[float], normalize: bool, first: int, out: wp.array2d[float]):
-    """Write depths [m]; with ``normalize`` 0 in place of infinity."""
+def write_depth(
+    image: wp.array3d[float], normalize: bool, max_depth: float, layout: ImageLayout, out: wp.array2d[float]
+):
+    """Write depths [m], at most ``max_depth`` where that is positive.
+
+    With ``normalize`` 0 in place of infinity, or, with a ``max_depth``, depths divided by it.
+    """
     env, row, col = wp.tid()
     value = image[env, row, col]
-    if normalize and wp.isinf(value):
+    if max_depth > 0.0:
+        value = wp.min(value, max_depth)
+        if normalize:
+            value = value / max_depth
+    elif normalize and wp.isinf(value):
         value = 0.0
-    out[env, first + _pixel_start(image.shape[2], 1, row, col)] = value
+    out[env, _pixel_start(layout, image.shape[2], row, col)] = value
 
 
 @wp.kernel(enable_backward=False)
-def write_normals(image: wp.array3d[wp.vec3], normalize: bool, first: int, out: wp.array2d[float]):
+def write_normals(image: wp.array3d[wp.vec3], normalize: bool, layout: ImageLayout, out: wp.array2d[float]):
     """Write unit normals; with ``normalize`` ``(n + 1) / 2``."""
     env, row, col = wp.tid()
-    at = first + _pixel_start(image.shape[2], 3, row, col)
+    at = _pixel_start(layout, image.shape[2], row, col)
     for k in range(3):
         value = image[env, row, col][k]
         if normalize:
             value = 0.5 * (value + 1.0)
-        out[env, at + k] = value
+        out[env, at + k * layout.channel] = value
 
 
 @wp.kernel(enable_backward=False)
-def write_labels(image: wp.array3d[int], normalize: bool, first: int, out: wp.array2d[float]):
+def write_labels(image: wp.array3d[int], normalize: bool, layout: ImageLayout, out: wp.array2d[float]):
     """Write labels as floats; ``normalize`` has no effect."""
     env, row, col = wp.tid()
-    out[env, first + _pixel_start(image.shape[2], 1, row, col)] = float(image[env, row, col])
+    out[env, _pixel_start(layout, image.shape[2], row, col)] = float(image[env, row, col])

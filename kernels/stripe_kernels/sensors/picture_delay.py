@@ -3,35 +3,37 @@
 
 import warp as wp
 
-__all__ = ["count_pictures", "delay_words", "fill_missing", "forget_pictures"]
+from ..mdp.random import uniform
+
+__all__ = ["begin_episodes", "count_pictures", "delay_words", "fill_missing"]
 
 
 @wp.kernel(enable_backward=False)
 def delay_words(
     due: wp.array[wp.bool],
     count: wp.array[int],
+    lag: wp.array[int],
     taken: wp.array2d[int],
     ring: wp.array3d[int],
     out: wp.array2d[int],
 ):
-    """Store a picture and output the one ``delay`` before; threads (environment, word).
+    """Store a picture and output the one ``lag`` before; threads (environment, word).
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
         count: Pictures taken before this one in the episode, shape ``(num_envs,)``.
+        lag: Age of the pictures that are handed out, in pictures, below ``depth``, shape ``(num_envs,)``.
         taken: The picture, shape ``(num_envs, size)``.
-        ring: The last ``delay + 1`` pictures, shape ``(num_envs, delay + 1, size)``.
+        ring: The last ``depth`` pictures, shape ``(num_envs, depth, size)``.
         out: Output, the delayed picture, shape ``(num_envs, size)``.
     """
     env, i = wp.tid()
     if not due[env]:
         return
     depth, n = ring.shape[1], count[env]
-    if n == 0:  # the first picture of an episode stands for those before it
-        for k in range(depth):
-            ring[env, k, i] = taken[env, i]
     ring[env, n % depth, i] = taken[env, i]
-    out[env, i] = ring[env, (n + 1) % depth, i]
+    # The first picture of an episode stands for those before it.
+    out[env, i] = ring[env, (n - wp.min(lag[env], n)) % depth, i]
 
 
 @wp.kernel(enable_backward=False)
@@ -43,11 +45,27 @@ def count_pictures(due: wp.array[wp.bool], count: wp.array[int]):
 
 
 @wp.kernel(enable_backward=False)
-def forget_pictures(mask: wp.array[wp.bool], count: wp.array[int]):
-    """Set the count of pictures to 0 in the environments of ``mask``, which start an episode."""
+def begin_episodes(
+    mask: wp.array[wp.bool], least: int, most: int, rng: wp.array[wp.uint32], count: wp.array[int], lag: wp.array[int]
+):
+    """Forget the pictures of the environments of ``mask``, which start an episode, and draw their delays.
+
+    Args:
+        mask: Environments, shape ``(num_envs,)``.
+        least: Least delay, in pictures.
+        most: Largest delay, in pictures; where it equals ``least``, nothing is drawn.
+        rng: Random streams, advanced, shape ``(num_envs,)``.
+        count: Output, pictures in the episode, shape ``(num_envs,)``.
+        lag: Output, delays, shape ``(num_envs,)``.
+    """
     env = wp.tid()
-    if mask[env]:
-        count[env] = 0
+    if not mask[env]:
+        return
+    count[env] = 0
+    drawn = least
+    if most > least:
+        drawn = least + int(uniform(env, rng) * float(most - least + 1))
+    lag[env] = wp.min(drawn, most)
 
 
 @wp.kernel(enable_backward=False)

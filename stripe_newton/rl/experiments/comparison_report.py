@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .curve_charts import COLORS, X_LABELS, chart_svg
+from .curve_charts import X_LABELS, chart_svg
+from .html_page import COLORS, html_document, html_table
 from .loaded_runs import LoadedRun
 from .run_groups import Group, Summary, differing_fields, final_value, t_interval
 from .text_tables import format_number, format_table
@@ -112,52 +113,12 @@ def _cut(value: str) -> str:
 
 # -- HTML
 
-_STYLE = """
-:root { color-scheme: light dark; --back: #ffffff; --card: #f6f7f9; --text: #24292f; --soft: #5b6470; --grid: #dfe3e8;
-  LIGHT }
-@media (prefers-color-scheme: dark) { :root { --back: #14171c; --card: #1c2027; --text: #dde2e8; --soft: #98a2ae;
-  --grid: #343b45; DARK } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 76rem; padding: 1.2rem clamp(.8rem, 3vw, 2rem) 3rem; background: var(--back);
-  color: var(--text); font: 15px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-h1 { font-size: 1.35rem; margin: .2rem 0; } h2 { font-size: 1.08rem; margin: 2rem 0 .6rem; }
-p { margin: .3rem 0; color: var(--soft); }
-.legend { display: flex; flex-wrap: wrap; gap: .3rem 1.2rem; margin: .9rem 0; padding: 0; list-style: none; }
-.key { display: inline-block; width: 1.3em; height: .3em; border-radius: 2px; margin-right: .45em;
-  vertical-align: middle; }
-.charts { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 21rem), 1fr)); gap: 1rem; }
-figure { margin: 0; padding: .7rem .8rem .4rem; background: var(--card); border-radius: 10px; min-width: 0; }
-figcaption { font-weight: 600; overflow-wrap: anywhere; } figure svg { display: block; width: 100%; height: auto; }
-.scroll { overflow-x: auto; background: var(--card); border-radius: 10px; padding: .3rem .2rem; }
-table { border-collapse: collapse; width: 100%; font-size: .93em; }
-th, td { padding: .38rem .75rem; text-align: right; white-space: nowrap; border-top: 1px solid var(--grid); }
-thead th { border-top: 0; color: var(--soft); font-weight: 600; }
-th:first-child, td:first-child { text-align: left; white-space: normal; min-width: 9rem; }
-td { font-variant-numeric: tabular-nums; } .best { font-weight: 700; }
-.fields td, .fields th { text-align: left; }
-.fields td { white-space: normal; overflow-wrap: anywhere; min-width: 6rem; }
-.fields td:first-child, li code { font-family: ui-monospace, SFMono-Regular, Menlo, monospace; font-size: .88em; }
-.fields td:first-child { min-width: 12rem; } .note { border-left: 3px solid var(--group-1); padding-left: .7rem; }
-@media (max-width: 36rem) { table { font-size: .84em; } th, td { padding: .35rem .45rem; } th { white-space: normal; }
-  th:first-child, td:first-child { min-width: 6.5rem; } }
-details { margin-top: 2rem; } summary { cursor: pointer; font-weight: 600; } li { overflow-wrap: anywhere; }
-"""
-
 
 def to_html(comparison: Comparison) -> str:
     """The comparison as one HTML page, which adapts to the width of the screen and to a dark theme."""
     page = _Page(comparison)
     sections = [*page.head(), *page.table(), *page.curves(), *page.final_values(), *page.differences(), page.runs()]
-    # Colours are variables of the page, which the charts use too, so that one rule switches all of them to dark.
-    light, dark = (" ".join(f"--group-{at}: {pair[mode]};" for at, pair in enumerate(COLORS)) for mode in (0, 1))
-    style = _STYLE.replace("LIGHT", light).replace("DARK", dark)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(comparison.title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
-        + "\n".join(sections)
-        + "\n</body>\n</html>\n"
-    )
+    return html_document(comparison.title, sections)
 
 
 class _Page:
@@ -196,7 +157,7 @@ class _Page:
             cells[0] = self._key(row.group) + cells[0]
             body.append((cells, place == 0 and len(self._groups) > 1))
         header = [html.escape(name) for name in _header(self._comparison)]
-        return [_html_table(header, body), f"<p>{html.escape(_table_explained())}</p>"]
+        return [html_table(header, body), f"<p>{html.escape(_table_explained())}</p>"]
 
     def curves(self) -> list[str]:
         """A chart of each metric."""
@@ -215,14 +176,14 @@ class _Page:
             ([html.escape(name), *(html.escape(_interval(*_final(group, name))) for group in self._groups)], False)
             for name in self._metrics
         ]
-        return ["<h2>All metrics at the end</h2>", _html_table(self._heads("final value"), rows)]
+        return ["<h2>All metrics at the end</h2>", html_table(self._heads("final value"), rows)]
 
     def differences(self) -> list[str]:
         """The table of fields that differ."""
         rows = differences_of(self._groups)
         if rows:
             fields = [([html.escape(name), *map(html.escape, values)], False) for name, values in rows]
-            return ["<h2>What differs</h2>", _html_table(self._heads("field"), fields, "fields")]
+            return ["<h2>What differs</h2>", html_table(self._heads("field"), fields, "fields")]
         return ["<h2>What differs</h2>", "<p>The configs do not differ.</p>"] if len(self._groups) > 1 else []
 
     def runs(self) -> str:
@@ -235,15 +196,6 @@ class _Page:
             for run in group.runs
         )
         return f"<details><summary>Runs</summary><ul>{items}</ul></details>"
-
-
-def _html_table(head: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]], kind: str = "") -> str:
-    """A table of cells that are HTML already; a row may be marked as the best."""
-    body = ""
-    for cells, best in rows:
-        body += f"<tr{' class=best' if best else ''}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
-    top = "".join(f"<th>{name}</th>" for name in head)
-    return f'<div class="scroll"><table class="{kind}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def _explained(comparison: Comparison) -> str:

@@ -12,24 +12,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from .html_page import COLORS
 from .run_groups import Curve, Group, curve_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["COLORS", "X_LABELS", "chart_svg", "draw_png"]
+__all__ = ["X_LABELS", "chart_svg", "draw_png"]
 
-COLORS = (
-    ("#2f6fb5", "#6aa9ee"),
-    ("#d1600a", "#f59a4d"),
-    ("#2a8a55", "#5cc98d"),
-    ("#9c3fa8", "#d288dd"),
-    ("#b8322f", "#f07f78"),
-    ("#7a6a14", "#d3bd4a"),
-    ("#11808c", "#53c3cf"),
-    ("#5b5f6b", "#b3b8c4"),
-)
-"""Colour of each group on a light and on a dark page. After the last they begin again, with dashed lines."""
 X_LABELS = {"steps": "samples", "iterations": "iterations", "seconds": "seconds"}
 
 _Dash: TypeAlias = "str | tuple[float, tuple[float, ...]]"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from stripe_newton.input_files import InputFileError, read_yaml
+from stripe_newton.input_files import InputFileError, SafeLoader, read_yaml
 from stripe_newton.rl.runs.metrics_csv import read_metrics
 
 __all__ = ["CompareError", "LoadedRun", "find_runs", "load_run"]
@@ -125,7 +125,7 @@ def _number(value: object) -> float:
 # -- configs
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(SafeLoader):
     """Safe YAML that reads tagged Python objects, which other programs write, as the plain values inside them."""
 
 

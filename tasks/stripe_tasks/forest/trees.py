@@ -40,6 +40,7 @@ class SpeciesShape:
         bark: Linear RGB of trunk and branches.
         foliage: Linear RGB of the foliage within, and of the outer one.
         patches: Linear RGB of bark that differs, and up to which share of the height it reaches.
+        twigs: What the triangles of the foliage stand for, see :class:`MeshPart`.
         plates: Whether that bark covers the trunk from the ground up, rather than in scars.
     """
 
@@ -54,6 +55,7 @@ class SpeciesShape:
     foliage: tuple[Color, Color]
     patches: tuple[Color, float] | None = None
     plates: bool = False
+    twigs: str = "leaves"
 
 
 SPECIES_SHAPES: Mapping[str, SpeciesShape] = MappingProxyType(
@@ -68,6 +70,7 @@ SPECIES_SHAPES: Mapping[str, SpeciesShape] = MappingProxyType(
             0.003,
             (0.14, 0.095, 0.07),
             ((0.014, 0.045, 0.022), (0.03, 0.08, 0.034)),
+            twigs="spruce",
         ),
         "pine": SpeciesShape(
             pine,
@@ -81,6 +84,7 @@ SPECIES_SHAPES: Mapping[str, SpeciesShape] = MappingProxyType(
             ((0.02, 0.055, 0.032), (0.05, 0.11, 0.055)),
             ((0.12, 0.085, 0.065), 0.45),
             True,
+            "pine",
         ),
         "beech": SpeciesShape(
             beech,
@@ -158,7 +162,7 @@ def tree(
     if shape.patches is not None and age > 0.2:
         parts.append(MeshPart("bark", *trunk.patches(stem, rng), color=shape.patches[0]))
     for part, piece, color in (("crown", dark, shape.foliage[0]), ("crown_light", light, shape.foliage[1])):
-        parts.append(MeshPart(part, *piece, color=color, double_sided=True))
+        parts.append(MeshPart(part, *piece, color=color, double_sided=True, foliage=shape.twigs))
     # room that it takes on the ground: the reach of its roots
     ground = stem[0][stem[0][:, 2] < 0.1]
     taken = float(np.linalg.norm(ground[:, :2], axis=1).max())

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Live scene: the shapes of some environments as instanced meshes in a browser, moved at each picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import newton
+import numpy as np
+
+from stripe_newton.shape_mesh import shape_mesh
+from stripe_newton.viewers.display_model import DisplayModel
+from stripe_newton.viewers.viewed_simulation import ViewedSimulation
+
+from .glb_file import glb_of
+from .poses import compose, wxyz
+
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["ROOT", "LiveScene", "ShapeBatch", "linear_bytes"]
+
+ROOT = "/world"
+"""Node of the world frame. It moves against what the camera follows, so that the camera itself stays the user's."""
+_FACETS_OFF = 0.004
+"""Distance of the facets of round shapes from their surface in radii: coarser than for contacts, for the browser."""
+_ROUND = tuple(map(int, (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)))
+_THINNER = 0.004
+"""Share by which round shapes get thinner from body to body: surfaces that meet in a joint would flicker."""
+_UNIT = {newton.GeoType.SPHERE: (0, 0, 0), newton.GeoType.BOX: (0, 1, 2), newton.GeoType.ELLIPSOID: (0, 1, 2)}
+"""Shapes that are one mesh in all sizes, with the sizes along x, y and z."""
+_AWAY = (0.0, 0.0, -1.0e4)
+"""Where shapes are put whose pose is not finite [m]."""
+
+
+@dataclass
+class ShapeBatch:
+    """Instances of one mesh."""
+
+    handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle
+    """The instances in the browser."""
+    bodies: np.ndarray
+    """Body of each instance in the display model; -1 for the world, shape ``(n,)``."""
+    local: np.ndarray
+    """Poses on the bodies, shape ``(n, 7)``."""
+
+
+class LiveScene:
+    """Shapes of chosen environments in the browser.
+
+    Args:
+        server: The web server.
+        sim: The simulation.
+        env_ids: The environments, each at its origin.
+
+    Raises:
+        IndexError: An environment that the simulation does not have.
+    """
+
+    def __init__(self, server: viser.ViserServer, sim: ViewedSimulation, env_ids: Sequence[int]):
+        self._server, self._sim = server, sim
+        self.env_ids = [int(i) for i in env_ids]
+        self.model = DisplayModel(sim, env_ids, natural=False, is_traced=False)
+        self.batches: list[ShapeBatch] = []
+        self.grounds: list[np.ndarray] = []
+        """Poses of endless planes, which are left to the backdrop."""
+        self._add_batches()
+
+    @property
+    def body_q(self) -> np.ndarray:
+        """Poses of the display model's bodies at the last update, shape ``(bodies, 7)``."""
+        return self.model.body_q
+
+    def body_of(self, display_body: int) -> tuple[int, int]:
+        """Environment, and body in its template, of a body of the display model; (-1, -1) for a static one."""
+        first = int(self.model.roots[0]) if len(self.model.roots) else 0
+        if display_body < first or not self.model.body_count:
+            return -1, -1
+        copy, body = divmod(display_body - first, self.model.body_count)
+        return self.env_ids[copy], body
+
+    def root_of(self, env_id: int) -> int | None:
+        """First body of an environment in the display model; None if it is not shown or has no bodies."""
+        if env_id not in self.env_ids or not self.model.body_count:
+            return None
+        return int(self.model.roots[self.env_ids.index(env_id)])
+
+    def update(self) -> None:
+        """Move all shapes to where the simulation has them."""
+        poses = self.model.update()
+        for batch in self.batches:
+            if (batch.bodies >= 0).any():
+                _place(batch, poses)
+
+    def remove(self) -> None:
+        """Take all shapes from the browser."""
+        for batch in self.batches:
+            batch.handle.remove()
+        self.batches = []
+
+    def _add_batches(self) -> None:
+        shapes = self.model.model
+        if not shapes.shape_count:
+            return
+        kinds, flags, bodies = (a.numpy() for a in (shapes.shape_type, shapes.shape_flags, shapes.shape_body))
+        scales, local, colors = shapes.shape_scale.numpy(), shapes.shape_transform.numpy(), shapes.shape_color.numpy()
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for i in range(shapes.shape_count):
+            if not int(flags[i]) & int(newton.ShapeFlags.VISIBLE):
+                continue
+            if kinds[i] == int(newton.GeoType.PLANE) and not scales[i][:2].any():
+                self.grounds.append(compose(self._pose(int(bodies[i]))[None], local[i][None])[0])
+                continue
+            groups.setdefault(self._key(i, int(kinds[i]), scales[i]), []).append(i)
+        for number, rows in enumerate(groups.values()):
+            index = np.array(rows)
+            self._add(number, index, scales[index], local[index], bodies[index], colors[index])
+
+    def _pose(self, body: int) -> np.ndarray:
+        return self.body_q[body] if body >= 0 else np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+    def _key(self, shape: int, kind: int, scale: np.ndarray) -> tuple[object, ...]:
+        """What shapes of one mesh have in common."""
+        source = self.model.sources[shape]
+        if kind == int(newton.GeoType.MESH):
+            # A mirror turns the triangles, which is done in the mesh.
+            return kind, id(source), bool(np.prod(np.sign(scale)) < 0.0)
+        if kind in map(int, _UNIT):
+            return (kind,)
+        return kind, id(source), *np.round(scale, 6).tolist()
+
+    def _add(
+        self,
+        number: int,
+        shapes: np.ndarray,
+        scales: np.ndarray,
+        local: np.ndarray,
+        bodies: np.ndarray,
+        colors: np.ndarray,
+    ) -> None:
+        """Add a batch of shapes that have one mesh."""
+        first = int(shapes[0])
+        kind, source = int(self.model.model.shape_type.numpy()[first]), self.model.sources[first]
+        vertices, faces, sizes = self._mesh(first, kind, scales)
+        if kind in _ROUND and self.model.body_count:
+            rank = np.where(bodies >= 0, bodies % self.model.body_count % 6, 0)
+            sizes = sizes * np.where(
+                [True, True, kind == int(newton.GeoType.SPHERE)], 1.0 - _THINNER * rank[:, None], 1
+            )
+        poses = compose(np.stack([self._pose(int(b)) for b in bodies]), local)
+        args: dict[str, object] = {
+            "batched_positions": poses[:, :3].astype(np.float32),
+            "batched_wxyzs": wxyz(poses[:, 3:]),
+            "batched_scales": sizes.astype(np.float32),
+            "lod": "off",  # simplified meshes have holes
+        }
+        name, scene = f"{ROOT}/shape_{number}", self._server.scene
+        picture = _picture(source) if kind == int(newton.GeoType.MESH) else None
+        if picture is not None:
+            uvs = np.asarray(source.uvs, dtype=float) * (1.0, -1.0) + (0.0, 1.0)
+            glb = glb_of(vertices, faces, uvs=uvs, picture=picture)
+            handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(name, glb, **args)
+        else:
+            # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
+            args["side"] = "double" if kind in (int(newton.GeoType.MESH), int(newton.GeoType.PLANE)) else "front"
+            # The corners of a terrain belong to faces of all directions.
+            args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
+            handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=linear_bytes(colors), **args)
+        batch = ShapeBatch(handle, bodies.astype(int), local.astype(float))
+        self.batches.append(batch)
+        _place(batch, self.body_q)
+
+    def _mesh(self, shape: int, kind: int, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Vertices and faces of the mesh of a batch, and the factors of its instances, shape ``(n, 3)``."""
+        source, label = self.model.sources[shape], f"shape {shape}"
+        if kind == int(newton.GeoType.MESH):
+            mirror = np.where(np.prod(np.sign(scales[0])) < 0.0, -1.0, 1.0)
+            factor = np.array([mirror, 1.0, 1.0])
+            vertices, faces = shape_mesh(kind, factor, source, label)
+            return vertices, faces, np.abs(scales) if mirror < 0.0 else scales
+        if kind in map(int, _UNIT):
+            axes = list(_UNIT[newton.GeoType(kind)])
+            vertices, faces = shape_mesh(kind, np.ones(3), source, label, _FACETS_OFF)
+            return vertices, faces, scales[:, axes]
+        vertices, faces = shape_mesh(kind, scales[0], source, label, _FACETS_OFF * max(float(scales[0][0]), 1e-3))
+        return vertices, faces, np.ones((len(scales), 3))
+
+
+def _place(batch: ShapeBatch, body_q: np.ndarray) -> None:
+    """Move the instances of a batch by the poses of their bodies."""
+    world = np.zeros((1, 7))
+    world[0, 6] = 1.0
+    poses = compose(np.concatenate([body_q, world])[batch.bodies], batch.local)  # body -1 is the last row
+    lost = ~np.isfinite(poses).all(axis=1)
+    poses[lost] = (*_AWAY, 0.0, 0.0, 0.0, 1.0)
+    batch.handle.batched_positions = poses[:, :3].astype(np.float32)
+    batch.handle.batched_wxyzs = wxyz(poses[:, 3:])
+
+
+def linear_bytes(colors: np.ndarray) -> np.ndarray:
+    """Colours in sRGB from 0 to 1, ``(n, 3)``, as viser takes those of instances: linear, uint8."""
+    linear = np.array([newton.utils.color_srgb_to_linear(tuple(map(float, color))) for color in colors])
+    return np.round(255.0 * np.clip(linear, 0.0, 1.0)).astype(np.uint8).reshape(-1, 3)
+
+
+def _picture(source: object) -> np.ndarray | None:
+    """The texture of a mesh, uint8 ``(height, width, 3)``; None if it has none that can be read."""
+    texture, uvs = getattr(source, "texture", None), getattr(source, "uvs", None)
+    if texture is None or uvs is None:
+        return None
+    if isinstance(texture, str):
+        from PIL import Image  # comes with viser
+
+        try:
+            with Image.open(Path(texture)) as image:
+                return np.asarray(image.convert("RGB"))
+        except OSError:
+            return None
+    picture = np.asarray(texture)
+    if picture.dtype != np.uint8:
+        picture = np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
+    return picture[..., :3] if picture.ndim == 3 and picture.shape[2] >= 3 else None
