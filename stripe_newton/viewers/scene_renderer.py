@@ -42,7 +42,9 @@ class SceneRenderer:
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)
-            self._make_scene = lambda: DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
+            self._make_scene = lambda: DisplayModel(
+                sim, env_ids, cfg.floor, cfg.recolor, cfg.natural, horizon=cfg.horizon
+            )
             self._scene = self._make_scene()
             self._setup_camera(sim, env_ids)
             # Not of this camera: a sun that the scene lacks shines the same in all pictures and camera sensors.

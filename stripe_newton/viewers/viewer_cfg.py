@@ -87,6 +87,9 @@ class ViewerCfg:
     floor: bool = False
     """Draw a floor that is not there, under a scene without anything static, if all that moves in it is held."""
 
+    horizon: bool = True
+    """Continue a terrain that is a height field to the horizon, where nothing touches it."""
+
     recolor: bool = True
     """Give shapes without a colour in the stage one of a small palette, by body."""
 
