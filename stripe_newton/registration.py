@@ -70,6 +70,7 @@ def register_task(
     env_cfg: str | Callable[[], RLEnvCfg],
     rsl_rl_cfg: EntryPoint | None = None,
     description: str = "",
+    policy: str | None = None,
 ) -> None:
     """Register a task, so that ``gymnasium.make_vec(task_id)`` and the command line find it.
 
@@ -79,6 +80,8 @@ def register_task(
         env_cfg: ``"module:Class"`` of its config, or a function that returns one.
         rsl_rl_cfg: ``"module:Class"`` of the config that rsl_rl trains it with, or a function that returns one.
         description: What ``stripe-newton list`` says of it; by default the first sentence about its config.
+        policy: ``"package:path"`` of a trained policy that the package contains, such as
+            ``"my_tasks:policies/walk.onnx"``; ``stripe-newton demo`` shows it.
 
     ``gymnasium.make_vec(task_id, num_envs=64)`` or ``make_vec(task_id, cfg=cfg)`` makes it; with a config, the
     config's number of environments holds unless ``num_envs`` is given too.
@@ -88,6 +91,8 @@ def register_task(
         kwargs["rsl_rl_cfg_entry_point"] = rsl_rl_cfg
     if description:
         kwargs["description_entry_point"] = description
+    if policy is not None:
+        kwargs["policy_entry_point"] = policy
     creator = _EnvCreator(env, env_cfg)
     gymnasium.register(id=task_id, entry_point=_NoSingleEnv(task_id), vector_entry_point=creator, kwargs=kwargs)
 

@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 
 from stripe_newton.configclass import ConfigError, NoConfigClassError
 from stripe_newton.matching import NoMatchError
@@ -26,6 +27,7 @@ BEGAN = time.perf_counter()
 """Start of the program [s], by ``time.perf_counter``; ``bench`` measures from here."""
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("stripe_newton.cli.demo", "watch a trained policy that comes with its task, in a browser"),
     "list": ("stripe_newton.cli.list_tasks", "show the tasks, one a line"),
     "new": ("stripe_newton.cli.new", "make a package with a task that trains at once, and tests"),
     "train": ("stripe_newton.cli.train", "train a policy with rsl_rl"),
@@ -40,6 +42,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "scene": ("stripe_newton.cli.scene", "make a scene of a spec: pictures of it, a USD file, or a walk through it"),
 }
 """Module and line of help of each command."""
+
+_SIMULATES = ("train", "play", "eval", "demo", "bench")
+"""Commands that build the environment of a task, for which kernels are compiled on a machine's first start."""
 
 USER_ERRORS = (
     UserError, ConfigError, NoConfigClassError, NoMatchError, CheckpointError, DivergedError, ExportError,
@@ -68,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the cores, too, an update of a small network took twenty times as long by that.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
-        return _dispatch(args)
+        return _dispatch(args, is_program=argv is None)
     except BrokenPipeError:  # the program that read the output, such as head, has ended
         # Python flushes the output once more at its end, which would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -93,7 +98,7 @@ def _is_user_error(error: Exception) -> bool:
     return isinstance(error, (*USER_ERRORS, *found))
 
 
-def _dispatch(args: list[str]) -> int:
+def _dispatch(args: list[str], is_program: bool = False) -> int:
     from .tasks import use_dialect  # here, as it imports gymnasium
 
     args = use_dialect(args)
@@ -108,7 +113,19 @@ def _dispatch(args: list[str]) -> int:
 
     words = with_flag_values(args[0], args[1:])
     check_early(args[0], words)
+    if is_program and args[0] in _SIMULATES:
+        from .kernel_warmup import start_early  # here, as processes run that module as a program
+
+        start_early(_device_of(args[0], words))
     return importlib.import_module(COMMANDS[args[0]][0]).run(words)
+
+
+def _device_of(command: str, words: Sequence[str]) -> str | None:
+    """The device that a command's arguments name; None for its default."""
+    given = [b for a, b in pairwise(words) if a == "--device"] or [
+        w.partition("=")[2] for w in words if w.startswith("--device=")
+    ]
+    return given[-1] if given else "cpu" if command == "demo" else None
 
 
 def _usage() -> str:

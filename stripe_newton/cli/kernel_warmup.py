@@ -2,11 +2,13 @@
 """Kernel warm-up: the first time on a machine, compiles the large kernel modules of the libraries in several processes.
 
 Warp compiles a module when its first kernel is launched, one after the other, which takes most of a first start. Here
-processes compile them side by side into Warp's kernel cache, from which the command then loads them.
+processes compile them side by side into Warp's kernel cache, from which the command then loads them. They begin while
+the command still imports its libraries.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import importlib.metadata
@@ -18,7 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
-__all__ = ["MODULES", "compile_modules", "warm_up"]
+__all__ = ["MODULES", "compile_modules", "start_early", "warm_up"]
 
 MODULES = {
     "newton._src.solvers.mujoco.kernels": 12.0,
@@ -38,6 +40,49 @@ _MOST_WORKERS = 4
 """Each has a context on the GPU of its own."""
 
 
+_early: subprocess.Popen[bytes] | None = None
+"""The process that :func:`start_early` has started."""
+
+
+def start_early(device: str | None) -> None:
+    """Begin the warm-up in a process of its own, if this machine seems to need it; :func:`warm_up` waits for it.
+
+    Called before Warp is imported, so it only looks for the files that an earlier warm-up has left.
+
+    Args:
+        device: ``"cpu"``, ``"cuda:N"``, or None for the device that a command takes by default.
+    """
+    global _early
+    # Ranks wait for each other, one of them compiles. On a single core nothing is gained.
+    if int(os.environ.get("WORLD_SIZE") or "1") > 1 or (os.cpu_count() or 1) < 2 or _early is not None:
+        return
+    guess = device or ("cuda:0" if Path("/proc/driver/nvidia/version").exists() else "cpu")
+    folder = _cache_folder()
+    kind = "cpu" if guess == "cpu" else "sm*"
+    if folder is None or any(folder.glob(f"stripe_newton_{_versions()}_{kind}.warm")):
+        return
+    if all(any(folder.glob(f"wp_{name}_*")) for name in MODULES):
+        return
+    _early = subprocess.Popen([sys.executable, "-m", "stripe_newton.cli.kernel_warmup", "--all", guess])
+    atexit.register(_end_early)
+
+
+def _cache_folder() -> Path | None:
+    """Warp's kernel cache, without importing Warp; None where its place is not known."""
+    version = importlib.metadata.version("warp-lang")
+    if given := os.environ.get("WARP_CACHE_PATH"):
+        return Path(os.path.realpath(given)) / version
+    if sys.platform == "linux":
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "warp" / version
+    return Path.home() / "Library" / "Caches" / "warp" / version if sys.platform == "darwin" else None
+
+
+def _end_early() -> None:
+    """End a warm-up that nobody waits for any more, as after a wrong option."""
+    if _early is not None and _early.poll() is None:
+        _early.terminate()
+
+
 def warm_up(device: str, out: TextIO | None = None) -> bool:
     """Compile the modules for a device, unless that was done before. Returns whether it was necessary.
 
@@ -52,6 +97,8 @@ def warm_up(device: str, out: TextIO | None = None) -> bool:
     from .kernel_lock import hold_cache  # likewise
 
     wp.init()  # after which the folder of the cache is known
+    if _early is not None:
+        _early.wait()
     stamp = Path(str(wp.config.kernel_cache_dir)) / f"stripe_newton_{_versions()}_{_architecture(device)}.warm"
     shares = _shares(min(os.cpu_count() or 1, _MOST_WORKERS))
     # Modules of another version may be there; what is missing is then compiled one by one.
@@ -129,5 +176,19 @@ def compile_modules(device: str, names: Sequence[str]) -> None:
         print(f"compiled {name}", flush=True)
 
 
+def main(words: Sequence[str]) -> None:
+    """``--all DEVICE``: the whole warm-up, with its progress; ``DEVICE MODULE ...``: the part of one process."""
+    if words[0] != "--all":
+        compile_modules(words[0], words[1:])
+        return
+    from .compile_log import CompileLog  # here, as the parts need neither
+    from .end_signals import end_on_signals
+
+    end_on_signals()
+    with contextlib.suppress(KeyboardInterrupt):
+        CompileLog.install()
+        warm_up(words[1])
+
+
 if __name__ == "__main__":
-    compile_modules(sys.argv[1], sys.argv[2:])
+    main(sys.argv[1:])

@@ -11,7 +11,7 @@ import tyro
 
 from .user_error import UserError
 
-__all__ = ["OPTIONS", "BenchArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
+__all__ = ["OPTIONS", "BenchArgs", "DemoArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
 
 
 @dataclass
@@ -132,6 +132,30 @@ class PlayArgs:
 
 
 @dataclass
+class DemoArgs:
+    """Watch a trained policy that comes with its task, in a browser; on the CPU unless --device says otherwise."""
+
+    task: tyro.conf.Positional[tyro.conf.DisallowNone[str | None]] = None
+    """A task with a policy; by default a quadruped on flat ground, where it has one."""
+    viewer: Literal["viser", "none"] = "viser"
+    """A live view in the browser, or only numbers."""
+    num_envs: int = 4
+    """Number of environments."""
+    steps: tyro.conf.DisallowNone[int | None] = None
+    """Stop after so many steps; by default at Ctrl-C, and without a viewer after an episode."""
+    host: str = "127.0.0.1"
+    """Address that the live view listens on; 0.0.0.0 for other machines too, which then need the printed token."""
+    port: int = 8080
+    """Port of the live view; the next free one if it is in use."""
+    browser: bool = True
+    """Open the page in the browser of this machine, where there is a screen."""
+    seed: tyro.conf.DisallowNone[int | None] = None
+    """Seed of everything."""
+    device: str = "cpu"
+    """cpu or cuda:N."""
+
+
+@dataclass
 class BenchArgs:
     """Measure a task: the whole step and the physics alone under the same random actions, CUDA calls, start-up."""
 
@@ -174,6 +198,7 @@ OPTIONS: dict[str, type] = {
     "export": ExportArgs,
     "play": PlayArgs,
     "bench": BenchArgs,
+    "demo": DemoArgs,
     "inspect": InspectArgs,
 }
 """Options by command."""

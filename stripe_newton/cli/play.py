@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,8 +31,11 @@ from .written_places import try_place
 
 if TYPE_CHECKING:
     from stripe_newton.envs import RLEnvCfg
+    from stripe_newton.viewers import LiveViewer
 
-__all__ = ["PlayArgs", "run"]
+    from .options import DemoArgs
+
+__all__ = ["PlayArgs", "roll", "run", "watch"]
 
 
 def run(argv: list[str]) -> int:
@@ -49,9 +53,9 @@ def run(argv: list[str]) -> int:
         if args.viewer == "video":
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
         elif args.viewer == "viser":
-            _watch(task, env, policy, configs.env, args)
+            watch(task, env, policy, configs.env, args)
         else:
-            _roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
+            roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
     finally:
         env.close()
     return 0
@@ -83,8 +87,27 @@ def _env_and_policy(
 
 
 @torch.inference_mode()
-def _watch(task: str, env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, args: PlayArgs) -> None:
-    """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps."""
+def watch(
+    task: str,
+    env: RslRlVecEnvWrapper,
+    policy: Policy,
+    cfg: RLEnvCfg,
+    args: PlayArgs | DemoArgs,
+    on_open: Callable[[LiveViewer], None] | None = None,
+) -> None:
+    """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps.
+
+    Args:
+        task: Name of what is shown.
+        env: The wrapped environment.
+        policy: What acts.
+        cfg: Config of the environment.
+        args: Address, seed and number of steps.
+        on_open: Called once, when the page can be opened and the first step was taken.
+
+    Raises:
+        UserError: if the environment has no simulation to show, or the page cannot be served.
+    """
     inner = env.unwrapped
     if not is_simulated(inner):
         raise UserError(f"--viewer viser: {type(inner).__name__} has no simulation to show; use --viewer video")
@@ -103,6 +126,9 @@ def _watch(task: str, env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, ar
             # Asked for anew in each step, as a click may have begun new episodes.
             _, _, dones, _ = env.step(policy(env.get_observations()))
             policy.reset(dones)
+            if on_open is not None:
+                on_open(viewer)
+                on_open = None
     except KeyboardInterrupt:
         print()
     finally:
@@ -110,7 +136,7 @@ def _watch(task: str, env: RslRlVecEnvWrapper, policy: Policy, cfg: RLEnvCfg, ar
 
 
 @torch.inference_mode()
-def _roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
+def roll(env: RslRlVecEnvWrapper, policy: Policy, steps: int, seed: int | None) -> None:
     """Act without pictures and print rewards and ends of episodes."""
     obs = env.reset(seed)
     policy.reset()

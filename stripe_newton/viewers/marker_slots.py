@@ -12,7 +12,7 @@ import warp as wp
 from .markers import MarkerPlaces, VisualizationMarkers
 from .viewed_simulation import ViewedSimulation
 
-__all__ = ["MarkerSlots"]
+__all__ = ["MarkerSlots", "places_of_envs"]
 
 _MOST = 512
 """Most markers of one kind that are drawn."""
@@ -62,7 +62,7 @@ class MarkerSlots:
         self._poses[:] = _AWAY
         slot = 0
         for markers, room in self._kinds:
-            places = self._shown(markers.places())
+            places = places_of_envs(markers.places(), self._sim.env_origins, self._env_ids)
             for prototype in range(markers.num_prototypes):
                 rows = np.flatnonzero(places.prototypes == prototype)[:room]
                 for k, row in enumerate(rows):
@@ -84,16 +84,23 @@ class MarkerSlots:
         per_env = markers.count % envs == 0
         return min(len(self._env_ids) * (markers.count // envs) if per_env else markers.count, _MOST)
 
-    def _shown(self, places: MarkerPlaces) -> MarkerPlaces:
-        """The markers of the environments that are shown."""
-        count, envs = len(places.positions), self._sim.num_envs
-        if not count or count % envs:
-            return places
-        each = count // envs
-        # Rows are by environment, or by marker with all environments in each block: what is nearer to the origins.
-        by_env, by_marker = np.repeat(np.arange(envs), each), np.tile(np.arange(envs), each)
-        origins = self._sim.env_origins[:, :2]
-        far = [np.nanmedian(np.abs(places.positions[:, :2] - origins[owner])) for owner in (by_env, by_marker)]
-        owner = by_env if far[0] <= far[1] else by_marker
-        rows = np.isin(owner, self._env_ids)
-        return MarkerPlaces(*(getattr(places, name)[rows] for name in MarkerPlaces.__dataclass_fields__))
+
+def places_of_envs(places: MarkerPlaces, env_origins: np.ndarray, env_ids: Sequence[int] | np.ndarray) -> MarkerPlaces:
+    """The markers of some environments; all, where their number says that they do not belong to environments.
+
+    Args:
+        places: All markers.
+        env_origins: Origins of all environments [m], shape ``(num_envs, 3)``.
+        env_ids: The environments.
+    """
+    count, envs = len(places.positions), len(env_origins)
+    if not count or count % envs:
+        return places
+    each = count // envs
+    # Rows are by environment, or by marker with all environments in each block: what is nearer to the origins.
+    by_env, by_marker = np.repeat(np.arange(envs), each), np.tile(np.arange(envs), each)
+    origins = env_origins[:, :2]
+    far = [np.nanmedian(np.abs(places.positions[:, :2] - origins[owner])) for owner in (by_env, by_marker)]
+    owner = by_env if far[0] <= far[1] else by_marker
+    rows = np.isin(owner, env_ids)
+    return MarkerPlaces(*(getattr(places, name)[rows] for name in MarkerPlaces.__dataclass_fields__))

@@ -282,8 +282,15 @@ def describe(task_id: str) -> str:
     return f"{WHAT[what]} ({FORMS['-Direct-Warp' if what in WARP_HOOKS else end]})"
 
 
+POLICIES = {
+    "Stripe-Cartpole-v0": "stripe_tasks:policies/cartpole.onnx",
+}
+"""Trained policies that come with the package, for ``stripe-newton demo``."""
+
 for _id, (_env, _env_cfg, _rsl_rl_cfg) in TASKS.items():
-    register_task(_id, env=_env, env_cfg=_env_cfg, rsl_rl_cfg=_rsl_rl_cfg, description=describe(_id))
+    register_task(
+        _id, env=_env, env_cfg=_env_cfg, rsl_rl_cfg=_rsl_rl_cfg, description=describe(_id), policy=POLICIES.get(_id)
+    )
 for _name, _spec in SCENES.items():
     register_scene(_name, _spec)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import newton
@@ -80,6 +81,39 @@ class Commands:
         return self.terms[name].command
 
 
+def box_sensors(num_envs: int) -> dict[str, SimpleNamespace]:
+    """A grid of rays, a lidar, contacts, frames and a camera, as a scene has them."""
+    hits = torch.arange(num_envs * 12, dtype=torch.float32).reshape(num_envs, 4, 3)
+    hits[:, 3] = math.inf
+    identity = torch.tensor([0.0, 0.0, 0.0, 1.0])
+    pose = {"pos_w": torch.ones(num_envs, 3), "quat_w": identity.repeat(num_envs, 1)}
+    grid = SimpleNamespace(pattern_cfg=SimpleNamespace(size=(1.0, 1.0)))
+    lidar = SimpleNamespace(pattern_cfg=SimpleNamespace(channels=2), offset=SimpleNamespace(pos=(0.0, 0.0, 0.5)))
+    camera = SimpleNamespace(
+        output={
+            "rgb": torch.full((num_envs, 4, 6, 3), 128, dtype=torch.uint8),
+            "depth": torch.arange(num_envs * 24, dtype=torch.float32).reshape(num_envs, 4, 6, 1),
+        },
+        pos_w=torch.full((num_envs, 3), 2.0),
+        quat_w_world=identity.repeat(num_envs, 1),
+        intrinsic_matrices=torch.tensor([[2.0, 0, 3], [0, 2.0, 2], [0, 0, 1]]).repeat(num_envs, 1, 1),
+        image_shape=(4, 6),
+    )
+    return {
+        "scan": SimpleNamespace(data=SimpleNamespace(ray_hits_w=hits, **pose), cfg=grid),
+        "lidar": SimpleNamespace(data=SimpleNamespace(ray_hits_w=hits, **pose), cfg=lidar),
+        "feet": SimpleNamespace(
+            data=SimpleNamespace(net_forces_w=torch.tensor([[[0.0, 0.0, 50.0]]]).repeat(num_envs, 1, 1)),
+            body_names=["base"],
+            parent_path="/World/Box",
+        ),
+        "frames": SimpleNamespace(
+            data=SimpleNamespace(target_pos_w=torch.ones(num_envs, 2, 3), target_quat_w=identity.repeat(num_envs, 2, 1))
+        ),
+        "camera": SimpleNamespace(data=camera),
+    }
+
+
 class BoxEnv:
     """An environment in which every box moves 1 cm along x in a step, and as wrenches push it."""
 
@@ -94,6 +128,7 @@ class BoxEnv:
         self.episode_length_buf = torch.zeros(num_envs, dtype=torch.int64)
         self.obs_buf, self.extras = {"policy": torch.zeros(num_envs, 3)}, {"log": {}}
         self.command_manager = Commands(num_envs)
+        self.scene = SimpleNamespace(sensors=box_sensors(num_envs), articulations={})
         self._start = self.sim.state.body_q.numpy().copy()
 
     @property

@@ -222,7 +222,7 @@ def test_command_lines_parse(line):
         if argv[1:]:  # else the action is only named
             tyro.cli(ACTIONS[argv[0]], args=argv[1:])
         return
-    if command in ("list", "new", "inspect", "compare", "report", "export", "replay-motion"):
+    if command in ("list", "new", "demo", "inspect", "compare", "report", "export", "replay-motion"):
         tyro.cli(options, args=argv)
         return
     argv[0] = argv[0] if argv[0] in task_ids() else TASK

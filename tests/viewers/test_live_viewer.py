@@ -6,12 +6,14 @@ from __future__ import annotations
 import io
 import json
 import struct
+import types
 
 import numpy as np
 import pytest
 import torch
 
-from stripe_newton.viewers import LiveViewer, ViewerCfg
+from stripe_newton.sim import SphereCfg
+from stripe_newton.viewers import LiveViewer, ViewerCfg, VisualizationMarkers, VisualizationMarkersCfg
 from stripe_newton.viewers.live.glb_file import glb_of
 from stripe_newton.viewers.live.poses import compose, rotate, yaw_of
 from stripe_newton.viewers.live.signals import signals_of
@@ -313,6 +315,114 @@ def test_observations_of_a_long_vector_are_offered_in_pieces():
     pieces = [name for name in names if name.startswith("observation")]
     assert pieces == ["observation: policy 0 to 11", "observation: policy 12 to 23", "observation: policy 24 to 29"]
     assert list(names[pieces[2]].read(1)) == list(range(54, 60))
+
+
+def drawn(viewer, name, part=0):
+    """The node that a layer has made."""
+    layer = viewer.overlays.layers[name]
+    return layer._drawings[part]._handle
+
+
+def test_measurements_of_sensors_are_drawn_when_they_are_switched_on(viewer, env):
+    viewer._draw()
+    assert drawn(viewer, "rays scan") is None
+    for box in viewer.overlays.boxes.values():
+        box.value = True
+    viewer.envs.number.value = 1
+    viewer.inbox.run()
+    viewer._draw()
+    hits = env.scene.sensors["scan"].data.ray_hits_w[1, :3].numpy()
+    np.testing.assert_allclose(drawn(viewer, "rays scan").points, hits)  # without the one that is infinite
+    assert drawn(viewer, "rays scan", 1) is None  # lines of a scan from above would hide everything
+    lines = drawn(viewer, "rays lidar", 1).points
+    np.testing.assert_allclose(lines[:, 0], np.tile((1.0, 1.0, 1.5), (3, 1)))
+    np.testing.assert_allclose(lines[:, 1], hits)
+    start, end = drawn(viewer, "contact forces feet").points[0]
+    np.testing.assert_allclose(start, env.box_positions[1], atol=1e-6)
+    weight = 9.81 * env.sim.model.body_mass.numpy()[1]
+    np.testing.assert_allclose(end - start, (0.0, 0.0, min(1.5, 0.5 * 50.0 / weight)), atol=1e-5)
+    assert drawn(viewer, "frames frames").batched_positions.shape == (2, 3)
+    viewer.overlays.boxes["rays scan"].value = False
+    viewer.inbox.run()
+    viewer._draw()
+    assert drawn(viewer, "rays scan") is None
+
+
+def test_a_pose_command_is_drawn_in_the_frame_of_the_robot():
+    rotations = pytest.importorskip("scipy.spatial.transform").Rotation
+    env = BoxEnv(2)
+    turn = rotations.from_euler("z", 0.5 * np.pi).as_quat()
+    data = types.SimpleNamespace(
+        root_pos_w=torch.tensor([[0.0, 0.0, 0.5], [3.0, 0.0, 0.5]]), root_quat_w=torch.tensor(np.tile(turn, (2, 1)))
+    )
+    env.scene = Assets(env.scene, robot=types.SimpleNamespace(data=data))
+    pose = env.command_manager.terms["pose"]
+    pose.cfg.asset_name = "robot"
+    pose.command[:, 0] = 1.0
+    with LiveViewer(env, port=18560) as viewer:
+        goals = drawn(viewer, "command pose")
+        np.testing.assert_allclose(goals.batched_positions, [[0.0, 1.0, 0.5], [3.0, 1.0, 0.5]], atol=1e-6)
+        np.testing.assert_allclose(goals.batched_wxyzs[0], (np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)), atol=1e-6)
+
+
+class Assets(types.SimpleNamespace):
+    """A scene that knows assets by name."""
+
+    def __init__(self, scene, **assets):
+        super().__init__(**vars(scene))
+        self._assets = assets
+
+    def __getitem__(self, name):
+        return self._assets[name]
+
+
+def test_cameras_show_their_pictures(viewer, env):
+    viewer.envs.number.value = 3
+    viewer.inbox.run()
+    viewer.pictures._next = 0.0
+    viewer._draw()
+    rgb, depth = (viewer.pictures.images["camera", kind].image for kind in ("rgb", "depth"))
+    assert (rgb == 128).all()
+    assert rgb.shape == (4 * 27, 6 * 27, 3)  # enlarged to see the pixels
+    assert depth[0, 0, 0] > depth[-1, -1, 0]  # near is light
+    assert depth[0, 0, 0] == 255
+    frustum = viewer.pictures._frustums["camera"]
+    np.testing.assert_allclose(frustum.position, 2.0)
+    x, y, z = (viser.transforms.SO3(frustum.wxyz).as_matrix()[:, k] for k in range(3))
+    np.testing.assert_allclose([x, y, z], [[0, -1, 0], [0, 0, -1], [1, 0, 0]], atol=1e-9)  # right, down, ahead
+    assert frustum.fov == pytest.approx(2 * np.arctan(1.0))
+    viewer.pictures.is_on.value = False
+    viewer.inbox.run()
+    assert not viewer.pictures.images["camera", "rgb"].visible
+
+
+def test_markers_of_the_shown_environments_are_drawn(env):
+    cfg = VisualizationMarkersCfg(markers={"ball": SphereCfg(radius=0.1), "hidden": SphereCfg(radius=0.2)})
+    with LiveViewer(env, [0, 1], port=18570) as viewer:
+        assert not viewer.overlays.boxes["markers"].visible
+        markers = VisualizationMarkers(cfg, env.sim)
+        markers.visualize(env.sim.env_origins + (0.0, 0.0, 2.0))
+        viewer._draw()
+        (handle,) = viewer.overlays.layers["markers"]._batches.handles.values()
+        np.testing.assert_allclose(handle.batched_positions, [[0.0, 0.0, 2.0], [3.0, 0.0, 2.0]], atol=1e-6)
+        assert viewer.overlays.boxes["markers"].visible
+        markers.visualize(env.sim.env_origins, marker_indices=[0, 1, 0, 0])
+        viewer._draw()
+        handles = viewer.overlays.layers["markers"]._batches.handles
+        assert [len(h.batched_positions) for h in handles.values()] == [1, 1]
+        viewer.overlays.boxes["markers"].value = False
+        viewer.inbox.run()
+        assert not any(h.visible for h in handles.values())
+
+
+def test_a_panel_that_fails_is_left_out_and_the_rest_goes_on(viewer, env, capsys):
+    env.scene.sensors["scan"].data.ray_hits_w = None
+    viewer.overlays.boxes["rays scan"].value = True
+    for _ in range(2):
+        take(viewer, env, 1)
+        viewer._draw()
+    assert capsys.readouterr().err.count("NoneType") == 1
+    assert viewer.inbox.problems[0].startswith("drawing rays scan: no longer updated: TypeError")
 
 
 def test_an_error_of_a_panel_ends_nothing(viewer, env, capsys):

@@ -76,5 +76,9 @@ class Inbox:
             try:
                 action()
             except Exception as error:  # whatever a panel does wrong, hours of training must not end by it
-                traceback.print_exc(file=sys.stderr)
-                self.problems.append(f"{type(error).__name__}: {error}")
+                self.tell("an input", error)
+
+    def tell(self, where: str, error: Exception) -> None:
+        """Print an error, and keep it for those who look at the page."""
+        traceback.print_exception(error, file=sys.stderr)
+        self.problems.append(f"{where}: {type(error).__name__}: {error}")

@@ -21,7 +21,7 @@ from .poses import compose, wxyz
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["ROOT", "LiveScene", "ShapeBatch"]
+__all__ = ["ROOT", "LiveScene", "ShapeBatch", "linear_bytes"]
 
 ROOT = "/world"
 """Node of the world frame. It moves against what the camera follows, so that the camera itself stays the user's."""
@@ -164,12 +164,11 @@ class LiveScene:
             glb = glb_of(vertices, faces, uvs=uvs, picture=picture)
             handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(name, glb, **args)
         else:
-            # Browsers take the colours of instances for linear ones.
-            linear = np.array([newton.utils.color_srgb_to_linear(tuple(map(float, color))) for color in colors])
-            rgb = np.round(255.0 * np.clip(linear, 0.0, 1.0)).astype(np.uint8)
             # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
             args["side"] = "double" if kind in (int(newton.GeoType.MESH), int(newton.GeoType.PLANE)) else "front"
-            handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=rgb, **args)
+            # The corners of a terrain belong to faces of all directions.
+            args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
+            handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=linear_bytes(colors), **args)
         batch = ShapeBatch(handle, bodies.astype(int), local.astype(float))
         self.batches.append(batch)
         _place(batch, self.body_q)
@@ -199,6 +198,12 @@ def _place(batch: ShapeBatch, body_q: np.ndarray) -> None:
     poses[lost] = (*_AWAY, 0.0, 0.0, 0.0, 1.0)
     batch.handle.batched_positions = poses[:, :3].astype(np.float32)
     batch.handle.batched_wxyzs = wxyz(poses[:, 3:])
+
+
+def linear_bytes(colors: np.ndarray) -> np.ndarray:
+    """Colours in sRGB from 0 to 1, ``(n, 3)``, as viser takes those of instances: linear, uint8."""
+    linear = np.array([newton.utils.color_srgb_to_linear(tuple(map(float, color))) for color in colors])
+    return np.round(255.0 * np.clip(linear, 0.0, 1.0)).astype(np.uint8).reshape(-1, 3)
 
 
 def _picture(source: object) -> np.ndarray | None:

@@ -9,6 +9,7 @@ import io
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import torch
@@ -19,10 +20,12 @@ from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .backdrop import Backdrop
 from .camera_control import CameraControl
+from .camera_pictures import CameraPictures
 from .command_panel import CommandPanel
 from .env_choice import EnvChoice
 from .inbox import Inbox
 from .live_scene import LiveScene
+from .overlays import Overlays
 from .plot_panel import PlotPanel
 from .pushes import Pushes
 from .status_panel import StatusPanel
@@ -125,6 +128,8 @@ class LiveViewer:
         with tabs.add_tab("View"):
             self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
             self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
+            self.overlays = Overlays(server, gui, self.inbox, sim, env)
+            self.pictures = None if env is None else CameraPictures(server, gui, self.inbox, env)
         self.camera.look_at(self.scene, self.envs.chosen)
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
         self._backdrop.set_grounds(self.scene.grounds)
@@ -133,6 +138,8 @@ class LiveViewer:
         self.plots: PlotPanel | None = None
         if env is not None:
             self._build_panels(env, tabs)
+        self._broken = set[str]()
+        self._panels = self._make_updates()
         self._draw()
 
     def _build_panels(self, env: ViewedEnv, tabs: viser.GuiTabGroupHandle) -> None:
@@ -284,13 +291,39 @@ class LiveViewer:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
             self.scene.update()
-            self.camera.update(self.scene, chosen, stands=self.pushes is not None and self.pushes.is_dragging)
+            drags = self.pushes is not None and self.pushes.is_dragging
+            self.camera.update(self.scene, chosen, stands=drags)
             self._backdrop.update(self.camera.center, self.camera.rotation)
-            self.status.update(chosen)
-            if self.commands is not None:
-                self.commands.update()
-            if self.plots is not None:
-                self.plots.update(self.time.steps * self._step_dt)
+            for name, update in self._panels.items():
+                self._try(name, update)
+
+    def _make_updates(self) -> dict[str, Callable[[], None]]:
+        """What each panel does at a picture, by name."""
+        updates: dict[str, Callable[[], None]] = {
+            "status": lambda: self.status.update(self.envs.chosen),
+        }
+        for name in self.overlays.layers:
+            updates[f"drawing {name}"] = partial(self._draw_layer, name)
+        if (pictures := self.pictures) is not None:
+            updates["cameras"] = lambda: pictures.update(self.envs.chosen)
+        if (commands := self.commands) is not None:
+            updates["commands"] = commands.update
+        if (plots := self.plots) is not None:
+            updates["plots"] = lambda: plots.update(self.time.steps * self._step_dt)
+        return updates
+
+    def _draw_layer(self, name: str) -> None:
+        self.overlays.draw(name, self.scene.env_ids, self.envs.chosen)
+
+    def _try(self, name: str, update: Callable[[], None]) -> None:
+        """Update a panel; one that fails is left out from then on, as what it shows must not end by it."""
+        if name in self._broken:
+            return
+        try:
+            update()
+        except Exception as error:  # of whatever kind: an environment may have anything in it
+            self._broken.add(name)
+            self.inbox.tell(f"{name}: no longer updated", error)
 
     def _show_chosen(self) -> None:
         """Show the environments that the inputs say."""
@@ -317,6 +350,8 @@ class LiveViewer:
 
     def _tell_problems(self) -> None:
         """Show errors of panels on the page."""
+        if not self.has_clients():
+            return
         problems, self.inbox.problems = self.inbox.problems, []
         for problem in problems:
             for client in self.server.get_clients().values():

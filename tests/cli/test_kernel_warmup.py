@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Early start of the kernel warm-up: only where it is needed, in Warp's own cache, and never left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import warp as wp
+
+from stripe_newton.cli import _device_of, kernel_warmup
+from tests.helpers.checkout import PYTHONPATH
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Arguments of the processes that would have been started."""
+    words: list[list[str]] = []
+    monkeypatch.setattr(kernel_warmup, "_early", None)
+    monkeypatch.setattr(kernel_warmup.subprocess, "Popen", words.append)
+    monkeypatch.setattr(kernel_warmup.atexit, "register", lambda function: None)
+    monkeypatch.setattr(kernel_warmup.os, "cpu_count", lambda: 4)
+    return words
+
+
+def test_the_folder_is_that_of_warp(monkeypatch, tmp_path):
+    wp.init()
+    assert kernel_warmup._cache_folder() == type(tmp_path)(wp.config.kernel_cache_dir)
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
+    assert kernel_warmup._cache_folder() == tmp_path / wp.config.version
+
+
+def test_it_starts_once_and_where_nothing_is_compiled(started, monkeypatch, tmp_path):
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
+    kernel_warmup.start_early("cpu")
+    assert [words[-2:] for words in started] == [["--all", "cpu"]]
+    started.clear()
+    folder = tmp_path / wp.config.version
+    folder.mkdir()
+    (folder / f"stripe_newton_{kernel_warmup._versions()}_cpu.warm").touch()
+    kernel_warmup.start_early("cpu")
+    assert started == []
+    kernel_warmup.start_early("cuda:1")  # the file is about the CPU
+    assert [words[-1] for words in started] == ["cuda:1"]
+
+
+def test_it_does_not_start_where_all_modules_are_there(started, monkeypatch, tmp_path):
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
+    for name in kernel_warmup.MODULES:
+        (tmp_path / wp.config.version / f"wp_{name}_1234").mkdir(parents=True)
+    kernel_warmup.start_early("cpu")
+    assert started == []
+
+
+def test_ranks_and_single_cores_do_not_start_it(started, monkeypatch, tmp_path):
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    kernel_warmup.start_early("cpu")
+    monkeypatch.delenv("WORLD_SIZE")
+    monkeypatch.setattr(kernel_warmup.os, "cpu_count", lambda: 1)
+    kernel_warmup.start_early("cpu")
+    assert started == []
+
+
+def test_the_device_of_a_command():
+    assert _device_of("train", ["A-v0", "--device", "cuda:1"]) == "cuda:1"
+    assert _device_of("train", ["A-v0", "--device=cpu"]) == "cpu"
+    assert _device_of("train", ["A-v0"]) is None
+    assert _device_of("demo", []) == "cpu"
+
+
+@pytest.mark.slow
+def test_nothing_goes_on_after_the_command_has_ended(tmp_path):
+    """The command is ended while kernels are compiled; its processes end with it."""
+    env = os.environ | {"PYTHONPATH": PYTHONPATH, "WARP_CACHE_PATH": str(tmp_path)}
+    words = [sys.executable, "-m", "stripe_newton.cli", "demo", "--viewer", "none", "--steps", "1"]
+    command = subprocess.Popen(words, env=env, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    for line in command.stderr:
+        if "compiling kernels" in line:
+            break
+    command.send_signal(signal.SIGTERM)
+    assert command.wait(60) == 143
+    for _ in range(100):
+        time.sleep(0.1)
+        if not subprocess.run(["pgrep", "-g", str(command.pid)], capture_output=True, text=True).stdout:
+            return
+    pytest.fail("processes are left")
