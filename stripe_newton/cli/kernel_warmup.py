@@ -13,6 +13,7 @@ import contextlib
 import importlib
 import importlib.metadata
 import os
+import platform
 import subprocess
 import sys
 import time
@@ -72,9 +73,9 @@ def _cache_folder() -> Path | None:
     version = importlib.metadata.version("warp-lang")
     if given := os.environ.get("WARP_CACHE_PATH"):
         return Path(os.path.realpath(given)) / version
-    if sys.platform == "linux":
+    if platform.system() == "Linux":
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "warp" / version
-    return Path.home() / "Library" / "Caches" / "warp" / version if sys.platform == "darwin" else None
+    return Path.home() / "Library" / "Caches" / "warp" / version if platform.system() == "Darwin" else None
 
 
 def _end_early() -> None:
