@@ -22,10 +22,10 @@ from stripe_newton.rl.distributed import as_rank, world
 from stripe_newton.rl.experiments.sweep_process import end_with_sweep
 from stripe_newton.rl.report.run_facts import write_changes
 from stripe_newton.rl.report.run_report import REPORT_NAME, RunReport
+from stripe_newton.rl.runs.film_overlay import FilmOverlay
 from stripe_newton.rl.runs.live_training import TrainingView
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
-from stripe_newton.rl.runs.film_overlay import FilmOverlay
 from stripe_newton.rl.runs.video import CPU_FPS, CPU_SECONDS, MAX_FPS, VIDEO_SECONDS, video_steps
 from stripe_newton.rl.torch_vector_env import is_simulated, rl_env_of
 

@@ -69,7 +69,8 @@ def test_arrows_point_where_the_command_and_the_robot_go(yaw):
     # From the robot to where it would be in 0.7 s.
     assert np.hypot(columns - 160, rows - 60).max() == pytest.approx(1.5 * 0.7 * 40.0, abs=3.0)
     columns, rows = colored(picture, (70, 200, 120))
-    assert (rows.mean() > 65) and abs(columns.mean() - 160) < 4
+    assert rows.mean() > 65
+    assert abs(columns.mean() - 160) < 4
 
 
 def test_videos_carry_it(tmp_path):
