@@ -8,7 +8,7 @@ does not keep that beyond some 8 m, so that large floors and walls get spots wit
 import newton
 import warp as wp
 
-__all__ = ["fill_box_normals"]
+__all__ = ["box_normal", "fill_box_normals"]
 
 _BOX = wp.constant(int(newton.GeoType.BOX))
 _END = wp.constant(1.0e30)

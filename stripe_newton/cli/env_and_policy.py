@@ -47,6 +47,8 @@ def build(
     env, agent = build_env(task, configs, render), configs.need_agent()
     runner: OnPolicyRunner
     if isinstance(agent, RslRlDistillationRunnerCfg):
+        # A student that only acts needs no teacher, whose run may be gone.
+        agent = agent if checkpoint is None else agent.replace(teacher_checkpoint="")
         runner = DistillationRunner(env, agent, log_dir)
     else:
         runner = OnPolicyRunner(env, agent, log_dir)

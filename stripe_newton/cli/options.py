@@ -44,6 +44,8 @@ class TrainArgs:
     """Rollout and update as CUDA graphs where possible, or rsl_rl's own, unchanged; short for --agent.runner."""
     resume: tyro.conf.DisallowNone[str | None] = None
     """Continue a run: its folder, or a checkpoint of it. Its configuration is taken over."""
+    teacher: tyro.conf.DisallowNone[str | None] = None
+    """Distil the policy of this run, its folder or a checkpoint of it, for tasks whose policy learns from a teacher."""
     allow_changes: bool = False
     """Resume a run with another environment or other networks than it had."""
     gpus: tyro.conf.DisallowNone[int | None] = None

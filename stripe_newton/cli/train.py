@@ -41,6 +41,7 @@ from .shell_command import command
 from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
 from .train_resume import Changes, check_changes, differences
 from .train_sweep import SweepOptions, run_sweep
+from .train_teacher import check_teacher, use_teacher
 from .user_error import UserError
 from .written_places import try_place
 
@@ -63,6 +64,11 @@ def _train(task: str, argv: Sequence[str]) -> int:
     resume = peek(argv, "--resume")
     resumed, checkpoint = find_run(resume) if resume else (None, None)
     configs = load_configs(task, resumed, same_device=True)
+    teacher = peek(argv, "--teacher")
+    if teacher and resumed is not None:
+        raise UserError(f"--teacher {teacher}: a run that is resumed has its teacher in its checkpoint")
+    if teacher:
+        use_teacher(task, teacher, configs)
     # The configs of the resumed run, before the options of this command change them.
     before = {name: cfg.to_dict() for name, cfg in vars(configs).items()}
     args = parse(TrainArgs, argv, "train", env=configs.env, agent=configs.need_agent())
@@ -70,6 +76,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
         try_place("--log-dir", args.log_dir, folder=True)
     _apply_shortcuts(args, configs)
     check(configs)
+    check_teacher(task, configs, resumed is not None)
     if args.sweep is not None:
         options = SweepOptions(args.sweep, args.jobs, args.device, args.log_dir, args.max_iterations, args.num_envs)
         return run_sweep(task, argv, options, configs)

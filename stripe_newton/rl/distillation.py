@@ -29,12 +29,14 @@ class DistillationRunner(OnPolicyRunner):
     ):
         """Build networks, algorithm and logger, and load the teacher if ``cfg`` names one.
 
+        A run that has checkpoints has its teacher in them: the teacher's own run is then not needed any more.
+
         Raises:
             ConfigError: all problems of ``cfg``, also those that depend on this environment.
             CheckpointError: if there is no teacher where ``cfg`` says, or it has other networks.
         """
         super().__init__(env, cfg, log_dir)
-        if cfg.teacher_checkpoint:
+        if cfg.teacher_checkpoint and not (self.run_folder is not None and self.run_folder.list_checkpoints()):
             self.load_teacher(cfg.teacher_checkpoint)
 
     def load_teacher(self, path: str | os.PathLike) -> None:

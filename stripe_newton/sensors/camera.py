@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Camera: colour, depth, normals and segmentation of every environment, by Newton's camera sensor."""
+"""Camera: colour, depth, normals and segmentation of every environment."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import newton
 import numpy as np
 import torch
 import warp as wp
-from newton.sensors import SensorCamera
 from scipy.spatial.transform import Rotation
 
-from stripe_kernels.box_normals import fill_box_normals
+from stripe_kernels.picture import Look
 from stripe_kernels.sensors import camera as kernels
+from stripe_kernels.sensors.camera_shading import CameraLight
+from stripe_kernels.sensors.camera_shapes import Lens
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 from stripe_newton.value_types import NonNegativeInt, PositiveInt, UnitFloat
@@ -23,9 +24,11 @@ from stripe_newton.value_types import NonNegativeInt, PositiveInt, UnitFloat
 from .camera_colors import CameraColors
 from .camera_data import FROM_WORLD, CameraData
 from .camera_labels import shape_labels
+from .camera_renderer import CameraImages, CameraRenderer, why_not_rendered
 from .clock import SensorClock
 from .depth_noise import DepthNoiseCfg
 from .image_corruption import ImageCorruption
+from .newton_renderer import NewtonRenderer, has_textures
 from .pinhole import PinholeIntrinsics
 from .prim_paths import Frame
 from .prim_paths import OffsetCfg as FrameOffsetCfg
@@ -40,7 +43,8 @@ __all__ = ["DATA_TYPES", "Camera", "CameraCfg", "PinholeCameraCfg", "TiledCamera
 
 _IMAGES = ("rgb", "distance_to_image_plane", "distance_to_camera", "normals")
 _LABELS = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
-_NOT_SAVED = ("rgb", "mount", "default_mount")
+_LIGHT = ("to_sun", "sun", "sky", "ground")
+_NOT_SAVED = ("rgb", "mount", "default_mount", *_LIGHT, *(f"default_{name}" for name in _LIGHT))
 """Fields of the struct that are saved as other arrays, or never change."""
 _NOTHING = 0xFFFFFFFF
 """Shape index of a pixel that shows no shape."""
@@ -86,7 +90,7 @@ def _camera(cfg: CameraCfg) -> Camera:
 
 @configclass
 class CameraCfg(SensorBaseCfg):
-    """A pinhole camera in every environment, rendered for all of them at once by Newton's camera sensor.
+    """A pinhole camera in every environment, rendered for all of them at once.
 
     ``prim_path`` names a body, or a name of the camera's own below a body or below the environment, such as
     ``{ENV_REGEX_NS}/Robot/head/camera`` or ``{ENV_REGEX_NS}/Camera``.
@@ -123,6 +127,9 @@ class CameraCfg(SensorBaseCfg):
     """Colour where there is nothing, sRGB, each from 0 to 1. None: the sky that ``env.render()`` shows."""
     shadows: bool = False
     """Whether the sun casts shadows: a second ray a pixel."""
+    renderer: str = "auto"
+    """``"auto"``: the package's own renderer where it draws what there is, and Newton's camera sensor for textures,
+    particles and the like. ``"newton"``: Newton's sensor."""
     noise: NoiseCfg | NoiseModelCfg | DepthNoiseCfg | None = None
     """Noise of depths and distances [m]; of colours, put it on the observations. What is not seen stays so."""
     delay: NonNegativeInt | tuple[NonNegativeInt, NonNegativeInt] = 0
@@ -135,6 +142,8 @@ class CameraCfg(SensorBaseCfg):
             yield "data_types", f"has {', '.join(map(repr, wrong)) or 'none'}, must be of {', '.join(DATA_TYPES)}"
         if self.depth_clipping_behavior not in ("none", "max", "zero"):
             yield "depth_clipping_behavior", f"is {self.depth_clipping_behavior!r}, must be 'none', 'max' or 'zero'"
+        if self.renderer not in ("auto", "newton"):
+            yield "renderer", f"is {self.renderer!r}, must be 'auto' or 'newton'"
         if self.history_length:
             yield "history_length", "is not kept by cameras"
         if self.delay_range[0] > self.delay_range[1]:
@@ -158,7 +167,9 @@ class Camera(SensorBase):
 
     Attributes:
         clock: Says when it takes an image.
-        renderer: Newton's sensor.
+        renderer: What renders: :class:`CameraRenderer` or :class:`NewtonRenderer`.
+        colors: Light and air of its colours; None if it renders none.
+        poses_opengl: Poses in the world of frames that look along -z with y up, as renderers take them.
     """
 
     cfg: CameraCfg
@@ -180,12 +191,9 @@ class Camera(SensorBase):
             remembers = cfg.noise is not None or cfg.delay_range[1] > 0
             self.clock = SensorClock(sim, cfg.update_period, self._where, observed=True, remembers=remembers)
             self._setup = self._make_setup(sim)
-            self._pose = wp.zeros(self.num_envs, dtype=wp.transform)
-            self._world = wp.zeros(self.num_envs, dtype=int)
-            self._make_rays()
+            self.poses_opengl = wp.zeros(self.num_envs, dtype=wp.transform)
             self._make_images(sim, shape)
             self._hand_out()
-            self._colors: CameraColors | None = None
             self.renderer = self._make_renderer(sim)
         self.data = self._make_data()
 
@@ -199,18 +207,6 @@ class Camera(SensorBase):
         )
         setup.due = self.clock.due
         return setup
-
-    def _make_rays(self) -> None:
-        """Rays from the near plane through the middles of the pixels, in the frame that looks along -z."""
-        cfg = self.cfg
-        pixels = cfg.spawn.pixel_directions(cfg.width, cfg.height) * (1.0, -1.0, -1.0)
-        length = np.linalg.norm(pixels, axis=-1)
-        # Pairs of start and direction: a ray starts at the near plane, so that nothing before it is seen.
-        rays = np.stack([pixels * cfg.spawn.clipping_range[0], pixels / length[..., None]], axis=2)
-        self._rays = wp.array(rays[:, :, None].astype(np.float32), dtype=wp.vec3)
-        # The far plane is flat: rays to the corners of the image are longer than the one along the axis.
-        self._slant = wp.array((1.0 / length).astype(np.float32), dtype=float)
-        self._reach = float(cfg.spawn.clipping_range[1] * length.max())
 
     def _make_images(self, sim: Simulation, shape: tuple[int, int, int]) -> None:
         """Allocate what is rendered into; data types that the config does not ask for are empty arrays."""
@@ -232,12 +228,7 @@ class Camera(SensorBase):
         for name in (n for n in _LABELS if n in wanted):
             numbers, self._info[name] = shape_labels(self._scene, sim.model, name)
             self._labels[name] = wp.array(numbers, dtype=int)
-        needed = self._labels or "normals" in wanted or "rgb" in wanted
-        self._shapes = wp.full(shape if needed else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
-        # Colours need lengths and normals, whether the config asks for those or not.
-        colored = shape if "rgb" in wanted else (0, 0, 0)
-        self._lengths = raw.distance_to_camera if raw.distance_to_camera.size else wp.zeros(colored, dtype=float)
-        self._normals = raw.normals if raw.normals.size else wp.zeros(colored, dtype=wp.vec3)
+        self._shapes = wp.full(shape if self._labels else (0, 0, 0), value=_NOTHING, dtype=wp.uint32)
 
     def _hand_out(self) -> None:
         """Make what terms and users read: the same arrays, unless noise or delay lies between."""
@@ -256,29 +247,43 @@ class Camera(SensorBase):
         self._rgba = _bytes(self._seen_color)
         data.rgb = wp.from_torch(self._rgba[..., :3], dtype=wp.uint8)
 
-    def _make_renderer(self, sim: Simulation) -> SensorCamera:
-        cfg = self.cfg
-        # A negative depth, which nothing has, marks pixels that show nothing.
-        clear = SensorCamera.ClearData(clear_depth=-1.0, clear_shape_index=_NOTHING)
-        # Loading textures takes time and memory, and the kernel is another one: only where a mesh has one.
-        textured = any(isinstance(s, newton.Mesh) and s.texture is not None for s in sim.model.shape_source)
-        config = SensorCamera.RenderConfig(
-            enable_textures=textured,
-            enable_backface_culling=False,
-            enable_ambient_lighting=False,
-            enable_shadows=cfg.shadows,
-            max_distance=self._reach,
+    def _make_renderer(self, sim: Simulation) -> CameraRenderer | NewtonRenderer:
+        cfg, raw, model = self.cfg, self._raw, sim.model
+        images = CameraImages(
+            self._color, raw.distance_to_image_plane, raw.distance_to_camera, raw.normals, self._shapes
         )
+        fx, _, cx, _, fy, cy = map(float, cfg.spawn.matrix(cfg.width, cfg.height).ravel()[:6])
+        # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
+        missing = self._missing if cfg.noise is None else math.inf
+        colors: CameraColors | None = None
         if self._color.size:
-            lens = float(cfg.spawn.matrix(cfg.width, cfg.height)[1, 1])
             # Before the sensor is made, which reads the meshes: colours give them their creases.
-            self._colors = CameraColors(sim, self._color, lens, textured, cfg.shadows, cfg.background_color)
-        renderer = SensorCamera(
-            sim.model, default_clear_data=clear, default_render_config=config, load_textures=textured
-        )
-        if self._colors is not None:
-            self._colors.set_lights(renderer)
-        return renderer
+            colors = CameraColors(sim, self._color, fy, has_textures(model), cfg.shadows, cfg.background_color)
+        self.colors, light = colors, self._make_light(colors)
+        depths = cfg.spawn.clipping_range
+        reason = "renderer is 'newton'" if cfg.renderer == "newton" else why_not_rendered(model)
+        if reason:
+            text = f"one light for all environments, as Newton's sensor renders: {reason}"
+            self.unavailable |= dict.fromkeys(_LIGHT, text) if colors is not None else {}
+            return NewtonRenderer(sim, cfg.spawn, depths, images, colors, missing, cfg.shadows)
+        lens = Lens()
+        lens.fx, lens.fy, lens.cx, lens.cy, lens.near, lens.far = fx, fy, cx, cy, *map(float, depths)
+        look, background = (Look(), 0) if colors is None else (colors.look, colors.background)
+        terrain = self._scene.terrain.struct if self._scene.terrain is not None else None
+        return CameraRenderer(model, sim.state, lens, images, look, light, missing, background, cfg.shadows, terrain)
+
+    def _make_light(self, colors: CameraColors | None) -> CameraLight:
+        """Light of each environment, that of the scene to begin with; empty without colours."""
+        light = CameraLight()
+        for name in _LIGHT:
+            value = wp.vec3(0.0) if colors is None else wp.vec3(*map(float, getattr(colors.lighting, name)))
+            count = 0 if colors is None else self.num_envs
+            for prefix in ("", "default_"):
+                setattr(self.struct, prefix + name, wp.full(count, value=value, dtype=wp.vec3))
+            setattr(light, name, getattr(self.struct, name))
+        if colors is None:
+            self.unavailable |= dict.fromkeys(_LIGHT, "it renders no colours; add 'rgb' to data_types")
+        return light
 
     def _make_data(self) -> CameraData:
         cfg, data = self.cfg, CameraData(self.struct, self._absent)
@@ -304,7 +309,8 @@ class Camera(SensorBase):
     @property
     def arrays(self) -> dict[str, wp.array]:
         """Arrays that persist from step to step, by name; images only where some steps take none."""
-        kept = {"mount": self._setup.mount} | self.clock.arrays | self._corruption.arrays
+        light = {f"light.{name}": array for name in _LIGHT if (array := getattr(self.struct, name)).size}
+        kept = {"mount": self._setup.mount} | light | self.clock.arrays | self._corruption.arrays
         if self.clock.period == 1:
             return kept
         seen = {name: value for name, value in struct_fields(self.struct).items() if name not in _NOT_SAVED}
@@ -312,7 +318,8 @@ class Camera(SensorBase):
 
     def describe(self) -> str:
         """The camera in one line."""
-        return f"{self.cfg.width} x {self.cfg.height} on '{self._mount.name}': {', '.join(self.cfg.data_types)}"
+        size, types = f"{self.cfg.width} x {self.cfg.height}", ", ".join(self.cfg.data_types)
+        return f"{size} on '{self._mount.name}': {types}; {self.renderer.describe()}"
 
     def image(self, data_type: str) -> wp.array:
         """The array that holds a data type; ``rgba`` is none.
@@ -382,48 +389,15 @@ class Camera(SensorBase):
         self._corruption.restart(env_mask)
 
     def launch_observed(self) -> None:
-        state, model, raw = self._sim.state, self._sim.model, self._raw
-        idle = int(SensorCamera.WorldRenderFlag.DISABLE_PRESERVE)
-        # Environments whose image is not due are switched off by their world index, and keep their pixels: the renderer
-        # is launched for all in every step, so that one graph serves steps with and without images.
-        aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist()), idle]
-        wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[raw, self._pose, self._world])
-        model.bvh_refit_shapes(state)  # the bodies have moved since the last image
-        self.renderer.update(
-            state,
-            self._pose,
-            self._rays,
-            forward_depth_image=_or_none(raw.distance_to_image_plane),
-            depth_image=_or_none(self._lengths),
-            normal_image=_or_none(self._normals),
-            shape_index_image=_or_none(self._shapes),
-            world_indices=self._world,
-            **({} if self._colors is None else self._colors.images),
-        )
+        aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist())]
+        wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[self._raw, self.poses_opengl])
+        self.renderer.launch(self.clock.due, self.poses_opengl)
         dim = (self.num_envs, self.cfg.height, self.cfg.width)
-        if self._normals.size:
-            inputs = [self._pose, self._rays, self._shapes, model.shape_type, model.shape_scale, model.shape_body]
-            inputs += [model.shape_transform, state.body_q]
-            wp.launch(fill_box_normals, dim=dim, inputs=inputs, outputs=[self._normals])
-        if self._colors is not None:
-            found = self._lengths, self._shapes, self._normals
-            self._colors.launch(self.clock.due, self._pose, self._rays, *found)
-        # With noise a miss is infinite here, which noise leaves alone; its own value is filled in afterwards.
-        if raw.distance_to_image_plane.size or raw.distance_to_camera.size:
-            near, far = map(float, self.cfg.spawn.clipping_range)
-            missing = self._missing if self.cfg.noise is None else math.inf
-            inputs = [self.clock.due, self._slant, near, far, missing]
-            outputs = [raw.distance_to_image_plane, raw.distance_to_camera]
-            wp.launch(kernels.clip_depth, dim=dim, inputs=inputs, outputs=outputs)
         for name, labels in self._labels.items():
             inputs = [self.clock.due, self._shapes, labels]
-            wp.launch(kernels.label_shapes, dim=dim, inputs=inputs, outputs=[getattr(raw, name)])
+            wp.launch(kernels.label_shapes, dim=dim, inputs=inputs, outputs=[getattr(self._raw, name)])
         self._corruption.launch(self.clock.due)
         self.clock.settle()
-
-
-def _or_none(array: wp.array) -> wp.array | None:
-    return array if array.size else None
 
 
 def _bytes(color: wp.array) -> torch.Tensor:

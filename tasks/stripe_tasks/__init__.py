@@ -65,6 +65,16 @@ TASKS = {
         "stripe_tasks.forest.reach:reach_cfg",
         "stripe_tasks.forest.reach:ForestReachPPORunnerCfg",
     ),
+    "Stripe-Forest-Walk-Quadruped-Depth-Play-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.forest.walk_depth:play_cfg",
+        "stripe_tasks.forest.walk_depth:ForestWalkDepthRunnerCfg",
+    ),
+    "Stripe-Forest-Walk-Quadruped-Depth-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.forest.walk_depth:walk_cfg",
+        "stripe_tasks.forest.walk_depth:ForestWalkDepthRunnerCfg",
+    ),
     "Stripe-Forest-Walk-Quadruped-Play-v0": (
         MANAGER_BASED,
         "stripe_tasks.forest.walk:play_cfg",
@@ -210,6 +220,11 @@ TASKS = {
         "stripe_tasks.velocity.humanoid:HumanoidRoughEnvCfg",
         "stripe_tasks.velocity.humanoid:HumanoidRoughPPORunnerCfg",
     ),
+    "Stripe-Velocity-Rough-Quadruped-Depth-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.velocity.quadruped_depth:QuadrupedDepthEnvCfg",
+        "stripe_tasks.velocity.quadruped_depth:QuadrupedDepthRunnerCfg",
+    ),
     "Stripe-Velocity-Rough-Quadruped-v0": (
         MANAGER_BASED,
         "stripe_tasks.velocity.quadruped:QuadrupedRoughEnvCfg",
@@ -234,6 +249,7 @@ WHAT = {
     "Cartpole": "a cart keeps up a pole",
     "Forest-Reach-Quadruped": "a quadruped gets to a goal 10 to 20 m away, between trees",
     "Forest-Walk-Quadruped": "a quadruped follows velocity commands between trees",
+    "Forest-Walk-Quadruped-Depth": "a quadruped follows velocity commands between trees, by a depth camera",
     "Getup-Flat-G1": "Unitree's G1, a humanoid, gets up from any fall",
     "Humanoid": "a humanoid runs toward a goal far away",
     "Lift-Cube-Panda": "a Panda lifts a cube to a place",
@@ -257,6 +273,7 @@ WHAT = {
     "Velocity-Flat-Humanoid": "a humanoid follows velocity commands on a plane",
     "Velocity-Flat-Quadruped": "a quadruped follows velocity commands on a plane",
     "Velocity-Rough-Humanoid": "a humanoid follows velocity commands on stairs, slopes and blocks",
+    "Velocity-Rough-Quadruped-Depth": "a quadruped follows velocity commands on rough ground, by a depth camera",
     "Velocity-Rough-Quadruped": "a quadruped follows velocity commands on stairs, slopes and blocks",
 }
 """Descriptions by the part of a task's name that says what it is about."""

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-__all__ = ["CameraData", "CameraSetup", "aim_cameras", "clip_depth", "label_shapes"]
+__all__ = ["CameraData", "CameraSetup", "aim_cameras", "choose_worlds", "clip_depth", "label_shapes"]
 
 
 @wp.struct
@@ -35,6 +35,19 @@ class CameraData:
     """Poses in the frame of the body or the environment, x forward and z up [m], shape ``(num_envs,)``."""
     default_mount: wp.array[wp.transform]
     """Poses by the config, likewise."""
+    to_sun: wp.array[wp.vec3]
+    """Unit vectors towards the sun in the world, shape ``(num_envs,)``."""
+    sun: wp.array[wp.vec3]
+    """Radiance of the sun, linear RGB, shape ``(num_envs,)``."""
+    sky: wp.array[wp.vec3]
+    """Ambient radiance from above, linear RGB, shape ``(num_envs,)``."""
+    ground: wp.array[wp.vec3]
+    """Ambient radiance from below, linear RGB, shape ``(num_envs,)``."""
+    default_to_sun: wp.array[wp.vec3]
+    """Direction of the scene's sun, likewise; so are ``default_sun``, ``default_sky`` and ``default_ground``."""
+    default_sun: wp.array[wp.vec3]
+    default_sky: wp.array[wp.vec3]
+    default_ground: wp.array[wp.vec3]
 
 
 @wp.struct
@@ -56,27 +69,17 @@ class CameraSetup:
 
 
 @wp.kernel(enable_backward=False)
-def aim_cameras(
-    setup: CameraSetup,
-    to_opengl: wp.quat,
-    idle: int,
-    data: CameraData,
-    pose: wp.array[wp.transform],
-    world: wp.array[int],
-):
-    """Compute the camera poses for the renderer, and skip environments that are not due; one thread an environment.
+def aim_cameras(setup: CameraSetup, to_opengl: wp.quat, data: CameraData, pose: wp.array[wp.transform]):
+    """Compute the camera poses of environments that are due; one thread an environment.
 
     Args:
         setup: The camera.
         to_opengl: Rotation from the frame with x forward and z up to OpenGL's, which looks along -z with y up.
-        idle: World index that makes the renderer leave a picture as it is.
         data: Output, position and orientation of the camera.
         pose: Output, poses of the cameras in the world, in OpenGL's convention [m], shape ``(num_envs,)``.
-        world: Output, worlds to render, shape ``(num_envs,)``.
     """
     env = wp.tid()
     if not setup.due[env]:
-        world[env] = idle
         return
     at = wp.transform(setup.env_origin[env], wp.quat_identity())
     if setup.body >= 0:
@@ -86,7 +89,13 @@ def aim_cameras(
     data.pos_w[env] = p
     data.quat_w_world[env] = q
     pose[env] = wp.transform(p, q * to_opengl)
-    world[env] = env
+
+
+@wp.kernel(enable_backward=False)
+def choose_worlds(due: wp.array[wp.bool], idle: int, world: wp.array[int]):
+    """Write the index of each environment that is due, and ``idle`` for the others; one thread an environment."""
+    env = wp.tid()
+    world[env] = wp.where(due[env], env, idle)
 
 
 @wp.func

@@ -8,7 +8,7 @@ thickness: a ray that starts below it hits it from below.
 
 import warp as wp
 
-__all__ = ["RayField", "field_height", "march_field"]
+__all__ = ["RayField", "clip_span", "field_height", "march_field", "over_plane"]
 
 _HUGE = wp.constant(1.0e30)
 
@@ -47,7 +47,7 @@ def field_height(field: RayField, x: float, y: float) -> float:
 
 
 @wp.func
-def _clip_span(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
+def clip_span(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
     """Part of ``span`` in which one coordinate of a ray is between two bounds; empty where first exceeds last."""
     # The slab method; a ray along the slab would divide by zero.
     if wp.abs(direction) < 1.0e-12:
@@ -59,7 +59,7 @@ def _clip_span(lower: float, upper: float, start: float, direction: float, span:
 
 
 @wp.func
-def _over_plane(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -> float:
+def over_plane(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -> float:
     """Height of a point above the plane of one triangle of a cell [m]; ``corners`` are heights, row by row."""
     if far_side:
         return z - corners[3] - (1.0 - u) * (corners[2] - corners[3]) - (1.0 - v) * (corners[1] - corners[3])
@@ -81,10 +81,10 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
     nrow, ncol = field.heights.shape[0], field.heights.shape[1]
     upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
     upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
-    span = _clip_span(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
-    span = _clip_span(field.lower[1], upper_y, start[1], direction[1], span)
+    span = clip_span(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
+    span = clip_span(field.lower[1], upper_y, start[1], direction[1], span)
     # 1 mm more than the heights' range, so that a ray which enters through a summit or a flat field is not lost.
-    span = _clip_span(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
+    span = clip_span(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
     if not (span[0] <= span[1]):  # false for NaN too
         return -1.0
     u0, v0 = (start[0] - field.lower[0]) / field.cell[0], (start[1] - field.lower[1]) / field.cell[1]
@@ -114,8 +114,8 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
             if part == 0 or middle < leave:
                 centre = 0.5 * (first + last)
                 far_side = u + v + centre * (du + dv) > 1.0
-                before = _over_plane(corners, u + first * du, v + first * dv, start[2] + first * direction[2], far_side)
-                after = _over_plane(corners, u + last * du, v + last * dv, start[2] + last * direction[2], far_side)
+                before = over_plane(corners, u + first * du, v + first * dv, start[2] + first * direction[2], far_side)
+                after = over_plane(corners, u + last * du, v + last * dv, start[2] + last * direction[2], far_side)
                 if side == 0.0:
                     side = wp.where(before >= 0.0, 1.0, -1.0)
                 if side * after <= 0.0:

@@ -11,7 +11,7 @@ from typing import TypeAlias
 from stripe_newton.configclass import Config
 
 from .distillation_cfg import RslRlDistillationAlgorithmCfg, RslRlDistillationRunnerCfg
-from .model_cfg import RslRlCNNModelCfg, RslRlMLPModelCfg, RslRlRNNModelCfg
+from .model_cfg import RslRlCNNModelCfg, RslRlMLPModelCfg, RslRlRecurrentCNNModelCfg, RslRlRNNModelCfg
 from .ppo_cfg import RslRlPpoAlgorithmCfg, RslRlRndCfg, RslRlSymmetryCfg
 from .runner_cfg import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg
 
@@ -28,6 +28,7 @@ __all__ = [
     "RslRlOnPolicyRunnerCfg",
     "RslRlPpoAlgorithmCfg",
     "RslRlRNNModelCfg",
+    "RslRlRecurrentCNNModelCfg",
     "RslRlRndCfg",
     "RslRlSymmetryCfg",
     "RunnerCfg",

@@ -166,7 +166,8 @@ def _network(model: MLPModel) -> NetworkInfo:
     if model.is_recurrent:
         rnn, onnx_model = model.rnn.rnn, model.as_onnx(verbose=False)
         shape = [rnn.num_layers, "batch", rnn.hidden_size]
-        pairs = zip(onnx_model.input_names[1:], onnx_model.output_names[1:], strict=True)
+        # After the observations, flat and pictures.
+        pairs = zip(onnx_model.input_names[len(inputs) :], onnx_model.output_names[1:], strict=True)
         states = [{"input": i, "output": o, "shape": shape} for i, o in pairs]
     return {
         "type": type(model).__name__,
