@@ -81,6 +81,21 @@ def configclass(cls: type[T]) -> type[T]:
 
     Raises:
         TypeError: for a base that is a subclass of a config class and has no decorator, whose fields would be lost.
+
+    Example:
+        >>> @configclass
+        ... class ArmCfg:
+        ...     links: int = 2
+        ...     masses = [0.5, 0.2]  # copied for each instance
+        ...
+        >>> first, second = ArmCfg(), ArmCfg(links=3)
+        >>> first.masses.append(0.1)
+        >>> second
+        ArmCfg(links=3, masses=[0.5, 0.2])
+        >>> ArmCfg(link=3)
+        Traceback (most recent call last):
+            ...
+        TypeError: ArmCfg has no field 'link'; did you mean 'links'?
     """
     for base in cls.__mro__[1:]:
         _check_decorated(base)
@@ -251,6 +266,14 @@ def config_with(cfg: AnyConfig, fields: Mapping[str, object]) -> AnyConfig:
     Args:
         cfg: The config.
         fields: Values by name; a field that exists takes the value.
+
+    Example:
+        >>> @configclass
+        ... class ArmCfg:
+        ...     links: int = 2
+        ...
+        >>> config_with(ArmCfg(), {"grip": 0.5}).to_dict()
+        {'links': 2, 'grip': 0.5}
     """
     new = _clone(cfg)
     for name, value in fields.items():

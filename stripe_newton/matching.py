@@ -27,6 +27,10 @@ def match_names(
 
     Raises:
         NoMatchError: if an expression matches nothing, with the names that there are, or is no regular expression.
+
+    Example:
+        >>> match_names("left_.*", ["left_hip", "right_hip", "left_knee"])
+        ([0, 2], ['left_hip', 'left_knee'])
     """
     keys = [expressions] if isinstance(expressions, str) else list(expressions)
     found: dict[int, int] = {}
@@ -74,6 +78,10 @@ def match_values(values: float | Mapping[str, float], names: Sequence[str], what
 
     Raises:
         NoMatchError: if an expression matches nothing, or two match the same name.
+
+    Example:
+        >>> match_values({".*_hip": 20.0, ".*_knee": 30.0}, ["left_hip", "right_hip", "left_knee"])
+        {0: 20.0, 1: 20.0, 2: 30.0}
     """
     if not isinstance(values, Mapping):
         return {i: float(values) for i in range(len(names))}

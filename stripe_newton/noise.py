@@ -41,7 +41,12 @@ _OPERATIONS = ("add", "scale", "abs")
 
 
 def constant_noise(data: torch.Tensor, cfg: ConstantNoiseCfg, generator: torch.Generator | None = None) -> torch.Tensor:
-    """Apply constant noise to ``data``, by the operation of ``cfg``. ``generator`` is not used."""
+    """Apply constant noise to ``data``, by the operation of ``cfg``. ``generator`` is not used.
+
+    Example:
+        >>> constant_noise(torch.tensor([1.0, 2.0]), ConstantNoiseCfg(bias=0.5))
+        tensor([1.5000, 2.5000])
+    """
     return _combine(data, _like(cfg.bias, data), cfg.operation)
 
 

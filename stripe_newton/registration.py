@@ -85,6 +85,11 @@ def register_task(
 
     ``gymnasium.make_vec(task_id, num_envs=64)`` or ``make_vec(task_id, cfg=cfg)`` makes it; with a config, the
     config's number of environments holds unless ``num_envs`` is given too.
+
+    Example:
+        >>> register_task("Doc-Reach-v0", env="my_tasks.reach:ReachEnv", env_cfg="my_tasks.reach:ReachEnvCfg")
+        >>> gymnasium.spec("Doc-Reach-v0").id
+        'Doc-Reach-v0'
     """
     kwargs: dict[str, EntryPoint] = {"env_cfg_entry_point": env_cfg}
     if rsl_rl_cfg is not None:

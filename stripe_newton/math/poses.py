@@ -41,6 +41,12 @@ def combine_frame_transforms(
 
     Returns:
         Position ``(..., 3)`` and orientation ``(..., 4)`` of frame 2 in frame 0.
+
+    Example:
+        >>> here = torch.tensor([1.0, 0.0, 0.0])
+        >>> turn = torch.tensor([0.0, 0.0, 1.0, 0.0])  # half a turn about z
+        >>> combine_frame_transforms(here, turn, torch.tensor([0.25, 0.0, 0.0]))[0]
+        tensor([0.7500, 0.0000, 0.0000])
     """
     t02 = t01 if t12 is None else t01 + quat_apply(q01, t12)
     q02 = q01 if q12 is None else quat_mul(q01, q12)

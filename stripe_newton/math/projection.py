@@ -83,6 +83,12 @@ def project_points(points: torch.Tensor, intrinsics: torch.Tensor) -> torch.Tens
 
     Raises:
         ValueError: if a shape is none of these.
+
+    Example:
+        >>> intrinsics = torch.tensor([[100.0, 0.0, 32.0], [0.0, 100.0, 24.0], [0.0, 0.0, 1.0]])
+        >>> project_points(torch.tensor([[0.0, 0.0, 2.0], [0.5, -0.2, 2.0]]), intrinsics)
+        tensor([[32., 24.,  2.],
+                [57., 14.,  2.]])
     """
     if points.dim() not in (2, 3):
         raise ValueError(f"project_points: expected points (P, 3) or (N, P, 3), got {list(points.shape)}")

@@ -56,7 +56,12 @@ def normalize(x: torch.Tensor, eps: float = 1e-9) -> torch.Tensor:
 
 
 def wrap_to_pi(angles: torch.Tensor) -> torch.Tensor:
-    """Wrap angles [rad], of any shape, to (-pi, pi]."""
+    """Wrap angles [rad], of any shape, to (-pi, pi].
+
+    Example:
+        >>> wrap_to_pi(torch.tensor([3.0, 4.0])).round(decimals=4)
+        tensor([ 3.0000, -2.2832])
+    """
     # Angles in that range are returned as they are: the remainder would change their last digits.
     wrapped = math.pi - torch.remainder(math.pi - angles, 2.0 * math.pi)
     return torch.where((angles > -math.pi) & (angles <= math.pi), angles, wrapped)
@@ -68,12 +73,23 @@ def saturate(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch
 
 
 def scale_transform(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
-    """Map [``lower``, ``upper``] linearly to [-1, 1], elementwise; values outside the bounds are not clamped."""
+    """Map [``lower``, ``upper``] linearly to [-1, 1], elementwise; values outside the bounds are not clamped.
+
+    Example:
+        >>> lower, upper = torch.tensor([0.0, -2.0]), torch.tensor([4.0, 2.0])
+        >>> scale_transform(torch.tensor([1.0, 2.0]), lower, upper)
+        tensor([-0.5000,  1.0000])
+    """
     return 2.0 * (x - 0.5 * (lower + upper)) / (upper - lower)
 
 
 def unscale_transform(x: torch.Tensor, lower: torch.Tensor, upper: torch.Tensor) -> torch.Tensor:
-    """Map [-1, 1] linearly to [``lower``, ``upper``], elementwise: the inverse of :func:`scale_transform`."""
+    """Map [-1, 1] linearly to [``lower``, ``upper``], elementwise: the inverse of :func:`scale_transform`.
+
+    Example:
+        >>> unscale_transform(torch.tensor([-1.0, 0.5]), torch.tensor(0.0), torch.tensor(4.0))
+        tensor([0., 3.])
+    """
     return 0.5 * (x * (upper - lower) + upper + lower)
 
 
@@ -91,7 +107,13 @@ def quat_inv(q: torch.Tensor, eps: float = 1e-9) -> torch.Tensor:
 
 
 def quat_mul(q1: torch.Tensor, q2: torch.Tensor) -> torch.Tensor:
-    """Hamilton product of ``(..., 4)`` with ``(..., 4)``: the rotation ``q2`` followed by ``q1``."""
+    """Hamilton product of ``(..., 4)`` with ``(..., 4)``: the rotation ``q2`` followed by ``q1``.
+
+    Example:
+        >>> quarter = quat_from_angle_axis(torch.tensor(torch.pi / 2), torch.tensor([0.0, 0.0, 1.0]))
+        >>> quat_mul(quarter, quarter).round(decimals=4)  # half a turn about z
+        tensor([0., 0., 1., 0.])
+    """
     q1, q2 = torch.broadcast_tensors(q1, q2)
     v1, w1 = q1[..., :3], q1[..., 3:]
     v2, w2 = q2[..., :3], q2[..., 3:]
@@ -100,7 +122,13 @@ def quat_mul(q1: torch.Tensor, q2: torch.Tensor) -> torch.Tensor:
 
 
 def quat_apply(quat: torch.Tensor, vec: torch.Tensor) -> torch.Tensor:
-    """Rotate vectors ``(..., 3)`` by quaternions ``(..., 4)``: from the rotated frame to the frame it is given in."""
+    """Rotate vectors ``(..., 3)`` by quaternions ``(..., 4)``: from the rotated frame to the frame it is given in.
+
+    Example:
+        >>> quarter = quat_from_angle_axis(torch.tensor(torch.pi / 2), torch.tensor([0.0, 0.0, 1.0]))
+        >>> quat_apply(quarter, torch.tensor([1.0, 1.0, 0.0])).round(decimals=4)  # x becomes y
+        tensor([-1.,  1.,  0.])
+    """
     # q v q* with the products of zeros left out: two cross products, no rotation matrix.
     quat, vec = broadcast_leading(quat, vec)
     xyz = quat[..., :3]
@@ -119,7 +147,12 @@ def quat_unique(q: torch.Tensor) -> torch.Tensor:
 
 
 def quat_from_angle_axis(angle: torch.Tensor, axis: torch.Tensor) -> torch.Tensor:
-    """Quaternions ``(..., 4)`` of rotations by ``angle`` ``(...)`` [rad] about ``axis`` ``(..., 3)`` of any length."""
+    """Quaternions ``(..., 4)`` of rotations by ``angle`` ``(...)`` [rad] about ``axis`` ``(..., 3)`` of any length.
+
+    Example:
+        >>> quat_from_angle_axis(torch.tensor(torch.pi / 2), torch.tensor([5.0, 0.0, 0.0])).round(decimals=4)
+        tensor([0.7071, 0.0000, 0.0000, 0.7071])
+    """
     half = 0.5 * angle.unsqueeze(-1)
     vector = normalize(axis) * torch.sin(half)
     w = torch.cos(half).expand(vector.shape[:-1] + (1,))
@@ -148,6 +181,12 @@ def quat_from_euler_xyz(roll: torch.Tensor, pitch: torch.Tensor, yaw: torch.Tens
     """Quaternions ``(..., 4)`` of angles ``(...)`` [rad]: roll about x, then pitch about y, then yaw about z.
 
     The axes are fixed in the parent frame (``Rz(yaw) Ry(pitch) Rx(roll)``).
+
+    Example:
+        >>> zero = torch.zeros(2)
+        >>> quat_from_euler_xyz(zero, zero, torch.tensor([0.0, torch.pi / 2])).round(decimals=4)
+        tensor([[0.0000, 0.0000, 0.0000, 1.0000],
+                [0.0000, 0.0000, 0.7071, 0.7071]])
     """
     cr, sr = torch.cos(0.5 * roll), torch.sin(0.5 * roll)
     cp, sp = torch.cos(0.5 * pitch), torch.sin(0.5 * pitch)
@@ -237,7 +276,13 @@ def quat_from_matrix(matrix: torch.Tensor) -> torch.Tensor:
 
 
 def yaw_quat(quat: torch.Tensor) -> torch.Tensor:
-    """Yaw of rotations ``(..., 4)`` as quaternions ``(..., 4)``: the part about the vertical, with x and y zero."""
+    """Yaw of rotations ``(..., 4)`` as quaternions ``(..., 4)``: the part about the vertical, with x and y zero.
+
+    Example:
+        >>> tilted = quat_from_euler_xyz(torch.tensor(0.3), torch.tensor(0.0), torch.tensor(torch.pi / 2))
+        >>> yaw_quat(tilted).round(decimals=4)
+        tensor([0.0000, 0.0000, 0.7071, 0.7071])
+    """
     x, y, z, w = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
     # Half the angle of the rotated x axis, seen from above.
     half = 0.5 * torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
