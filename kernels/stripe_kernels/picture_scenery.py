@@ -270,12 +270,12 @@ def light_scenery(
         albedo = wp.cw_mul(albedo * (0.82 + 0.36 * own), wp.vec3f(1.0 + 0.16 * (lattice(i, 3, 5) - 0.5), 1.0, 1.0))
         if kind == FOLIAGE:
             albedo = wp.cw_mul(
-                albedo * (0.6 + 0.8 * lattice(hit.leaf, 11, 2)),
+                albedo * (0.5 + 0.95 * lattice(hit.leaf, 11, 2)),
                 wp.vec3f(0.9 + 0.25 * lattice(hit.leaf, 4, 9), 1.0, 1.0),
             )
             if s.leaf[s.foliage[i]].length > 0.0:  # no leaf lies quite in the plane of its bunch
                 tilt = wp.vec3f(lattice(hit.leaf, 5, 3), lattice(hit.leaf, 8, 1), lattice(hit.leaf, 2, 7))
-                normal = wp.normalize(normal + (tilt - wp.vec3f(0.5, 0.5, 0.5)) * 1.2)
+                normal = wp.normalize(normal + (tilt - wp.vec3f(0.5, 0.5, 0.5)) * 1.5)
             # A crown is lit as a rounded whole: leaf normals bend outwards, and light fades towards the inside.
             out = wp.cw_div(local - s.middle[i], s.half[i])
             depth = wp.min(wp.length(out), 1.2)

@@ -36,6 +36,9 @@ class FilmOverlay:
     Above: the task and a note, such as the iteration. Below: time, reward of the last step and return of the episode.
     If the task has a velocity command, two arrows over the robot show the commanded and the actual velocity.
 
+    Attributes:
+        has_numbers: Whether time, reward and return are written.
+
     Args:
         env: The wrapped environment.
         task: Name of the task.
@@ -44,7 +47,7 @@ class FilmOverlay:
     """
 
     def __init__(self, env: RslRlVecEnvWrapper, task: str, note: str = "", env_index: int | None = None):
-        self._env, self.task, self.note = env, task, note
+        self._env, self.task, self.note, self.has_numbers = env, task, note, True
         if env_index is None:
             env_index = getattr(getattr(getattr(env.unwrapped, "cfg", None), "viewer", None), "env_index", 0)
         self._index, self._command = env_index, _velocity_command(env.unwrapped)
@@ -76,9 +79,8 @@ class FilmOverlay:
         line, margin = height // _LINES, height // 36
         head = [(self.task, bold, _TEXT)] + ([(self.note, font, _QUIET)] if self.note else [])
         _write(picture, head, margin, margin, line)
-        seconds = self._steps * float(self._env.unwrapped.step_dt)
-        state = f"{seconds:.1f} s  |  reward {self._reward:.2f}  |  return {self._return:.1f}"
-        _write(picture, [(state, font, _TEXT)], margin, height - margin - int(1.9 * line), line)
+        if self.has_numbers:
+            self._write_numbers(picture, font, margin, line)
         if self._command is not None:
             command, reached = (float(torch.linalg.vector_norm(v[:2])) for v in self._command.read(self._index))
             lines = [
@@ -89,9 +91,14 @@ class FilmOverlay:
             _write(picture, lines, picture.width - margin - width - line, height - margin - int(3.2 * line), line)
         return np.asarray(picture)
 
+    def _write_numbers(self, picture: Image.Image, font: ImageFont.FreeTypeFont, margin: int, line: int) -> None:
+        seconds = self._steps * float(self._env.unwrapped.step_dt)
+        state = f"{seconds:.1f} s  |  reward {self._reward:.2f}  |  return {self._return:.1f}"
+        _write(picture, [(state, font, _TEXT)], margin, picture.height - margin - int(1.9 * line), line)
+
     def _draw_arrows(self, picture: Image.Image, command: _VelocityCommand) -> None:
         renderer = getattr(self._env.unwrapped, "renderer", None)
-        if renderer is None:
+        if not hasattr(renderer, "project"):  # an environment that draws in another way
             return
         start = command.position(self._index)
         wanted, reached = (v.numpy() for v in command.read(self._index))

@@ -125,6 +125,8 @@ class TrainingVideo:
             from .film_overlay import FilmOverlay
 
             self._overlay = FilmOverlay(env, task)
+            # Environments of other packages may keep no rewards.
+            self._overlay.has_numbers = hasattr(env.unwrapped, "reward_buf") and hasattr(env.unwrapped, "reset_buf")
 
     def after_iteration(self, iteration: int) -> None:
         """Begin a video if one is due and none is running."""
@@ -161,7 +163,7 @@ class TrainingVideo:
         except OSError as error:
             self._give_up(error)
             return
-        if self._overlay is not None:
+        if self._overlay is not None and self._overlay.has_numbers:
             inner = self.env.unwrapped
             self._overlay.after_step(inner.reward_buf, inner.reset_buf)
         self._taken += 1

@@ -43,6 +43,8 @@ def test_text_stands_at_the_edges_and_nothing_else_changes():
     assert changed[-30:, :200].mean() > 0.15
     assert not changed[45:140].any()
     assert drawn[:40, :150].max() > 240  # letters
+    overlay.has_numbers = False
+    assert not (overlay.draw(GREY)[45:] != GREY[45:]).any()
     overlay.note = "iteration 7"
     assert (overlay.draw(GREY)[:45] != drawn[:45]).any()
 
