@@ -16,6 +16,7 @@ from stripe_newton.viewers.display_model import DisplayModel
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .glb_file import glb_of
+from .merged_field import merged_field
 from .poses import compose, wxyz
 
 if TYPE_CHECKING:
@@ -105,7 +106,8 @@ class LiveScene:
         shapes = self.model.model
         if not shapes.shape_count:
             return
-        kinds, flags, bodies = (a.numpy() for a in (shapes.shape_type, shapes.shape_flags, shapes.shape_body))
+        flags, bodies = shapes.shape_flags.numpy(), shapes.shape_body.numpy()
+        kinds = self.model.kinds
         scales, local, colors = shapes.shape_scale.numpy(), shapes.shape_transform.numpy(), shapes.shape_color.numpy()
         groups: dict[tuple[object, ...], list[int]] = {}
         for i in range(shapes.shape_count):
@@ -143,7 +145,7 @@ class LiveScene:
     ) -> None:
         """Add a batch of shapes that have one mesh."""
         first = int(shapes[0])
-        kind, source = int(self.model.model.shape_type.numpy()[first]), self.model.sources[first]
+        kind, source = int(self.model.kinds[first]), self.model.sources[first]
         vertices, faces, sizes = self._mesh(first, kind, scales)
         if kind in _ROUND and self.model.body_count:
             rank = np.where(bodies >= 0, bodies % self.model.body_count % 6, 0)
@@ -181,6 +183,10 @@ class LiveScene:
             factor = np.array([mirror, 1.0, 1.0])
             vertices, faces = shape_mesh(kind, factor, source, label)
             return vertices, faces, np.abs(scales) if mirror < 0.0 else scales
+        if kind == int(newton.GeoType.HFIELD) and (scales[0] > 0.0).all():
+            vertices, _ = shape_mesh(kind, scales[0], source, label)
+            vertices, faces = merged_field(vertices.reshape(int(source.nrow), int(source.ncol), 3))
+            return vertices, faces, np.ones((len(scales), 3))
         if kind in map(int, _UNIT):
             axes = list(_UNIT[newton.GeoType(kind)])
             vertices, faces = shape_mesh(kind, np.ones(3), source, label, _FACETS_OFF)
