@@ -23,7 +23,7 @@ _SAME_NORMAL = 0.999
 
 
 def creased(mesh: newton.Mesh, angle: float = CREASE_ANGLE) -> newton.Mesh:
-    """The mesh with vertices split at its creases, for drawing; the mesh itself if its own normals keep them or it is huge.
+    """The mesh with vertices split at its creases, for drawing; itself if its own normals keep them or it is huge.
 
     Importers give meshes without authored normals either those of the faces, which shows every facet of a cylinder, or
     means over all faces around a vertex, which makes boxes look inflated.
