@@ -11,6 +11,7 @@ from .user_error import UserError
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import LiveViewer, ViewerCfg
+    from stripe_newton.viewers.live.checkpoint_panel import Checkpoints
 
 __all__ = ["FPS", "check_installed", "open_viewer"]
 
@@ -36,6 +37,7 @@ def open_viewer(
     *,
     cfg: ViewerCfg | None = None,
     reset: Callable[[], object] | bool = True,
+    checkpoints: Checkpoints | None = None,
     step_dt: float | None = None,
     is_paced: bool = True,
     fps: float = FPS,
@@ -49,6 +51,7 @@ def open_viewer(
         port: Port.
         cfg: Camera.
         reset: As :class:`LiveViewer` has it; so are the other arguments.
+        checkpoints: Policies to switch between.
         step_dt: Duration of a step.
         is_paced: Keep to real time.
         fps: Most pictures per second.
@@ -66,6 +69,7 @@ def open_viewer(
             host=host,
             port=port,
             reset=reset,
+            checkpoints=checkpoints,
             step_dt=step_dt,
             is_paced=is_paced,
             fps=fps,

@@ -18,12 +18,13 @@ from stripe_newton.rl import (
     record_video,
 )
 from stripe_newton.rl.runs.film_overlay import FilmOverlay
+from stripe_newton.rl.runs.run_checkpoints import RunCheckpoints
 from stripe_newton.rl.runs.video import video_steps
 from stripe_newton.rl.torch_vector_env import is_simulated
 
 from .arguments import parse, peek, task_of
 from .device import set_device, set_seeds
-from .env_and_policy import build_env, build_policy, find_policy
+from .env_and_policy import build, build_env, build_policy, find_policy
 from .live_view import FPS, check_installed, open_viewer
 from .options import PlayArgs
 from .run_configs import Configs, check, load_configs, use_one_minibatch
@@ -49,14 +50,14 @@ def run(argv: list[str]) -> int:
     name = f"play_{checkpoint.stem}.mp4" if checkpoint else f"{task}_{args.agent}.mp4"
     path = (folder.videos if folder else Path("videos")) / name
     try_place("video", path if args.viewer == "video" else None)
-    env, policy = _env_and_policy(task, args, configs, checkpoint)
+    env, policy, checkpoints = _env_and_policy(task, args, configs, checkpoint)
     try:
         if args.viewer == "video":
             note = checkpoint.stem.replace("model_", "iteration ") if checkpoint else f"{args.agent} actions"
             overlay = FilmOverlay(env, task, note)
             print(record_video(env, policy, path, args.steps or video_steps(env), args.seed, overlay=overlay))
         elif args.viewer == "viser":
-            watch(task, env, policy, configs.env, args)
+            watch(task, env, policy, configs.env, args, checkpoints=checkpoints)
         else:
             roll(env, policy, args.steps or int(env.max_episode_length), args.seed)
     finally:
@@ -82,11 +83,17 @@ def _prepare(args: PlayArgs, configs: Configs) -> None:
 
 def _env_and_policy(
     task: str, args: PlayArgs, configs: Configs, checkpoint: Path | None
-) -> tuple[RslRlVecEnvWrapper, Policy]:
-    if checkpoint is not None:
-        return build_policy(task, configs, checkpoint, render=args.viewer == "video")
-    env = build_env(task, configs, render=args.viewer == "video")
-    return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env)
+) -> tuple[RslRlVecEnvWrapper, Policy, RunCheckpoints | None]:
+    """The environment, what acts in it and, for the live view of a run, its checkpoints."""
+    render = args.viewer == "video"
+    if checkpoint is None:
+        env = build_env(task, configs, render)
+        return env, ZeroPolicy(env) if args.agent == "zero" else RandomPolicy(env), None
+    if checkpoint.suffix == ".onnx" or args.viewer != "viser":
+        return *build_policy(task, configs, checkpoint, render), None
+    runner = build(task, configs, checkpoint=checkpoint)
+    policy = runner.get_inference_policy(runner.device)
+    return runner.env, policy, RunCheckpoints(runner, checkpoint, policy.reset)
 
 
 @torch.inference_mode()
@@ -97,6 +104,7 @@ def watch(
     cfg: RLEnvCfg,
     args: PlayArgs | DemoArgs,
     on_open: Callable[[LiveViewer], None] | None = None,
+    checkpoints: RunCheckpoints | None = None,
 ) -> None:
     """Show the environments live, at the speed that the page says, until Ctrl-C or for so many steps.
 
@@ -107,6 +115,7 @@ def watch(
         cfg: Config of the environment.
         args: Address, seed and number of steps.
         on_open: Called once, when the page can be opened and the first step was taken.
+        checkpoints: Policies to switch between.
 
     Raises:
         UserError: if the environment has no simulation to show, or the page cannot be served.
@@ -121,7 +130,7 @@ def watch(
 
     # The interval of the pictures is in steps of the physics.
     fps = min(FPS, 1.0 / (cfg.sim.dt * cfg.sim.render_interval))
-    viewer = open_viewer(inner, task, args.host, args.port, reset=reset, fps=fps)
+    viewer = open_viewer(inner, task, args.host, args.port, reset=reset, fps=fps, checkpoints=checkpoints)
     env.reset(args.seed)
     policy.reset()
     try:

@@ -18,6 +18,7 @@ from .progress import Progress
 if TYPE_CHECKING:
     from stripe_newton.envs import LabScene
     from stripe_newton.specifications import Scene, SceneSpec
+    from stripe_newton.viewers import ViewerCfg
 
 __all__ = ["Options", "simulate"]
 
@@ -186,6 +187,16 @@ class _Walk:
             yield renderer.render()
         renderer.close()
 
+    def first_view(self) -> ViewerCfg:
+        """The view with which the walk begins."""
+        from stripe_newton.viewers import ViewerCfg
+
+        eye = self._eye(0.0)
+        target = [eye[0] + 6.0 * self._ahead[0], eye[1] + 6.0 * self._ahead[1], eye[2] - 0.6]
+        return ViewerCfg(
+            origin_type="world", eye=(eye[0], eye[1], eye[2]), lookat=(target[0], target[1], target[2]), fov=50.0
+        )
+
     def _eye(self, seconds: float) -> np.ndarray:
         """Position of the eye [m]: it walks for half of the time and then stands."""
         way = _SPEED * min(seconds, 0.5 * self._options.seconds)
@@ -213,7 +224,7 @@ class _Walk:
 def _watch(title: str, lab: LabScene, walk: _Walk, options: Options) -> None:
     """Show the scene live, in real time, for so many seconds or until Ctrl-C."""
     limit = None if math.isinf(options.seconds) else math.ceil(options.seconds * _FPS)
-    with open_viewer(lab, title, options.host, options.port, reset=walk.drop) as viewer:
+    with open_viewer(lab, title, options.host, options.port, cfg=walk.first_view(), reset=walk.drop) as viewer:
         try:
             for _ in viewer.steps(limit):
                 lab.step()

@@ -338,10 +338,15 @@ class DirectRLEnv(RecordingEnv):
             if self._recorder is None:
                 return self._observed
             return {k: values.get(f"obs.{k}", v) for k, v in self._observation_buffers.items()}
-        groups = {name: values[f"obs.{name}"] for name in self.warp.observations}
+        groups = {name: self._shaped(name, values[f"obs.{name}"]) for name in self.warp.observations}
         if self._observation_noise_model is not None:
             groups["policy"] = self._observation_noise_model(groups["policy"])
         return groups
+
+    def _shaped(self, name: str, flat: torch.Tensor) -> torch.Tensor:
+        """Observations that a Warp hook wrote, ``(num_envs, size)``, in the shape of their space, such as pictures."""
+        shape = self.single_observation_space[name].shape
+        return flat if shape is None or len(shape) < 2 else flat.view(-1, *shape)
 
     def why_not_capturable(self) -> str:
         own = self._recorder is not None and not self._hooks.pre_physics.is_warp

@@ -22,6 +22,8 @@ __all__ = ["Picture", "find_picture", "image", "image_writer"]
 
 _DEPTHS = ("depth", "distance_to_image_plane", "distance_to_camera")
 """Data types that are depths."""
+_THREADS = 256
+"""Threads that normalise a picture on a GPU."""
 
 
 class HasScene(Protocol):
@@ -157,17 +159,19 @@ def image_writer(picture: Picture, target: wp.array, first: int) -> Callable[[],
     """Function that launches the kernels which write a picture into ``target``, beginning at column ``first``."""
     source, normalize, layout = picture.array, picture.normalize, picture.layout(first)
     dim, device = source.shape[:3], source.device
+    if source.ndim == 4 and normalize:
+
+        def write_centred() -> None:
+            inputs, outputs = [source, layout], [target]
+            wp.launch_tiled(
+                kernels.write_centred_colors, dim=[dim[0]], inputs=inputs, outputs=outputs, block_dim=_THREADS,
+                device=device,
+            )  # fmt: skip
+
+        return write_centred
     if source.ndim == 4:
-        sums = wp.zeros((source.shape[0], 3), dtype=wp.uint32, device=device)
-
-        def write_colors() -> None:
-            if normalize:
-                sums.zero_()
-                wp.launch(kernels.sum_colors, dim=dim, inputs=[source], outputs=[sums], device=device)
-            inputs = [source, normalize, sums, layout]
-            wp.launch(kernels.write_colors, dim=dim, inputs=inputs, outputs=[target], device=device)
-
-        return write_colors
+        inputs = [source, layout]
+        return lambda: wp.launch(kernels.write_colors, dim=dim, inputs=inputs, outputs=[target], device=device)
     if source.dtype is wp.float32:
         inputs = [source, normalize, picture.max_depth, layout]
         return lambda: wp.launch(kernels.write_depth, dim=dim, inputs=inputs, outputs=[target], device=device)

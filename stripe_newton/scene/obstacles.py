@@ -209,6 +209,7 @@ class Obstacles(SensorBase):
         shapes = [sim.model.shape_label.index(label) for label in self._labels]
         geoms = [int(np.flatnonzero(shape_of_geom == shape)[0]) for shape in shapes]
         self._touch_robot_alone(shape_of_geom, geoms)
+        sim.expect_changes(["shape_scale"])
         targets = [model.geom_size, model.geom_aabb, model.geom_rbound]
         if any(len(array) != self.num_envs for array in targets):
             raise RuntimeError(f"{self._where}: this solver does not keep sizes of geoms for each world")

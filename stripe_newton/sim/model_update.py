@@ -79,6 +79,7 @@ class ModelUpdate:
         self.constants: MassConstants | None = None
         self._joints: MuJoCoJoints | None = None
         self.why_all_worlds = self._why_all_worlds()
+        sim.expect_changes(self._names)
         if self.why_all_worlds:
             return
         with wp.ScopedDevice(sim.device):

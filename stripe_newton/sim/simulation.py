@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import newton
@@ -534,6 +534,22 @@ class Simulation:
         self._graphs.clear()
         self.recaptures += 1
 
+    def expect_changes(self, names: Iterable[str]) -> None:
+        """Expect that environments will differ in arrays of the model, which the solver may have taken for equal.
+
+        Args:
+            names: Names of attributes of ``newton.Model``.
+        """
+        if isinstance(self.solver, SolverFused):
+            self.solver.expect_changes(names)
+            self.forget_stale_graphs()
+
+    def forget_stale_graphs(self) -> None:
+        """Record the graphs again if the solver has found environments to differ that were equal when it recorded."""
+        if isinstance(self.solver, SolverFused) and self.solver.has_stale_graphs:
+            self.solver.has_stale_graphs = False
+            self.recapture()
+
     def limit_velocities(self) -> None:
         """Enforce :attr:`velocity_limit` from the next step on."""
         self._limits_velocity = True
@@ -648,6 +664,7 @@ class Simulation:
             with self.actuation.solver_gains():
                 self.actuation.hide_gains()
                 self.solver.notify_model_changed(flags)
+            self.forget_stale_graphs()
             for hook in self._hooks:
                 hook.launch_after_notify()
 

@@ -128,7 +128,8 @@ class MuJoCoSolverCfg(SolverCfg):
     does not; ``False``: MuJoCo Warp. No argument of the solver."""
     fused_limbs: bool | None = None
     """Step a robot that is a hub with limbs, which touch nothing that moves, in a form of the fused step for those, see
-    docs/solvers.md. Default: on a CPU, where it takes 0.6 times as long. No argument of the solver."""
+    docs/solvers.md. Default: where it is faster, on a CPU for all of them, on a GPU for hubs and limbs of at most ten
+    degrees of freedom together. No argument of the solver."""
 
     separate_worlds: bool | None = None
     """Map each Newton world to a MuJoCo world. Default: yes."""

@@ -19,6 +19,8 @@ _MOST_DOFS = 10, 8
 """Degrees of freedom of the hub, whose system all lanes solve, and of a limb."""
 _MOST_PAIRS = 24
 """Pairs of geoms of a limb, which its lane looks at one after another."""
+_MOST_COLUMNS = 10
+"""Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
 _HITS = {"PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4}
 """Routines of pairs that it has, and how many contacts each finds at most."""
 
@@ -38,6 +40,8 @@ class LimbForm:
     """Contacts that the pairs of a limb can have at most."""
     losses: bool
     """Whether joints have friction loss."""
+    planes: tuple[int, ...]
+    """Geoms that the others may touch."""
 
     @classmethod
     def of(cls, model: mujoco.MjModel, pairs: Sequence[ContactPair], losses: bool = False) -> LimbForm | None:
@@ -53,7 +57,8 @@ class LimbForm:
         hub, limbs = _divide(model)
         shares = _share_pairs(model, pairs, limbs)
         most = max(sum(_HITS[pairs[p].kind] for p in share) for share in shares)
-        return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses)
+        planes = tuple(sorted({pair.geom1 for pair in pairs}))
+        return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes)
 
     @property
     def slots(self) -> int:
@@ -71,11 +76,17 @@ class LimbForm:
         return max(map(len, self.limbs))
 
     @property
+    def suits_gpu(self) -> bool:
+        """Whether it is faster on a GPU than the general form: a lane has the registers for few degrees of freedom."""
+        return len(self.limbs) > 1 and len(self.hub_dofs) + self.limb_dofs <= _MOST_COLUMNS
+
+    @property
     def world_size(self) -> int:
         """Numbers of four bytes in ``World`` of limb_world.h, of which the source asserts that they are no fewer."""
         model = self.model
         size = model.nq + 2 * model.nv + 3 * len(set(model.body_rootid.tolist())) + 7 * model.nbody
-        size += 6 * max(1, len(self.hub_dofs)) + 12 * max(1, len(self.hub))
+        size += (15 if self.losses else 12) * max(1, len(self.hub_dofs)) + 23 * max(1, len(self.hub))
+        size += 11 * self.slots * self.limb_dofs + 6 * max(1, len(self.planes))
         return size + 1 + size % 2
 
     def sizes(self, max_contacts: int) -> dict[str, int]:
@@ -92,10 +103,15 @@ class LimbForm:
             "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
             "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
             "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LOSSES": int(self.losses),
+            "NPLANES": len(self.planes),
         }  # fmt: skip
 
-    def tables(self) -> dict[str, Iterable[int]]:
-        """Tables that the source relies on, of which those of limbs have a row for each slot."""
+    def tables(self, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
+        """Tables that the source relies on, of which those of limbs have a row for each slot.
+
+        Args:
+            pairs: The pairs of geoms that may touch, as the kernel has them.
+        """
         model, hub, dofs = self.model, list(self.hub), self.hub_dofs
         limbs = [*self.limbs, *([()] * (self.slots - len(self.limbs)))]
         parents = [self._parent(limb or self.limbs[0]) for limb in limbs]
@@ -118,6 +134,9 @@ class LimbForm:
             "weld": [b for group in welds for b in group],
             "limb_pair_start": np.cumsum([0, *map(len, shares)]),
             "limb_pair": [p for share in shares for p in share],
+            "plane": list(self.planes),
+            "pair_plane": [self.planes.index(pair.geom1) for pair in pairs],
+            "ends_body": [int(d >= 0 and _is_last(model, d)) for d in places],
         }
 
     def _parent(self, limb: Sequence[int]) -> int:

@@ -218,7 +218,7 @@ class ModelTables:
         model, pairs = self.model, self.pairs
         integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
         if self.limbs is not None:
-            integers |= self.limbs.tables()
+            integers |= self.limbs.tables(pairs)
         moving = {"body_dofs": [sum(1 << i for i in dofs_of_body(model, b)) for b in range(model.nbody)]}
         return ConstantTables(integers | moving, _coefficients(model))
 

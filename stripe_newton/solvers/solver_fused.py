@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,11 +19,12 @@ from mujoco_warp._src.types import BroadphaseType, ContactType
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
 from .contact_pairs import MESH_KINDS, ContactPair, contact_pairs, listed_pairs
-from .limb_form import LimbForm
+from .limb_form import LimbForm, why_no_limbs
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
 from .pair_list import remove_geom_pairs
 from .per_step import PerStep
+from .shared_parameters import SharedParameters, parameters_of_flags, parameters_of_newton
 from .stand_ins import StandIns
 from .static_triangles import StaticTriangles
 from .step_kernel import (
@@ -102,8 +103,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
             step, and see :meth:`lacks`.
         limbs: Whether a robot that is a hub with limbs, which touch nothing that moves, is stepped in a form for such
-            robots, see ``docs/solvers.md``. Set it before the first step.
+            robots, see ``docs/solvers.md``; None where it is faster. Set it before the first step.
         newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
+        has_stale_graphs: Whether graphs that were recorded before must be recorded again, as worlds were found to
+            differ in what was the same in all of them, see :meth:`expect_changes`. Who records them sets it to False.
     """
 
     def __init__(
@@ -123,7 +126,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         reason = next((f"{n}={v}" for n, v in _NOT_HERE.items() if kwargs.get(n, not v) == v), "")
         if reason and not fallback:
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
-        self._addresses: dict[bool, Any] = {}  # first, as the constructor notifies
+        self._addresses: dict[bool, Any] = {}  # these first, as the constructor notifies
+        self._shared = SharedParameters(self._parameter_arrays)
+        self.has_stale_graphs = False
         self._statics: StaticTriangles | None = None
         self._call: _Call | None = None
         self._stand_ins = stand_ins
@@ -135,7 +140,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported and not fallback:
             raise ValueError(f"the fused solver does not support this model: {self.unsupported}; use SolverMuJoCo")
         self.triangles = self.static_triangles = False
-        self.limbs = not self.model.device.is_cuda
+        self.limbs: bool | None = None
         self.newton_contacts_for: tuple[str, ...] = ()
         self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
@@ -206,6 +211,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
         limbs = self.fused.layout.num_limbs
         form = f", of a hub with {limbs} limbs" if limbs > 1 else ""
+        form += f", not of a hub with limbs ({why})" if (why := self._why_no_limbs()) else ""
         if between:
             return f"the fused step{form}, a launch for each physics step because of " + ", ".join(between)
         return f"the fused step{form}, all physics steps of a step in one launch"
@@ -459,6 +465,19 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self._fills_contacts:
             data.nacon.fill_(data.naconmax)
 
+    def expect_changes(self, names: Iterable[str]) -> None:
+        """Expect that worlds will differ in arrays of Newton's model, which may change within a recorded graph.
+
+        A parameter that is the same in all worlds is read from the first one. :meth:`notify_model_changed` finds out
+        where they differ, but waits for the device for that.
+
+        Args:
+            names: Names of attributes of ``newton.Model``.
+        """
+        if self._shared.expect_changes(parameters_of_newton(names)):
+            self._addresses.clear()
+            self.has_stale_graphs = True
+
     # -- the kernel and its arguments
 
     def _make(self) -> StepKernel:
@@ -468,10 +487,12 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         contacts = max(1, int(data.naconmax) // int(data.nworld))
         if self._pairs is None:
             self._pairs = self._divide_pairs()
-        cpu = self._limited_model()
+        limbs = self.limbs is not False and not self._asked
         tables = ModelTables.of(
-            cpu, int(data.njmax), contacts, self._pairs, limbs=self._may_be_limbs, losses=self._has_losses()
+            self._limited_model(), int(data.njmax), contacts, self._pairs, limbs=limbs, losses=self._has_losses()
         )
+        if tables.limbs is not None and self.limbs is None and device.is_cuda and not tables.limbs.suits_gpu:
+            tables = replace(tables, limbs=None)
         options = KernelOptions(
             lanes=self._lanes(tables.limbs) if device.is_cuda else 1,
             tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
@@ -484,6 +505,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             per_step=self._kinds,
         )
         kernel = step_kernel(tables, options, self._layout)
+        self._shared.find()
         if self._workspace is not None:  # recorded graphs have the addresses of these arrays
             return kernel
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
@@ -495,10 +517,21 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         return kernel
 
     @property
-    def _may_be_limbs(self) -> bool:
-        """Whether what is asked of the kernel leaves the form for a hub with limbs."""
-        asked = self._others or self._fills_contacts or self._kept_bodies is not None or "wrenches" in self._kinds
-        return self.limbs and not asked
+    def _asked(self) -> str:
+        """What is asked of the kernel that the form for a hub with limbs does not have; empty if it has all."""
+        asked = {
+            "contacts of other collision detection": bool(self._others),
+            "contacts in MuJoCo Warp's arrays": self._fills_contacts,
+            "accelerations of bodies": self._kept_bodies is not None,
+            "external wrenches": "wrenches" in self._kinds,
+        }
+        return ", ".join(name for name, is_asked in asked.items() if is_asked)
+
+    def _why_no_limbs(self) -> str:
+        """Reason why the form for a hub with limbs that was asked for is not taken; empty if it is or was not."""
+        if self.limbs is not True or self.fused.layout.is_limbs:
+            return ""
+        return f"asked for: {self._asked}" if self._asked else why_no_limbs(self.mj_model, self._pairs or [])
 
     def _has_losses(self) -> bool:
         return bool(np.any(self.mjw_model.dof_frictionloss.numpy()))
@@ -571,6 +604,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     def _notify_model_changed(self, flags: newton.ModelFlags | int) -> None:
         super()._notify_model_changed(flags)
         self._addresses.clear()  # it may have replaced arrays
+        # A recording cannot compare worlds: what it changes has been told to `expect_changes`.
+        if not self.model.device.is_capturing and self._shared.check(parameters_of_flags(flags)):
+            self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
         if reads and self._statics is not None:
@@ -612,14 +648,17 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             arrays |= dict(zip(("joint_q_before", "joint_qd_before"), self._before, strict=True))
         return arrays
 
+    def _parameter_arrays(self) -> dict[str, wp.array]:
+        places = {"": self.mjw_model, "opt": self.mjw_model.opt, "data": self.mjw_data}
+        fields = {name: field.rpartition(".") for name, field in PARAMETERS.items()}
+        return {name: getattr(places[owner], leaf) for name, (owner, _, leaf) in fields.items()}
+
     def _refer_all(self, last: bool) -> object:
         m, data = self.fused.arguments(), self.mjw_data
         for name in (*STATE, *OUTPUTS):
             _refer(m, name, getattr(data, name))
-        for name, field in PARAMETERS.items():
-            owner, _, leaf = field.rpartition(".")
-            place = {"": self.mjw_model, "opt": self.mjw_model.opt, "data": data}[owner]
-            _refer(m, name, getattr(place, leaf))
+        for name, array in self._parameter_arrays().items():
+            _refer(m, name, array, shared=name in self._shared.names)
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
         grids, hidden = (None, None) if self._statics is None else (self._statics.grids, self._statics.hidden_geoms)
         m.meshes = 0 if grids is None else grids.array.ptr
@@ -655,7 +694,14 @@ def _address(array: wp.array | None) -> int:
     return 0 if array is None else array.ptr or 0
 
 
-def _refer(arguments: Any, name: str, array: wp.array) -> None:
-    """Set address and stride of an array whose first dimension is the world, in numbers of four bytes."""
+def _refer(arguments: Any, name: str, array: wp.array, shared: bool = False) -> None:
+    """Set address and stride of an array whose first dimension is the world, in numbers of four bytes.
+
+    Args:
+        arguments: Arguments of the kernel.
+        name: Name of the array in them.
+        array: The array.
+        shared: Whether all worlds read the row of the first one.
+    """
     setattr(arguments, name, array.ptr or 0)
-    setattr(arguments, f"{name}_stride", 0 if array.shape[0] == 1 else array.strides[0] // 4)
+    setattr(arguments, f"{name}_stride", 0 if shared or array.shape[0] == 1 else array.strides[0] // 4)

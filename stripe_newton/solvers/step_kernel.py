@@ -32,7 +32,8 @@ _SOURCES = (
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "poses.h", "impedance.h", "geoms.h",
-    "newton_state.h", "per_step.h", "launch.h", "limb_dynamics.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
+    "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")

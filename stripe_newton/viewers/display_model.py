@@ -35,6 +35,7 @@ class DisplayModel:
         state: Its state, set by :meth:`update`.
         roots: Index in the display state of each copy's first body, shape (number of copies,).
         colors: Linear RGB of each shape, shape (shape_count, 3).
+        kinds: ``GeoType`` of each shape, shape (shape_count,).
         is_ground: Whether each shape is a plane or height field, shape (shape_count,).
         textured: Whether a shape carries a texture.
         scenery: Shapes that :class:`SceneryTracer` traces instead of Newton's sensor, shape (n,).
@@ -89,12 +90,15 @@ class DisplayModel:
         self._is_traced = is_traced
         self._markers = MarkerSlots(builder, sim, env_ids, is_traced)
         builder.end_world()
-        self.sources = builder.shape_source
-        self.is_ground = np.isin(np.asarray(builder.shape_type, dtype=int), _GROUND_TYPES)
+        self.sources = list(builder.shape_source)
+        self.kinds = np.asarray(builder.shape_type, dtype=int)
+        self.is_ground = np.isin(self.kinds, _GROUND_TYPES)
         if surround is not None:
             self.is_ground[surround] = True
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
+        if not is_traced:
+            _leave_out_meshes(builder)
         self.model = builder.finalize(device=sim.device, skip_all_validations=True)
         self.state = self.model.state()
         self.body_q = np.zeros((0, 7))
@@ -198,6 +202,13 @@ class DisplayModel:
             if on_body.any():
                 corners[on_body] = _transform(body_q[self._shape_body[on_body]][:, None], corners[on_body])
         return corners
+
+
+def _leave_out_meshes(builder: newton.ModelBuilder) -> None:
+    """Make boxes of all meshes and height fields: their trees for rays take seconds, and nobody traces any."""
+    for i, source in enumerate(builder.shape_source):
+        if source is not None:
+            builder.shape_type[i], builder.shape_source[i] = newton.GeoType.BOX, None
 
 
 def _put_choices(

@@ -287,7 +287,7 @@ FORMS = {
 }
 """Forms of a task by the rest of its name, the longest first."""
 
-WARP_HOOKS = ("Quadcopter", "Repose-Cube-Allegro")
+WARP_HOOKS = ("Cartpole-Camera", "Quadcopter", "Repose-Cube-Allegro")
 """Direct tasks that have Warp hooks alone, without saying so in their names."""
 
 

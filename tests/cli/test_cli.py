@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+import types
 from pathlib import Path
 from typing import Literal
 
@@ -28,7 +29,7 @@ from stripe_newton.cli.field_options import apply_options, apply_saved, options_
 from stripe_newton.cli.shell_command import command, program
 from stripe_newton.cli.tasks import load_cfg, task_ids
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.rl import DivergedError, RslRlVecEnvWrapper, find_checkpoint, read_metrics
+from stripe_newton.rl import CheckpointError, DivergedError, RslRlVecEnvWrapper, find_checkpoint, read_metrics
 from tests.helpers.checkout import HELPERS, PYTHONPATH
 from tests.helpers.fake_env import TASK
 
@@ -433,7 +434,7 @@ def test_live_view(monkeypatch, capsys):
     monkeypatch.setattr(stripe_newton.viewers, "LiveViewer", View, raising=False)
     monkeypatch.setattr("stripe_newton.cli.live_view.check_installed", lambda: None)
     monkeypatch.setattr("stripe_newton.cli.play.check_installed", lambda: None)
-    monkeypatch.setattr("tests.helpers.fake_env.FakeCartEnv.sim", None, raising=False)
+    monkeypatch.setattr("tests.helpers.fake_env.FakeCartEnv.sim", types.SimpleNamespace(cfg=None), raising=False)
     steps = []
     monkeypatch.setattr(
         "stripe_newton.rl.RslRlVecEnvWrapper.step",
@@ -444,6 +445,47 @@ def test_live_view(monkeypatch, capsys):
     assert seen == [(2, TASK, "::1", 99), "closed"]
     assert len(steps) == 3
     assert "http://localhost:1" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("no_video")
+def test_the_checkpoints_of_a_run_act_in_turn(monkeypatch):
+    """`play --viewer viser` hands them to the viewer; the policy is the same object with other weights."""
+    import stripe_newton.viewers
+
+    run = train("--num-envs", "4", "--max-iterations", "4")
+    files = dict(sorted((file.stem, file) for file in (run / "checkpoints").glob("model_*.pt")))
+    *_, older, newest = files
+    seen = []
+
+    class View:
+        url = "http://localhost:1"
+
+        def __init__(self, subject, checkpoints, **options):
+            self.checkpoints = checkpoints
+
+        def steps(self, limit):
+            for name in [None, older, newest]:
+                if name is not None:
+                    self.checkpoints.load(name)
+                weights = self.checkpoints._runner.networks["actor"].state_dict()["mlp.0.weight"]
+                seen.append((self.checkpoints.current, weights.clone(), self.checkpoints.names()))
+                yield 0
+            with pytest.raises(CheckpointError):
+                self.checkpoints.load("model_99")
+            assert self.checkpoints.current == newest
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(stripe_newton.viewers, "LiveViewer", View, raising=False)
+    monkeypatch.setattr("stripe_newton.cli.play.check_installed", lambda: None)
+    monkeypatch.setattr("tests.helpers.fake_env.FakeCartEnv.sim", types.SimpleNamespace(cfg=None), raising=False)
+    assert main(["play", TASK, "--checkpoint", str(run), "--viewer", "viser", "--num-envs", "2"]) == 0
+    assert [name for name, _, _ in seen] == [newest, older, newest]
+    for name, weights, names in seen:
+        assert torch.equal(weights, torch.load(files[name])["actor_state_dict"]["mlp.0.weight"])
+        assert names == list(files)
+    assert not torch.equal(seen[0][1], seen[1][1])
 
 
 def test_a_training_is_shown_only_while_somebody_looks(monkeypatch):

@@ -104,7 +104,7 @@ def test_a_wrong_delay_is_named():
 # -- in an environment
 
 
-def make_env(device: str, events: dict[str, EventTermCfg], **groups) -> ManagerBasedRLEnv:
+def make_env(device: str, events: dict[str, EventTermCfg], renderer: str = "auto", **groups) -> ManagerBasedRLEnv:
     """Cart-poles with a camera on the pole that sees the ground."""
     settings = CartpoleManagerEnvCfg(seed=4)
     settings.sim.device, settings.scene.num_envs = device, 16
@@ -115,6 +115,7 @@ def make_env(device: str, events: dict[str, EventTermCfg], **groups) -> ManagerB
             prim_path="{ENV_REGEX_NS}/Robot/cart/eye",
             offset=TiledCameraCfg.OffsetCfg(pos=(0.1, -0.2, 0.3), rot=AHEAD.rot, convention="world"),
             width=16, height=12, data_types=["rgb", "depth", "normals"], spawn=LENS, noise=DepthNoiseCfg(std=0.01),
+            renderer=renderer,
         )  # fmt: skip
 
     settings.scene = Scene(**{k: getattr(settings.scene, k) for k in settings.scene.__dataclass_fields__})
@@ -175,6 +176,44 @@ def test_a_camera_is_mounted_anew_and_its_pictures_suit_networks(device):
     moved = (eye.data.mount.double().cpu().numpy() != before).any(axis=1)
     assert moved.nonzero()[0].tolist() == [3]
     env.close()
+
+
+def test_each_episode_has_its_light(device):
+    ranges = {"azimuth_range": (-1.0, 2.0), "elevation_range": (0.3, 1.4), "sun_range": (0.2, 1.5), "tint": 0.0}
+    params = {"sensor_cfg": EYE, "sky_range": (1.0, 1.0), **ranges}
+    events = {"light": EventTermCfg(func=mdp.randomize_light, mode="reset", params=params)}
+    env = make_env(device, events, colours=observation_group({"rgb": picture("rgb", normalize=False)}))
+    assert not [row for row in env.plan.rows() if "eager" in row[2]]
+    env.reset(seed=2)
+    data = env.scene["eye"].data
+    light = {name: data.tensors()[name].double().cpu().numpy() for name in ("to_sun", "sun", "sky", "default_sun")}
+    np.testing.assert_allclose(np.linalg.norm(light["to_sun"], axis=1), 1.0, atol=1e-6)
+    elevation = np.arcsin(light["to_sun"][:, 2])
+    azimuth = np.arctan2(light["to_sun"][:, 1], light["to_sun"][:, 0])
+    factor = light["sun"] / light["default_sun"]
+    np.testing.assert_allclose(factor, factor[:, :1].repeat(3, axis=1), rtol=1e-5)  # without a tint
+    for values, (low, high) in zip((azimuth, elevation, factor[:, 0]), list(ranges.values())[:3], strict=True):
+        assert ((values > low - 1e-5) & (values < high + 1e-5)).all()
+        assert values.std() == pytest.approx((high - low) / 12**0.5, rel=0.4)
+    # The level ground in the lower half of the picture is as bright as the sun is strong and high.
+    ground = data.output["rgb"][:, 8:].float().mean(dim=(1, 2, 3)).cpu().numpy()
+    strength = factor[:, 0] * light["to_sun"][:, 2]
+    order = np.argsort(strength)
+    assert np.corrcoef(np.argsort(order), np.argsort(np.argsort(ground)))[0, 1] > 0.95
+    assert ground.max() - ground.min() > 25.0
+    before = data.to_sun.clone()
+    env.scene["robot"].data.joint_pos[5, 0] = 100.0  # off the track: an episode ends
+    env.step(torch.zeros(16, 1, device=device))
+    assert (data.to_sun != before).any(dim=1).nonzero().flatten().tolist() == [5]
+    env.close()
+
+
+def test_newtons_sensor_has_one_light():
+    params = {"sensor_cfg": EYE, "sky_range": (1.0, 1.0), "sun_range": (0.5, 1.0)}
+    params |= {"azimuth_range": (0.0, 1.0), "elevation_range": (0.5, 1.0)}
+    events = {"light": EventTermCfg(func=mdp.randomize_light, mode="reset", params=params)}
+    with pytest.raises(ConfigError, match="reads 'ground' of 'eye': one light for all environments"):
+        make_env("cpu", events, renderer="newton")
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,16 @@ import json
 import struct
 import types
 
+import newton
 import numpy as np
 import pytest
 import torch
 
+from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.sim import SphereCfg
 from stripe_newton.viewers import LiveViewer, ViewerCfg, VisualizationMarkers, VisualizationMarkersCfg
 from stripe_newton.viewers.live.glb_file import glb_of
+from stripe_newton.viewers.live.merged_field import merged_field
 from stripe_newton.viewers.live.poses import compose, rotate, yaw_of
 from stripe_newton.viewers.live.signals import signals_of
 from tests.helpers.viewed_boxes import BoxEnv, BoxSim
@@ -332,7 +335,9 @@ def test_measurements_of_sensors_are_drawn_when_they_are_switched_on(viewer, env
     viewer.inbox.run()
     viewer._draw()
     hits = env.scene.sensors["scan"].data.ray_hits_w[1, :3].numpy()
-    np.testing.assert_allclose(drawn(viewer, "rays scan").points, hits)  # without the one that is infinite
+    np.testing.assert_allclose(
+        drawn(viewer, "rays scan").points, hits + (0.0, 0.0, 0.012), atol=1e-5
+    )  # without the one that is infinite
     assert drawn(viewer, "rays scan", 1) is None  # lines of a scan from above would hide everything
     lines = drawn(viewer, "rays lidar", 1).points
     np.testing.assert_allclose(lines[:, 0], np.tile((1.0, 1.0, 1.5), (3, 1)))
@@ -425,6 +430,51 @@ def test_a_panel_that_fails_is_left_out_and_the_rest_goes_on(viewer, env, capsys
     assert viewer.inbox.problems[0].startswith("drawing rays scan: no longer updated: TypeError")
 
 
+class Policies:
+    """Checkpoints of a policy, one of which cannot be read."""
+
+    def __init__(self):
+        self.current, self.there, self.loads = "model_10", ["model_5", "model_10"], []
+
+    def names(self):
+        return self.there
+
+    def load(self, name):
+        self.loads.append(name)
+        if name == "model_20":
+            raise ValueError("not whole")
+        self.current = name
+
+
+def test_checkpoints_are_switched_and_the_newest_is_taken_by_itself(env, capsys):
+    policies = Policies()
+    with LiveViewer(env, checkpoints=policies, port=18580) as viewer:
+        panel = viewer.policy
+        assert (panel.choice.value, panel.choice.options, panel.newest.value) == (
+            "model_10",
+            ("model_10", "model_5"),
+            True,
+        )
+        panel.choice.value = "model_5"
+        viewer.inbox.run()
+        assert (policies.current, panel.newest.value) == ("model_5", False)
+        policies.there.append("model_15")
+        panel.update(at_once=True)
+        assert policies.current == "model_5"
+        panel.newest.value = True
+        viewer.inbox.run()
+        assert (policies.current, panel.choice.value) == ("model_15", "model_15")
+        policies.there.append("model_20")
+        for _ in range(2):
+            panel.update(at_once=True)
+        assert policies.loads == ["model_5", "model_15", "model_20"]  # a bad one is not tried again
+        assert policies.current == panel.choice.value == "model_15"
+        assert "not whole" in capsys.readouterr().err
+        policies.there.append("model_25")
+        panel.update(at_once=True)
+        assert policies.current == "model_25"
+
+
 def test_an_error_of_a_panel_ends_nothing(viewer, env, capsys):
     viewer.inbox.put(lambda: 1 / 0)
     take(viewer, env, 2)
@@ -472,6 +522,54 @@ def test_a_glb_file_has_what_was_put_in():
     view = content["bufferViews"][content["images"][0]["bufferView"]]
     image = pytest.importorskip("PIL.Image").open(io.BytesIO(rest[view["byteOffset"] :][: view["byteLength"]]))
     assert image.size == (5, 4)
+
+
+def test_a_merged_height_field_is_the_same_surface_in_fewer_triangles():
+    rows, columns = 150, 97
+    x, y = np.meshgrid(0.1 * np.arange(columns), 0.1 * np.arange(rows))
+    rng = np.random.default_rng(0)
+    heights = np.where(y > 8.0, 0.3 * x, np.floor(x / 1.5) * 0.2)  # a slope, and stairs
+    heights[30:45, 40:60] += rng.uniform(0.0, 0.1, (15, 20))  # rubble
+    points = np.stack([x, y, heights], axis=-1)
+    vertices, faces = merged_field(points)
+    assert len(faces) < 0.25 * 2 * (rows - 1) * (columns - 1)
+    edges = vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
+    normals = np.cross(*edges)
+    assert (normals[:, 2] > 0.0).all()
+    # Each edge has a triangle on both sides, but for the rim.
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    ends, count = np.unique(sides, axis=0, return_counts=True)
+    rim = vertices[ends[count == 1]]
+    on_rim = [(rim[..., k] == limit).all(axis=1) for k in (0, 1) for limit in (0.0, points[..., k].max())]
+    assert count.max() == 2
+    assert np.any(on_rim, axis=0).all()
+    assert 0.5 * normals[:, 2].sum() == pytest.approx(0.1 * (rows - 1) * 0.1 * (columns - 1))  # all of the ground, once
+    # Heights between the vertices, by the triangles of all cells and by the merged ones.
+    where = rng.uniform((0.0, 0.0), (0.1 * (columns - 1), 0.1 * (rows - 1)), (400, 2))
+    whole = newton.Heightfield(heights, rows, columns, hx=0.05 * (columns - 1), hy=0.05 * (rows - 1))
+    full = shape_mesh(newton.GeoType.HFIELD, np.ones(3), whole, "field")
+    shift = np.array([0.05 * (columns - 1), 0.05 * (rows - 1), 0.0])
+    np.testing.assert_allclose(
+        heights_at(vertices, faces, where), heights_at(full[0] + shift, full[1], where), atol=1e-3
+    )
+
+
+def flat_cross(a, b):
+    """Third component of products of vectors in the plane."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def heights_at(vertices, faces, where):
+    """Heights of a surface of triangles at points, shape (n, 2)."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    found = np.full(len(where), np.nan)
+    det = flat_cross(b[:, :2] - a[:, :2], c[:, :2] - a[:, :2])
+    for i, point in enumerate(where):
+        v = flat_cross(point - a[:, :2], c[:, :2] - a[:, :2]) / det
+        w = flat_cross(b[:, :2] - a[:, :2], point - a[:, :2]) / det
+        k = int(np.argmax(np.minimum(np.minimum(v, w), 1.0 - v - w)))
+        found[i] = a[k, 2] + v[k] * (b[k, 2] - a[k, 2]) + w[k] * (c[k, 2] - a[k, 2])
+    return found
 
 
 def test_poses_compose_as_scipy_has_it():

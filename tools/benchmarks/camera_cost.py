@@ -155,13 +155,8 @@ def measure(args: argparse.Namespace) -> dict[str, object]:
     }
     parts |= own_parts(camera, args.device) if isinstance(camera.renderer, CameraRenderer) else {}
     parts |= newton_parts(env, camera, args.device) if args.newton else {}
-    if args.case == "cart-poles" and args.device != "cpu":
-        wait(args.device)
-        start = time.perf_counter()
-        for _ in range(20):
-            env._get_observations()
-        wait(args.device)
-        parts["observation_eager"] = 1e3 * (time.perf_counter() - start) / 20
+    if args.case == "cart-poles":
+        parts["observation"] = time_launches(env._launch_observations, args.device)
     device = args.device if args.device == "cpu" else torch.cuda.get_device_name(args.device)
     rates = {name: round(1e3 * args.num_envs / parts[name]) for name in ("step", "camera")}
     env.close()

@@ -33,6 +33,7 @@ COMMANDS: tuple[tuple[str, list[str]], ...] = (
     ("train", ["train", TASK, *SMALL]),
     ("train again", ["train", TASK, *SMALL]),
     ("report", ["report", "logs"]),
+    ("demo", ["demo", "--steps", "20", "--browser", "False"]),
     ("a robot's task", ["bench", "Stripe-Velocity-Flat-Quadruped-v0", "--num-envs", "2", "--steps", "4"]),
 )
 """What is run, by the title in the table."""
@@ -129,7 +130,7 @@ def install(wheel: Path, folder: Path, interpreter: str, torch: str, times: dict
     timed("venv", times, [interpreter, "-m", "venv", folder])
     python = folder / "bin" / "python"
     timed("torch", times, [python, "-m", "pip", "install", "--quiet", torch])
-    timed("wheel", times, [python, "-m", "pip", "install", "--quiet", f"{wheel}[viser]"])
+    timed("wheel", times, [python, "-m", "pip", "install", "--quiet", wheel])
     return python
 
 

@@ -135,14 +135,17 @@ FN void set_coefficients(real* C, const Parameters& P, const Material& m, real p
         C[C_DAMPING + 1] = impedance(P, m.solreffriction, m.solimp, pos).b;
 }
 
+// First tangent of a contact with the normal `n`, near the direction `along` if that is not zero. Source: mju_makeFrame.
+FN Vec tangent_of(Vec n, Vec along) {
+    if (dot(along, along) < (real)0.25) along = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
+    along = along - dot(n, along) * n;
+    return (1 / SQRT(larger(dot(along, along), (real)1e-30))) * along;
+}
+
 // Frame, friction and the coefficients of the rows of a contact that was found here, whose first fields and pair are set.
-// Source of the frame: mju_makeFrame.
 FN void complete_contact(real* C, const Parameters& P) {
     const int pair = (int)C[C_PAIR];
-    Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT);
-    if (dot(t, t) < (real)0.25) t = FABS(n.y) < (real)0.5 ? Vec{0, 1, 0} : Vec{0, 0, 1};
-    t = t - dot(n, t) * n;
-    store(C + C_TANGENT, (1 / SQRT(larger(dot(t, t), (real)1e-30))) * t);
+    store(C + C_TANGENT, tangent_of(load(C + C_NORMAL), load(C + C_TANGENT)));
     Material m;
     mix(m, C + C_FRICTION, P, pair, geom_with_parameters(P, first_geom(C, pair)));
     C[C_DIM] = contact_dim(pair), C[C_BODY] = geom_body(contact_geom1(pair)), C[C_BODY + 1] = geom_body(contact_geom2(pair));

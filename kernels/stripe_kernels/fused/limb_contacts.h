@@ -4,18 +4,19 @@
 
 namespace fused {
 
-// A contact of a slot, from what collision detection found of the pair `p`.
+// A contact of a slot, from what collision detection found of the pair `p`, whose second geom moves.
 FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const Limb& L, int slot, int p, const Hit& hit) {
-    real C[CONTACT_SIZE];
-    set_hit(C, p, hit);
-    complete_contact(C, P);
-    const int b1 = (int)C[C_BODY], b2 = (int)C[C_BODY + 1];
-    const bool second = body_dofs(b2) != 0;  // which of the bodies moves
-    const int b = second ? b2 : b1;
-    Vec n = load(C + C_NORMAL), t = load(C + C_TANGENT), frame[3] = {n, t, cross(n, t)};
-    Vec at = load(C + C_POS) + (origin_of(w, b1, b2) - origin_of(w, b));
-    if (!second)
-        for (int k = 0; k < 3; k++) frame[k] = -1 * frame[k];
+    const int b = geom_body(contact_geom2(p));
+    const Vec n = hit.normal, t = tangent_of(n, hit.along), frame[3] = {n, t, cross(n, t)}, at = hit.pos;
+    Material m;
+    real friction[5];
+    mix(m, friction, P, p, contact_geom1(p));
+    const real pos = hit.dist - margin_of(P, p), mu = friction[0] * SQRT(1 / (real)IMPRATIO);
+    const real weight = P.weight()[2 * geom_body(contact_geom1(p))] + P.weight()[2 * b];
+    const Impedance z = impedance(P, m.solref, m.solimp, pos);
+    // Without friction a contact is a row. It is four of the same here.
+    const bool slides = contact_dim(p) == 1;
+    const real R = regularization(z.imp, slides ? weight : weight + friction[0] * friction[0] * weight);
     real e[3] = {0, 0, 0}, v[3] = {0, 0, 0};
     UNROLLED for (int c = 0; c < COLUMNS; c++) {
         const bool of_hub = c < NH;
@@ -33,11 +34,9 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
             o.J[k][c] = moved, e[k] += moved * w.a[i], v[k] += moved * w.v[i];
         }
     }
-    for (int k = 0; k < 3; k++) o.e[k] = e[k] + C[C_DAMPING] * v[k] + (k ? 0 : C[C_STIFFNESS]), o.js[k] = 0;
-    // Without friction a contact is a row. It is four of the same here.
-    const bool slides = (int)C[C_DIM] == 1;
-    o.D = slides ? 1 / (4 * C[C_R]) : 1 / (2 * C[C_MU] * C[C_MU] * C[C_R]);
-    o.friction[0] = slides ? 0 : C[C_FRICTION], o.friction[1] = slides ? 0 : C[C_FRICTION + 1];
+    for (int k = 0; k < 3; k++) o.e[k] = e[k] + z.b * v[k] + (k ? 0 : z.k * z.imp * pos), o.js[k] = 0;
+    o.D = slides ? 1 / (4 * R) : 1 / (2 * mu * mu * R);
+    for (int k = 0; k < 2; k++) o.friction[k] = slides ? 0 : friction[k];
     o.rows = slides ? 1 : 4;
 #if CONTACT_FORCES
     o.pair = p, o.normal = n, o.tangent = t;
@@ -48,11 +47,13 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
 FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
     int count = 0;
     ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
-        const int p = limb_pair(t);
+        const int p = limb_pair(t), g = contact_geom2(p);
         if (!has_both(P, p)) continue;
-        PairGeoms g = geoms_of(w, P, p);
+        const real* at = w.planes + 6 * pair_plane(p);
+        const Vec normal = load(at + 3);
+        const Mat axes{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}};
         Hits hits;
-        primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
+        primitive_hits(hits, p, margin_of(P, p), Geom{load(at) - origin_of(w, geom_body(g)), axes, {0, 0, 0}}, geom_of(w, P, g));
         ROLLED for (int i = 0; i < hits.count; i++) {
             if (count == LIMB_CONTACTS) {
                 overflow |= OVERFLOW_CONTACTS;

@@ -3,17 +3,6 @@
 
 namespace fused {
 
-struct Frame {
-    Vec x;
-    Quat turn;
-};
-FN Frame frame_of(const World& w, int b) { return Frame{load(w.pos + 3 * b), load_quat(w.quat + 4 * b)}; }
-FN void set_frame(World& w, int b, Frame f) { store(w.pos + 3 * b, f.x), store_quat(w.quat + 4 * b, f.turn); }
-// A body on its parent, before its joints move it.
-FN Frame hang(Frame parent, const Parameters& P, int b) {
-    return Frame{parent.x + rotate(parent.turn, load(P.body_pos() + 3 * b)), parent.turn * load_quat(P.body_quat() + 4 * b)};
-}
-
 // Bodies that do not move: the world, and what is fixed in it.
 FN void place_static_bodies(World& w, const Parameters& P, int lane) {
     if (lane == 0) {
@@ -46,11 +35,11 @@ FN void move_hub(World& w, const Parameters& P) {
     int h = 0;
     ROLLED for (int i = 0; i < HUB_BODIES; i++) {
         int b = hub_body(i), p = body_parent(b), first = body_joint(b), last = first + body_joints(b);
-        Frame f = hang(frame_of(w, p), P, b);
+        const bool is_free = first < last && joint_type(first) == FREE;
+        Frame f = is_free ? Frame{load(w.q + joint_q(first)), load_quat(w.q + joint_q(first) + 3)} : hang(frame_of(w, p), P, b);
         ROLLED for (int j = first; j < last; j++) {
             const real* q = w.q + joint_q(j);
-            if (joint_type(j) == FREE) f = Frame{load(q), load_quat(q + 3)};
-            else {
+            if (!is_free) {
                 Vec axis, anchor;
                 move_by_joint(P, j, q[0], f.x, f.turn, axis, anchor);
                 store(w.S + 6 * (h + j - first), axis), store(w.S + 6 * (h + j - first) + 3, anchor);
@@ -89,23 +78,15 @@ FN void move_hub(World& w, const Parameters& P) {
     SYNC();
 }
 
-// Add inertia and needed wrench of a body.
-FN void add_body(real* sum, Spatial& needed, const Parameters& P, int b, Frame f, Spatial v, Spatial a) {
-    real X[10];
-    Vec c = f.x + rotate(f.turn, load(P.com() + 3 * b));
-    body_inertia(X, P, b, f.turn, c);
-    needed = needed + body_force(X, P, b, c, v, a);
-    for (int k = 0; k < 10; k++) sum[k] += X[k];
-}
-
-// Poses, motions and velocities of a limb, from the hub outwards. For each body `see(d, body, frame, v, a)` is called, with
-// the last degree of freedom that moves it. Loops stay loops: the code is run through once in a step, so that fetching it
-// takes longer than what is saved by copies of it.
+// Poses, motions and velocities of a limb, from the hub outwards. For each link `see(d, link, frame, v, a)` is called, with the
+// last degree of freedom that moves it. Loops stay loops: the code is run through once in a step, so that fetching it takes
+// longer than what is saved by copies of it.
 template <class See>
 FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) {
     Frame f = frame_of(w, limb_parent(slot));
-    Spatial v{{0, 0, 0}, {0, 0, 0}}, a{{0, 0, 0}, -1 * load(P.gravity())};
+    Spatial v{{0, 0, 0}, {0, 0, 0}}, a{{0, 0, 0}, {0, 0, 0}};
     if (limb_link(slot) >= 0) v = load_spatial(w.hub + 12 * limb_link(slot)), a = load_spatial(w.hub + 12 * limb_link(slot) + 6);
+    else a.l = -1 * load(P.gravity());
     ROLLED for (int d = 0; d < limb_size(slot); d++) {
         const int i = limb_dof(slot * LD + d), j = dof_joint(i), link = dof_body(i);
         if (j == body_joint(link)) f = hang(f, P, link);
@@ -115,58 +96,48 @@ FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) 
         a = a + w.v[i] * cross_motion(v, s);
         v = v + w.v[i] * s;
         S[d] = s;
-        if (j + 1 < body_joint(link) + body_joints(link)) continue;
+        if (!ends_body(slot * LD + d)) continue;
         f.turn = normalized(f.turn);
-        Frame g = f;
-        const int first = weld_start(slot * LD + d) - 1, last = weld_start(slot * LD + d + 1);
-        ROLLED for (int t = first; t < last; t++) {  // the body, and those welded to it
-            const int b = t == first ? link : weld(t);
-            if (t > first) g = hang(frame_of(w, body_parent(b)), P, b);
-            set_frame(w, b, g);
-            see(d, b, g, v, a);
-        }
+        set_frame(w, link, f);
+        ROLLED for (int t = weld_start(slot * LD + d); t < weld_start(slot * LD + d + 1); t++)
+            set_frame(w, weld(t), hang(frame_of(w, body_parent(weld(t))), P, weld(t)));
+        see(d, link, f, v, a);
     }
 }
 
-// Force on a degree of freedom but for those of constraints, of which `bias` is what its body needs, and what the implicit
+// Force on a degree of freedom but for those of constraints, of which `bias` is what its bodies need, and what the implicit
 // step has beside the mass matrix there.
-FN real joint_force(const World& w, const Parameters& P, int i, real bias, real& implicit) {
-    int j = dof_joint(i);
-    real v = w.v[i], f = P.qfrc_applied()[i] - bias - P.damping()[i] * v, h = P.timestep()[0], total = 0;
-    implicit = h * P.damping()[i];
+FN void set_joint_force(DofParts& o, const World& w, const Parameters& P, int i, real bias, bool last) {
+    const int j = dof_joint(i);
+    const real v = w.v[i], h = P.timestep()[0], damping = P.damping()[i];
+    real f = P.qfrc_applied()[i] - bias - damping * v, total = 0;
+    o.implicit = h * damping;
     if (joint_type(j) != FREE) {
-        real q = w.q[joint_q(j)];
+        const real q = w.q[joint_q(j)];
         f -= P.stiffness()[j] * (q - P.spring()[joint_q(j)]);
         ROLLED for (int t = dof_actuator_start(i); t < dof_actuator_start(i + 1); t++) {
-            int u = dof_actuator(t);
-            real slope, gear = P.gear()[6 * u];
+            const int u = dof_actuator(t);
+            real slope;
+            const real gear = P.gear()[6 * u];
             total += gear * actuator_force(P, u, q, v, slope);
-            if (IMPLICIT) implicit -= h * gear * gear * slope;
+            if (IMPLICIT) o.implicit -= h * gear * gear * slope;
         }
         if (joint_force_limited(j)) total = clamped(total, P.joint_force()[2 * j], P.joint_force()[2 * j + 1]);
     }
-    P.qfrc_actuator()[i] = total;
-    return f + total;
+    if (last) P.qfrc_actuator()[i] = total;
+    o.smooth = f + total;
 }
 
-// What a degree of freedom has beside the bodies that it moves.
-struct DofParts {
-    real armature, smooth, implicit;
-    real sign, D, e;  // of its limit
-#if LOSSES
-    real loss, loss_D, loss_e;
-#endif
-};
-
-// Those of the degree of freedom `i`, of which `bias` is what the bodies need. Returns its number of constraint rows.
-FN int dof_parts(DofParts& o, const World& w, const Parameters& P, int i, real bias, int& overflow) {
+// The parts of the degree of freedom `i`. Returns its number of constraint rows.
+FN int set_dof_parts(DofParts& o, const World& w, const Parameters& P, int i, real bias, bool last, int& overflow) {
     const int j = dof_joint(i);
     int count = 0;
-    o.armature = P.armature()[i], o.smooth = joint_force(w, P, i, bias, o.implicit);
+    o.armature = P.armature()[i];
+    set_joint_force(o, w, P, i, bias, last);
     o.sign = o.D = o.e = 0;
     if (joint_limited(j)) {  // at one end: the model's range is wider than its margins
-        real q = w.q[joint_q(j)], low = q - P.range()[2 * j], high = P.range()[2 * j + 1] - q;
-        real margin = P.limit_margin()[j], pos = smaller(low, high);
+        const real q = w.q[joint_q(j)], low = q - P.range()[2 * j], high = P.range()[2 * j + 1] - q;
+        const real margin = P.limit_margin()[j], pos = smaller(low, high);
         if (pos < margin) {
             Impedance z = impedance(P, P.solref_limit() + 2 * j, P.solimp_limit() + 5 * j, pos - margin);
             o.sign = low < high ? 1 : -1, o.D = 1 / regularization(z.imp, P.dof_weight()[i]);
@@ -203,7 +174,16 @@ FN void limb_forces(World& w, const Parameters& P, Limb& L, int slot, real* bias
     Spatial F[LD], S[LD];
     for (int k = 0; k < LD * 10; k++) X[k] = 0;
     for (int d = 0; d < LD; d++) F[d] = S[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
-    move_limb(w, P, slot, S, [&](int d, int b, Frame f, Spatial v, Spatial a) { add_body(X + 10 * d, F[d], P, b, f, v, a); });
+    move_limb(w, P, slot, S, [&](int d, int link, Frame f, Spatial v, Spatial a) {
+        const int at = slot * LD + d;
+        real I[10];
+        place_inertia(I, w.link[at], f);
+        for (int k = 0; k < 10; k++) X[10 * d + k] = I[k];
+        F[d] = inertial_force(I, v, a);
+        if (w.link[at].special == 0) return;
+        F[d] = F[d] + special_force(w, P, link);
+        ROLLED for (int t = weld_start(at); t < weld_start(at + 1); t++) F[d] = F[d] + special_force(w, P, weld(t));
+    });
     for (int k = 0; k < 10; k++) inertia[k] = 0;
     needed = Spatial{{0, 0, 0}, {0, 0, 0}};
     const int attached = limb_parent(slot);
@@ -220,12 +200,12 @@ FN void limb_forces(World& w, const Parameters& P, Limb& L, int slot, real* bias
 }
 
 // What the degrees of freedom of a limb have beside bodies. Returns the number of constraint rows.
-FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, const World& w, const Parameters& P, int slot, const real* bias, int& overflow) {
+FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, const World& w, const Parameters& P, int slot, const real* bias, bool last, int& overflow) {
     DofParts parts[LD];
     int count = 0;
     ROLLED for (int d = 0; d < LD; d++) {
         DofParts& o = parts[d] = DofParts{1};  // a degree of freedom that is none is by itself, at rest
-        if (d < limb_size(slot)) count += dof_parts(o, w, P, limb_dof(slot * LD + d), bias[d], overflow);
+        if (d < limb_size(slot)) count += set_dof_parts(o, w, P, limb_dof(slot * LD + d), bias[d], last, overflow);
     }
     UNROLLED for (int d = 0; d < LD; d++) {
         const DofParts& o = parts[d];
@@ -239,24 +219,29 @@ FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, const World& w, const Parame
 
 // All of it of the hub, on which the limbs hang; `inertia` and `needed` are those of the limbs of this lane. Returns the number
 // of constraint rows.
-FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, const real (*inertia)[10], const Spatial* needed, int lane, int& overflow) {
+FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, const real (*inertia)[10], const Spatial* needed, int lane, bool last, int& overflow) {
     real X[10 * (HUB_BODIES ? HUB_BODIES : 1)];
     Spatial F[HUB_BODIES ? HUB_BODIES : 1];
     ROLLED for (int i = 0; i < HUB_BODIES; i++) {
-        real* own = X + 10 * i;
-        for (int k = 0; k < 10; k++) own[k] = 0;
+        real *sum = X + 10 * i, own[10];
+        for (int k = 0; k < 10; k++) sum[k] = 0;
         F[i] = Spatial{{0, 0, 0}, {0, 0, 0}};
         if (hub_limbs(i)) {
             for (int l = 0; l < NL; l++) {
                 if (limb_link(slot_of(l, lane)) != i) continue;
-                for (int k = 0; k < 10; k++) own[k] += inertia[l][k];
+                for (int k = 0; k < 10; k++) sum[k] += inertia[l][k];
                 F[i] = F[i] + needed[l];
             }
-            for (int k = 0; k < 10; k++) own[k] = SUM(own[k]);
+            for (int k = 0; k < 10; k++) sum[k] = SUM(sum[k]);
             F[i] = Spatial{{SUM(F[i].a.x), SUM(F[i].a.y), SUM(F[i].a.z)}, {SUM(F[i].l.x), SUM(F[i].l.y), SUM(F[i].l.z)}};
         }
-        int b = hub_body(i);
-        add_body(own, F[i], P, b, frame_of(w, b), load_spatial(w.hub + 12 * i), load_spatial(w.hub + 12 * i + 6));
+        const int b = hub_body(i);
+        const LinkParameters& link = w.hub_link[i];
+        const Frame f = frame_of(w, b);
+        place_inertia(own, link, f);
+        for (int k = 0; k < 10; k++) sum[k] += own[k];
+        F[i] = F[i] + inertial_force(own, load_spatial(w.hub + 12 * i), load_spatial(w.hub + 12 * i + 6));
+        if (link.special != 0) F[i] = F[i] + special_force(w, P, b);
     }
     ROLLED for (int i = HUB_BODIES - 1; i > 0; i--) {
         int p = hub_parent(i);
@@ -264,20 +249,19 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
         for (int k = 0; k < 10; k++) X[10 * p + k] += X[10 * i + k];
         F[p] = F[p] + F[i];
     }
-    real bias[NH + 1];
-    DofParts parts[NH + 1];
     int count = 0;
+    EACH(h, NH) {  // a lane some of them, for all lanes
+        const int i = hub_dof(h);
+        count += set_dof_parts(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), last, overflow);
+    }
+    SYNC();
     UNROLLED for (int h = 0; h < NH; h++) {
         const int i = hub_dof(h), link = hub_dof_link(h), b = dof_body(i);
-        Spatial s = hub_motion(w, h), U = operator_inertia(X + 10 * link, s);
+        const Spatial U = operator_inertia(X + 10 * link, hub_motion(w, h));
         UNROLLED for (int k = 0; k <= h; k++)
             H.C[PACKED(h, k)] = HUB_IS_CHAIN || is_moved_by(b, hub_dof(k)) ? dot(hub_motion(w, k), U) : 0;
-        bias[h] = dot(s, F[link]);
-    }
-    ROLLED for (int h = 0; h < NH; h++) count += dof_parts(parts[h], w, P, hub_dof(h), bias[h], overflow);
-    UNROLLED for (int h = 0; h < NH; h++) {
-        const DofParts& o = parts[h];
-        H.C[PACKED(h, h)] += o.armature, H.smooth[h] = o.smooth, H.implicit[h] = o.implicit, H.a[h] = w.a[hub_dof(h)];
+        const DofParts& o = w.hub_parts[h];
+        H.C[PACKED(h, h)] += o.armature, H.smooth[h] = o.smooth, H.implicit[h] = o.implicit, H.a[h] = w.a[i];
         set_rows(rows, h, o);
     }
     return count;
@@ -289,8 +273,13 @@ FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
     for (int l = 0; l < NL; l++) {
         const int slot = slot_of(l, lane);
         Spatial S[LD];
-        move_limb(w, P, slot, S, [&](int, int b, Frame f, Spatial v, Spatial) {
-            write_newton_body(P, b, origin_of(w, b), f.x, f.turn, v);
+        move_limb(w, P, slot, S, [&](int d, int link, Frame, Spatial v, Spatial) {
+            const int first = weld_start(slot * LD + d) - 1, last = weld_start(slot * LD + d + 1);
+            ROLLED for (int t = first; t < last; t++) {  // the link, and what is welded to it
+                const int b = t == first ? link : weld(t);
+                const Frame f = frame_of(w, b);
+                write_newton_body(P, b, origin_of(w, b), f.x, f.turn, v);
+            }
         });
     }
     const Spatial still{{0, 0, 0}, {0, 0, 0}};

@@ -6,6 +6,7 @@ namespace fused {
 FN void begin_steps(World& w, const Parameters& P, int lane) {
     read_state(w, P, lane);
     place_static_bodies(w, P, lane);
+    gather_parameters(w, P, lane);
 }
 FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
 
@@ -55,13 +56,13 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     move_hub(w, fresh(P));
     for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
     SYNC();
-    const int hub_rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, overflow);
+    rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, last, overflow);
     for (int l = 0; l < NL; l++) {
         const int slot = slot_of(l, lane);
-        rows += limb_dof_parts(limb[l], K.limb[l], w, fresh(P), slot, bias[l], overflow);
+        rows += limb_dof_parts(limb[l], K.limb[l], w, fresh(P), slot, bias[l], last, overflow);
         K.contacts[l] = LIMB_CONTACTS ? limb_contacts(contact[l], w, fresh(P), limb[l], slot, rows, overflow) : 0;
     }
-    rows = (int)SUM((real)rows) + hub_rows;
+    rows = (int)SUM((real)rows);
     const int overflows = IN_ANY(overflow & OVERFLOW_ROWS) * OVERFLOW_ROWS | IN_ANY(overflow & OVERFLOW_CONTACTS) * OVERFLOW_CONTACTS;
     if (rows == 0) {  // one iteration: what is known of the last step must not even be in the last digit
         UNROLLED for (int h = 0; h < NH; h++) H.a[h] = 0;
@@ -69,7 +70,10 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     }
     together(P);
     const int iterations = constrained_acceleration(H, limb, contact, K, rows > 0);
-    if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflows;
+    if (lane == 0) {
+        if (overflows) *P.overflow() |= overflows;
+        if (last) *P.nefc() = rows, *P.solver_niter() = iterations;
+    }
 #if CONTACT_FORCES
     if (last && P.m.force_geoms) write_contact_forces(fresh(P), contact, K.contacts, lane);
 #endif

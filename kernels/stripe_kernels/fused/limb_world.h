@@ -6,7 +6,7 @@
 // what a lane knows of its limb is in its registers. Bodies and the state are in shared memory.
 //
 // The generated part defines NSLOTS, the limbs up to a power of two, LIMB_DOFS, those of the longest limb, HUB_DOFS,
-// HUB_BODIES and tables: of slots without a limb the size is 0.
+// HUB_BODIES, NPLANES and tables: of slots without a limb the size is 0.
 
 namespace fused {
 
@@ -17,8 +17,26 @@ enum {
     COLUMNS = NH + LD,    // degrees of freedom that a contact of a limb, or of the hub, may move
 };
 
+// Bodies that move as one: a link, and what is welded to it.
+struct LinkParameters {
+    real inertia[10];  // in the frame of the link, about its origin, as of `operator_inertia`
+    real special;      // 1 if gravity compensation or an external wrench acts on one of them, 0 if not
+};
+// What a degree of freedom has beside the bodies that it moves.
+struct DofParts {
+    real armature, smooth, implicit;
+    real sign, D, e;  // of its limit
+#if LOSSES
+    real loss, loss_D, loss_e;
+#endif
+};
+
 enum {
-    WORLD_SIZE = NQ + 2 * NV + 3 * NTREES + 7 * NB + 6 * (NH ? NH : 1) + 12 * (HUB_BODIES ? HUB_BODIES : 1),
+    SOME_HUB = HUB_BODIES ? HUB_BODIES : 1,
+    LINK_SIZE = 11,
+    PARTS_SIZE = LOSSES ? 9 : 6,
+    WORLD_SIZE = NQ + 2 * NV + 3 * NTREES + 7 * NB + (6 + PARTS_SIZE) * (NH ? NH : 1) + (12 + LINK_SIZE) * SOME_HUB +
+                 LINK_SIZE * NSLOTS * LD + 6 * (NPLANES ? NPLANES : 1),
 };
 struct World {
     real q[NQ];                     // positions
@@ -27,7 +45,10 @@ struct World {
     real origin[NTREES * 3];        // of each tree: where its root body is, in the world [m]; tree 0 is the world
     real pos[NB * 3], quat[NB * 4]; // body frames relative to the origin of their tree
     real S[6 * (NH ? NH : 1)];      // motion of each degree of freedom of the hub
-    real hub[12 * (HUB_BODIES ? HUB_BODIES : 1)];  // velocity, and acceleration without that of the joints, of its bodies
+    real hub[12 * SOME_HUB];        // velocity, and acceleration without that of the joints, of its bodies
+    LinkParameters hub_link[SOME_HUB], link[NSLOTS * LD];  // of the hub's bodies; of limbs at the last degree of freedom of a body
+    real planes[6 * (NPLANES ? NPLANES : 1)];  // a point and the normal of each plane, in the world
+    DofParts hub_parts[NH ? NH : 1];
     real gap[1 + WORLD_SIZE % 2];   // an odd size in all: lanes that read the same of their worlds share no bank
 };
 

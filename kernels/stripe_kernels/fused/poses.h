@@ -7,13 +7,17 @@ FN Vec origin_of(const World& w, int body) { return load(w.origin + 3 * body_tre
 // Point that a contact of two bodies is relative to: the origin of a tree that moves.
 FN Vec origin_of(const World& w, int body1, int body2) { return origin_of(w, body2 ? body2 : body1); }
 
-// Let a hinge or slide at the coordinate `q` move a body from the pose (x, turn_b); its axis and anchor are in the same frame.
-FN void move_by_joint(const Parameters& P, int j, real q, Vec& x, Quat& turn_b, Vec& axis, Vec& anchor) {
-    Vec own_axis = load(P.joint_axis() + 3 * j), at = load(P.joint_pos() + 3 * j);
+// Let a hinge or slide move a body from the pose (x, turn_b) by `moved`; its axis and anchor are in the same frame, `own_axis`
+// and `at` in the body's.
+FN void move_by_joint(int type, Vec own_axis, Vec at, real moved, Vec& x, Quat& turn_b, Vec& axis, Vec& anchor) {
     axis = rotate(turn_b, own_axis), anchor = x + rotate(turn_b, at);
-    real moved = q - P.qpos0()[joint_q(j)];
-    if (joint_type(j) == SLIDE) x = x + moved * axis;
+    if (type == SLIDE) x = x + moved * axis;
     else turn_b = turn_b * turn(own_axis, moved), x = anchor - rotate(turn_b, at);
+}
+// The joint `j` at the coordinate `q`.
+FN void move_by_joint(const Parameters& P, int j, real q, Vec& x, Quat& turn_b, Vec& axis, Vec& anchor) {
+    move_by_joint(joint_type(j), load(P.joint_axis() + 3 * j), load(P.joint_pos() + 3 * j), q - P.qpos0()[joint_q(j)], x, turn_b,
+                  axis, anchor);
 }
 
 // Spatial inertia of a body with the orientation `turn_b` and its centre of mass at `c`, both in the world's axes.

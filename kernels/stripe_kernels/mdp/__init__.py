@@ -141,7 +141,7 @@ from .randomization_bodies import (
     randomize_rigid_body_inertia,
     randomize_rigid_body_mass,
 )
-from .randomization_cameras import randomize_camera_pose
+from .randomization_cameras import randomize_camera_pose, randomize_light
 from .randomization_encoder import (
     apply_joint_position_biased,
     joint_pos_biased,
@@ -354,6 +354,7 @@ __all__ = [
     "randomize_geom_size",
     "randomize_joint_default_pos",
     "randomize_joint_parameters",
+    "randomize_light",
     "randomize_pd_gains",
     "randomize_physics_scene_gravity",
     "randomize_pseudo_inertia",

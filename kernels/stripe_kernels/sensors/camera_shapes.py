@@ -98,6 +98,26 @@ def _half_extents(kind: int, size: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def _corner(half: wp.vec3, index: int) -> wp.vec3:
+    """A corner of a box with half extents; each bit of ``index``, 0 to 7, is one axis."""
+    return wp.vec3(
+        wp.where((index & 1) != 0, half[0], -half[0]),
+        wp.where((index & 2) != 0, half[1], -half[1]),
+        wp.where((index & 4) != 0, half[2], -half[2]),
+    )
+
+
+@wp.func
+def _cover(lens: Lens, point: wp.vec3, first: wp.vec2, last: wp.vec2):
+    """Bounds of pixels that also cover a point in the frame of the camera."""
+    share = 1.0 / wp.max(-point[2], 1.0e-6)
+    column, row = lens.cx + lens.fx * point[0] * share, lens.cy - lens.fy * point[1] * share
+    lower = wp.vec2(wp.min(first[0], column), wp.min(first[1], row))
+    upper = wp.vec2(wp.max(last[0], column), wp.max(last[1], row))
+    return lower, upper
+
+
+@wp.func
 def linear_of(value: float) -> float:
     """Linear value of an sRGB value, 0 to 1 (IEC 61966-2-1)."""
     bounded = wp.max(value, 0.0)
@@ -155,32 +175,31 @@ def place_shapes(
     rgb = color[shape]
     seen.albedo[slot] = wp.vec3(linear_of(rgb[0]), linear_of(rgb[1]), linear_of(rgb[2]))
 
-    # Projection of the eight corners. The picture of a box is within theirs, if all are before the camera.
+    # What is seen of a box is its part beyond the near plane: the corners there, and where edges cross the plane.
     first, last = wp.vec2(_FAR_AWAY, _FAR_AWAY), wp.vec2(-_FAR_AWAY, -_FAR_AWAY)
     nearest, farthest = wp.float32(_FAR_AWAY), wp.float32(-_FAR_AWAY)
     for corner in range(8):
-        local = wp.vec3(
-            wp.where((corner & 1) != 0, half[0], -half[0]),
-            wp.where((corner & 2) != 0, half[1], -half[1]),
-            wp.where((corner & 4) != 0, half[2], -half[2]),
-        )
-        point = middle + back * local
+        point = middle + back * _corner(half, corner)
         depth = -point[2]
         nearest, farthest = wp.min(nearest, depth), wp.max(farthest, depth)
-        share = 1.0 / wp.max(depth, 1.0e-6)
-        column, row = lens.cx + lens.fx * point[0] * share, lens.cy - lens.fy * point[1] * share
-        first = wp.vec2(wp.min(first[0], column), wp.min(first[1], row))
-        last = wp.vec2(wp.max(last[0], column), wp.max(last[1], row))
+        if depth >= lens.near:
+            first, last = _cover(lens, point, first, last)
+        for axis in range(3):
+            if (corner & (1 << axis)) == 0:  # each edge once
+                other = middle + back * _corner(half, corner | (1 << axis))
+                share = (lens.near - depth) / (-other[2] - depth)
+                if (depth >= lens.near) != (-other[2] >= lens.near):
+                    first, last = _cover(lens, point + share * (other - point), first, last)
     pixels = wp.vec4i(0, 0, _EVERY_PIXEL, _EVERY_PIXEL)
     if kind == PLANE and (size[0] <= 0.0 or size[1] <= 0.0):
         nearest = 0.0
     elif farthest < lens.near or nearest > lens.far:
         pixels = wp.vec4i(1, 1, 0, 0)
-    elif nearest > 1.0e-3:
+    else:
         # Pixels whose middle, at a half, is within; a little more, for rounding.
         pixels = wp.vec4i(
-            int(wp.ceil(wp.max(first[0], 0.0) - 0.51)),
-            int(wp.ceil(wp.max(first[1], 0.0) - 0.51)),
+            int(wp.ceil(wp.clamp(first[0], 0.0, 1.0e6) - 0.51)),
+            int(wp.ceil(wp.clamp(first[1], 0.0, 1.0e6) - 0.51)),
             int(wp.floor(wp.clamp(last[0], -1.0, 1.0e6) - 0.49)),
             int(wp.floor(wp.clamp(last[1], -1.0, 1.0e6) - 0.49)),
         )

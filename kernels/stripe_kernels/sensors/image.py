@@ -7,7 +7,14 @@ Kernels run one thread a pixel, (environment, row, column), and write to ``out``
 
 import warp as wp
 
-__all__ = ["ImageLayout", "sum_colors", "write_colors", "write_depth", "write_labels", "write_normals"]
+__all__ = [
+    "ImageLayout",
+    "write_centred_colors",
+    "write_colors",
+    "write_depth",
+    "write_labels",
+    "write_normals",
+]
 
 
 @wp.struct
@@ -29,30 +36,38 @@ def _pixel_start(layout: ImageLayout, image_width: int, row: int, col: int) -> i
 
 
 @wp.kernel(enable_backward=False)
-def sum_colors(image: wp.array4d[wp.uint8], sums: wp.array2d[wp.uint32]):
-    """Sum the colours of each picture; ``sums`` has shape ``(num_envs, 3)``."""
-    env, row, col = wp.tid()
-    # Sums of integers do not depend on the order of the threads, so that normalised pictures are reproducible.
-    for k in range(3):
-        wp.atomic_add(sums, env, k, wp.uint32(image[env, row, col, k]))
-
-
-@wp.kernel(enable_backward=False)
-def write_colors(
-    image: wp.array4d[wp.uint8],
-    normalize: bool,
-    sums: wp.array2d[wp.uint32],
-    layout: ImageLayout,
-    out: wp.array2d[float],
-):
-    """Write colours from 0 to 255; with ``normalize`` ``c / 255 - mean(c / 255)``, the mean of each channel."""
+def write_colors(image: wp.array4d[wp.uint8], layout: ImageLayout, out: wp.array2d[float]):
+    """Write colours from 0 to 255."""
     env, row, col = wp.tid()
     at = _pixel_start(layout, image.shape[2], row, col)
     for k in range(3):
-        value = float(image[env, row, col, k])
-        if normalize:
-            value = (value - float(sums[env, k]) / float(image.shape[1] * image.shape[2])) / 255.0
-        out[env, at + k * layout.channel] = value
+        out[env, at + k * layout.channel] = float(image[env, row, col, k])
+
+
+@wp.kernel(enable_backward=False)
+def write_centred_colors(image: wp.array4d[wp.uint8], layout: ImageLayout, out: wp.array2d[float]):
+    """Write ``c / 255 - mean(c / 255)``, the mean of each channel over the picture; one block an environment."""
+    # Sums of integers do not depend on the order of the threads, so that pictures are reproducible. A block reads its
+    # picture twice, the second time from its cache: no sums go through memory.
+    env, lane = wp.tid()
+    width, pixels = image.shape[2], image.shape[1] * image.shape[2]
+    red, green, blue = wp.int32(0), wp.int32(0), wp.int32(0)
+    for i in range(lane, pixels, wp.block_dim()):
+        row, col = i // width, i % width
+        red += int(image[env, row, col, 0])
+        green += int(image[env, row, col, 1])
+        blue += int(image[env, row, col, 2])
+    total = wp.vec3(
+        float(wp.tile_extract(wp.tile_sum(wp.tile(red)), 0)),
+        float(wp.tile_extract(wp.tile_sum(wp.tile(green)), 0)),
+        float(wp.tile_extract(wp.tile_sum(wp.tile(blue)), 0)),
+    )
+    mean = total / float(pixels)
+    for i in range(lane, pixels, wp.block_dim()):
+        row, col = i // width, i % width
+        at = _pixel_start(layout, width, row, col)
+        for k in range(3):
+            out[env, at + k * layout.channel] = (float(image[env, row, col, k]) - mean[k]) / 255.0
 
 
 @wp.kernel(enable_backward=False)

@@ -104,7 +104,7 @@ def _gains_and_limits(env: RLEnv, asset: Articulation) -> tuple[dict[str, object
         # The controller keeps the values of the start of fields that events change. They are the nominal robot, which
         # no single randomised environment is.
         tracked = field in controller.randomized
-        values[name] = controller.field(field)[1][0, dofs] if tracked else now.median(dim=0).values
+        values[name] = controller.field(field)[1][0, dofs] if tracked else _lower_median(now)
         if not torch.equal(now, values[name].expand_as(now)):
             varies.append(name)
     limits = {
@@ -112,6 +112,14 @@ def _gains_and_limits(env: RLEnv, asset: Articulation) -> tuple[dict[str, object
         for name in ("effort_limit", "velocity_limit")
     }
     return {**values, **limits}, varies
+
+
+def _lower_median(x: torch.Tensor) -> torch.Tensor:
+    """Median over environments, shape ``(num_columns,)``, as ``torch.median`` has it.
+
+    That has no deterministic form on a GPU, and so cannot be used in a training with ``--deterministic``.
+    """
+    return x.sort(dim=0).values[(len(x) - 1) // 2]
 
 
 def _actuator(cfg: ActuatorCfg, asset: Articulation) -> dict[str, Plain]:

@@ -67,7 +67,7 @@ class CommandPanel:
             )
             values = control.read(self._chosen())
             self.sliders[name] = {
-                key: gui.add_slider(key, low, high, _step(low, high), initial_value=_within(value, low, high))
+                key: _slider(gui, key, low, high, value)
                 for (key, (low, high)), value in zip(control.numbers.items(), values, strict=True)
             }
         self._inbox.on_change(self.hold[name], lambda _: self._choose(control))
@@ -91,9 +91,8 @@ class CommandPanel:
             if name in self._held:
                 continue
             values = control.read(self._chosen())
-            for (key, slider), value in zip(self.sliders[name].items(), values, strict=True):
-                low, high = control.numbers[key]
-                self._inbox.set_quietly(slider, _within(value, low, high))
+            for slider, value in zip(self.sliders[name].values(), values, strict=True):
+                self._inbox.set_quietly(slider, _within(value, slider.min, slider.max, slider.step))
 
     def release(self) -> None:
         """Give all commands back to the task."""
@@ -134,10 +133,16 @@ class CommandPanel:
             control.write(envs, self._values(name))
 
 
-def _step(low: float, high: float) -> float:
-    """A round step of a slider."""
-    return 10.0 ** math.floor(math.log10((high - low) / _POSITIONS) + 0.5)
+def _slider(gui: viser.GuiApi, name: str, low: float, high: float, value: float) -> viser.GuiSliderHandle:
+    """A slider with a round step, and bounds that are multiples of it."""
+    step = 10.0 ** math.floor(math.log10((high - low) / _POSITIONS) + 0.5)
+    digits = max(0, -round(math.log10(step)))
+    low, high = round(math.floor(low / step + 1e-6) * step, digits), round(math.ceil(high / step - 1e-6) * step, digits)
+    return gui.add_slider(name, low, high, step, initial_value=_within(value, low, high, step))
 
 
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high) if math.isfinite(value) else low
+def _within(value: float, low: float, high: float, step: float) -> float:
+    """A value within bounds, to the nearest step."""
+    if not math.isfinite(value):
+        return low
+    return round(min(max(round(value / step) * step, low), high), 6)

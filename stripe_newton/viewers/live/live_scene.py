@@ -16,6 +16,7 @@ from stripe_newton.viewers.display_model import DisplayModel
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .glb_file import glb_of
+from .merged_field import merged_field
 from .poses import compose, wxyz
 
 if TYPE_CHECKING:
@@ -25,10 +26,10 @@ __all__ = ["ROOT", "LiveScene", "ShapeBatch", "linear_bytes"]
 
 ROOT = "/world"
 """Node of the world frame. It moves against what the camera follows, so that the camera itself stays the user's."""
-_FACETS_OFF = 0.004
+_FACETS_OFF = 0.002
 """Distance of the facets of round shapes from their surface in radii: coarser than for contacts, for the browser."""
 _ROUND = tuple(map(int, (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)))
-_THINNER = 0.004
+_THINNER = 0.008
 """Share by which round shapes get thinner from body to body: surfaces that meet in a joint would flicker."""
 _UNIT = {newton.GeoType.SPHERE: (0, 0, 0), newton.GeoType.BOX: (0, 1, 2), newton.GeoType.ELLIPSOID: (0, 1, 2)}
 """Shapes that are one mesh in all sizes, with the sizes along x, y and z."""
@@ -105,7 +106,8 @@ class LiveScene:
         shapes = self.model.model
         if not shapes.shape_count:
             return
-        kinds, flags, bodies = (a.numpy() for a in (shapes.shape_type, shapes.shape_flags, shapes.shape_body))
+        flags, bodies = shapes.shape_flags.numpy(), shapes.shape_body.numpy()
+        kinds = self.model.kinds
         scales, local, colors = shapes.shape_scale.numpy(), shapes.shape_transform.numpy(), shapes.shape_color.numpy()
         groups: dict[tuple[object, ...], list[int]] = {}
         for i in range(shapes.shape_count):
@@ -143,7 +145,7 @@ class LiveScene:
     ) -> None:
         """Add a batch of shapes that have one mesh."""
         first = int(shapes[0])
-        kind, source = int(self.model.model.shape_type.numpy()[first]), self.model.sources[first]
+        kind, source = int(self.model.kinds[first]), self.model.sources[first]
         vertices, faces, sizes = self._mesh(first, kind, scales)
         if kind in _ROUND and self.model.body_count:
             rank = np.where(bodies >= 0, bodies % self.model.body_count % 6, 0)
@@ -181,6 +183,10 @@ class LiveScene:
             factor = np.array([mirror, 1.0, 1.0])
             vertices, faces = shape_mesh(kind, factor, source, label)
             return vertices, faces, np.abs(scales) if mirror < 0.0 else scales
+        if kind == int(newton.GeoType.HFIELD) and (scales[0] > 0.0).all():
+            vertices, _ = shape_mesh(kind, scales[0], source, label)
+            vertices, faces = merged_field(vertices.reshape(int(source.nrow), int(source.ncol), 3))
+            return vertices, faces, np.ones((len(scales), 3))
         if kind in map(int, _UNIT):
             axes = list(_UNIT[newton.GeoType(kind)])
             vertices, faces = shape_mesh(kind, np.ones(3), source, label, _FACETS_OFF)

@@ -21,6 +21,7 @@ from stripe_newton.viewers.viewer_cfg import ViewerCfg
 from .backdrop import Backdrop
 from .camera_control import CameraControl
 from .camera_pictures import CameraPictures
+from .checkpoint_panel import CheckpointPanel, Checkpoints
 from .command_panel import CommandPanel
 from .env_choice import EnvChoice
 from .inbox import Inbox
@@ -65,6 +66,7 @@ class LiveViewer:
         host: Address that the server listens on; ``"0.0.0.0"`` also accepts other machines. Beyond this machine a
             browser needs the token that :attr:`url` has.
         reset: Begins new episodes, for the button. Default: the environment's ``reset``. False: there is no button.
+        checkpoints: Policies to switch between.
         step_dt: Duration of a step [s]. Default: the environment's, else a 60th of a second.
         is_paced: Keep to real time, or to the speed that is chosen. Without, steps are taken as fast as possible.
         fps: Most pictures per second.
@@ -87,6 +89,7 @@ class LiveViewer:
         port: int = 8080,
         host: str = "127.0.0.1",
         reset: Callable[[], object] | bool = True,
+        checkpoints: Checkpoints | None = None,
         step_dt: float | None = None,
         is_paced: bool = True,
         fps: float = 30.0,
@@ -103,13 +106,20 @@ class LiveViewer:
         self._server = _serve(port if host in _LOOPBACK else _free_port(), title or "stripe-newton")
         try:
             self._step_dt = step_dt or (1.0 / 60.0 if self._env is None else self._env.step_dt)
-            self._build([int(i) for i in shown], title, reset, is_paced)
+            self._build([int(i) for i in shown], title, reset, is_paced, checkpoints)
             self._url = self._listen(host, port)
         except BaseException:
             self.close()
             raise
 
-    def _build(self, env_ids: list[int], title: str, reset: Callable[[], object] | bool, is_paced: bool) -> None:
+    def _build(
+        self,
+        env_ids: list[int],
+        title: str,
+        reset: Callable[[], object] | bool,
+        is_paced: bool,
+        checkpoints: Checkpoints | None,
+    ) -> None:
         """Make scene and panels."""
         server, env, sim = self.server, self._env, self._sim
         gui = server.gui
@@ -138,6 +148,10 @@ class LiveViewer:
         self.plots: PlotPanel | None = None
         if env is not None:
             self._build_panels(env, tabs)
+        self.policy: CheckpointPanel | None = None
+        if checkpoints is not None:
+            with tabs.add_tab("Policy"):
+                self.policy = CheckpointPanel(gui, self.inbox, checkpoints, self._begin_returns)
         self._broken = set[str]()
         self._panels = self._make_updates()
         self._draw()
@@ -308,6 +322,8 @@ class LiveViewer:
             updates["cameras"] = lambda: pictures.update(self.envs.chosen)
         if (commands := self.commands) is not None:
             updates["commands"] = commands.update
+        if (policy := self.policy) is not None:
+            updates["policy"] = policy.update
         if (plots := self.plots) is not None:
             updates["plots"] = lambda: plots.update(self.time.steps * self._step_dt)
         return updates
@@ -344,9 +360,13 @@ class LiveViewer:
 
     def _reset(self, begin: Callable[[], object]) -> None:
         begin()
+        self._begin_returns()
+        self._draw()
+
+    def _begin_returns(self) -> None:
+        """Count returns anew, as those before are of cut episodes or of another policy."""
         if self.status.meter is not None:
             self.status.meter.clear()
-        self._draw()
 
     def _tell_problems(self) -> None:
         """Show errors of panels on the page."""

@@ -69,9 +69,12 @@ class Pushes:
             self.strength = gui.add_slider(
                 "Strength", 1, 400, 1, initial_value=60, hint="Stiffness of the spring by the robot's mass [1/s^2]"
             )
-            self.kick_speed = gui.add_slider("Kick", 0.1, 5.0, 0.1, initial_value=1.0, hint="Change of velocity [m/s]")
+            has_robot = self._robot() is not None
+            self.kick_speed = gui.add_slider(
+                "Kick", 0.1, 5.0, 0.1, initial_value=1.0, hint="Change of velocity [m/s]", visible=has_robot
+            )
             self.kick_button = gui.add_button(
-                "Kick", icon="shoe", hint="In a random level direction", visible=self._robot() is not None
+                "Kick", icon="shoe", hint="In a random level direction", visible=has_robot
             )
         inbox.on_click(self.kick_button, self.kick)
 

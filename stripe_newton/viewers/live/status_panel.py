@@ -19,6 +19,8 @@ __all__ = ["EpisodeMeter", "StatusPanel"]
 
 _EVERY = 0.25
 """Time between two updates of the text [s]."""
+_ENDLESS = 10_000_000
+"""Steps from which an episode has no end."""
 
 
 class EpisodeMeter:
@@ -80,7 +82,7 @@ class StatusPanel:
             return
         self._next = now + _EVERY
         rows = [("time", self._time()), *self._episode(env_id), *self._more.items()]
-        table = "\n".join(f"| {_plain(name)} | {_plain(text)} |" for name, text in rows)
+        table = "\n".join(f"| {_plain(name)}&nbsp;&nbsp; | {_plain(text)} |" for name, text in rows)
         self.text.content = f"| | |\n|:--|:--|\n{table}"
 
     def _time(self) -> str:
@@ -93,7 +95,10 @@ class StatusPanel:
         if env is None or self.meter is None:
             return []
         length = int(env.episode_length_buf[env_id])
-        rows = [("episode", f"step {length} of {env.max_episode_length}, {length * env.step_dt:.2f} s")]
+        limit = f" of {env.max_episode_length}" if env.max_episode_length < _ENDLESS else ""
+        rows = [("episode", f"step {length}{limit}, {length * env.step_dt:.2f} s")]
+        if not getattr(getattr(env, "reward_manager", None), "active_terms", True):
+            return rows  # a scene without a task
         reward, total = float(env.reward_buf[env_id]), float(self.meter.running[env_id])
         rows.append(("reward", f"{reward:.4g} in this step, {total:.4g} in this episode"))
         mean, count = self.meter.mean_return()

@@ -12,6 +12,7 @@ from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import EventTermCfg
+from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.published_robots import GO1_DRIVES, action_scale, anymal_c_cfg, go1_cfg, go2_cfg
 
 from .manager_based import (
@@ -102,6 +103,13 @@ def make_low(cfg: VelocityRoughEnvCfg) -> None:
         tiles["random_rough"].noise_range, tiles["random_rough"].noise_step = (0.01, 0.06), 0.01
 
 
+def make_room(cfg: VelocityEnvCfg) -> None:
+    """Make room for contacts of robots whose shapes also touch each other: a fallen Go2 has more than 120 rows."""
+    solver = cfg.sim.solver
+    assert isinstance(solver, MuJoCoSolverCfg)
+    solver.njmax, solver.nconmax = 240, 60
+
+
 def placed(robot: ArticulationCfg) -> ArticulationCfg:
     """The robot in every environment."""
     return robot.replace(prim_path=ROBOT_PATH)
@@ -113,6 +121,7 @@ def placed(robot: ArticulationCfg) -> ArticulationCfg:
 def _set_up_go1(cfg: VelocityEnvCfg) -> None:
     cfg.actions.joint_pos.scale = action_scale(GO1_DRIVES)
     use_mjlab_events(cfg, (0.3, 1.5))
+    make_room(cfg)
 
 
 @configclass
@@ -163,6 +172,7 @@ class Go2FlatEnvCfg(VelocityEnvCfg):
         self.scene.robot = placed(go2_cfg())
         super().__post_init__()
         use_isaac_lab_events(self, (-1.0, 3.0))
+        make_room(self)
 
 
 @configclass
@@ -178,6 +188,7 @@ class Go2RoughEnvCfg(VelocityRoughEnvCfg):
         self.scene.robot = placed(go2_cfg())
         super().__post_init__()
         use_isaac_lab_events(self, (-1.0, 3.0))
+        make_room(self)
         make_low(self)
         self.rewards.flat_orientation_l2 = None
 
@@ -196,6 +207,7 @@ def _set_weights(cfg: VelocityEnvCfg, **weights: float) -> None:
 def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float, air_time_weight: float) -> None:
     cfg.actions.joint_pos.scale = 0.5
     use_isaac_lab_events(cfg, (-5.0, 5.0))
+    make_room(cfg)
     centre = cfg.events.centre_of_mass
     if centre is not None:
         centre.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}
