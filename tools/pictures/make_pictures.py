@@ -45,13 +45,8 @@ def save(path: Path, renderer: SceneRenderer) -> None:
     if path.suffix == ".jpg":
         picture.save(path, quality=84, optimize=True)
     else:
-        small(picture).save(path, optimize=True)
+        picture.save(path, optimize=True)
     print(f"{path}: {path.stat().st_size // 1024} kB")
-
-
-def small(picture: Image.Image) -> Image.Image:
-    """The picture in 256 colours, which halves its file and is not to be seen."""
-    return picture.quantize(256, dither=Image.Dither.FLOYDSTEINBERG)
 
 
 def viewer(width: int, height: int, **options: object) -> ViewerCfg:
@@ -218,7 +213,7 @@ def snapshot(path: Path, name: str, steps: int = 12) -> None:
         env.step(torch.zeros(1, *env.unwrapped.single_action_space.shape))
     frame = env.render()
     picture = Image.fromarray(frame[0] if isinstance(frame, (list, tuple)) else frame)
-    small(picture.resize((480, 360), Image.Resampling.BOX)).save(path, optimize=True)
+    picture.resize((480, 360), Image.Resampling.BOX).save(path, optimize=True)
     env.close()
 
 
