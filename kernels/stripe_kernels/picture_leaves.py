@@ -12,7 +12,7 @@ from stripe_kernels.picture_noise import lattice
 
 __all__ = ["LeafStyle", "leaf_at"]
 
-NEEDLE = wp.constant(0.013)
+NEEDLE = wp.constant(0.022)
 """Distance from one needle to the next [m]."""
 
 
@@ -92,7 +92,7 @@ def leaf_at(mesh: wp.uint64, face: int, point: wp.vec3f, style: LeafStyle, footp
                 half = 0.5 * width * (1.0 - t * t)
                 if style.needles == 1:
                     half = 0.5 * width * (1.0 - 0.6 * t * t)
-                    if v > 0.12 * width and footprint < 0.5 * NEEDLE:
+                    if v > 0.12 * width and footprint < 0.7 * NEEDLE:
                         comb = (u - 0.7 * v) / NEEDLE
                         if comb - wp.floor(comb) > 0.6:
                             half = 0.0

@@ -48,6 +48,7 @@ class SceneryMeshes:
     middle: wp.array[wp.vec3f]  # centres of the meshes' boxes, in the meshes' frames [m]
     half: wp.array[wp.vec3f]  # half extents of those boxes [m]
     ground_color: wp.array2d[wp.vec3f]  # linear RGB on the grid of the height field; empty: its shape's colour
+    ground_mean: wp.vec3f  # mean of those colours, for the ground around
     ground_lower: wp.vec2f  # world x, y of the grid's first point [m]
     ground_cell: wp.vec2f  # spacing of the grid in x and y [m]
     canopy: wp.array2d[wp.vec2f]  # cover in [0, 1] and height of its top [m], on a grid of its own
@@ -204,7 +205,12 @@ def grid_color(s: SceneryMeshes, point: wp.vec3f):
     fu = u - float(c)
     near = s.ground_color[r, c] * (1.0 - fu) + s.ground_color[r, c + 1] * fu
     far = s.ground_color[r + 1, c] * (1.0 - fu) + s.ground_color[r + 1, c + 1] * fu
-    return near + (far - near) * (v - float(r))
+    color = near + (far - near) * (v - float(r))
+    # Outside of the grid its edge would go on in stripes: the mean of all takes over.
+    away_x = wp.abs((point[0] - s.ground_lower[0]) / s.ground_cell[0] - u)
+    away_y = wp.abs((point[1] - s.ground_lower[1]) / s.ground_cell[1] - v)
+    share = wp.clamp(wp.max(away_x / float(columns), away_y / float(rows)) * 12.0 - 0.01, 0.0, 1.0)
+    return color + (s.ground_mean - color) * share
 
 
 @wp.func
@@ -212,8 +218,11 @@ def open_sky(s: SceneryMeshes, point: wp.vec3f):
     """Share of the sky's light that comes through the canopy above a point of the world."""
     rows = s.canopy.shape[0]
     columns = s.canopy.shape[1]
-    u = wp.clamp((point[0] - s.canopy_lower[0]) / s.canopy_cell - 0.5, 0.0, float(columns) - 1.001)
-    v = wp.clamp((point[1] - s.canopy_lower[1]) / s.canopy_cell - 0.5, 0.0, float(rows) - 1.001)
+    x = (point[0] - s.canopy_lower[0]) / s.canopy_cell - 0.5
+    y = (point[1] - s.canopy_lower[1]) / s.canopy_cell - 0.5
+    u = wp.clamp(x, 0.0, float(columns) - 1.001)
+    v = wp.clamp(y, 0.0, float(rows) - 1.001)
+    away = wp.clamp(1.0 - 0.25 * (wp.abs(x - u) + wp.abs(y - v)), 0.0, 1.0)  # no canopy outside of the map
     c = int(u)
     r = int(v)
     fu = u - float(c)
@@ -222,7 +231,7 @@ def open_sky(s: SceneryMeshes, point: wp.vec3f):
     at = near + (far - near) * (v - float(r))
     # Full shade from 8 m below the top of the canopy on, none above it.
     below = wp.clamp((at[1] - point[2]) / 8.0, 0.0, 1.0)
-    return 1.0 - 0.6 * at[0] * below
+    return 1.0 - 0.6 * at[0] * below * away
 
 
 @wp.func
@@ -261,12 +270,12 @@ def light_scenery(
         albedo = wp.cw_mul(albedo * (0.82 + 0.36 * own), wp.vec3f(1.0 + 0.16 * (lattice(i, 3, 5) - 0.5), 1.0, 1.0))
         if kind == FOLIAGE:
             albedo = wp.cw_mul(
-                albedo * (0.6 + 0.8 * lattice(hit.leaf, 11, 2)),
+                albedo * (0.5 + 0.95 * lattice(hit.leaf, 11, 2)),
                 wp.vec3f(0.9 + 0.25 * lattice(hit.leaf, 4, 9), 1.0, 1.0),
             )
             if s.leaf[s.foliage[i]].length > 0.0:  # no leaf lies quite in the plane of its bunch
                 tilt = wp.vec3f(lattice(hit.leaf, 5, 3), lattice(hit.leaf, 8, 1), lattice(hit.leaf, 2, 7))
-                normal = wp.normalize(normal + (tilt - wp.vec3f(0.5, 0.5, 0.5)) * 1.2)
+                normal = wp.normalize(normal + (tilt - wp.vec3f(0.5, 0.5, 0.5)) * 1.5)
             # A crown is lit as a rounded whole: leaf normals bend outwards, and light fades towards the inside.
             out = wp.cw_div(local - s.middle[i], s.half[i])
             depth = wp.min(wp.length(out), 1.2)

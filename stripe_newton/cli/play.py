@@ -17,6 +17,7 @@ from stripe_newton.rl import (
     ZeroPolicy,
     record_video,
 )
+from stripe_newton.rl.runs.film_overlay import FilmOverlay
 from stripe_newton.rl.runs.run_checkpoints import RunCheckpoints
 from stripe_newton.rl.runs.video import video_steps
 from stripe_newton.rl.torch_vector_env import is_simulated
@@ -52,7 +53,9 @@ def run(argv: list[str]) -> int:
     env, policy, checkpoints = _env_and_policy(task, args, configs, checkpoint)
     try:
         if args.viewer == "video":
-            print(record_video(env, policy, path, args.steps or video_steps(env), args.seed))
+            note = checkpoint.stem.replace("model_", "iteration ") if checkpoint else f"{args.agent} actions"
+            overlay = FilmOverlay(env, task, note)
+            print(record_video(env, policy, path, args.steps or video_steps(env), args.seed, overlay=overlay))
         elif args.viewer == "viser":
             watch(task, env, policy, configs.env, args, checkpoints=checkpoints)
         else:

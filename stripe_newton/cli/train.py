@@ -22,6 +22,7 @@ from stripe_newton.rl.distributed import as_rank, world
 from stripe_newton.rl.experiments.sweep_process import end_with_sweep
 from stripe_newton.rl.report.run_facts import write_changes
 from stripe_newton.rl.report.run_report import REPORT_NAME, RunReport
+from stripe_newton.rl.runs.film_overlay import FilmOverlay
 from stripe_newton.rl.runs.live_training import TrainingView
 from stripe_newton.rl.runs.run_folder import find_run
 from stripe_newton.rl.runs.training_state import set_learning_rate
@@ -195,7 +196,7 @@ def _learn(runner: OnPolicyRunner, folder: RunFolder, task: str, args: TrainArgs
         return runner.learn()
     with contextlib.ExitStack() as stack:
         if args.video_interval:
-            film = TrainingVideo(runner.env, folder.videos, args.video_interval, video_steps(runner.env))
+            film = TrainingVideo(runner.env, folder.videos, args.video_interval, video_steps(runner.env), task)
             stack.callback(film.close)
             runner.logger.iteration_hooks.append(film.after_iteration)
         if args.viewer == "viser":
@@ -227,18 +228,20 @@ def _finish(runner: OnPolicyRunner, folder: RunFolder, task: str, complete: bool
     except ExportError as error:
         failed = error  # raised after the video, which does not depend on the export
     if complete and film:
-        _film(runner, folder.videos / f"final_{runner.iterations_done}.mp4")
+        _film(runner, task, folder.videos / f"final_{runner.iterations_done}.mp4")
         RunReport(folder).finish()  # again, with the film
     if failed is not None:
         raise failed
 
 
-def _film(runner: OnPolicyRunner, path: Path) -> None:
+def _film(runner: OnPolicyRunner, task: str, path: Path) -> None:
     """Film the trained policy; on the CPU with fewer frames, so that it does not take longer than a short training."""
     seconds, fps = (CPU_SECONDS, CPU_FPS) if runner.device == "cpu" else (VIDEO_SECONDS, MAX_FPS)
     steps = video_steps(runner.env, seconds)
     print(f"filming {steps} steps (--final-video False: no video)", flush=True)
-    record_video(runner.env, runner.get_inference_policy(runner.device), path, steps, most_fps=fps)
+    overlay = FilmOverlay(runner.env, task, f"after {runner.iterations_done} iterations")
+    policy = runner.get_inference_policy(runner.device)
+    record_video(runner.env, policy, path, steps, most_fps=fps, overlay=overlay)
 
 
 def _print_next(task: str, folder: RunFolder, complete: bool) -> None:

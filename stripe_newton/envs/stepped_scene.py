@@ -564,6 +564,11 @@ class SteppedScene:
             self._renderer = SceneRenderer(self.sim, self.cfg.viewer)
         return self._renderer.render()
 
+    @property
+    def renderer(self) -> SceneRenderer | None:
+        """What :meth:`render` draws with, None before its first picture."""
+        return self._renderer
+
     def close(self, **kwargs: object) -> None:
         """Release renderer and simulation; a second call does nothing."""
         if not self.closed:

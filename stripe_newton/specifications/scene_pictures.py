@@ -30,8 +30,10 @@ EYE_HEIGHT = 1.2
 """Height of the camera above the ground [m]."""
 _OVERSAMPLING = 2
 """Rays along each side of a pixel; their mean is the pixel."""
-_FOV_ABOVE, _FOV = 33.0, 58.0
+_FOV_ABOVE, _FOV = 46.0, 58.0
 """Vertical fields of view from above and at eye level [deg]."""
+_ELEVATION, _FRAMED = 26.0, 33.0
+"""From above: angle of the camera above the scene, and the part of its field of view that the scene fills [deg]."""
 _HAZE = 0.004
 """Haze at eye level [1/m]."""
 _SIGHT = 40.0
@@ -67,9 +69,13 @@ class ScenePictures:
         aspect = self.resolution[0] / self.resolution[1]
         azimuth = self._sun_azimuth() + math.radians(75.0)  # light from the side models the relief
         azimuth = _towards_corner(azimuth, ground.size)
-        eye, target = frame_points(points, azimuth, math.radians(34.0), math.radians(_FOV_ABOVE), aspect, 1.04)
-        # A tenth of the light is lost on the way, whatever the size of the scene.
-        haze = 0.1 / float(np.linalg.norm(eye - target))
+        eye, target = frame_points(points, azimuth, math.radians(_ELEVATION), math.radians(_FRAMED), aspect, 0.86)
+        # Up to the horizon: without it nothing says how high the camera is.
+        flat, pitch = target - eye, math.radians(_ELEVATION - 0.5 * (_FOV_ABOVE - _FRAMED))
+        flat[2] = -math.hypot(flat[0], flat[1]) * math.tan(pitch)
+        target = eye + flat
+        # So much of the light is lost on the way, whatever the size of the scene.
+        haze = 0.07 / float(np.linalg.norm(eye - target))
         return self._shot(eye, target, _FOV_ABOVE, haze, 0.8)
 
     def eye_level(self) -> np.ndarray:

@@ -91,12 +91,13 @@ class Follower:
     A critically damped alpha-beta filter: position and speed are estimated together.
 
     Args:
-        time: Time constant in frames; 0 follows rigidly.
+        time: Time constant in frames, one or one for each axis; 0 follows rigidly.
         jump: Distance in one frame from which a move counts as a new episode and is not smoothed [m].
     """
 
-    def __init__(self, time: float, jump: float):
-        self._fade = math.exp(-1.0 / time) if time > 0 else 0.0
+    def __init__(self, time: float | np.ndarray, jump: float):
+        times = np.maximum(np.broadcast_to(np.asarray(time, dtype=float), 3), 1.0e-3)
+        self._fade = np.exp(-1.0 / times)  # of the smallest time: 0
         self._jump = jump
         self._at: np.ndarray | None = None
         self._speed = np.zeros(3)

@@ -15,6 +15,7 @@ from stripe_newton.sim.body_choice import BodyChoice
 from .creases import crease_builder
 from .marker_slots import MarkerSlots
 from .recolor import recolor_shapes
+from .surround import add_surround
 from .viewed_simulation import ViewedSimulation
 
 __all__ = ["DisplayModel"]
@@ -46,6 +47,7 @@ class DisplayModel:
         recolor: Replace colours that the stage did not author.
         natural: Leave static meshes to :class:`SceneryTracer`. None: if there are 64 of them or more.
         is_traced: Prepare for rays and put markers in. Without, only shapes and poses are of use.
+        horizon: Continue a height field to the horizon.
 
     Raises:
         IndexError: An environment that the simulation does not have.
@@ -59,6 +61,7 @@ class DisplayModel:
         recolor: bool = True,
         natural: bool | None = None,
         is_traced: bool = True,
+        horizon: bool = False,
     ):
         env_ids = [int(i) for i in env_ids]
         wrong = [i for i in env_ids if not 0 <= i < sim.num_envs]
@@ -82,13 +85,16 @@ class DisplayModel:
             builder.add_ground_plane(height=float(heights.min(initial=0.0, where=np.isfinite(heights))) - 1e-3)
         if recolor:
             recolor_shapes(builder, self._static_shapes, self._first_body, template)
-        self._prepare_shapes(builder, template, natural)
+        surround = add_surround(builder, self._static_shapes) if horizon else None
+        self._prepare_shapes(builder, template, natural, surround)
         self._is_traced = is_traced
         self._markers = MarkerSlots(builder, sim, env_ids, is_traced)
         builder.end_world()
         self.sources = list(builder.shape_source)
         self.kinds = np.asarray(builder.shape_type, dtype=int)
         self.is_ground = np.isin(self.kinds, _GROUND_TYPES)
+        if surround is not None:
+            self.is_ground[surround] = True
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
         self.textured = any(getattr(s, "texture", None) is not None for s in builder.shape_source)
         if not is_traced:
@@ -113,7 +119,7 @@ class DisplayModel:
             self._moves = np.concatenate([np.zeros(self._first_body, dtype=bool), self._moves])
 
     def _prepare_shapes(
-        self, builder: newton.ModelBuilder, template: newton.ModelBuilder, natural: bool | None
+        self, builder: newton.ModelBuilder, template: newton.ModelBuilder, natural: bool | None, surround: int | None
     ) -> None:
         """Adapt the shapes to drawing: no collisions, no coinciding surfaces, scenery hidden from the sensor."""
         if self.body_count:
@@ -123,6 +129,8 @@ class DisplayModel:
         if template.shape_count:
             _keep_one_ground(builder, self._static_shapes, template.shape_count)
         self.scenery = _scenery(builder, self._static_shapes, natural)
+        if surround is not None and len(self.scenery):
+            self.scenery = np.append(self.scenery, surround)
         for i in self.scenery:
             builder.shape_flags[i] &= ~int(newton.ShapeFlags.VISIBLE)
         crease_builder(builder)  # after scenery was hidden: it is drawn by its faces

@@ -18,7 +18,7 @@ __all__ = ["LEAF_STYLES", "leaf_mesh", "leaf_styles", "widened"]
 LEAF_STYLES: Mapping[str, dict[str, float]] = MappingProxyType(
     {
         "": {},
-        "leaves": {"length": 0.15, "width": 0.085, "rise": -0.5, "spread": math.pi, "margin": 0.07},
+        "leaves": {"length": 0.13, "width": 0.075, "rise": -0.5, "spread": math.pi, "margin": 0.07},
         "spruce": {"length": 0.34, "width": 0.075, "rise": -0.55, "spread": 0.75, "needles": 1, "margin": 0.11},
         "pine": {"length": 0.20, "width": 0.070, "rise": 0.6, "spread": 1.1, "needles": 1, "margin": 0.09},
     }

@@ -26,7 +26,7 @@ class SceneRenderer:
     Args:
         sim: The simulation; its ``state`` is read at each :meth:`render`.
         cfg: Camera and picture.
-        env_ids: Environments to show; default the one that ``cfg.env_index`` names.
+        env_ids: Environments to show; default the one that ``cfg.env_index`` names and its neighbours.
 
     Raises:
         ConfigError: ``cfg`` has a problem.
@@ -36,15 +36,18 @@ class SceneRenderer:
 
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
-        self.cfg = self._traced = cfg
-        self._width, self._height = (int(n) for n in cfg.resolution)
-        env_ids = [cfg.env_index] if env_ids is None else [int(i) for i in env_ids]
+        self._width, self._height = cfg.size_on(wp.get_device(sim.device).is_cuda)
+        self.cfg = self._traced = cfg = cfg.replace(resolution=(self._width, self._height))
+        env_ids = _nearest(sim, cfg.env_index, cfg.num_shown) if env_ids is None else [int(i) for i in env_ids]
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)
-            self._make_scene = lambda: DisplayModel(sim, env_ids, cfg.floor, cfg.recolor, cfg.natural)
+            self._make_scene = lambda: DisplayModel(
+                sim, env_ids, cfg.floor, cfg.recolor, cfg.natural, horizon=cfg.horizon
+            )
             self._scene = self._make_scene()
             self._setup_camera(sim, env_ids)
+            self._seen_from = self._eye, self._target
             # Not of this camera: a sun that the scene lacks shines the same in all pictures and camera sensors.
             self._lighting = lighting_from(sim.lights, azimuth=USUAL_AZIMUTH)
             self._open_tracer: Tracer | None = Tracer(self._scene, cfg, self._lighting)
@@ -110,7 +113,24 @@ class SceneRenderer:
             eye, target = self._eye + shift, self._target + shift
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
+            self._seen_from = eye, target
             return tracer.render(eye, target, self._shadow_region(poses, shift))
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Where the last picture shows points.
+
+        Args:
+            points: World frame, shape ``(n, 3)`` [m].
+
+        Returns:
+            Column and row from the upper left corner, shape ``(n, 2)`` [px]; NaN for points behind the camera.
+        """
+        eye, target = self._seen_from
+        seen = (np.asarray(points, dtype=float) - eye) @ camera_axes(eye, target)
+        scale = 0.5 * self._height / math.tan(0.5 * math.radians(self._traced.fov))
+        depth = np.where(seen[:, 2] < -1.0e-6, -seen[:, 2], np.nan)
+        middle = 0.5 * np.array([self._width, self._height])
+        return middle + scale * seen[:, :2] / depth[:, None] * (1.0, -1.0)
 
     def close(self) -> None:
         """Release the memory of the renderer. A second call does nothing."""
@@ -154,7 +174,9 @@ class SceneRenderer:
         self._heading, self._near = Follower(4.0 * self.cfg.follow_time, jump=1.0e9), 1.0
         self._turned = 0.0
         # A robot that moves farther than its own size within a frame was reset.
-        self._follower = Follower(self.cfg.follow_time, jump=max(self._radius, 0.5))
+        # Slower in height: a camera that sinks with a robot would hide that it falls.
+        times = self.cfg.follow_time * np.array([1.0, 1.0, 4.0])
+        self._follower = Follower(times, jump=max(self._radius, 0.5))
         at = self._scene.body_q[bodies, :3].astype(float) if len(bodies) else np.zeros((1, 3))
         self._rest = np.nan_to_num(at.mean(axis=0))
 
@@ -204,6 +226,15 @@ class SceneRenderer:
             while len(far) and self._spread < min(float(far.max()), limit):
                 self._spread *= 1.25
         return center, 1.1 * max(self._spread, self._radius)
+
+
+def _nearest(sim: ViewedSimulation, index: int, count: int) -> list[int]:
+    """An environment and those whose origins are nearest to its own, as many as there are up to ``count``."""
+    if not 0 <= index < sim.num_envs:
+        return [index]  # refused where it is drawn
+    away = np.linalg.norm(sim.env_origins - sim.env_origins[index], axis=1)
+    away[index] = -1.0
+    return [int(i) for i in np.argsort(away, kind="stable")[:count]]
 
 
 def _free_roots(template: newton.ModelBuilder) -> list[int]:

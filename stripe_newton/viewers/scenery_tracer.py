@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SceneryTracer"]
 
-_FAR = 3000.0
+_FAR = 30_000.0
 """Length of the rays [m]."""
 _SUN_SPREAD = 0.005
 """Half the angle of the sun with the halo around it, for the softness of shadows [rad]."""
@@ -92,7 +92,8 @@ class SceneryTracer:
         # Meshes of scene/scenery.py alone say whether they are leaves: they are nature, and all others are made.
         grown = np.array([hasattr(s, "two_sided") for s in self._sources], dtype=bool)
         # The first that applies: a leaf may be smooth, too.
-        kinds = [(fields, GROUND), (leaves, FOLIAGE), (smooth, SMOOTH), (grown, SOLID)]
+        around = np.array([hasattr(s, "surround") for s in self._sources], dtype=bool)
+        kinds = [(fields | around, GROUND), (leaves, FOLIAGE), (smooth, SMOOTH), (grown, SOLID)]
         kind = np.select(*map(list, zip(*kinds, strict=True)), PLAIN).astype(np.int32)
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)
@@ -101,7 +102,7 @@ class SceneryTracer:
         half = np.maximum(0.5 * (bounds[:, 1] - bounds[:, 0]), 1.0e-3)
         meshes.half = wp.array(half.astype(np.float32), dtype=wp.vec3f, **make)
         self._ground(pose[fields])
-        self._canopy(lower, upper, leaves)
+        self._canopy(lower[~around], upper[~around], leaves[~around])
         self._threads = (os.cpu_count() or 1) if self._device.is_cpu else 1
 
     def trace(self, look: Look, rays: wp.array, casters: wp.array, images: dict[str, wp.array]) -> None:
@@ -151,6 +152,7 @@ class SceneryTracer:
         rows, columns = found.colors.shape[:2]
         colors = np.ascontiguousarray(found.colors, dtype=np.float32)
         meshes.ground_color = wp.array(colors, dtype=wp.vec3f, device=self._device)
+        meshes.ground_mean = wp.vec3f(*map(float, colors.mean(axis=(0, 1))))
         meshes.ground_lower = wp.vec2f(float(middle[0] - found.hx), float(middle[1] - found.hy))
         meshes.ground_cell = wp.vec2f(2.0 * found.hx / (columns - 1), 2.0 * found.hy / (rows - 1))
 

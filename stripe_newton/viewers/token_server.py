@@ -38,17 +38,29 @@ class TokenServer:
     def __init__(self, host: str, port: int, target: int):
         self.token = secrets.token_urlsafe(24)
         self._target = target
+        self._server: asyncio.Server | None = None
+        # A loop in a thread of its own from the start: that of the caller may have one, as in a notebook.
         self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name="token_server", daemon=True)
+        self._thread.start()
         try:
-            self._server = self._loop.run_until_complete(self._listen(host, port))
+            self._server = asyncio.run_coroutine_threadsafe(self._listen(host, port), self._loop).result()
         except BaseException:
-            self._loop.close()
+            self.close()
             raise
         self.port: int = self._server.sockets[0].getsockname()[1]
         """The port that it listens on."""
         self._cookie = f"stripe-newton-{self.port}"
-        self._thread = threading.Thread(target=self._loop.run_forever, name="token_server", daemon=True)
-        self._thread.start()
+
+    def _run(self) -> None:
+        """Serve until :meth:`close`, and end what is then still there."""
+        self._loop.run_forever()
+        if self._server is not None:
+            self._server.close()
+        for task in asyncio.all_tasks(self._loop):
+            task.cancel()
+        self._loop.run_until_complete(asyncio.sleep(0.0))
+        self._loop.close()
 
     async def _listen(self, host: str, port: int) -> asyncio.Server:
         for number in range(port, port + _PORTS):
@@ -65,11 +77,6 @@ class TokenServer:
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
-            self._server.close()
-            for task in asyncio.all_tasks(self._loop):
-                task.cancel()
-            self._loop.run_until_complete(asyncio.sleep(0.0))
-            self._loop.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError, EOFError, asyncio.LimitOverrunError, TimeoutError, asyncio.TimeoutError):

@@ -24,6 +24,9 @@ __all__ = ["Tracer"]
 _TALLEST = 25.0
 """Height above the shown region up to which things cast their shadow into it [m]."""
 
+_FARTHEST = 3.0e4
+"""Length of the rays [m]: to the horizon."""
+
 _KEY = 0.16
 """Mean linear brightness of scenery in a picture, before highlights are compressed."""
 _EXPOSE_EVERY = 5
@@ -41,7 +44,10 @@ class Tracer:
         self._device = scene.model.device
         self._width, self._height = (int(n) for n in cfg.resolution)
         config = SensorCamera.RenderConfig(
-            enable_textures=scene.textured, enable_backface_culling=False, enable_ambient_lighting=False
+            enable_textures=scene.textured,
+            enable_backface_culling=False,
+            enable_ambient_lighting=False,
+            max_distance=_FARTHEST,
         )
         # Newton's sensor finds what each ray hits; lights, shadows and fog are computed from that here.
         self._sensor = SensorCamera(scene.model, default_render_config=config, load_textures=scene.textured)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from stripe_newton.configclass import configclass
-from stripe_newton.value_types import NonNegativeInt
+from stripe_newton.value_types import NonNegativeInt, PositiveInt
 
 __all__ = ["ORIGIN_TYPES", "ViewerCfg"]
 
@@ -36,8 +36,12 @@ class ViewerCfg:
     env_index: NonNegativeInt = 0
     """Environment to show, unless the caller names others."""
 
-    resolution: tuple[int, int] = (640, 360)
-    """Width and height of the picture [px]. In videos, odd numbers are made even."""
+    num_shown: PositiveInt = 1
+    """Environments to show, unless the caller names them: ``env_index`` and those whose origins are nearest to it."""
+
+    resolution: tuple[int, int] | None = None
+    """Width and height of the picture [px]; in videos, odd numbers are made even. None: 1280 x 720 on a GPU and
+    640 x 360 on the CPU, where a pixel takes as long as there a hundred."""
 
     fov: float = 35.0
     """Vertical field of view [deg]."""
@@ -87,13 +91,21 @@ class ViewerCfg:
     floor: bool = False
     """Draw a floor that is not there, under a scene without anything static, if all that moves in it is held."""
 
+    horizon: bool = True
+    """Continue a terrain that is a height field to the horizon, where nothing touches it."""
+
     recolor: bool = True
     """Give shapes without a colour in the stage one of a small palette, by body."""
+
+    def size_on(self, is_gpu: bool) -> tuple[int, int]:
+        """Width and height of a picture [px] that is drawn on a GPU or on the CPU."""
+        width, height = self.resolution or ((1280, 720) if is_gpu else (640, 360))
+        return int(width), int(height)
 
     def problems(self) -> Iterator[tuple[str, str]]:
         """Pairs of a field and what is wrong with it, for :meth:`validate`."""
         yield from self._camera_problems()
-        if not _numbers(self.resolution, 2) or any(int(n) != n or not 16 <= n <= 8192 for n in self.resolution):
+        if self.resolution is not None and not _sizes(self.resolution):
             yield "resolution", f"got {self.resolution!r}, expected (width, height), whole numbers from 16 to 8192"
         if isinstance(self.env_index, bool) or not isinstance(self.env_index, int) or self.env_index < 0:
             yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
@@ -130,6 +142,11 @@ _RANGES = (
     ("haze", 0.0, 1.0),
     ("exposure", 0.01, 100.0),
 )
+
+
+def _sizes(value: object) -> bool:
+    """Whether a value is a picture's width and height."""
+    return _numbers(value, 2) and all(int(n) == n and 16 <= n <= 8192 for n in value)
 
 
 def _numbers(value: object, count: int) -> bool:

@@ -39,19 +39,6 @@ def test_a_release_needs_its_tag_and_its_changelog():
     assert "CHANGELOG.md" in problems("v0.2.0", project, "## [Unreleased]\n")[0]
 
 
-def test_the_lock_file_has_what_the_project_needs():
-    """The names and extras of pyproject.toml; `uv lock --check`, in the slow test and in CI, compares versions."""
-    lock = (ROOT / "uv.lock").read_text(encoding="utf-8")
-    own = re.search(r'\[\[package\]\]\nname = "stripe-newton"\n.*?(?=\n\[\[package\]\]|\Z)', lock, re.S)[0]
-    section = re.search(r"^dependencies = \[\n(.*?)^\]", PYPROJECT, re.S | re.M)[1]
-    wanted = {re.split(r"[\[<>=~;, ]", name)[0].lower() for name in re.findall(r'^\s+"([^"]+)"', section, re.M)}
-    assert len(wanted) > 15
-    assert wanted <= set(re.findall(r'name = "([^"]+)"', own))
-    extras = re.search(r"\[project.optional-dependencies\]\n(.*?)\n\n\[", PYPROJECT, re.S)[1]
-    for extra in re.findall(r"^(\w+) = \[(?!\])", extras, re.M):
-        assert re.search(rf"^{extra} = \[", own, re.M), f"uv.lock: lacks the extra '{extra}'; run uv lock"
-
-
 def test_no_source_assumes_a_processor():
     words = re.compile(r"x86_64|amd64|immintrin|__SSE|__AVX|_mm\d*_")
     assert [str(p) for p in SOURCES if words.search(p.read_text(encoding="utf-8"))] == []

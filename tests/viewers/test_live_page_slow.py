@@ -39,7 +39,6 @@ class Shown:
         self.env, self.policies = BoxEnv(), Policies()
         cfg = ViewerCfg(eye=(2.2, -2.2, 1.2), lookat=(0.0, 0.0, 0.4))
         self.viewer = LiveViewer(self.env, cfg=cfg, checkpoints=self.policies, title="boxes", port=18600)
-        self._steps = self.viewer.steps()
 
     def serve(self):
         """Take a step if the page lets."""

@@ -335,7 +335,9 @@ def test_measurements_of_sensors_are_drawn_when_they_are_switched_on(viewer, env
     viewer.inbox.run()
     viewer._draw()
     hits = env.scene.sensors["scan"].data.ray_hits_w[1, :3].numpy()
-    np.testing.assert_allclose(drawn(viewer, "rays scan").points, hits)  # without the one that is infinite
+    np.testing.assert_allclose(
+        drawn(viewer, "rays scan").points, hits + (0.0, 0.0, 0.012), atol=1e-5
+    )  # without the one that is infinite
     assert drawn(viewer, "rays scan", 1) is None  # lines of a scan from above would hide everything
     lines = drawn(viewer, "rays lidar", 1).points
     np.testing.assert_allclose(lines[:, 0], np.tile((1.0, 1.0, 1.5), (3, 1)))
@@ -534,6 +536,13 @@ def test_a_merged_height_field_is_the_same_surface_in_fewer_triangles():
     edges = vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
     normals = np.cross(*edges)
     assert (normals[:, 2] > 0.0).all()
+    # Each edge has a triangle on both sides, but for the rim.
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    ends, count = np.unique(sides, axis=0, return_counts=True)
+    rim = vertices[ends[count == 1]]
+    on_rim = [(rim[..., k] == limit).all(axis=1) for k in (0, 1) for limit in (0.0, points[..., k].max())]
+    assert count.max() == 2
+    assert np.any(on_rim, axis=0).all()
     assert 0.5 * normals[:, 2].sum() == pytest.approx(0.1 * (rows - 1) * 0.1 * (columns - 1))  # all of the ground, once
     # Heights between the vertices, by the triangles of all cells and by the merged ones.
     where = rng.uniform((0.0, 0.0), (0.1 * (columns - 1), 0.1 * (rows - 1)), (400, 2))

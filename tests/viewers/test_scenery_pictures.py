@@ -44,7 +44,7 @@ def test_scenery_is_what_newtons_sensor_sees(sim, monkeypatch):
     monkeypatch.setattr("stripe_newton.viewers.display_model.crease_builder", lambda builder: None)
     ours, theirs = (SceneRenderer(sim, cfg(natural=natural)) for natural in (True, False))
     assert ours._scene.model.bvh_shape_count_enabled == 0
-    assert theirs._scene.model.bvh_shape_count_enabled == 3 * 150 + 1
+    assert theirs._scene.model.bvh_shape_count_enabled == 3 * 150 + 2  # with the ground around
     (shape, depth, normal), (shape_2, depth_2, normal_2) = surfaces(ours), surfaces(theirs)
     same = shape == shape_2
     assert same.mean() > 0.998  # rays along an edge may fall to either side
@@ -57,10 +57,10 @@ def test_scenery_is_what_newtons_sensor_sees(sim, monkeypatch):
 
 
 def test_scenes_with_many_meshes_are_natural_by_themselves(sim):
-    assert len(SceneRenderer(sim, cfg())._scene.scenery) == 3 * 150 + 1
+    assert len(SceneRenderer(sim, cfg())._scene.scenery) == 3 * 150 + 2
     few = still_life(SmallWood((20.0, 20.0), count=5).create(4), wp.get_device("cpu"))
     assert len(SceneRenderer(few, cfg())._scene.scenery) == 0
-    assert len(SceneRenderer(few, cfg(natural=True))._scene.scenery) == 3 * 5 + 1
+    assert len(SceneRenderer(few, cfg(natural=True))._scene.scenery) == 3 * 5 + 2
 
 
 def wall_and_floor(wall: bool, robot_at=(0.0, 0.0, -50.0), color=(0.9, 0.05, 0.05)):
@@ -229,7 +229,7 @@ def test_a_simulation_in_a_wood_is_drawn_as_the_wood_is():
     scene = InteractiveScene(spec.create_instance(1, 1.0, seed=2).get_scene(ANT_CFG), simulation)
     scene.build()
     drawn = SceneRenderer(scene.sim, cfg())
-    assert len(drawn._scene.scenery) == 3 * 40 + 1
+    assert len(drawn._scene.scenery) == 3 * 40 + 2
     still = SceneRenderer(still_life(spec.create(2), wp.get_device("cpu")), cfg(natural=True, shadows=False))
     one, two = (r.render().astype(float) for r in (drawn, still))
     assert (np.abs(one - two).max(axis=2) < 12).mean() > 0.9  # but for the ant

@@ -393,3 +393,40 @@ def test_the_live_viewer_serves_a_page():
             assert page.status == 200
     with pytest.raises(RuntimeError, match="closed"):
         viewer.update()
+
+
+def test_neighbours_are_shown_with_the_environment():
+    sim = sim_of(box(), num_envs=6)
+    for index, count, shown in ((2, 3, [2, 1, 3]), (0, 1, [0]), (5, 9, [5, 4, 3, 2, 1, 0])):
+        renderer = SceneRenderer(sim, ViewerCfg(resolution=SMALL, env_index=index, num_shown=count))
+        np.testing.assert_allclose(renderer._scene.body_q[:, 0], [3.0 * i for i in shown])
+    named = SceneRenderer(sim, ViewerCfg(resolution=SMALL, num_shown=3), [4])
+    assert len(named._scene.body_q) == 1
+    with pytest.raises(ConfigError, match="num_shown"):
+        ViewerCfg(num_shown=0).validate()
+    with pytest.raises(IndexError, match="expected some of 0 to 5"):
+        SceneRenderer(sim, ViewerCfg(env_index=6, num_shown=2))
+
+
+def test_pictures_are_larger_where_pixels_are_cheap():
+    assert ViewerCfg().size_on(is_gpu=True) == (1280, 720)
+    assert ViewerCfg().size_on(is_gpu=False) == SceneRenderer(sim_of(box()), ViewerCfg()).render().shape[1::-1]
+    assert ViewerCfg(resolution=(64, 32)).size_on(is_gpu=True) == (64, 32)
+
+
+def test_points_are_projected_to_where_the_picture_shows_them():
+    sim = sim_of(box(position=(0.0, 0.4, 0.8), half=0.05))
+    cfg = ViewerCfg(eye=(3.0, 0.0, 0.5), lookat=(0.0, 0.0, 0.5), resolution=SMALL, fov=40.0, shadows=False)
+    renderer = SceneRenderer(sim, cfg)
+    row, column = red_pixels(renderer.render()).mean(axis=0) + 0.5
+    seen = renderer.project(np.array([[0.0, 0.4, 0.8], [0.0, 0.0, 0.5], [5.0, 0.0, 0.5]]))
+    np.testing.assert_allclose(seen[0], (column, row), atol=1.0)
+    np.testing.assert_allclose(seen[1], (SMALL[0] / 2, SMALL[1] / 2), atol=1e-9)
+    assert np.isnan(seen[2]).all()  # behind the camera
+
+
+def test_a_camera_follows_more_slowly_in_height():
+    follower = Follower(np.array([4.0, 4.0, 16.0]), jump=10.0)
+    follower.follow(np.zeros(3))
+    found = follower.follow(np.array([0.3, 0.3, 0.3]))
+    assert 0.0 < found[2] < 0.5 * found[0]

@@ -126,7 +126,7 @@ class LivePage:
         """Write a screenshot, ``.jpg`` or ``.png``."""
         path.parent.mkdir(parents=True, exist_ok=True)
         kind = {"type": "jpeg", "quality": quality} if path.suffix == ".jpg" else {"type": "png"}
-        self.page.screenshot(path=path, timeout=1000.0 * _PATIENCE_S, **kind)  # type: ignore[arg-type]
+        self.page.screenshot(path=path, timeout=1000.0 * _PATIENCE_S, **kind)
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -18,24 +19,28 @@ import torch
 from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.cli.tasks import make_env
 from stripe_newton.envs import RLEnv
-from stripe_newton.viewers import LiveViewer
+from stripe_newton.viewers import LiveViewer, ViewerCfg
 from stripe_newton.viewers.camera_framing import camera_axes
 from tools.pictures.headless_browser import LivePage, open_page
 
 SIZE = 1280, 800
 """Window [px]."""
+BESIDE = ViewerCfg(origin_type="asset_root", asset_name="Robot", eye=(2.6, 1.1, 0.7), lookat=(0.0, 0.0, 0.25), fov=42.0)
+"""A camera beside a robot."""
 
 
 class Show:
     """An environment with actions of zero, its viewer and the page that shows it."""
 
-    def __init__(self, task: str, num_envs: int, noise: float = 0.0):
+    def __init__(self, task: str, num_envs: int, noise: float = 0.0, cfg: ViewerCfg | None = None):
         configs = load_configs(task, None, agent=False)
         configs.env.scene.num_envs, configs.env.seed = num_envs, 3
         configs.env.sim.device = "cpu"
-        self.env: RLEnv = make_env(task, configs.env, None).unwrapped
+        env = make_env(task, configs.env, None).unwrapped
+        assert isinstance(env, RLEnv)  # all tasks of this package are
+        self.env = env
         self.env.reset()
-        self.viewer = LiveViewer(self.env, title=task, port=18700)
+        self.viewer = LiveViewer(self.env, cfg=cfg, title=task, port=18700)
         self._noise = noise
         self._shape = self.env.action_space.shape
 
@@ -63,13 +68,12 @@ def forest(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     save("viewer_forest.jpg")
 
 
-def velocity(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
-    """Commands by hand, with their arrow; then a body that is dragged."""
+def push(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
+    """A command by hand, with its arrow, and a body that is dragged."""
     page.click(page.tab("Act"))
     page.type_number("lin_vel_x", 0.8)
     page.type_number("lin_vel_y", -0.3)
-    page.wait(3.0)
-    save("viewer_commands.jpg")
+    page.wait(2.0)
     held = show.pixel_of_robot()
     page.drag(held, (held[0] + 130.0, held[1] - 190.0))
     page.wait(2.5)
@@ -97,20 +101,18 @@ def sensors(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     save("viewer_sensors.jpg")
 
 
-def cameras(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
-    """What a camera sees."""
-    page.wait(3.0)
-    save("viewer_camera.jpg")
-
-
-SCENES: dict[str, tuple[str, int, float, Callable[[LivePage, Show, Callable[[str], None]], None]]] = {
-    "velocity": ("Stripe-Velocity-Flat-Quadruped-v0", 4, 0.0, velocity),
-    "plots": ("Stripe-Velocity-Flat-Quadruped-v0", 4, 0.8, plots),
-    "forest": ("Stripe-Forest-Walk-Quadruped-Play-v0", 1, 0.0, forest),
-    "sensors": ("Stripe-Velocity-Rough-Quadruped-v0", 4, 0.0, sensors),
-    "cameras": ("Stripe-Cartpole-Camera-Direct-v0", 4, 0.0, cameras),
+SCENES: dict[str, tuple[Callable[[], Show], Callable[[LivePage, Show, Callable[[str], None]], None]]] = {
+    "push": (lambda: Show("Stripe-Velocity-Flat-Quadruped-v0", 4), push),
+    "plots": (lambda: Show("Stripe-Velocity-Flat-Quadruped-v0", 4, noise=0.8), plots),
+    "forest": (lambda: Show("Stripe-Forest-Walk-Quadruped-Play-v0", 1, cfg=BESIDE), forest),
+    "sensors": (lambda: Show("Stripe-Velocity-Rough-Quadruped-v0", 4), sensors),
 }
-"""Task, environments, noise of the actions and what is shown, by name."""
+"""What is built, and what is shown of it, by name."""
+
+
+def save(page: LivePage, folder: Path, file: str) -> None:
+    """Write a screenshot."""
+    page.save(folder / file, quality=72)
 
 
 def main() -> None:
@@ -120,11 +122,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=SCENES, default=list(SCENES), help="scenes, by default all")
     args = parser.parse_args()
     for name in args.only:
-        task, num_envs, noise, scene = SCENES[name]
-        show = Show(task, num_envs, noise)
+        build, scene = SCENES[name]
+        show = build()
         try:
             with open_page(show.viewer.url, show.serve, SIZE) as page:
-                scene(page, show, lambda file, page=page: page.save(args.out / file, quality=72))
+                scene(page, show, partial(save, page, args.out))
         finally:
             show.viewer.close()
             show.env.close()

@@ -19,6 +19,8 @@ from stripe_newton.value_types import short
 if TYPE_CHECKING:
     from stripe_newton.viewers import VideoWriter
 
+    from .film_overlay import FilmOverlay
+
 __all__ = ["TrainingVideo", "record_video", "video_steps", "video_timing"]
 
 MAX_FPS = 60.0
@@ -49,6 +51,7 @@ def record_video(
     steps: int,
     seed: int | None = None,
     most_fps: float = MAX_FPS,
+    overlay: FilmOverlay | None = None,
 ) -> Path:
     """Reset the environment, run ``policy`` and write what ``env.render()`` shows to a video.
 
@@ -59,6 +62,7 @@ def record_video(
         steps: Number of steps.
         seed: Seed of the reset.
         most_fps: Most frames a second.
+        overlay: What is written into the frames.
 
     Returns:
         The file.
@@ -76,26 +80,32 @@ def record_video(
     stride, fps = video_timing(env.unwrapped.step_dt, most_fps)
     obs = env.reset(seed=seed)
     policy.reset()
+    if overlay is not None:
+        overlay.restart()
     with VideoWriter(path, fps) as video:
         for step in range(steps):
             if step % stride == 0:
-                video.add(_picture(env))
-            obs, _, dones, _ = env.step(policy(obs))
+                video.add(_picture(env, overlay))
+            obs, rewards, dones, _ = env.step(policy(obs))
             policy.reset(dones)
+            if overlay is not None:
+                overlay.after_step(rewards, dones)
     return path
 
 
-def _picture(env: RslRlVecEnvWrapper) -> np.ndarray:
+def _picture(env: RslRlVecEnvWrapper, overlay: FilmOverlay | None) -> np.ndarray:
     picture = env.render()
     if picture is None:
         raise ValueError("the environment draws no pictures; make it with render_mode='rgb_array'")
-    return picture
+    return picture if overlay is None else overlay.draw(picture)
 
 
 class TrainingVideo:
     """Videos of a training at intervals. It renders steps that the training takes anyway, so it changes nothing."""
 
-    def __init__(self, env: RslRlVecEnvWrapper, folder: str | os.PathLike, interval: int, steps: int):
+    def __init__(
+        self, env: RslRlVecEnvWrapper, folder: str | os.PathLike, interval: int, steps: int, task: str | None = None
+    ):
         """Prepare videos; add :meth:`after_iteration` to the logger's ``iteration_hooks``.
 
         Args:
@@ -103,18 +113,29 @@ class TrainingVideo:
             folder: Folder of the videos.
             interval: Iterations from one video to the next.
             steps: Steps of a video.
+            task: Name that is written into the frames, with iteration and reward. None: nothing is.
         """
         self.env, self.folder, self.interval, self.steps = env, Path(folder), interval, steps
         self._stride, self._fps = video_timing(env.unwrapped.step_dt)
         self._path: Path | None = None
         self._video: VideoWriter | None = None
         self._taken = 0
+        self._overlay: FilmOverlay | None = None
+        if task is not None:
+            from .film_overlay import FilmOverlay
+
+            self._overlay = FilmOverlay(env, task)
+            # Environments of other packages may keep no rewards.
+            self._overlay.has_numbers = hasattr(env.unwrapped, "reward_buf") and hasattr(env.unwrapped, "reset_buf")
 
     def after_iteration(self, iteration: int) -> None:
         """Begin a video if one is due and none is running."""
         if self._path is None and (iteration + 1) % self.interval == 0:
             self._path = self.folder / f"iteration_{iteration + 1}.mp4"
             self._taken = 0
+            if self._overlay is not None:
+                self._overlay.note = f"iteration {iteration + 1}"
+                self._overlay.restart()
             # A hook only while a video runs: with one, the rollout hands out observations after each step.
             self.env.step_hooks.append(self._after_step)
 
@@ -138,10 +159,13 @@ class TrainingVideo:
             self._video = VideoWriter(self._path, self._fps)
         try:
             if self._taken % self._stride == 0:
-                self._video.add(_picture(self.env))
+                self._video.add(_picture(self.env, self._overlay))
         except OSError as error:
             self._give_up(error)
             return
+        if self._overlay is not None and self._overlay.has_numbers:
+            inner = self.env.unwrapped
+            self._overlay.after_step(inner.reward_buf, inner.reset_buf)
         self._taken += 1
         if self._taken >= self.steps:
             self.close()

@@ -26,10 +26,10 @@ __all__ = ["ROOT", "LiveScene", "ShapeBatch", "linear_bytes"]
 
 ROOT = "/world"
 """Node of the world frame. It moves against what the camera follows, so that the camera itself stays the user's."""
-_FACETS_OFF = 0.004
+_FACETS_OFF = 0.002
 """Distance of the facets of round shapes from their surface in radii: coarser than for contacts, for the browser."""
 _ROUND = tuple(map(int, (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)))
-_THINNER = 0.004
+_THINNER = 0.008
 """Share by which round shapes get thinner from body to body: surfaces that meet in a joint would flicker."""
 _UNIT = {newton.GeoType.SPHERE: (0, 0, 0), newton.GeoType.BOX: (0, 1, 2), newton.GeoType.ELLIPSOID: (0, 1, 2)}
 """Shapes that are one mesh in all sizes, with the sizes along x, y and z."""

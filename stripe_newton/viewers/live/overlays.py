@@ -25,6 +25,8 @@ __all__ = ["Overlays"]
 _COMMANDED, _ACTUAL = (4, 110, 14), (4, 38, 175)
 _HIT, _RAY, _FORCE = (200, 10, 4), (220, 105, 10), (185, 4, 50)
 """Linear, as browsers take them."""
+_LIFT = 0.012
+"""Height of points above the ground that they are on [m]."""
 _SHORTEST = 0.08
 """Length below which an arrow is not drawn, as it would be all head [m]."""
 _ABOVE = 0.35
@@ -321,7 +323,7 @@ class _Rays(_Drawn):
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
         hits = _host(self._data, "ray_hits_w", [chosen])[0].reshape(-1, 3)
-        self._drawings[0].points(hits, _HIT)
+        self._drawings[0].points(hits + (0.0, 0.0, _LIFT), _HIT)
         if self._has_lines:
             turn = _host(self._data, "quat_w", [chosen])
             start = _host(self._data, "pos_w", [chosen]) + rotate(turn, self._offset[None])

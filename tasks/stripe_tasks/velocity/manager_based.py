@@ -300,7 +300,7 @@ class VelocityEnvCfg(ManagerBasedRLEnvCfg):
         asset_name="Robot",
         eye=(1.7, -1.9, 0.8),
         lookat=(0.0, 0.0, -0.08),
-        resolution=(960, 540),
+        num_shown=6,
     )
     sim: SimulationCfg = SimulationCfg(
         dt=0.005,

@@ -27,7 +27,7 @@ def write_llms(root: Path, pages: Path, site: Path) -> None:
         short.append(f"\n## {caption}\n")
         for name in names:
             page = pages / f"{name}.md"
-            if not page.is_file():  # a page of the reference, which is made of docstrings
+            if name.startswith("reference/"):  # made of docstrings
                 short.append(f"- [API reference]({name}.html): classes and functions by package")
                 continue
             text = page.read_text(encoding="utf-8")
@@ -48,8 +48,7 @@ def summary_of(text: str) -> str:
     """The first sentence of a page, without links."""
     body = re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
     for paragraph in re.split(r"\n\s*\n", body):
-        paragraph = paragraph.strip()
-        if paragraph and not paragraph.startswith(("#", "!", "|", "-", "<", "[!")):
+        if paragraph.strip() and not paragraph.startswith(("#", "!", "|", "-", "<", "[!", "    ")):
             plain = _LINK.sub(r"\1", " ".join(paragraph.split()))
-            return re.split(r"(?<=[.:])\s", plain)[0].rstrip(":")
+            return re.split(r"(?<=\.)\s", plain)[0].rstrip(":")
     return title_of(text)
