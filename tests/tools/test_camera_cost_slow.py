@@ -9,8 +9,9 @@ import pytest
 
 from tools.benchmarks import camera_cost
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize(
     ("case", "parts"), [("cart-poles", {"shading", "shadows", "observation"}), ("quadrupeds", set())]
 )
