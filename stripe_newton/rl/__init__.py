@@ -11,6 +11,7 @@ Importing this package loads configs and errors alone. Names that need torch are
 ``export``         a policy as ONNX and TorchScript
 ``distributed``    several processes that train one policy
 ``experiments``    sweeps over fields and seeds, comparisons of runs
+``report``         the report of a run, written while it trains
 =================  ==================================================================================
 """
 
