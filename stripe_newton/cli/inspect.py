@@ -112,7 +112,7 @@ def _print(found: _Inspection, args: InspectArgs, path: Path) -> None:
 
 def _watch(subject: object, args: InspectArgs) -> None:
     """Show what was inspected in a browser, until Ctrl-C; nothing moves."""
-    with open_viewer(subject, args.target, args.host, args.port) as viewer:
+    with open_viewer(subject, Path(args.target).name, args.host, args.port) as viewer:
         try:
             viewer.hold()
         except KeyboardInterrupt:

@@ -65,8 +65,8 @@ class CommandTermCfg:
     metrics: dict[str, Callable[..., object]] = {}
     """Warp functions ``-> float`` by name; their means over the episode are logged."""
     debug_vis: bool = False
-    """Ignored: commands are not drawn."""
-    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "commands are not drawn"}
+    """Ignored: the live view has a checkbox for each command."""
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "the live view has a checkbox for it"}
 
     @property
     def is_users(self) -> bool:

@@ -17,7 +17,9 @@ from .mjcf_checks import compile_mjcf
 __all__ = ["edit_mjcf"]
 
 
-def edit_mjcf(path: Path, actuators: bool, tendons: Mapping[str, Mapping[str, Any]]) -> tuple[str, mujoco.MjModel]:
+def edit_mjcf(
+    path: Path, actuators: bool, tendons: Mapping[str, Mapping[str, Any]], condim: int | None = None
+) -> tuple[str, mujoco.MjModel]:
     """What Newton's importer is to read for a file, and MuJoCo's model of it.
 
     Where the file's outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for
@@ -27,6 +29,7 @@ def edit_mjcf(path: Path, actuators: bool, tendons: Mapping[str, Mapping[str, An
         path: The file.
         actuators: Whether the file's actuators are read.
         tendons: Fixed tendons to add by name: fields of ``FixedTendonCfg``.
+        condim: Dimension of the contacts of all geoms; None as the file has it.
 
     Returns:
         The path, or XML with what is changed; and the model of the file, with the added tendons.
@@ -43,6 +46,11 @@ def edit_mjcf(path: Path, actuators: bool, tendons: Mapping[str, Mapping[str, An
             model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
         except ValueError as error:
             raise RobotFileError(path, [f"fixed_tendons: {' '.join(str(error).split())}"]) from error
+    if condim is not None:
+        for geom in root.iter("geom"):  # those of default classes are among them
+            geom.set("condim", str(condim))
+            changed.append(geom)
+        model.geom_condim[:] = condim
     if not actuators:
         for section in root.findall("actuator"):
             root.remove(section)

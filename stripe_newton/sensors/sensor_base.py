@@ -46,9 +46,9 @@ class SensorBaseCfg(SensorCfg):
     history_length: NonNegativeInt = 0
     """Past measurements that are kept; 0 for none."""
     debug_vis: bool = False
-    """Ignored: sensors draw no markers."""
+    """Ignored: the live view has a checkbox for each sensor."""
 
-    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "sensors draw no markers"}
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "the live view has a checkbox for it"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         """Pairs of a field and what is wrong with it, beyond its type."""

@@ -14,19 +14,17 @@ import mujoco_warp
 import newton
 import numpy as np
 import warp as wp
-from mujoco_warp._src.types import BroadphaseType, ContactType
 
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
-from .contact_pairs import MESH_KINDS, ContactPair, contact_pairs, listed_pairs
+from .contact_pairs import MESH_KINDS
 from .limb_form import LimbForm, why_no_limbs
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
-from .pair_list import remove_geom_pairs
+from .pair_division import PairDivision
 from .per_step import PerStep
 from .shared_parameters import SharedParameters, parameters_of_flags, parameters_of_newton
 from .stand_ins import StandIns
-from .static_triangles import StaticTriangles
 from .step_kernel import (
     BODY_SIZE,
     CONTACTS,
@@ -48,8 +46,6 @@ _LANES = 8, 32
 """Threads of a GPU that share a world: of a model that has no more bodies and degrees of freedom, and of others."""
 _NOT_HERE = {"use_mujoco_cpu": True, "use_speculative_contacts": True}
 """Arguments of SolverMuJoCo with the values that lead around the fused step, or that it would ignore."""
-_MOST_PAIRS = 4096
-"""Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
 _OF_BODIES = ("body_qdd", "body_parent_f")
 """Accelerations and wrenches of bodies, which the kernel writes where somebody reads them."""
 
@@ -102,6 +98,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         static_triangles: Whether static colliders that ``model.stripe.triangles`` marks touch spheres, capsules and
             boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
             step, and see :meth:`lacks`.
+        stand_ins: Static shapes that are no geoms, see :meth:`finds_hidden`; None for none.
         limbs: Whether a robot that is a hub with limbs, which touch nothing that moves, is stepped in a form for such
             robots, see ``docs/solvers.md``; None where it is faster. Set it before the first step.
         newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
@@ -129,9 +126,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._addresses: dict[bool, Any] = {}  # these first, as the constructor notifies
         self._shared = SharedParameters(self._parameter_arrays)
         self.has_stale_graphs = False
-        self._statics: StaticTriangles | None = None
+        self._division: PairDivision | None = None
         self._call: _Call | None = None
-        self._stand_ins = stand_ins
+        self.stand_ins = stand_ins
         with stand_ins.hide(model) if stand_ins is not None else nullcontext():
             super().__init__(model, **kwargs)
         if stand_ins is not None and not self._use_mujoco_contacts:
@@ -150,7 +147,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._before: tuple[wp.array, wp.array] | None = None
         self._per_step = PerStep()
         self._kinds: frozenset[str] = frozenset()  # of what any call had to do in each step
-        self._pairs: list[ContactPair] | None = None
         self._accelerations: dict[str, wp.array] = {}
         self._kept_bodies: wp.array | None = None
 
@@ -162,20 +158,30 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     def lacks(self) -> list[str]:
         """Kinds of pairs of which contacts with triangles are needed and not found, see :func:`mark_triangles`."""
-        if self._pairs is None:
-            self._pairs = self._divide_pairs()
-        return self._hulls
+        return self._divided.hulls
 
     def finds_hidden(self) -> bool:
         """Whether contacts with shapes that are no geoms are found: MuJoCo Warp's collision detection would not."""
         if self.unsupported or self.lacks():
             return False
-        return any(pair.kind in MESH_KINDS.values() for pair in self._pairs or ())
+        return any(pair.kind in MESH_KINDS.values() for pair in self._divided.pairs)
+
+    @property
+    def uses_mujoco_contacts(self) -> bool:
+        """Whether contacts are MuJoCo's and the kernel's own, rather than those that :meth:`step` is given."""
+        return self._use_mujoco_contacts
+
+    @property
+    def _divided(self) -> PairDivision:
+        """The division of the pairs, made when it is first asked for."""
+        if self._division is None:
+            self._division = PairDivision.of(self)
+        return self._division
 
     @property
     def hidden_shapes(self) -> np.ndarray:
         """Shapes of the static colliders that are no geoms; contacts have them as geoms from ``ngeom`` on."""
-        return self._stand_ins.hidden if self._stand_ins is not None else np.zeros(0, dtype=int)
+        return self.stand_ins.hidden if self.stand_ins is not None else np.zeros(0, dtype=int)
 
     @property
     def one_launch(self) -> bool:
@@ -207,7 +213,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if by:
             return f"the fused step{by}"
         if not self.one_launch:
-            return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._others)
+            return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(self._divided.others)
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
         limbs = self.fused.layout.num_limbs
         form = f", of a hub with {limbs} limbs" if limbs > 1 else ""
@@ -485,11 +491,14 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         data, device = self.mjw_data, self.model.device
         opt: mujoco.MjOption = self.mj_model.opt
         contacts = max(1, int(data.naconmax) // int(data.nworld))
-        if self._pairs is None:
-            self._pairs = self._divide_pairs()
         limbs = self.limbs is not False and not self._asked
         tables = ModelTables.of(
-            self._limited_model(), int(data.njmax), contacts, self._pairs, limbs=limbs, losses=self._has_losses()
+            self._limited_model(),
+            int(data.njmax),
+            contacts,
+            self._divided.pairs,
+            limbs=limbs,
+            losses=self._has_losses(),
         )
         if tables.limbs is not None and self.limbs is None and device.is_cuda and not tables.limbs.suits_gpu:
             tables = replace(tables, limbs=None)
@@ -498,7 +507,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,
-            given_contacts=bool(self._others),
+            given_contacts=bool(self._divided.others),
             accelerations=self._kept_bodies is not None,
             contacts=self._fills_contacts,
             contact_forces=self._contact_forces is not None,
@@ -510,7 +519,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             return kernel
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
         self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
-        if self._others:
+        if self._divided.others:
             self._count = wp.zeros(data.nworld, dtype=int, device=device)
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
@@ -520,7 +529,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
     def _asked(self) -> str:
         """What is asked of the kernel that the form for a hub with limbs does not have; empty if it has all."""
         asked = {
-            "contacts of other collision detection": bool(self._others),
+            "contacts of other collision detection": bool(self._divided.others),
             "contacts in MuJoCo Warp's arrays": self._fills_contacts,
             "accelerations of bodies": self._kept_bodies is not None,
             "external wrenches": "wrenches" in self._kinds,
@@ -531,7 +540,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         """Reason why the form for a hub with limbs that was asked for is not taken; empty if it is or was not."""
         if self.limbs is not True or self.fused.layout.is_limbs:
             return ""
-        return f"asked for: {self._asked}" if self._asked else why_no_limbs(self.mj_model, self._pairs or [])
+        return f"asked for: {self._asked}" if self._asked else why_no_limbs(self.mj_model, self._divided.pairs)
 
     def _has_losses(self) -> bool:
         return bool(np.any(self.mjw_model.dof_frictionloss.numpy()))
@@ -555,52 +564,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.mj_model.actuator_forcelimited[:] = self.mjw_model.actuator_forcelimited.numpy().astype(bool)
         return self.mj_model
 
-    def _divide_pairs(self) -> list[ContactPair]:
-        """Pairs whose contacts the kernel finds; they are taken from MuJoCo Warp's list. `_others` names the rest."""
-        model = self.mjw_model
-        self._others: list[str] = []
-        self._hulls: list[str] = []
-        if self.mj_model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
-            return []
-        if not self._use_mujoco_contacts:
-            self._others = ["all pairs, through Newton's collision detection"]
-            self.mjw_data.contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
-            self.mjw_data.contact.geomcollisionid.zero_()
-            return []
-        if model.opt.broadphase == BroadphaseType.NXN:
-            geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
-            listed = list(listed_pairs(self.mj_model, geoms, explicit))
-        else:  # above some number of geoms there is no list to take pairs from
-            listed = list(contact_pairs(self.mj_model))
-        pairs = self._group_meshes(listed)
-        rest = [pair for pair in pairs if not self._finds(pair)]
-        self._others = sorted({self._types(pair) for pair in rest})
-        if model.callback.contactfilter:
-            self._others.append("what its contact filter adds")
-        if model.opt.broadphase != BroadphaseType.NXN and (self._others or len(pairs) > _MOST_PAIRS):
-            self._others = ["all pairs of its many geoms"]
-            return []
-        if model.opt.broadphase == BroadphaseType.NXN and len(rest) < len(listed):
-            left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
-            remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
-        return [pair for pair in pairs if self._finds(pair)]
-
-    def _group_meshes(self, pairs: list[ContactPair]) -> list[ContactPair]:
-        """The pairs, of which those of static meshes stand for groups of them."""
-        if not self.static_triangles:
-            return pairs
-        shapes = self.mjc_geom_to_newton_shape.numpy()[0]
-        self._statics = StaticTriangles(self.mj_model, self.model, shapes, pairs, self._stand_ins)
-        self._hulls = sorted({self._types(pair) for pair in self._statics.lacking})
-        return self._statics.pairs
-
-    def _finds(self, pair: ContactPair) -> bool:
-        return bool(pair.kind) and (self.triangles or not pair.kind.startswith("FIELD"))
-
-    def _types(self, pair: ContactPair) -> str:
-        types = (mujoco.mjtGeom(self.mj_model.geom_type[g]).name for g in (pair.geom1, pair.geom2))
-        return " and ".join(name.removeprefix("mjGEOM_").lower() for name in types)
-
     def _notify_model_changed(self, flags: newton.ModelFlags | int) -> None:
         super()._notify_model_changed(flags)
         self._addresses.clear()  # it may have replaced arrays
@@ -609,8 +572,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
-        if reads and self._statics is not None:
-            self._statics.check_unchanged(self.model)
+        if reads and self._division is not None and self._division.statics is not None:
+            self._division.statics.check_unchanged(self.model)
 
     def _arguments(self, first: bool, last: bool) -> object:
         """Addresses of the arrays, for the first or the last step of a call or one between."""
@@ -660,7 +623,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         for name, array in self._parameter_arrays().items():
             _refer(m, name, array, shared=name in self._shared.names)
         m.field_size, m.field_heights = self.mjw_model.hfield_size.ptr or 0, self.mjw_model.hfield_data.ptr or 0
-        grids, hidden = (None, None) if self._statics is None else (self._statics.grids, self._statics.hidden_geoms)
+        statics = self._divided.statics
+        grids, hidden = (None, None) if statics is None else (statics.grids, statics.hidden_geoms)
         m.meshes = 0 if grids is None else grids.array.ptr
         m.hidden = _address(hidden)
         m.workspace = _address(self._workspace)
@@ -671,7 +635,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         m.eq_active = data.eq_active.ptr or 0
         if self._kept_bodies is not None:
             _refer(m, "bodies", self._kept_bodies)
-        if self._others:
+        if self._divided.others:
             _refer(m, "contacts", self._given)
             m.contact_count = self._count.ptr
         if last and self._contact_forces is not None:

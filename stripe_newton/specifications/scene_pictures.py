@@ -69,7 +69,7 @@ class ScenePictures:
         aspect = self.resolution[0] / self.resolution[1]
         azimuth = self._sun_azimuth() + math.radians(75.0)  # light from the side models the relief
         azimuth = _towards_corner(azimuth, ground.size)
-        eye, target = frame_points(points, azimuth, math.radians(_ELEVATION), math.radians(_FRAMED), aspect, 0.86)
+        eye, target = frame_points(points, azimuth, math.radians(_ELEVATION), math.radians(_FRAMED), aspect, 0.76)
         # Up to the horizon: without it nothing says how high the camera is.
         flat, pitch = target - eye, math.radians(_ELEVATION - 0.5 * (_FOV_ABOVE - _FRAMED))
         flat[2] = -math.hypot(flat[0], flat[1]) * math.tan(pitch)

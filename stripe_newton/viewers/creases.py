@@ -14,6 +14,8 @@ __all__ = ["CREASE_ANGLE", "corner_normals", "crease_builder", "crease_model", "
 
 CREASE_ANGLE = 40.0
 """Angle between two faces from which the edge between them stays sharp [deg]."""
+_MOST_FACES = 1_000_000
+"""Number of faces above which a mesh is drawn as it is: finding its creases would take seconds."""
 _SAME = 1.0e-5
 """Distance within which vertices count as one, as a share of the mesh's size."""
 _SAME_NORMAL = 0.999
@@ -21,7 +23,7 @@ _SAME_NORMAL = 0.999
 
 
 def creased(mesh: newton.Mesh, angle: float = CREASE_ANGLE) -> newton.Mesh:
-    """The mesh with vertices split at its creases, for drawing; the mesh itself if its own normals keep them.
+    """The mesh with vertices split at its creases, for drawing; itself if its own normals keep them or it is huge.
 
     Importers give meshes without authored normals either those of the faces, which shows every facet of a cylinder, or
     means over all faces around a vertex, which makes boxes look inflated.
@@ -32,7 +34,7 @@ def creased(mesh: newton.Mesh, angle: float = CREASE_ANGLE) -> newton.Mesh:
     """
     vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
     faces = np.asarray(mesh.indices).reshape(-1, 3)
-    if not len(faces) or not np.isfinite(vertices).all():
+    if not 0 < len(faces) <= _MOST_FACES or not np.isfinite(vertices).all():
         return mesh
     place = _welded(vertices)
     flat = _face_normals(vertices, faces)

@@ -36,8 +36,10 @@ class SceneRenderer:
 
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
-        self._width, self._height = cfg.size_on(wp.get_device(sim.device).is_cuda)
-        self.cfg = self._traced = cfg = cfg.replace(resolution=(self._width, self._height))
+        is_gpu = wp.get_device(sim.device).is_cuda
+        self._width, self._height = cfg.size_on(is_gpu)
+        sizes = {"resolution": (self._width, self._height), "shadow_resolution": cfg.shadow_size_on(is_gpu)}
+        self.cfg = self._traced = cfg = cfg.replace(**sizes)
         env_ids = _nearest(sim, cfg.env_index, cfg.num_shown) if env_ids is None else [int(i) for i in env_ids]
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
@@ -94,6 +96,7 @@ class SceneRenderer:
             self._traced = self._traced.replace(fov=fov)
         camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
+        self._is_close_up = False
         self._follow(self._movable if follow else self._movable[:0])
 
     def render(self) -> np.ndarray:
@@ -114,7 +117,7 @@ class SceneRenderer:
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
             self._seen_from = eye, target
-            return tracer.render(eye, target, self._shadow_region(poses, shift))
+            return tracer.render(eye, target, self._shadow_region(poses, shift, eye, target))
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Where the last picture shows points.
@@ -138,7 +141,7 @@ class SceneRenderer:
 
     def _setup_camera(self, sim: ViewedSimulation, env_ids: Sequence[int]) -> None:
         """Set eye, target and what they follow, automatically or as the config says."""
-        cfg, scene = self.cfg, self._scene
+        cfg, scene, self._is_close_up = self.cfg, self._scene, False
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
@@ -166,6 +169,7 @@ class SceneRenderer:
         self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
         self._follow(followed)
         self._turns = cfg.origin_type == "asset_heading"
+        self._is_close_up = len(env_ids) > 1 and cfg.origin_type.startswith("asset_")
 
     def _follow(self, bodies: np.ndarray) -> None:
         """Move the camera with the mean position of ``bodies`` from now on, indices into the display state."""
@@ -211,11 +215,17 @@ class SceneRenderer:
         self._near = share if share < self._near else min(share, self._near + 0.02)
         return about + self._near * away, target
 
-    def _shadow_region(self, poses: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, float]:
+    def _shadow_region(
+        self, poses: np.ndarray, shift: np.ndarray, eye: np.ndarray, target: np.ndarray
+    ) -> tuple[np.ndarray, float]:
         """Centre and radius [m] of the ball in which shadows are cast.
 
         The radius grows in steps: each change moves the texels of the shadow map and makes edges of shadows flicker.
         """
+        if self._is_close_up:
+            # Shadows of all robots that are shown would leave too few texels for the one in the middle.
+            reach = float(np.linalg.norm(eye - target))
+            return target, 1.1 * max(reach, 1.0)
         center = self._center + shift
         if len(poses):
             far = np.linalg.norm(poses[:, :3] - center, axis=1)

@@ -69,8 +69,9 @@ class ViewerCfg:
     shadows: bool = True
     """Soft shadows of the sun."""
 
-    shadow_resolution: int = 256
-    """Side of the shadow map [px], which is traced for every frame; a smaller map gives softer shadows."""
+    shadow_resolution: int | None = None
+    """Side of the shadow map [px], which is traced for every frame; a smaller map gives softer shadows. None: 1024 on a
+    GPU, 256 on the CPU, and 384 there with several environments."""
 
     fog: float = 1.0
     """Strength of the fog that fades distant things into the horizon; 0 switches it off."""
@@ -102,6 +103,11 @@ class ViewerCfg:
         width, height = self.resolution or ((1280, 720) if is_gpu else (640, 360))
         return int(width), int(height)
 
+    def shadow_size_on(self, is_gpu: bool) -> int:
+        """Side of the shadow map [px] of a picture that is drawn on a GPU or on the CPU."""
+        default = 1024 if is_gpu else 384 if self.num_shown > 1 else 256
+        return default if self.shadow_resolution is None else int(self.shadow_resolution)
+
     def problems(self) -> Iterator[tuple[str, str]]:
         """Pairs of a field and what is wrong with it, for :meth:`validate`."""
         yield from self._camera_problems()
@@ -111,7 +117,7 @@ class ViewerCfg:
             yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
         for name, low, high in _RANGES:
             value = getattr(self, name)
-            if value is None and name == "azimuth":
+            if value is None and name in ("azimuth", "shadow_resolution"):
                 continue
             if not _numbers((value,), 1) or not low <= value <= high:
                 yield name, f"got {value!r}, expected a number from {low:g} to {high:g}"

@@ -86,8 +86,16 @@ GO1_DRIVES = {
 """Drives of the Go1, geared 6 and 9 to 1."""
 
 
-def _of_mjcf(name: str, self_collision: bool = True, actuators: bool = True) -> ArticulationCfg:
+def _of_mjcf(
+    name: str, self_collision: bool = True, actuators: bool = True, condim: int | None = None
+) -> ArticulationCfg:
     """Config of a robot by its name, of which tasks know the joints and bodies of the MJCF file.
+
+    Args:
+        name: Its name, as for ``find_robot``.
+        self_collision: Whether its bodies collide with each other.
+        actuators: Whether the actuators of the file are read.
+        condim: Dimension of its contacts; None as the file has it.
 
     Raises:
         RobotNotFoundError: its file is not to be had, or only another one.
@@ -98,7 +106,7 @@ def _of_mjcf(name: str, self_collision: bool = True, actuators: bool = True) -> 
             f"robot '{name}': the file that was found is no MJCF file, whose names the tasks have; set MENAGERIE_ROOT "
             "to a checkout of github.com/google-deepmind/mujoco_menagerie"
         )
-    cfg.spawn.self_collision, cfg.spawn.actuators = self_collision, actuators
+    cfg.spawn.self_collision, cfg.spawn.actuators, cfg.spawn.condim = self_collision, actuators, condim
     return cfg
 
 
@@ -131,6 +139,9 @@ def go1_cfg() -> ArticulationCfg:
 def go2_cfg() -> ArticulationCfg:
     """Unitree Go2 with the gains that Isaac Lab trains it with; the legs do not collide with each other.
 
+    Contacts have sliding friction only, as in Isaac Lab. The file has torsional and rolling friction too, which makes
+    ten rows of a point.
+
     Raises:
         RobotNotFoundError: its file is not to be had.
     """
@@ -144,11 +155,13 @@ def go2_cfg() -> ArticulationCfg:
     legs = ImplicitActuatorCfg(
         joint_names_expr=[".*"], stiffness=25.0, damping=0.5, effort_limit=23.5, velocity_limit=30.0, armature=0.01
     )
-    return _standing(_of_mjcf("go2", self_collision=False), 0.33, pose, {"legs": legs}, 0.9)
+    return _standing(_of_mjcf("go2", self_collision=False, condim=3), 0.33, pose, {"legs": legs}, 0.9)
 
 
 def anymal_c_cfg() -> ArticulationCfg:
     """ANYbotics ANYmal C with DC motors in place of a network of its drives; its parts do not collide with each other.
+
+    Contacts have sliding friction only, as in Isaac Lab.
 
     Raises:
         RobotNotFoundError: its file is not to be had.
@@ -162,7 +175,7 @@ def anymal_c_cfg() -> ArticulationCfg:
         stiffness=40.0,
         damping=5.0,
     )
-    return _standing(_of_mjcf("anymal_c", self_collision=False), 0.6, pose, {"legs": legs}, 0.95)
+    return _standing(_of_mjcf("anymal_c", self_collision=False, condim=3), 0.6, pose, {"legs": legs}, 0.95)
 
 
 # -- humanoids

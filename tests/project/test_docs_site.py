@@ -43,7 +43,7 @@ def test_the_start_page_leads_to_each_page():
         ("docs/step.md", "step.md", "[a](../README.md#tasks)", "[a](project/readme.md#tasks)"),
         ("docs/step.md", "step.md", "[the data](../kernels/stripe_kernels/data.py)", "the data"),
         ("docs/step.md", "step.md", "[a](#resets), [b](https://x.org/y)", "[a](#resets), [b](https://x.org/y)"),
-        ("README.md", "project/readme.md", "![p](docs/images/hero.png)", "![p](../images/hero.png)"),
+        ("README.md", "project/readme.md", "![p](docs/images/hero.jpg)", "![p](../images/hero.jpg)"),
         (
             "README.md",
             "project/readme.md",

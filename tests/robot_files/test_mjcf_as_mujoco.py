@@ -16,13 +16,15 @@ from stripe_newton.robot_files.importing import import_robot_file
 INERTIAL = '<inertial pos="0.1 0 0" mass="2" diaginertia=".02 .03 .04"/>'
 
 
-def imported(folder: Path, bodies: str, rest: str = "") -> tuple[newton.ModelBuilder, mujoco.MjModel, dict[str, str]]:
+def imported(
+    folder: Path, bodies: str, rest: str = "", **options: object
+) -> tuple[newton.ModelBuilder, mujoco.MjModel, dict[str, str]]:
     """Builder, MuJoCo's model, and what the rows say by element."""
     path = folder / "robot.xml"
     path.write_text(f"<mujoco>{rest}<worldbody>{bodies}</worldbody></mujoco>")
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    report = import_robot_file(builder, "mjcf", path, {})
+    report = import_robot_file(builder, "mjcf", path, options)
     return (
         builder,
         mujoco.MjModel.from_xml_path(str(path)),
@@ -104,6 +106,19 @@ def test_defaults_of_a_named_outermost_class_hold_for_all(tmp_path):
     assert builder.joint_damping[0] == pytest.approx(3.0)
     assert builder.shape_material_mu[0] == pytest.approx(0.7)
     assert builder.shape_type[0] == newton.GeoType.BOX
+
+
+@pytest.mark.parametrize("condim", [None, 1, 3])
+def test_contacts_of_another_dimension_than_the_file_says(tmp_path, condim):
+    rest = '<default><default class="foot"><geom condim="6"/></default></default>'
+    geoms = '<geom size="0.1" class="foot"/><geom size="0.1" condim="4"/><geom size="0.1"/>'
+    builder, model, rows = imported(
+        tmp_path, f'<body name="a"><freejoint/>{INERTIAL}{geoms}</body>', rest, condim=condim
+    )
+    compiled = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
+    assert model.geom_condim.tolist() == [6, 4, 3]
+    assert compiled.geom_condim.tolist() == ([condim] * 3 if condim else [6, 4, 3])
+    assert rows.keys() == {"option"}
 
 
 def test_joints_that_a_tendon_loses_have_a_row(tmp_path):

@@ -78,6 +78,7 @@ def test_walker_runs_in_one_kernel_with_robots_that_differ(robot):
     robot_file(name)
     env = gymnasium.make_vec(f"Stripe-Velocity-Flat-{robot}-v0", cfg=config(f"Stripe-Velocity-Flat-{robot}-v0"))
     assert ONE_LAUNCH in env.describe()
+    assert ("of a hub with 4 limbs" in env.describe()) == (name in ("go2", "anymal_c"))
     env.reset(seed=1)
     data, trunk = env.scene["robot"].data, env.scene["robot"].find_bodies(base)[0][0]
     assert (data.body_com_pos_b[:, trunk].std(dim=0) > 1e-3).all(), "centres of mass differ"

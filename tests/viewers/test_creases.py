@@ -58,6 +58,12 @@ def test_authored_normals_and_texture_seams_are_kept():
     np.testing.assert_array_equal(np.asarray(made.uvs), np.asarray(made.vertices)[:, :2])
 
 
+def test_huge_meshes_are_drawn_as_they_are(monkeypatch):
+    mesh = newton_mesh(trimesh.creation.box((1.0, 1.0, 1.0)))
+    monkeypatch.setattr("stripe_newton.viewers.creases._MOST_FACES", 11)
+    assert creased(mesh) is mesh
+
+
 def test_a_box_of_triangles_looks_as_a_box():
     """Importers give meshes with the default subdivision one normal a vertex, which makes a box look inflated."""
     mesh = trimesh.creation.box((0.3, 0.3, 0.3))

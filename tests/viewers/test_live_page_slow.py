@@ -86,6 +86,16 @@ def test_pause_stops_the_state_and_step_advances_it_by_one(shown):
     page.wait_for(lambda: env.common_step_counter > before + 5, "time that goes on")
 
 
+def test_keys_pause_and_step(shown):
+    page, env = shown.page, shown.env
+    page.page.mouse.click(300, 200)  # beside the panels, so that no field has the keys
+    page.page.keyboard.press("p")
+    page.wait_for(lambda: shown.viewer.time.is_paused, "pause")
+    before = env.common_step_counter
+    page.page.keyboard.press("n")
+    page.wait_for(lambda: env.common_step_counter == before + 1, "one step")
+
+
 def test_reset_begins_new_episodes(shown):
     before = shown.env.resets
     shown.page.click(shown.page.button("Reset"))
@@ -110,7 +120,9 @@ def test_a_typed_command_reaches_the_environment_and_goes_back_to_the_task(shown
     page.type_number("lin_vel_x", 1.5)
     page.wait_for(lambda: float(term.command[0, 0]) == pytest.approx(1.5), "the command")
     assert float(term.time_left[0]) > 1000.0
-    page.click(page.page.get_by_label("By hand").first)
+    by_hand = page.page.get_by_label("By hand").first
+    page.wait_for(by_hand.is_checked, "the checkbox")
+    page.click(by_hand)
     page.wait_for(lambda: float(term.time_left[0]) == 0.0, "the task's own command")
 
 

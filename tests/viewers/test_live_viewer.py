@@ -12,6 +12,7 @@ import newton
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
 from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.sim import SphereCfg
@@ -490,6 +491,39 @@ def test_a_simulation_or_a_scene_is_shown_too():
         LiveViewer(3)
     with pytest.raises(IndexError, match="9"):
         LiveViewer(BoxSim(2), [9], port=18540)
+
+
+def test_joints_of_what_is_inspected_move_by_sliders(monkeypatch):
+    sim = BoxSim(1)
+    sim.template = newton.ModelBuilder()
+    lid = sim.template.add_link(label="/World/Box/lid")
+    sim.template.add_shape_box(lid, hx=0.1, hy=0.5, hz=0.01)
+    hinge = sim.template.add_joint_revolute(
+        -1, lid, parent_xform=wp.transform((0.0, 0.0, 0.6), wp.quat_identity()), axis=(1.0, 0.0, 0.0),
+        child_xform=wp.transform((0.0, -0.5, 0.0), wp.quat_identity()), limit_lower=-0.5, limit_upper=2.0,
+    )  # fmt: skip
+    sim.template.add_articulation([hinge])
+    builder = newton.ModelBuilder()
+    builder.add_world(sim.template)
+    sim.model = builder.finalize(device="cpu")
+    sim.state = sim.model.state()
+    sim.forward = lambda: newton.eval_fk(sim.model, sim.state.joint_q, sim.state.joint_qd, sim.state)
+    sim.forward()
+    with LiveViewer(sim, port=18590) as viewer:
+        looks = []
+
+        def wait():
+            looks.append(1)
+            (slider,) = viewer.joints.sliders.values()
+            if len(looks) == 1:
+                assert (slider.min, slider.max) == pytest.approx((-0.5, 2.0))
+                slider.value = 1.571
+            else:
+                viewer.close()
+
+        monkeypatch.setattr(viewer.time, "wait", wait)
+        viewer.hold()
+    np.testing.assert_allclose(sim.state.body_q.numpy()[0, :3], (0.0, 0.0, 1.1), atol=1e-3)
 
 
 def test_update_waits_while_time_is_paused(viewer):

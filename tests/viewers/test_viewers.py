@@ -430,3 +430,17 @@ def test_a_camera_follows_more_slowly_in_height():
     follower.follow(np.zeros(3))
     found = follower.follow(np.array([0.3, 0.3, 0.3]))
     assert 0.0 < found[2] < 0.5 * found[0]
+
+
+def test_far_neighbours_leave_the_followed_robot_its_shadow():
+    sim = sim_of(box(position=(0.0, 0.0, 0.3)), num_envs=3, spacing=30.0)
+    view = {"origin_type": "asset_root", "eye": (1.5, -1.5, 1.0), "lookat": (0.0, 0.0, 0.0), "resolution": SMALL}
+
+    def dark(**options):
+        lit, cast = (SceneRenderer(sim, ViewerCfg(**view, shadows=on, **options)).render() for on in (False, True))
+        return int((lit.astype(int) - cast > 15).all(axis=-1).sum())
+
+    alone = dark()
+    assert alone > 30
+    assert dark(num_shown=3) == pytest.approx(alone, rel=0.25)
+    assert ViewerCfg().shadow_size_on(is_gpu=True) > ViewerCfg(num_shown=2).shadow_size_on(is_gpu=False) > 256

@@ -17,7 +17,7 @@ from stripe_newton.specifications.scene_pictures import ScenePictures
 from stripe_tasks.forest import ClearingSpec, ForestSpec, PathSpec, RavineSpec
 from stripe_tasks.rubble import RubbleSpec
 
-SIZE, PICTURE = (96.0, 96.0), (400, 225)
+SIZE, PICTURE = (96.0, 96.0), (360, 203)
 
 
 def eye_level(spec: SceneSpec, seed: int) -> np.ndarray:
@@ -28,7 +28,7 @@ def eye_level(spec: SceneSpec, seed: int) -> np.ndarray:
 
 def save(path: Path, frame: np.ndarray) -> None:
     """Write a picture as JPEG: with so many details a PNG would be large."""
-    Image.fromarray(frame).save(path, quality=72, optimize=True)
+    Image.fromarray(frame).save(path, quality=70, optimize=True)
 
 
 def main() -> None:

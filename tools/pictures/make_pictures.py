@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of the README: ``python tools/pictures/make_pictures.py [docs/images]``.
 
-``hero.png`` shows running ants and humanoids, ``pack.png`` quadrupeds on generated ground, and ``cartpole.png`` and so
+``hero.jpg`` shows running ants and humanoids, ``pack.jpg`` quadrupeds on generated ground, and ``cartpole.png`` and so
 on one environment of each task. No training is needed: robots are posed, and those of the pack stand by themselves.
 """
 
@@ -38,10 +38,14 @@ OVERSAMPLING = 2
 
 
 def save(path: Path, renderer: SceneRenderer) -> None:
-    """Render, scale down to the requested size, and write a small PNG."""
+    """Render, scale down to the requested size, and write a small PNG or JPEG."""
     picture = Image.fromarray(renderer.render())
     size = (picture.width // OVERSAMPLING, picture.height // OVERSAMPLING)
-    picture.resize(size, Image.Resampling.BOX).save(path, optimize=True)
+    picture = picture.resize(size, Image.Resampling.BOX)
+    if path.suffix == ".jpg":
+        picture.save(path, quality=84, optimize=True)
+    else:
+        picture.save(path, optimize=True)
     print(f"{path}: {path.stat().st_size // 1024} kB")
 
 
@@ -218,8 +222,8 @@ def main() -> None:
     wp.config.log_level = wp.LOG_WARNING
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
     out.mkdir(parents=True, exist_ok=True)
-    hero(out / "hero.png")
-    pack(out / "pack.png")
+    hero(out / "hero.jpg")
+    pack(out / "pack.jpg")
     task(out / "cartpole.png", "Stripe-Cartpole-Direct-v0", eye=(3.3, -1.2, 2.75), lookat=(0.0, 0.45, 2.35), fov=30.0)
     task(
         out / "cart_double_pole.png",

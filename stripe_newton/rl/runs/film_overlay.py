@@ -125,7 +125,7 @@ class _VelocityCommand:
 
     def position(self, index: int) -> np.ndarray:
         """Where arrows begin: above the root [m], shape ``(3,)``."""
-        return self.robot.data.root_pose_w[index, :3].cpu().numpy().astype(float) + [0.0, 0.0, 0.22]
+        return self.robot.data.root_pose_w[index, :3].cpu().numpy().astype(float) + [0.0, 0.0, 0.14]
 
     def read(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Commanded and actual velocity, world frame, shape ``(2,)`` [m/s]."""
@@ -155,14 +155,14 @@ def _velocity_command(env: object) -> _VelocityCommand | None:
 def _arrow(ahead: np.ndarray) -> np.ndarray | None:
     """Outline of a level arrow from the origin to ``ahead`` [m], shape ``(7, 3)``; None if it is too short to see."""
     length = float(np.linalg.norm(ahead))
-    if not math.isfinite(length) or length < 0.03:
+    if not math.isfinite(length) or length < 0.06:
         return None
     along = ahead / length
     side = np.array([-along[1], along[0], 0.0])
-    head = min(0.14, 0.6 * length)
+    head, width = min(0.14, 0.5 * length), min(_WIDTH, 0.2 * length)
     corners = [(0.0, 0.5), (length - head, 0.5), (length - head, 1.3), (length, 0.0)]
     corners += [(length - head, -1.3), (length - head, -0.5), (0.0, -0.5)]
-    return np.array([u * along + v * _WIDTH * side for u, v in corners])
+    return np.array([u * along + v * width * side for u, v in corners])
 
 
 def _fill(picture: Image.Image, outline: np.ndarray, color: tuple[int, int, int]) -> None:

@@ -286,6 +286,9 @@ class MjcfFileCfg(_ImporterCfg):
     """Keyframe of the file for what ``init_state`` leaves ``None``: positions of the joints, pose of a free root."""
     actuators: bool = True
     """Read the actuators of the file; without them only the drives of the config's actuator groups act."""
+    condim: int | None = None
+    """Dimension of the contacts of all its geoms: 1 without friction, 3 with sliding friction, 4 with torsional and 6
+    with rolling friction too. Default: as the file says. PhysX has 3."""
     root_pose: tuple[float, ...] | None = None
     """Pose of the root body in the frame of the prim: position [m] and quaternion (x, y, z, w). Default: the file's in
     its world. With the identity the root body begins at ``init_state``."""
@@ -295,11 +298,13 @@ class MjcfFileCfg(_ImporterCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()
+        if self.condim not in (None, 1, 3, 4, 6):
+            yield "condim", f"is {self.condim}, must be 1, 3, 4 or 6, or None for the file's"
         if self.root_pose is not None and len(self.root_pose) != 7:
             yield "root_pose", f"has {len(self.root_pose)} numbers, must have 7: position, quaternion (x, y, z, w)"
 
     def importer_options(self) -> dict[str, object]:
-        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "root_pose")}
+        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "condim", "root_pose")}
         tendons = {name: tendon.to_dict() for name, tendon in self.fixed_tendons.items()}
         return {**super().importer_options(), **own, "fixed_tendons": tendons}
 

@@ -58,6 +58,10 @@ class Inbox:
 
         handle.on_click(clicked)
 
+    def on_key(self, handle: viser.CommandHandle, action: Callable[[], None]) -> None:
+        """Do something whenever a key is pressed."""
+        handle.on_trigger(lambda _: self.put(action))
+
     def set_quietly(self, handle: viser.GuiInputHandle[T], value: T) -> None:
         """Show a value in an input without the action of a change."""
         self._here.is_quiet = True

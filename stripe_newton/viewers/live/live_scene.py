@@ -69,6 +69,9 @@ class LiveScene:
         self.grounds: list[np.ndarray] = []
         """Poses of endless planes, which are left to the backdrop."""
         self._add_batches()
+        self._moving = [batch for batch in self.batches if (batch.bodies >= 0).any()]
+        self._bodies = np.concatenate([np.zeros(0, dtype=int), *(batch.bodies for batch in self._moving)])
+        self._local = np.concatenate([np.zeros((0, 7)), *(batch.local for batch in self._moving)])
 
     @property
     def body_q(self) -> np.ndarray:
@@ -91,16 +94,22 @@ class LiveScene:
 
     def update(self) -> None:
         """Move all shapes to where the simulation has them."""
-        poses = self.model.update()
-        for batch in self.batches:
-            if (batch.bodies >= 0).any():
-                _place(batch, poses)
+        self.model.update()
+        # All at once, as a robot of many parts is many batches.
+        poses = _world_poses(self.body_q, self._bodies, self._local)
+        turns = wxyz(poses[:, 3:])
+        places = poses[:, :3].astype(np.float32)
+        begin = 0
+        for batch in self._moving:
+            end = begin + len(batch.bodies)
+            batch.handle.batched_positions, batch.handle.batched_wxyzs = places[begin:end], turns[begin:end]
+            begin = end
 
     def remove(self) -> None:
         """Take all shapes from the browser."""
         for batch in self.batches:
             batch.handle.remove()
-        self.batches = []
+        self.batches, self._moving = [], []
 
     def _add_batches(self) -> None:
         shapes = self.model.model
@@ -152,7 +161,7 @@ class LiveScene:
             sizes = sizes * np.where(
                 [True, True, kind == int(newton.GeoType.SPHERE)], 1.0 - _THINNER * rank[:, None], 1
             )
-        poses = compose(np.stack([self._pose(int(b)) for b in bodies]), local)
+        poses = _world_poses(self.body_q, bodies, local)
         args: dict[str, object] = {
             "batched_positions": poses[:, :3].astype(np.float32),
             "batched_wxyzs": wxyz(poses[:, 3:]),
@@ -171,9 +180,7 @@ class LiveScene:
             # The corners of a terrain belong to faces of all directions.
             args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
             handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=linear_bytes(colors), **args)
-        batch = ShapeBatch(handle, bodies.astype(int), local.astype(float))
-        self.batches.append(batch)
-        _place(batch, self.body_q)
+        self.batches.append(ShapeBatch(handle, bodies.astype(int), local.astype(float)))
 
     def _mesh(self, shape: int, kind: int, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Vertices and faces of the mesh of a batch, and the factors of its instances, shape ``(n, 3)``."""
@@ -195,15 +202,12 @@ class LiveScene:
         return vertices, faces, np.ones((len(scales), 3))
 
 
-def _place(batch: ShapeBatch, body_q: np.ndarray) -> None:
-    """Move the instances of a batch by the poses of their bodies."""
-    world = np.zeros((1, 7))
-    world[0, 6] = 1.0
-    poses = compose(np.concatenate([body_q, world])[batch.bodies], batch.local)  # body -1 is the last row
-    lost = ~np.isfinite(poses).all(axis=1)
-    poses[lost] = (*_AWAY, 0.0, 0.0, 0.0, 1.0)
-    batch.handle.batched_positions = poses[:, :3].astype(np.float32)
-    batch.handle.batched_wxyzs = wxyz(poses[:, 3:])
+def _world_poses(body_q: np.ndarray, bodies: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Poses of shapes on bodies, -1 for the world; those that are not finite are far away, shape ``(n, 7)``."""
+    world = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    poses = compose(np.concatenate([body_q, world])[bodies], local)  # body -1 is the last row
+    poses[~np.isfinite(poses).all(axis=1)] = (*_AWAY, 0.0, 0.0, 0.0, 1.0)
+    return poses
 
 
 def linear_bytes(colors: np.ndarray) -> np.ndarray:

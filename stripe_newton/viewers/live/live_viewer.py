@@ -25,6 +25,7 @@ from .checkpoint_panel import CheckpointPanel, Checkpoints
 from .command_panel import CommandPanel
 from .env_choice import EnvChoice
 from .inbox import Inbox
+from .joint_panel import JointPanel
 from .live_scene import LiveScene
 from .overlays import Overlays
 from .plot_panel import PlotPanel
@@ -134,7 +135,7 @@ class LiveViewer:
         self.status = StatusPanel(gui, name, self.time, env)
         with wp.ScopedDevice(sim.device):
             self.scene = LiveScene(server, sim, env_ids)
-        tabs = gui.add_tab_group()
+        tabs = self._tabs = gui.add_tab_group()
         with tabs.add_tab("View"):
             self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
             self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
@@ -144,6 +145,7 @@ class LiveViewer:
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
         self._backdrop.set_grounds(self.scene.grounds)
         self.commands: CommandPanel | None = None
+        self.joints: JointPanel | None = None
         self.pushes: Pushes | None = None
         self.plots: PlotPanel | None = None
         if env is not None:
@@ -258,8 +260,12 @@ class LiveViewer:
         self._wait_while_paused()
 
     def hold(self) -> None:
-        """Show the present state until the viewer is closed, for what does not move."""
+        """Show the present state until the viewer is closed, for what does not move but by sliders of its joints."""
         self.time.hide()
+        self.status.hide()
+        if self._env is None and hasattr(self._sim, "forward") and self._sim.template.joint_count:
+            with self._tabs.add_tab("Joints"):
+                self.joints = JointPanel(self.server.gui, self.inbox, self._sim)
         while self.is_running():
             self._serve_page()
             self.time.wait()

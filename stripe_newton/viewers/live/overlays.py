@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Overlays"]
 
-_COMMANDED, _ACTUAL = (4, 110, 14), (4, 38, 175)
+_COMMANDED, _ACTUAL = (255, 67, 5), (15, 147, 48)
 _HIT, _RAY, _FORCE = (200, 10, 4), (220, 105, 10), (185, 4, 50)
-"""Linear, as browsers take them."""
+"""Linear, as browsers take them; velocities have the colours of films."""
 _LIFT = 0.012
 """Height of points above the ground that they are on [m]."""
 _SHORTEST = 0.08

@@ -75,6 +75,10 @@ class StatusPanel:
         self._more = {name: text for name, text in self._more.items() if text}
         self._next = 0.0
 
+    def hide(self) -> None:
+        """Take the text off the page, as nothing happens."""
+        self.text.visible = False
+
     def update(self, env_id: int, at_once: bool = False) -> None:
         """Write the text anew, a few times a second."""
         now = time.monotonic()

@@ -60,6 +60,12 @@ class TimeControl:
         )  # fmt: skip
         inbox.on_click(self.pause_button, lambda: self.set_paused(not self._is_paused))
         inbox.on_choice(self.buttons, self._press)
+        self.keys = {
+            "P": gui.add_command("Pause or play", hotkey="P"),
+            "N": gui.add_command("Next step", hotkey="N"),
+        }
+        inbox.on_key(self.keys["P"], lambda: self.set_paused(not self._is_paused))
+        inbox.on_key(self.keys["N"], self.take_single_step)
         inbox.on_change(self.speed, lambda _: self._start_anew())
 
     @property
@@ -96,6 +102,8 @@ class TimeControl:
         self.set_paused(True)
         for handle in (self.pause_button, self.buttons, self.speed):
             handle.visible = False
+        for key in self.keys.values():
+            key.disabled = True
 
     def takes_step(self) -> bool:
         """Whether a step is due now; the caller then takes it and calls :meth:`count_step`."""

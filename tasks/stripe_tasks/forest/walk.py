@@ -64,7 +64,6 @@ VIEWER = ViewerCfg(
     lookat=(1.2, 0.0, 0.3),
     fov=52.0,
     near=1.5,
-    resolution=(960, 540),
 )
 
 

@@ -143,7 +143,7 @@ class GetupEnvCfg(ManagerBasedRLEnvCfg):
         asset_name="Robot",
         eye=(2.2, -2.4, 0.8),
         lookat=(0.0, 0.0, -0.1),
-        resolution=(960, 540),
+        num_shown=4,
     )
     observations: ObservationsCfg = ObservationsCfg()
     actions: ActionsCfg = ActionsCfg()

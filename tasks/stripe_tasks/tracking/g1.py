@@ -237,7 +237,7 @@ class TrackingEnvCfg(ManagerBasedRLEnvCfg):
         asset_name="Robot",
         eye=(2.2, -2.4, 0.5),
         lookat=(0.0, 0.0, -0.05),
-        resolution=(960, 540),
+        num_shown=4,
     )
     observations: ObservationsCfg = ObservationsCfg()
     actions: ActionsCfg = ActionsCfg()

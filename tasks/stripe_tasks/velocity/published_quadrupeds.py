@@ -103,11 +103,18 @@ def make_low(cfg: VelocityRoughEnvCfg) -> None:
         tiles["random_rough"].noise_range, tiles["random_rough"].noise_step = (0.01, 0.06), 0.01
 
 
-def make_room(cfg: VelocityEnvCfg) -> None:
-    """Make room for contacts of robots whose shapes also touch each other: a fallen Go2 has more than 120 rows."""
+def make_room(cfg: VelocityEnvCfg) -> MuJoCoSolverCfg:
+    """Make room for the contacts of a fallen robot with many shapes. Returns the config of the solver."""
     solver = cfg.sim.solver
     assert isinstance(solver, MuJoCoSolverCfg)
     solver.njmax, solver.nconmax = 240, 60
+    return solver
+
+
+def use_pyramids(cfg: VelocityEnvCfg) -> None:
+    """Use pyramids for friction cones, whatever the robot's file has, and make room for their rows."""
+    solver = make_room(cfg)
+    solver.cone, solver.impratio = "pyramidal", 1.0
 
 
 def placed(robot: ArticulationCfg) -> ArticulationCfg:
@@ -172,7 +179,7 @@ class Go2FlatEnvCfg(VelocityEnvCfg):
         self.scene.robot = placed(go2_cfg())
         super().__post_init__()
         use_isaac_lab_events(self, (-1.0, 3.0))
-        make_room(self)
+        use_pyramids(self)
 
 
 @configclass
@@ -188,7 +195,7 @@ class Go2RoughEnvCfg(VelocityRoughEnvCfg):
         self.scene.robot = placed(go2_cfg())
         super().__post_init__()
         use_isaac_lab_events(self, (-1.0, 3.0))
-        make_room(self)
+        use_pyramids(self)
         make_low(self)
         self.rewards.flat_orientation_l2 = None
 
@@ -207,7 +214,7 @@ def _set_weights(cfg: VelocityEnvCfg, **weights: float) -> None:
 def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float, air_time_weight: float) -> None:
     cfg.actions.joint_pos.scale = 0.5
     use_isaac_lab_events(cfg, (-5.0, 5.0))
-    make_room(cfg)
+    use_pyramids(cfg)
     centre = cfg.events.centre_of_mass
     if centre is not None:
         centre.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}

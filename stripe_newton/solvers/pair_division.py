@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pair division: the pairs of geoms whose contacts the fused step finds, and the kinds of pairs that it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from mujoco_warp._src.types import BroadphaseType, ContactType
+
+from .contact_pairs import ContactPair, contact_pairs, listed_pairs
+from .pair_list import remove_geom_pairs
+from .static_triangles import StaticTriangles
+
+if TYPE_CHECKING:
+    from .solver_fused import SolverFused
+
+__all__ = ["PairDivision"]
+
+_MOST_PAIRS = 4096
+"""Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
+
+
+@dataclass
+class PairDivision:
+    """Division of a model's pairs of geoms between the kernel and collision detection by others."""
+
+    pairs: list[ContactPair] = field(default_factory=list)
+    """Pairs whose contacts the kernel finds; those of static meshes stand for groups of them."""
+    others: list[str] = field(default_factory=list)
+    """Kinds of pairs whose contacts others find."""
+    hulls: list[str] = field(default_factory=list)
+    """Kinds of pairs with a static mesh of which the kernel does not find contacts with triangles."""
+    statics: StaticTriangles | None = None
+    """Static meshes whose triangles the kernel looks at."""
+
+    @classmethod
+    def of(cls, solver: SolverFused) -> PairDivision:
+        """Divide the pairs of a solver. Those that the kernel takes are taken from MuJoCo Warp's list.
+
+        Args:
+            solver: The solver, before its first step.
+        """
+        cpu, model, data = solver.mj_model, solver.mjw_model, solver.mjw_data
+        if cpu.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+            return cls()
+        if not solver.uses_mujoco_contacts:
+            data.contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
+            data.contact.geomcollisionid.zero_()
+            return cls(others=["all pairs, through Newton's collision detection"])
+        is_listed = model.opt.broadphase == BroadphaseType.NXN
+        if is_listed:
+            geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
+            listed = list(listed_pairs(cpu, geoms, explicit))
+        else:  # above some number of geoms there is no list to take pairs from
+            listed = list(contact_pairs(cpu))
+        made = cls(listed)
+        if solver.static_triangles:
+            made._group_meshes(solver)
+        rest = [pair for pair in made.pairs if not _finds(pair, solver.triangles)]
+        made.others = sorted({_types(cpu, pair) for pair in rest})
+        if model.callback.contactfilter:
+            made.others.append("what its contact filter adds")
+        if not is_listed and (made.others or len(made.pairs) > _MOST_PAIRS):
+            return cls([], ["all pairs of its many geoms"], made.hulls, made.statics)
+        if is_listed and len(rest) < len(listed):
+            left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
+            remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
+        made.pairs = [pair for pair in made.pairs if _finds(pair, solver.triangles)]
+        return made
+
+    def _group_meshes(self, solver: SolverFused) -> None:
+        """Let pairs of static meshes stand for groups of them."""
+        shapes = solver.mjc_geom_to_newton_shape.numpy()[0]
+        self.statics = StaticTriangles(solver.mj_model, solver.model, shapes, self.pairs, solver.stand_ins)
+        self.hulls = sorted({_types(solver.mj_model, pair) for pair in self.statics.lacking})
+        self.pairs = self.statics.pairs
+
+
+def _finds(pair: ContactPair, triangles: bool) -> bool:
+    return bool(pair.kind) and (triangles or not pair.kind.startswith("FIELD"))
+
+
+def _types(model: mujoco.MjModel, pair: ContactPair) -> str:
+    types = (mujoco.mjtGeom(model.geom_type[g]).name for g in (pair.geom1, pair.geom2))
+    return " and ".join(name.removeprefix("mjGEOM_").lower() for name in types)
