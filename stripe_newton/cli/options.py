@@ -138,7 +138,7 @@ class DemoArgs:
     """Watch a trained policy that comes with its task, in a browser; on the CPU unless --device says otherwise."""
 
     task: tyro.conf.Positional[tyro.conf.DisallowNone[str | None]] = None
-    """A task with a policy; by default a quadruped on flat ground, where it has one."""
+    """A task with a policy; by default a quadruped on flat ground."""
     viewer: Literal["viser", "none"] = "viser"
     """A live view in the browser, or only numbers."""
     num_envs: int = 4

@@ -301,6 +301,7 @@ def describe(task_id: str) -> str:
 
 POLICIES = {
     "Stripe-Cartpole-v0": "stripe_tasks:policies/cartpole.onnx",
+    "Stripe-Velocity-Flat-Quadruped-v0": "stripe_tasks:policies/velocity_flat_quadruped.onnx",
 }
 """Trained policies that come with the package, for ``stripe-newton demo``."""
 

@@ -130,7 +130,18 @@ def _to_onnx(policy: MLPModel) -> onnx.ModelProto:
     )
     if program is None:
         raise RuntimeError("torch.onnx.export returned nothing")
-    return program.model_proto
+    model = program.model_proto
+    _remove_traces(model)
+    return model
+
+
+def _remove_traces(model: onnx.ModelProto) -> None:
+    """Remove where the code of each operation was: torch notes paths of this machine, half of a small file."""
+    graph = model.graph
+    functions = [node for function in model.functions for node in function.node]
+    for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer, *functions):
+        del part.metadata_props[:]
+        part.doc_string = ""
 
 
 def _write(

@@ -28,6 +28,7 @@ from stripe_newton.rl import (
 )
 from stripe_newton.rl.export import exporter
 from tests.helpers import fake_runner
+from tests.helpers.checkout import ROOT
 from tests.helpers.fake_env import TASK, FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
 from tests.helpers.fake_runner import make_env
 
@@ -100,6 +101,9 @@ def test_an_exported_policy_plays_as_the_network(kind, device, tmp_path):
     runner = make_runner(kind, device)
     found = export_policy(runner, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["policy.json", "policy.onnx", "policy.pt"]
+    content = found.onnx.read_bytes()
+    assert b"site-packages" not in content  # torch's notes of where code was
+    assert str(ROOT).encode() not in content
     for result in found.metadata["check"]["results"].values():
         assert 0.0 <= result["largest_difference"] <= 1e-5
     assert found.metadata["check"]["largest_action"] > 0.05
