@@ -100,10 +100,11 @@ def _train(task: str, argv: Sequence[str]) -> int:
                 # Before the environment is built, so that the run can be resumed from the beginning on.
                 folder.write_task(task)
                 folder.write_params(configs.env, configs.need_agent(), total_envs)
+            runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
+            # Once nothing is refused any more: a run that is not resumed stays as it is.
             if world().rank == 0:
                 with contextlib.suppress(OSError):  # the report then leaves them out
                     write_changes(folder, from_default)
-            runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
             if args.deterministic:
                 print(promise(runner.env))
         except BaseException:
