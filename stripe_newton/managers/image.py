@@ -68,8 +68,8 @@ def image(
     if normalize and data_type == "rgb":
         values = (values - values.mean(dim=(1, 2), keepdim=True)) / 255.0
     elif max_depth is not None:
-        _check_max_depth(max_depth, data_type)
-        values = values.clamp(max=max_depth) / (max_depth if normalize else 1.0)
+        farthest = _checked_max_depth(max_depth, data_type)
+        values = values.clamp(max=farthest) / (farthest if normalize else 1.0)
     elif normalize and data_type in _DEPTHS:
         values = values.masked_fill(torch.isinf(values), 0.0)
     elif normalize and data_type == "normals":
@@ -77,12 +77,13 @@ def image(
     return values.permute(0, 3, 1, 2).contiguous() if channels_first else values
 
 
-def _check_max_depth(max_depth: object, data_type: str) -> None:
-    """Raise ValueError unless a largest depth is positive and of a depth."""
+def _checked_max_depth(max_depth: object, data_type: str) -> float:
+    """The largest depth [m]. Raises ValueError unless it is positive, and ``data_type`` a depth."""
     if data_type not in _DEPTHS:
         raise ValueError(f"is {max_depth!r}, but '{data_type}' is no depth; leave it out")
     if not isinstance(max_depth, (int, float)) or not 0.0 < max_depth < math.inf:
         raise ValueError(f"is {max_depth!r}, must be a finite depth above 0 [m]")
+    return float(max_depth)
 
 
 @dataclass(frozen=True)
@@ -148,11 +149,11 @@ def find_picture(context: ManagerContext, params: Mapping[str, object], where: s
     if max_depth is None:
         return Picture(array, normalize, channels_first)
     try:
-        _check_max_depth(max_depth, data_type)
+        farthest = _checked_max_depth(max_depth, data_type)
     except ValueError as error:
         context.problems.append(f"{where}.params.max_depth: {error}")
         return None
-    return Picture(array, normalize, channels_first, float(max_depth))
+    return Picture(array, normalize, channels_first, farthest)
 
 
 def image_writer(picture: Picture, target: wp.array, first: int) -> Callable[[], None]:

@@ -156,9 +156,8 @@ def _grouped(
     """Normals of groups of corners that meet smoothly ``(G, 3)``, and the group of each corner ``(3 F,)``."""
     count, at = len(faces), place[faces]
     # Each edge of each face with the corners at its two ends, which are 3 f + k.
-    tail = np.arange(3 * count).reshape(-1, 3)
-    head = tail[:, [1, 2, 0]].reshape(-1)
-    tail = tail.reshape(-1)
+    tail = np.arange(3 * count)
+    head = tail.reshape(-1, 3)[:, [1, 2, 0]].reshape(-1)
     a, b = at.reshape(-1)[tail], at.reshape(-1)[head]
     swap = a > b
     low, high = np.where(swap, head, tail), np.where(swap, tail, head)

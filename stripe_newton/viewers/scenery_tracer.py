@@ -94,7 +94,7 @@ class SceneryTracer:
         # The first that applies: a leaf may be smooth, too.
         around = np.array([hasattr(s, "surround") for s in self._sources], dtype=bool)
         kinds = [(fields | around, GROUND), (leaves, FOLIAGE), (smooth, SMOOTH), (grown, SOLID)]
-        kind = np.select(*map(list, zip(*kinds, strict=True)), PLAIN).astype(np.int32)
+        kind = np.select([of for of, _ in kinds], [int(kind) for _, kind in kinds], PLAIN).astype(np.int32)
         meshes.kind = wp.array(kind, dtype=wp.int32, **make)
         meshes.color = wp.array(scene.colors[index].astype(np.float32), dtype=wp.vec3f, **make)
         meshes.middle = wp.array(bounds.mean(axis=1).astype(np.float32), dtype=wp.vec3f, **make)

@@ -42,7 +42,7 @@ class Tracer:
     def __init__(self, scene: DisplayModel, cfg: ViewerCfg, lighting: Lighting):
         self._scene, self._cfg, self._lighting = scene, cfg, lighting
         self._device = scene.model.device
-        self._width, self._height = (int(n) for n in cfg.resolution)
+        self._width, self._height = cfg.size_on(self._device.is_cuda)
         config = SensorCamera.RenderConfig(
             enable_textures=scene.textured,
             enable_backface_culling=False,
@@ -59,7 +59,7 @@ class Tracer:
         self._is_ground = wp.array(scene.is_ground.astype(np.int32), dtype=wp.int32, device=self._device)
         self._transform = wp.zeros(1, dtype=wp.transformf, device=self._device)
         # No shadows of a sun at the horizon: they would be longer than the shadow map reaches.
-        size = cfg.shadow_resolution if cfg.shadows and lighting.to_sun[2] > 0.05 else 0
+        size = cfg.shadow_size_on(self._device.is_cuda) if cfg.shadows and lighting.to_sun[2] > 0.05 else 0
         self._shadow_size = size
         self._shadow_images = self._images(size * size) if size else {}
         self._casters = wp.empty(max(size * size, 1), dtype=wp.float32, device=self._device)

@@ -152,7 +152,9 @@ _RANGES = (
 
 def _sizes(value: object) -> bool:
     """Whether a value is a picture's width and height."""
-    return _numbers(value, 2) and all(int(n) == n and 16 <= n <= 8192 for n in value)
+    if not isinstance(value, Sequence) or not _numbers(value, 2):
+        return False
+    return all(int(n) == n and 16 <= n <= 8192 for n in value)
 
 
 def _numbers(value: object, count: int) -> bool:

@@ -47,11 +47,12 @@ def depth_camera(pitch: float) -> TiledCameraCfg:
     Args:
         pitch: Angle by which it looks down [rad].
     """
+    x, y, z, w = map(float, Rotation.from_euler("y", pitch).as_quat())
     return TiledCameraCfg(
         prim_path="{ENV_REGEX_NS}/Robot/base/depth_camera",
         offset=TiledCameraCfg.OffsetCfg(
             pos=(0.345, 0.0, 0.0),
-            rot=tuple(map(float, Rotation.from_euler("y", pitch).as_quat())),
+            rot=(x, y, z, w),
             convention="world",
         ),
         spawn=PinholeCameraCfg(
@@ -88,7 +89,7 @@ MOUNTING = EventTermCfg(
 class StudentProprioceptionCfg(ProprioceptionCfg):
     """Proprioception without the velocity of the base, which a robot does not measure."""
 
-    base_lin_vel: ObservationTermCfg | None = None
+    base_lin_vel: ObservationTermCfg | None = None  # type: ignore[assignment]  # None removes the base class's term
 
 
 @configclass

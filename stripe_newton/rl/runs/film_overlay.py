@@ -98,7 +98,7 @@ class FilmOverlay:
 
     def _draw_arrows(self, picture: Image.Image, command: _VelocityCommand) -> None:
         renderer = getattr(self._env.unwrapped, "renderer", None)
-        if not hasattr(renderer, "project"):  # an environment that draws in another way
+        if renderer is None or not hasattr(renderer, "project"):  # an environment that draws in another way
             return
         start = command.position(self._index)
         wanted, reached = (v.numpy() for v in command.read(self._index))
@@ -140,10 +140,11 @@ class _VelocityCommand:
 def _velocity_command(env: object) -> _VelocityCommand | None:
     """The velocity command of an environment with a command manager, or of a direct one that has ``commands``."""
     manager, scene = getattr(env, "command_manager", None), getattr(env, "scene", None)
-    for name in getattr(manager, "active_terms", ()):
-        term = manager.get_term(name)
-        if hasattr(term, "vel_command_b"):
-            return _VelocityCommand(term.vel_command_b, scene[getattr(term.cfg, "asset_name", "robot")])
+    if manager is not None and scene is not None:
+        for name in getattr(manager, "active_terms", ()):
+            term = manager.get_term(name)
+            if hasattr(term, "vel_command_b"):
+                return _VelocityCommand(term.vel_command_b, scene[getattr(term.cfg, "asset_name", "robot")])
     robot = getattr(env, "robot", None)
     for name in ("commands", "_commands"):
         command = getattr(env, name, None)

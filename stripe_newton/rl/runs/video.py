@@ -163,9 +163,10 @@ class TrainingVideo:
         except OSError as error:
             self._give_up(error)
             return
-        if self._overlay is not None and self._overlay.has_numbers:
-            inner = self.env.unwrapped
-            self._overlay.after_step(inner.reward_buf, inner.reset_buf)
+        inner = self.env.unwrapped
+        reward, done = getattr(inner, "reward_buf", None), getattr(inner, "reset_buf", None)
+        if self._overlay is not None and self._overlay.has_numbers and reward is not None and done is not None:
+            self._overlay.after_step(reward, done)
         self._taken += 1
         if self._taken >= self.steps:
             self.close()
