@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from rsl_rl.utils import resolve_callable
 
 from .configs import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg
-from .configs.model_cfg import RECURRENT
+from .configs.model_cfg import RslRlRNNModelCfg
 from .graphs.ppo import GraphPPO
 from .graphs.rollout import why_no_rollout_graph
 from .torch_vector_env import rl_env_of
@@ -74,7 +74,7 @@ def _unknown_classes(settings: Mapping[str, object], path: str) -> Iterator[str]
 
 def _too_few_samples(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:
     # Minibatches of recurrent networks are whole trajectories, so their number is bounded by that of environments.
-    recurrent = isinstance(cfg.actor, RECURRENT) or isinstance(cfg.critic, RECURRENT)
+    recurrent = isinstance(cfg.actor, RslRlRNNModelCfg) or isinstance(cfg.critic, RslRlRNNModelCfg)
     samples = env.num_envs if recurrent else env.num_envs * cfg.num_steps_per_env
     if samples < cfg.algorithm.num_mini_batches:
         what = "environments (recurrent networks divide those)" if recurrent else "samples in an iteration"

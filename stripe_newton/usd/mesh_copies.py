@@ -21,7 +21,7 @@ def with_geometry(
         normals: Of the vertices, shape ``(vertices, 3)``; None for those of the faces.
         uvs: Texture coordinates, shape ``(vertices, 2)``; None without a texture.
     """
-    return newton.Mesh(
+    made = newton.Mesh(
         vertices,
         indices,
         normals=normals,
@@ -35,3 +35,5 @@ def with_geometry(
         roughness=mesh.roughness,
         metallic=mesh.metallic,
     )
+    made.texture_transform = mesh.texture_transform  # no argument of the constructor
+    return made

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from stripe_newton.usd.mesh_copies import with_geometry
+
 __all__ = ["CREASE_ANGLE", "corner_normals", "crease_builder", "crease_model", "creased"]
 
 CREASE_ANGLE = 40.0
@@ -45,21 +47,8 @@ def creased(mesh: newton.Mesh, angle: float = CREASE_ANGLE) -> newton.Mesh:
     pairs = faces.reshape(-1).astype(np.int64) * (int(group.max()) + 1) + group
     _, first, index = np.unique(pairs, return_index=True, return_inverse=True)
     source = faces.reshape(-1)[first]
-    made = newton.Mesh(
-        vertices[source],
-        index.reshape(-1),
-        normals=normals[group[first]],
-        uvs=None if mesh.uvs is None or len(mesh.uvs) != len(vertices) else np.asarray(mesh.uvs)[source],
-        compute_inertia=False,
-        is_solid=mesh.is_solid,
-        color=mesh.color,
-        opacity=mesh.opacity,
-        texture=mesh.texture,
-        roughness=mesh.roughness,
-        metallic=mesh.metallic,
-    )
-    made.texture_transform = mesh.texture_transform
-    return made
+    uvs = None if mesh.uvs is None or len(mesh.uvs) != len(vertices) else np.asarray(mesh.uvs)[source]
+    return with_geometry(mesh, vertices[source], index.reshape(-1), normals[group[first]], uvs)
 
 
 def crease_builder(builder: newton.ModelBuilder) -> None:

@@ -10,9 +10,8 @@ struct Frame {
 FN Frame frame_of(const World& w, int b) { return Frame{load(w.pos + 3 * b), load_quat(w.quat + 4 * b)}; }
 FN void set_frame(World& w, int b, Frame f) { store(w.pos + 3 * b, f.x), store_quat(w.quat + 4 * b, f.turn); }
 // A body on its parent, before its joints move it.
-FN Frame hang(Frame parent, Vec pos, Quat quat) { return Frame{parent.x + rotate(parent.turn, pos), parent.turn * quat}; }
 FN Frame hang(Frame parent, const Parameters& P, int b) {
-    return hang(parent, load(P.body_pos() + 3 * b), load_quat(P.body_quat() + 4 * b));
+    return Frame{parent.x + rotate(parent.turn, load(P.body_pos() + 3 * b)), parent.turn * load_quat(P.body_quat() + 4 * b)};
 }
 
 }  // namespace fused

@@ -7,7 +7,7 @@ above, and marches through the cells of the others as :func:`stripe_kernels.sens
 
 import warp as wp
 
-from .ray_field import RayField, clip_span, over_plane
+from .ray_field import RayField, clip_span, leave_index, pass_cell
 
 __all__ = ["BLOCK", "FieldHit", "bound_blocks", "field_normal", "march_blocks"]
 
@@ -56,14 +56,6 @@ def field_normal(field: RayField, hit: FieldHit) -> wp.vec3:
 
 
 @wp.func
-def _crossing(index: int, start: float, step: float) -> float:
-    """Distance at which a ray leaves cell ``index`` of an axis; ``start`` and ``step`` in cells."""
-    if wp.abs(step) < 1.0e-12:
-        return _HUGE
-    return (float(wp.where(step > 0.0, index + 1, index)) - start) / step
-
-
-@wp.func
 def march_blocks(
     field: RayField, blocks: wp.array2d[wp.vec2], start: wp.vec3, direction: wp.vec3, limit: float
 ) -> FieldHit:
@@ -94,7 +86,7 @@ def march_blocks(
     brow = wp.clamp(int(wp.floor((v0 + t * dv) * size)), 0, blocks.shape[0] - 1)
     side = wp.float32(0.0)  # 1 above the surface, -1 below it, 0 before the first triangle
     while True:
-        next_u, next_v = _crossing(bcol, u0 * size, du * size), _crossing(brow, v0 * size, dv * size)
+        next_u, next_v = leave_index(bcol, u0 * size, du * size), leave_index(brow, v0 * size, dv * size)
         end = wp.min(wp.min(next_u, next_v), span[1])
         bounds = blocks[brow, bcol]
         z0, z1 = start[2] + t * direction[2], start[2] + end * direction[2]
@@ -110,7 +102,7 @@ def march_blocks(
             row = wp.clamp(int(wp.floor(v0 + t * dv)), r0, r1)
             inside = wp.bool(True)
             while inside:
-                cell_u, cell_v = _crossing(col, u0, du), _crossing(row, v0, dv)
+                cell_u, cell_v = leave_index(col, u0, du), leave_index(row, v0, dv)
                 leave = wp.max(wp.min(wp.min(cell_u, cell_v), end), t)
                 corners = wp.vec4(
                     field.heights[row, col],
@@ -119,28 +111,14 @@ def march_blocks(
                     field.heights[row + 1, col + 1],
                 )
                 u, v = u0 - float(col), v0 - float(row)
-                middle = leave
-                if wp.abs(du + dv) > 1.0e-12:
-                    diagonal = (1.0 - u - v) / (du + dv)
-                    if diagonal > t and diagonal < leave:
-                        middle = diagonal
-                for part in range(2):
-                    a, b = wp.where(part == 0, t, middle), wp.where(part == 0, middle, leave)
-                    if part == 0 or middle < leave:
-                        far_side = u + v + 0.5 * (a + b) * (du + dv) > 1.0
-                        before = over_plane(corners, u + a * du, v + a * dv, start[2] + a * direction[2], far_side)
-                        after = over_plane(corners, u + b * du, v + b * dv, start[2] + b * direction[2], far_side)
-                        if side == 0.0:
-                            side = wp.where(before >= 0.0, 1.0, -1.0)
-                        if side * after <= 0.0:
-                            share = wp.float32(0.0)
-                            if side * before > 0.0:
-                                share = before / (before - after)
-                            hit.distance = a + share * (b - a)
-                            hit.row = row
-                            hit.col = col
-                            hit.far_side = far_side
-                            return hit
+                passed = pass_cell(corners, u, v, start[2], du, dv, direction[2], t, leave, side)
+                if passed.distance >= 0.0:
+                    hit.distance = passed.distance
+                    hit.row = row
+                    hit.col = col
+                    hit.far_side = passed.far_side
+                    return hit
+                side = passed.side
                 t = leave
                 if leave >= end:
                     inside = False

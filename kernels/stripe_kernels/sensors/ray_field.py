@@ -8,7 +8,7 @@ thickness: a ray that starts below it hits it from below.
 
 import warp as wp
 
-__all__ = ["RayField", "clip_span", "field_height", "march_field", "over_plane"]
+__all__ = ["RayField", "clip_span", "field_height", "leave_index", "march_field", "pass_cell"]
 
 _HUGE = wp.constant(1.0e30)
 
@@ -67,6 +67,82 @@ def over_plane(corners: wp.vec4, u: float, v: float, z: float, far_side: bool) -
 
 
 @wp.func
+def leave_index(index: int, start: float, step: float) -> float:
+    """Distance at which a ray leaves the cell or block ``index`` of an axis; ``start`` and ``step`` in such units."""
+    if wp.abs(step) < 1.0e-12:
+        return _HUGE
+    return (float(wp.where(step > 0.0, index + 1, index)) - start) / step
+
+
+@wp.struct
+class CellPass:
+    """Passage of a ray through a cell."""
+
+    distance: float
+    """Distance along the ray at which it meets the surface [m]; -1 if it does not in this cell."""
+    side: float
+    """1 if the ray leaves above the surface, -1 below it."""
+    far_side: wp.bool
+    """Whether it meets the triangle at the corner (row + 1, column + 1)."""
+
+
+@wp.func
+def pass_cell(
+    corners: wp.vec4,
+    u: float,
+    v: float,
+    z: float,
+    du: float,
+    dv: float,
+    dz: float,
+    enter: float,
+    leave: float,
+    side: float,
+) -> CellPass:
+    """Where a ray meets one of the two triangles of a cell.
+
+    A hit is a change of the side of the surface on which the ray is, and that side is carried from triangle to
+    triangle: computed anew in each, rounding could let a ray slip through an edge.
+
+    Args:
+        corners: Heights of the corners, row by row [m].
+        u: Start of the ray in coordinates of the cell, along columns.
+        v: Start along rows.
+        z: Height of the start [m].
+        du: Change of ``u`` along the ray [1/m].
+        dv: Change of ``v`` [1/m].
+        dz: Change of the height.
+        enter: Distance at which the ray enters the cell [m].
+        leave: Distance at which it leaves [m].
+        side: Side of the surface before, 0 if it is not known.
+    """
+    passed = CellPass()
+    passed.distance = -1.0
+    passed.side = side
+    # ``middle`` is where the ray crosses the cell's diagonal, from one triangle to the other.
+    middle = leave
+    if wp.abs(du + dv) > 1.0e-12:
+        diagonal = (1.0 - u - v) / (du + dv)
+        if diagonal > enter and diagonal < leave:
+            middle = diagonal
+    for part in range(2):
+        first, last = wp.where(part == 0, enter, middle), wp.where(part == 0, middle, leave)
+        if passed.distance < 0.0 and (part == 0 or middle < leave):
+            far_side = u + v + 0.5 * (first + last) * (du + dv) > 1.0
+            before = over_plane(corners, u + first * du, v + first * dv, z + first * dz, far_side)
+            after = over_plane(corners, u + last * du, v + last * dv, z + last * dz, far_side)
+            if passed.side == 0.0:
+                passed.side = wp.where(before >= 0.0, 1.0, -1.0)
+            if passed.side * after <= 0.0:
+                share = wp.float32(0.0)
+                if passed.side * before > 0.0:
+                    share = before / (before - after)
+                passed.distance = first + share * (last - first)
+                passed.far_side = far_side
+    return passed
+
+
+@wp.func
 def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: float) -> float:
     """Distance along a ray to the surface [m]; -1 if there is none within ``limit``.
 
@@ -76,8 +152,7 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
         direction: Unit vector along it.
         limit: Length of the ray [m].
     """
-    # The ray visits the triangles in order. A hit is a change of the side of the surface on which the ray is, and that
-    # side is carried from triangle to triangle: computed anew in each, rounding could let a ray slip through an edge.
+    # The ray visits the triangles in order, see `pass_cell`.
     nrow, ncol = field.heights.shape[0], field.heights.shape[1]
     upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
     upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
@@ -94,35 +169,15 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
     row = wp.clamp(int(wp.floor(v0 + t * dv)), 0, nrow - 2)
     side = wp.float32(0.0)  # 1 above the surface, -1 below it, 0 before the first triangle
     while True:
-        next_u, next_v = _HUGE, _HUGE
-        if wp.abs(du) > 1.0e-12:
-            next_u = (float(wp.where(du > 0.0, col + 1, col)) - u0) / du
-        if wp.abs(dv) > 1.0e-12:
-            next_v = (float(wp.where(dv > 0.0, row + 1, row)) - v0) / dv
+        next_u, next_v = leave_index(col, u0, du), leave_index(row, v0, dv)
         leave = wp.min(wp.min(next_u, next_v), span[1])
         a, b = field.heights[row, col], field.heights[row, col + 1]
         corners = wp.vec4(a, b, field.heights[row + 1, col], field.heights[row + 1, col + 1])
         u, v = u0 - float(col), v0 - float(row)  # start of the ray in coordinates of this cell
-        # ``middle`` is where the ray crosses the cell's diagonal, from one triangle to the other.
-        middle = leave
-        if wp.abs(du + dv) > 1.0e-12:
-            diagonal = (1.0 - u - v) / (du + dv)
-            if diagonal > t and diagonal < leave:
-                middle = diagonal
-        for part in range(2):
-            first, last = wp.where(part == 0, t, middle), wp.where(part == 0, middle, leave)
-            if part == 0 or middle < leave:
-                centre = 0.5 * (first + last)
-                far_side = u + v + centre * (du + dv) > 1.0
-                before = over_plane(corners, u + first * du, v + first * dv, start[2] + first * direction[2], far_side)
-                after = over_plane(corners, u + last * du, v + last * dv, start[2] + last * direction[2], far_side)
-                if side == 0.0:
-                    side = wp.where(before >= 0.0, 1.0, -1.0)
-                if side * after <= 0.0:
-                    share = wp.float32(0.0)
-                    if side * before > 0.0:
-                        share = before / (before - after)
-                    return first + share * (last - first)
+        passed = pass_cell(corners, u, v, start[2], du, dv, direction[2], t, leave, side)
+        if passed.distance >= 0.0:
+            return passed.distance
+        side = passed.side
         if leave >= span[1]:
             return -1.0
         t = leave

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nucleus: the files of NVIDIA's asset server by path, and the robot, prop or reason that stands for each.
+"""Nucleus table: assets of NVIDIA's server by path, with the robot or prop of this package, or why there is none.
 
 Paths are relative to ``ISAAC_NUCLEUS_DIR``, whose folder ``IsaacLab`` is ``ISAACLAB_NUCLEUS_DIR``. A robot's file from
 elsewhere has other names for its joints and bodies than NVIDIA's: tasks find those of NVIDIA's file, by the tables of

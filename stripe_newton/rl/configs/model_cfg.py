@@ -10,7 +10,6 @@ from .field_checks import Problems, layer_widths, one_of
 
 __all__ = [
     "ACTIVATIONS",
-    "RECURRENT",
     "RslRlCNNModelCfg",
     "RslRlMLPModelCfg",
     "RslRlRNNModelCfg",
@@ -164,22 +163,10 @@ class RslRlCNNModelCfg(RslRlMLPModelCfg):
 
 
 @configclass
-class RslRlRecurrentCNNModelCfg(RslRlCNNModelCfg):
+class RslRlRecurrentCNNModelCfg(RslRlCNNModelCfg, RslRlRNNModelCfg):
     """Convolutional encoders as in :class:`RslRlCNNModelCfg`, then a recurrent network over all observations."""
 
     class_name: CodeName = "stripe_newton.rl.recurrent_cnn:RecurrentCNNModel"
     """Name of the model in rsl_rl, or ``module:Class``."""
     rnn_type: str = "gru"
     """Kind of recurrent layer: ``"lstm"`` or ``"gru"``."""
-    rnn_hidden_dim: PositiveInt = 256
-    """Width of the recurrent state."""
-    rnn_num_layers: PositiveInt = 1
-    """Number of stacked recurrent layers."""
-
-    def problems(self) -> Problems:
-        yield from super().problems()
-        yield from one_of(self, "rnn_type", ("lstm", "gru"))
-
-
-RECURRENT = (RslRlRNNModelCfg, RslRlRecurrentCNNModelCfg)
-"""Configs of networks with a memory."""

@@ -9,7 +9,7 @@ from stripe_newton.configclass import configclass
 from stripe_newton.value_types import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 
 from .field_checks import Problems, folder_names, one_of
-from .model_cfg import RECURRENT, RslRlMLPModelCfg
+from .model_cfg import RslRlMLPModelCfg, RslRlRNNModelCfg
 from .ppo_cfg import RslRlPpoAlgorithmCfg
 
 __all__ = ["RslRlBaseRunnerCfg", "RslRlOnPolicyRunnerCfg"]
@@ -139,5 +139,5 @@ class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
             yield "critic.distribution_cfg", "must be None: a value is not drawn from a distribution"
         if self.algorithm.symmetry_cfg is not None:
             for name in ("actor", "critic"):
-                if isinstance(getattr(self, name), RECURRENT):
+                if isinstance(getattr(self, name), RslRlRNNModelCfg):
                     yield name, "is recurrent, which algorithm.symmetry_cfg does not support"
