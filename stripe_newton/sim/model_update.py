@@ -132,7 +132,7 @@ class ModelUpdate:
         """
         sim = self._sim
         if self.why_all_worlds:
-            sim.notify(self.flags)
+            sim.notify(self.flags, expected=True)
             return
         with wp.ScopedDevice(sim.device):
             solver, model, target, worlds = sim.solver, sim.model, sim.solver.mjw_model, sim.num_envs

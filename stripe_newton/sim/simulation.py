@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated
 
 import newton
@@ -654,14 +655,19 @@ class Simulation:
         with wp.ScopedDevice(self.device):
             self.actuation.hide_gains()
 
-    def notify(self, flags: newton.ModelFlags | int) -> None:
+    def notify(self, flags: newton.ModelFlags | int, expected: bool = False) -> None:
         """Tell the solver that properties of the model were changed in place.
 
         Args:
             flags: Which properties; :func:`stripe_newton.sim.model_update.model_flags` finds them by name.
+            expected: Whether :meth:`expect_changes` was told of them: nothing then waits for the device to compare the
+                environments.
         """
         with wp.ScopedDevice(self.device):
-            with self.actuation.solver_gains():
+            told = (
+                self.solver.changes_expected() if expected and isinstance(self.solver, SolverFused) else nullcontext()
+            )
+            with self.actuation.solver_gains(), told:
                 self.actuation.hide_gains()
                 self.solver.notify_model_changed(flags)
             self.forget_stale_graphs()

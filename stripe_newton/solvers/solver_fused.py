@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -125,7 +125,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
         self._addresses: dict[bool, Any] = {}  # these first, as the constructor notifies
         self._shared = SharedParameters(self._parameter_arrays)
-        self.has_stale_graphs = False
+        self.has_stale_graphs, self._compares_worlds = False, True
         self._division: PairDivision | None = None
         self._call: _Call | None = None
         self.stand_ins = stand_ins
@@ -484,6 +484,15 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._addresses.clear()
             self.has_stale_graphs = True
 
+    @contextmanager
+    def changes_expected(self) -> Iterator[None]:
+        """Context for :meth:`notify_model_changed` of changes that were told: worlds are not compared again."""
+        self._compares_worlds = False
+        try:
+            yield
+        finally:
+            self._compares_worlds = True
+
     # -- the kernel and its arguments
 
     def _make(self) -> StepKernel:
@@ -568,7 +577,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         super()._notify_model_changed(flags)
         self._addresses.clear()  # it may have replaced arrays
         # A recording cannot compare worlds: what it changes has been told to `expect_changes`.
-        if not self.model.device.is_capturing and self._shared.check(parameters_of_flags(flags)):
+        compares = self._compares_worlds and not self.model.device.is_capturing
+        if compares and self._shared.check(parameters_of_flags(flags)):
             self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing

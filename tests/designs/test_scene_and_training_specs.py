@@ -261,7 +261,7 @@ def test_a_small_machine_without_a_display_is_enough(task):
         assert lab.render().std() > 1.0
 
 
-def test_a_live_view_streams_to_a_browser(capsys):  # tests/cli/test_cli.py and tests/viewers look at one
+def test_a_live_view_streams_to_a_browser(capsys):  # tests/cli/test_run_commands.py and tests/viewers look at one
     assert main(["play", "--help"]) == 0
     assert "viser" in capsys.readouterr().out
 

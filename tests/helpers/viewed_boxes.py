@@ -156,3 +156,9 @@ class BoxEnv:
         self.sim.state.body_q.assign(self._start)
         self.episode_length_buf.zero_()
         self.resets += 1
+
+
+def take(viewer, env, count):
+    """Take so many steps as the page lets."""
+    for _ in viewer.steps(count):
+        env.step()

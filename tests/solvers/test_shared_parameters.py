@@ -76,6 +76,19 @@ def test_expected_changes_are_seen_without_a_comparison(model):
     assert abs(after[2]) < 0.7 * abs(before[2])
 
 
+def test_changes_that_were_told_are_not_compared(model, monkeypatch):
+    solver = fused(model)
+    before = velocities(solver)
+    solver.expect_changes(["joint_damping"])
+    compared = []
+    monkeypatch.setattr(solver._shared, "check", lambda parameters: compared.append(parameters))
+    model.joint_damping.assign([0.1, 2.0, 0.1])
+    with solver.changes_expected():
+        solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_FORCE_PROPERTIES)
+    assert not compared
+    assert abs(velocities(solver)[1]) < 0.7 * abs(before[1])
+
+
 def test_every_parameter_follows_from_something():
     of_no_model = {name for name, field in PARAMETERS.items() if field.startswith("data.")}
     assert parameters_of_flags(newton.ModelFlags.ALL) == set(PARAMETERS) - of_no_model
