@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""GLB file: one triangle mesh with colours or a picture as glTF in binary form, as browsers read it."""
+"""GLB file: one triangle mesh with colours or a picture as glTF in binary form, as browsers read it.
+
+trimesh, which viser writes meshes with, keeps colours or a picture but not both, rounds colours to bytes, and has no
+surface without light; the ground needs the first, the sky the others.
+"""
 
 from __future__ import annotations
 
