@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Height-field contacts of the fused step against the Warp functions that find those of MuJoCo Warp's solver, and those of
-cylinders on a level field against MuJoCo's contacts with a plane."""
+"""Height-field contacts of the fused step against the Warp functions that find those of MuJoCo Warp's solver.
+
+Those of cylinders are compared with MuJoCo's contacts with a plane."""
 
 # No `from __future__ import annotations`: Warp reads annotations as types, and some of them are local here.
 
@@ -29,7 +30,8 @@ const fused::Geom geom{{fused::load(pos + 3), fused::load_matrix(axes + 9), fuse
 const fused::Field surface{{field.heights.data, field.nrow, field.ncol, field.size[0], field.size[1], field.size[2]}};
 fused::Hit hits[MAX_HITS];
 int count = 0;
-const fused::PartKind whole = kind == {BOX} ? fused::BOX_PART : kind == {CYLINDER} ? fused::CYLINDER_PART : fused::BALL_PART;
+fused::PartKind whole = kind == {BOX} ? fused::BOX_PART : fused::BALL_PART;
+if (kind == {CYLINDER}) whole = fused::CYLINDER_PART;
 const fused::PartKind kinds[] = {{whole, fused::BALL_PART, fused::AXIS_PART}};
 for (int part = 0; part < (kind == {CAPSULE} ? 3 : 1); part++) {{
     const fused::Mat turned = fused::transposed(ground.axes);
@@ -76,9 +78,8 @@ def fused_kernel(double: bool) -> wp.Kernel:
     sources = "".join((folder / name).read_text() for name in names) + WORLD + search
     head = (
         f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
-        "#define HAS_FIELDS 1\n#define HAS_FIELD_CYLINDER 1\n#define TOUCHES 24\n#define NFIELDS 1\n#define HAS_MESHES 0\n"
-        + "#define FUSED_DOUBLE\n"
-        * double
+        "#define HAS_FIELDS 1\n#define HAS_FIELD_CYLINDER 1\n"
+        "#define TOUCHES 24\n#define NFIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
     )
     vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
 
