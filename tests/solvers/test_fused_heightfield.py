@@ -243,7 +243,7 @@ def test_a_cylinder_lies_on_a_ridge_and_stands_on_a_peak():
     case["xpos"][:], case["xmat"][:], case["size"][:] = 0.0, np.eye(3), (0.08, 0.1, 0.0)
     peak, ridge = np.zeros((33, 41), dtype=np.float32), np.zeros((33, 41), dtype=np.float32)
     peak[16, 20] = ridge[:, 20] = 1.0  # 0.12 m high
-    lying = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    lying = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
     for heights, turn, reach in ((peak, np.eye(3), 0.1), (ridge, lying, 0.08)):
         case["heights"], case["xmat"][:, 1], case["xpos"][:, 1, 2] = heights, turn, 0.119 + reach
         counts, hits = hits_of(fused_kernel(False), CYLINDER, 0.0, case)
