@@ -93,8 +93,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     Attributes:
         unsupported: Reason why MuJoCo Warp steps the model instead; empty if the fused step does.
-        triangles: Whether contacts of spheres, capsules and boxes with height fields are those with its triangles,
-            which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
+        triangles: Whether contacts of spheres, capsules, boxes and cylinders with height fields are those with its
+            triangles, which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
         static_triangles: Whether static colliders that ``model.stripe.triangles`` marks touch spheres, capsules and
             boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
             step, and see :meth:`lacks`.
