@@ -7,9 +7,12 @@ import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
+from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from .network_pass import NetworkPass, network_pass
+from .ppo_gradient import PpoGradient
 from .program import Program
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
@@ -41,6 +44,7 @@ class GraphPPO(PPO):
         """Take the arguments of rsl_rl's ``PPO``."""
         super().__init__(actor, critic, storage, *args, **kwargs)
         self._programs: dict[str, Program] = {}
+        self._passes: tuple[NetworkPass, ...] = ()
         self.why_no_update_graph = self._why_no_update_graph()
         """Reason why the update is rsl_rl's own; empty if it is a graph."""
         if not self.why_no_update_graph:
@@ -183,6 +187,9 @@ class GraphPPO(PPO):
         self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
         self._losses = torch.zeros(len(self._loss_names), device=device)
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
+        if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
+            self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
+            self._gradient = PpoGradient(self, self._picked)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
             # Averages over the ranks are collective calls, which stay outside the graphs: between gradients and step,
@@ -220,6 +227,33 @@ class GraphPPO(PPO):
 
     def _compute_gradients(self) -> None:
         """Losses, KL divergence and gradients of a minibatch."""
+        if not self._passes:
+            self._compute_gradients_by_autograd()
+            return
+        actor = self.actor
+        count = len(self._picked)
+        rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
+        obs = TensorDict(rows, batch_size=[count], device=self.device)
+        actor_pass, critic_pass = self._passes
+        mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
+        # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
+        torch.empty_like(mean).normal_()
+        # Of a single sample: the deviations do not depend on the state.
+        actor.distribution.update(mean[:1])
+        std, entropy = actor.output_std[0], actor.output_entropy.mean()
+        found = self._gradient.compute(mean, std.detach(), values)
+        self.optimizer.zero_grad()
+        actor_pass.backward(found.by_mean)
+        critic_pass.backward(found.by_value)
+        if std.requires_grad:
+            torch.autograd.backward([std, entropy], [found.by_std, entropy.new_full((), -self.entropy_coef)])
+        with torch.no_grad():
+            self._kl.copy_(found.kl)
+            self._losses += torch.stack([found.value_loss, found.surrogate_loss, entropy])
+            self._std.copy_(std.mean())
+
+    def _compute_gradients_by_autograd(self) -> None:
+        """The same by torch's autograd, for what the fused loss does not cover."""
         batch, count = self._minibatch(), len(self._picked)
         if self.symmetry:
             self.symmetry.augment_batch(batch, count)
