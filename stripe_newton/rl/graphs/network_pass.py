@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 import torch
 import warp as wp
@@ -13,18 +13,46 @@ from tensordict import TensorDict
 
 from stripe_kernels.ppo import elu_gradient, elu_gradient_bf16
 
-__all__ = ["EluPass", "NetworkPass", "TorchPass", "elu_gradient_in_torch", "elu_gradient_in_warp", "network_pass"]
+__all__ = [
+    "EluPass",
+    "NetworkPass",
+    "TorchPass",
+    "elu_gradient_in_torch",
+    "elu_gradient_in_warp",
+    "network_output",
+    "network_pass",
+]
 
 _ROWS = 64
 """Samples that one thread of the ELU's gradient adds up: enough threads for a GPU, few sums to add afterwards."""
 
 
-class NetworkPass(Protocol):
+def network_output(model: MLPModel, obs: TensorDict) -> torch.Tensor:
+    """The output of ``model.mlp(model.get_latent(obs))``, without gradients, ``(samples, outputs)``."""
+    x = _latent(model, obs)
+    layers = linear_layers(model.mlp)
+    if not layers:
+        return model.mlp(x)
+    for layer in layers[:-1]:
+        x = torch.nn.functional.elu_(layer(x))
+    return layers[-1](x)
+
+
+def _latent(model: MLPModel, obs: TensorDict) -> torch.Tensor:
+    """``model.get_latent(obs)``, which copies also a single group."""
+    if type(model).get_latent is MLPModel.get_latent and len(model.obs_groups) == 1:
+        return model.obs_normalizer(obs[model.obs_groups[0]])
+    return model.get_latent(obs)
+
+
+class NetworkPass(ABC):
     """Forward and backward pass of a network."""
 
+    @abstractmethod
     def forward(self, obs: TensorDict) -> torch.Tensor:
         """The output of the network for observations ``(samples,)``, float32, ``(samples, outputs)``."""
 
+    @abstractmethod
     def backward(self, gradient: torch.Tensor) -> None:
         """Compute gradients of the network's parameters, which have none yet.
 
@@ -53,7 +81,7 @@ def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
     return linear if len(linear) == len(elus) + 1 and len(linear) + len(elus) == len(layers) else []
 
 
-class TorchPass:
+class TorchPass(NetworkPass):
     """Pass of any network, by torch's autograd."""
 
     def __init__(self, model: MLPModel, bf16: bool):
@@ -70,7 +98,7 @@ class TorchPass:
         self._output.backward(gradient)
 
 
-class EluPass:
+class EluPass(NetworkPass):
     """Pass of linear layers with ELU between them.
 
     Activations overwrite what they are computed from, and the gradient before an ELU the one behind it. So a layer's
@@ -85,7 +113,7 @@ class EluPass:
 
     @torch.no_grad()
     def forward(self, obs: TensorDict) -> torch.Tensor:
-        x = self._model.get_latent(obs).to(self._kind)
+        x = _latent(self._model, obs).to(self._kind)
         self._weights = [layer.weight.to(self._kind) for layer in self._layers]
         biases = [layer.bias.to(self._kind) for layer in self._layers]
         self._inputs = [x]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import torch
+import warp as wp
 from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
@@ -11,8 +12,10 @@ from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
-from .network_pass import NetworkPass, network_pass
-from .ppo_gradient import PpoGradient
+from stripe_kernels.rollout import estimate_advantages
+
+from .network_pass import NetworkPass, network_output, network_pass
+from .ppo_gradient import PpoGradient, as_array
 from .program import Program
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
@@ -180,6 +183,7 @@ class GraphPPO(PPO):
     # rsl_rl's loop runs in inference mode, and a tensor made in it cannot be written outside of it.
     @torch.inference_mode(False)
     def _allocate(self, obs: TensorDict) -> None:
+        wp.init()  # an environment of torch alone has not done it
         storage, device = self.storage, self.device
         samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
         self._picked = torch.zeros(samples, dtype=torch.int64, device=device)
@@ -205,20 +209,16 @@ class GraphPPO(PPO):
     def _compute_returns(self) -> None:
         """Returns and advantages, by generalised advantage estimation (Schulman et al., arXiv:1506.02438)."""
         st = self.storage
-        next_value: torch.Tensor = self.critic(self._last_obs)
-        advantage = torch.zeros_like(next_value)
-        for step in reversed(range(st.num_transitions_per_env)):
-            not_done = 1.0 - st.dones[step].float()
-            # TD error: r_t + gamma V(s_{t+1}) - V(s_t), then A_t = delta_t + gamma lambda A_{t+1}
-            delta = st.rewards[step] + not_done * self.gamma * next_value - st.values[step]
-            advantage = delta + not_done * self.gamma * self.lam * advantage
-            st.returns[step] = advantage + st.values[step]
-            next_value = st.values[step]
-        advantages = st.returns - st.values
+        last_values = as_array(network_output(self.critic, self._last_obs).flatten())
+        rewards, dones, values, returns, advantages = (
+            as_array(t.squeeze(-1)) for t in (st.rewards, st.dones, st.values, st.returns, st.advantages)
+        )
+        inputs = [rewards, dones, values, last_values, self.gamma, self.lam, returns, advantages]
+        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device)
         if not self.normalize_advantage_per_mini_batch:
-            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        # Into the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
-        st.advantages.copy_(advantages)
+            # In the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
+            mean, std = st.advantages.mean(), st.advantages.std()
+            st.advantages.sub_(mean).div_(std + 1e-8)
         self._losses.zero_()
 
     def _learn_minibatch(self) -> None:

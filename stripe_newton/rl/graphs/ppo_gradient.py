@@ -14,7 +14,7 @@ from stripe_kernels.ppo import LOSS_TERMS, ppo_loss
 if TYPE_CHECKING:
     from .ppo import GraphPPO
 
-__all__ = ["LossGradient", "PpoGradient"]
+__all__ = ["LossGradient", "PpoGradient", "as_array"]
 
 
 @dataclass
@@ -48,7 +48,6 @@ class PpoGradient:
             algorithm: PPO; its storage must have distribution parameters.
             picked: Rows of the flattened storage that are the minibatch, int64, ``(samples,)``; read in every call.
         """
-        wp.init()  # an environment of torch alone has not done it
         st, self._algorithm, self._picked = algorithm.storage, algorithm, picked
         samples, actions, device = len(picked), st.actions.shape[-1], picked.device
         self._by_mean = torch.zeros(samples, actions, device=device)
@@ -60,9 +59,9 @@ class PpoGradient:
         self._advantages = st.advantages.flatten()
         rows = [t.flatten(0, 1) for t in (st.actions, old_mean, old_std)]
         flat = [st.actions_log_prob.flatten(), st.values.flatten(), self._advantages, st.returns.flatten()]
-        self._picked_array = _array(picked)
-        self._stored = [_array(t) for t in (*rows, *flat, self._scale)]
-        self._outputs = [_array(t) for t in (self._by_mean, self._by_value.flatten(), self._terms)]
+        self._rows = as_array(picked)
+        self._stored = [as_array(t) for t in (*rows, *flat, self._scale)]
+        self._outputs = [as_array(t) for t in (self._by_mean, self._by_value.flatten(), self._terms)]
 
     @torch.no_grad()
     def compute(self, mean: torch.Tensor, std: torch.Tensor, values: torch.Tensor) -> LossGradient:
@@ -77,14 +76,15 @@ class PpoGradient:
         if algorithm.normalize_advantage_per_mini_batch:
             advantages = self._advantages[self._picked]
             self._scale.copy_(torch.stack((advantages.mean(), advantages.std() + 1e-8)))
-        now = [_array(t) for t in (mean.contiguous(), std.contiguous(), values.flatten())]
+        now = [as_array(t) for t in (mean.contiguous(), std.contiguous(), values.flatten())]
         options = [algorithm.clip_param, algorithm.value_loss_coef, algorithm.use_clipped_value_loss]
-        inputs = [self._picked_array, *now, *self._stored, *options, *self._outputs]
-        wp.launch(ppo_loss, dim=len(mean), inputs=inputs, device=self._picked_array.device)
+        inputs = [self._rows, *now, *self._stored, *options, *self._outputs]
+        wp.launch(ppo_loss, dim=len(mean), inputs=inputs, device=self._rows.device)
         means = self._terms.mean(dim=1)
         surrogate, value, kl = means[:LOSS_TERMS].unbind()
         return LossGradient(value, surrogate, kl, self._by_mean, means[LOSS_TERMS:], self._by_value)
 
 
-def _array(tensor: torch.Tensor) -> wp.array:
+def as_array(tensor: torch.Tensor) -> wp.array:
+    """The memory of a tensor as a Warp array, without a gradient."""
     return wp.from_torch(tensor, requires_grad=False)
