@@ -304,6 +304,22 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fused = None
         self._addresses.clear()
 
+    def compile_ahead(self, per_step: PerStep) -> None:
+        """Begin to compile the kernel of the step, which the first step waits for.
+
+        Args:
+            per_step: What :meth:`step_many` is going to be given.
+        """
+        if not self.unsupported and self.converts:
+            self._take_kinds(per_step)
+            self.fused.compile_ahead(str(self.model.device))
+
+    def _take_kinds(self, per_step: PerStep) -> None:
+        """Take a kernel that does in each physics step what a call asks for."""
+        if not per_step.kinds <= self._kinds:
+            self._kinds |= per_step.kinds
+            self._remake()
+
     # -- a step
 
     def step_many(
@@ -343,9 +359,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if (before is not None or per_step.kinds) and not self.converts:
             asked = sorted({*per_step.kinds, *(["the joints before the last step"] if before is not None else [])})
             raise RuntimeError(f"{', '.join(asked)}: need a kernel that converts Newton's state, as `converts` says")
-        if not per_step.kinds <= self._kinds:
-            self._kinds |= per_step.kinds
-            self._remake()
+        self._take_kinds(per_step)
         self._steps, self._before, self._per_step = steps, before, per_step
         try:
             contacts = observables.contacts if observables is not None else None
