@@ -7,7 +7,7 @@ MuJoCo Menagerie, its palm up. Each hook is one kernel.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import warp as wp
 
@@ -260,6 +260,8 @@ class ReposeEnvCfg(DirectRLEnvCfg):
 
     An episode ends when the cube has fallen, or after 10 s.
     """
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
 
     decimation: int = 4
     episode_length_s: float = 10.0
