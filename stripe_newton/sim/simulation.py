@@ -313,7 +313,7 @@ class Simulation:
         self.contacts = self.pipeline.contacts() if self.pipeline else None
         self._allocate_observables()
         if self._steps_inside:
-            self.solver.prepare(self._per_step)  # before the first kernel is compiled
+            self.solver.prepare(self._per_step())  # before the first kernel is compiled
 
     def _collision_detection(self) -> newton.CollisionPipeline:
         """Newton's collision detection, which by default goes through a list of all pairs that may touch."""
@@ -475,9 +475,14 @@ class Simulation:
         } | {type(hook).__name__: True for hook in self._hooks if hook.follows_each_step}
         return [name for name, is_there in names.items() if is_there]
 
-    @property
+    def compile_ahead(self) -> None:
+        """Begin to compile the solver's kernel, if it has one for all of a step, which the first step waits for."""
+        if not self.is_static and self._steps_inside:
+            assert isinstance(self.solver, SolverFused)
+            self.solver.compile_ahead(self._per_step())
+
     def _per_step(self) -> PerStep:
-        """What the solver's kernel does in each physics step beside MuJoCo's."""
+        """What the solver's kernel has to do in each physics step."""
         return PerStep(
             drives=self.actuation.drives if self.actuation.explicit.any() else None,
             solver_drives=self.actuation.drives,
@@ -490,7 +495,7 @@ class Simulation:
         """Launch some time steps of which the solver's kernel does all."""
         solver, state = self.solver, self._state
         assert isinstance(solver, SolverFused)
-        per_step = self._per_step
+        per_step = self._per_step()
         before, observables, dt = (None, self.previous_joint_qd), self.observables, self.physics_dt
         self._solve(
             lambda: solver.step_many(state, state, self.control, dt, substeps, observables, before, per_step),

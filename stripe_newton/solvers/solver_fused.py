@@ -307,6 +307,16 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fused = None
         self._addresses.clear()
 
+    def compile_ahead(self, per_step: PerStep) -> None:
+        """Begin to compile the kernel of the step, which the first step waits for.
+
+        Args:
+            per_step: What :meth:`step_many` is going to be given.
+        """
+        if not self.unsupported and self.converts:
+            self.prepare(per_step)
+            self.fused.compile_ahead(str(self.model.device))
+
     # -- a step
 
     def step_many(

@@ -15,6 +15,7 @@ from mujoco_warp import OverflowType
 
 import stripe_kernels
 from stripe_kernels.actuators import JointDrives, ask_solver_joint, drive_explicit_joint, feed_solver_joint
+from stripe_newton.compile_ahead import compile_ahead, wait_for
 from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, TOUCHES, ModelTables
@@ -214,6 +215,15 @@ class StepKernel:
     options: KernelOptions
     layout: Layout
 
+    @property
+    def _block_dim(self) -> int:
+        """Threads of a block."""
+        return 256 if self.options.lanes == 1 else self.layout.worlds_per_block * self.options.lanes
+
+    def compile_ahead(self, device: str) -> None:
+        """Begin to compile the kernel, which the first launch waits for."""
+        compile_ahead(self.kernel, self._block_dim, device)
+
     def launch(
         self,
         arguments: object,
@@ -236,12 +246,12 @@ class StepKernel:
         lanes, per_block = self.options.lanes, self.layout.worlds_per_block
         blocks = -(-num_worlds // per_block)
         dim = num_worlds if lanes == 1 else blocks * per_block * lanes
-        block = 256 if lanes == 1 else per_block * lanes
         kernel = self.place if place else self.kernel
         inputs = [arguments, num_worlds, steps]
         if not place and self.options.has_drives:
             inputs.append(drives or JointDrives())
-        wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block)
+        wait_for(kernel)
+        wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=self._block_dim)
 
 
 def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
