@@ -18,6 +18,7 @@ import warp as wp
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
 from .contact_pairs import MESH_KINDS
+from .hulls import HullTables
 from .limb_form import LimbForm, why_no_limbs
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
@@ -593,6 +594,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
 
+    @cached_property
+    def _hulls(self) -> HullTables:
+        """The hulls of the meshes of which the kernel finds contacts."""
+        return HullTables(self.mj_model, self._divided.pairs, self.model.device)
+
     @property
     def _asked(self) -> str:
         """What is asked of the kernel that the form for a hub with limbs does not have; empty if it has all."""
@@ -714,7 +720,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         statics = self._divided.statics
         grids, hidden = (None, None) if statics is None else (statics.grids, statics.hidden_geoms)
         m.meshes = 0 if grids is None else grids.array.ptr
-        m.hidden = _address(hidden)
+        m.hidden, m.hulls = _address(hidden), self._hulls.array.ptr
         m.workspace = _address(self._workspace)
         references = self._references if self._has_references else None
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}

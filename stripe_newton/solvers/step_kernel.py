@@ -26,10 +26,10 @@ __all__ = [
 ]  # fmt: skip
 
 _SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "contact_fields.h", "world.h",
-    "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "collision.h",
-    "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h",
-    "step.h",
+    "algebra.h", "primitives.h", "boxes.h", "hulls.h", "hull_contacts.h", "search.h", "heightfield.h", "meshes.h",
+    "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h",
+    "geoms.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h",
+    "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h",
@@ -82,6 +82,7 @@ _ADDRESSES = (
     "field_size",
     "field_heights",
     "meshes",
+    "hulls",
     "hidden",
     "overflow_seen",
     "overflow_told",

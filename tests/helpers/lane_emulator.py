@@ -148,9 +148,10 @@ class EmulatedStep:
         given = self.solver._arguments(first=True, last=True)
         m = self.struct(**{name: kind(getattr(given, name)) for name, kind in self.struct._fields_})
         worlds = self.solver.mjw_data.nworld
-        spill = np.zeros(worlds * max(1, self.layout.spill_size), dtype=np.float32)
+        size = -(-self.layout.spill_size // 4) * 4  # rows are read as fours, as in `Layout.workspace_size`
+        spill = np.zeros(worlds * max(4, size), dtype=np.float32)
         memory = spill.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
-        self.run(ctypes.byref(m), worlds, steps, memory, self.layout.spill_size)
+        self.run(ctypes.byref(m), worlds, steps, memory, size)
 
 
 def emulate(solver: SolverFused, lanes: int) -> EmulatedStep:

@@ -11,10 +11,12 @@ import warp as wp
 
 from stripe_kernels.ppo import LOSS_TERMS, ppo_loss
 
+from .flat_adam import as_array
+
 if TYPE_CHECKING:
     from .ppo import GraphPPO
 
-__all__ = ["LossGradient", "PpoGradient", "as_array"]
+__all__ = ["LossGradient", "PpoGradient"]
 
 
 @dataclass
@@ -83,8 +85,3 @@ class PpoGradient:
         means = self._terms.mean(dim=1)
         surrogate, value, kl = means[:LOSS_TERMS].unbind()
         return LossGradient(value, surrogate, kl, self._by_mean, means[LOSS_TERMS:], self._by_value)
-
-
-def as_array(tensor: torch.Tensor) -> wp.array:
-    """The memory of a tensor as a Warp array, without a gradient."""
-    return wp.from_torch(tensor, requires_grad=False)
