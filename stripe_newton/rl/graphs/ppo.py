@@ -170,7 +170,8 @@ class GraphPPO(PPO):
         self._losses = torch.zeros(len(self._loss_names), device=device)
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
-            self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
+            copies = self._adam.make_copies() if self.use_mixed_precision else None
+            self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
             self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
@@ -208,12 +209,11 @@ class GraphPPO(PPO):
         if not self._passes:
             self._compute_gradients_by_autograd()
             return
-        count = len(self._picked)
-        rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
-        obs = TensorDict(rows, batch_size=[count], device=self.device)
         actor_pass, critic_pass = self._passes
+        stored = self.storage.observations.flatten(0, 1)
         self._adam.gradient.zero_()
-        mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
+        self._adam.update_copies()
+        mean, values = (network.forward(stored, self._picked) for network in self._passes)
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
         self._gradient.compute(mean, values)
