@@ -258,14 +258,15 @@ def _low(pair: wp.uint32) -> float:
 
 @wp.func
 def _high(pair: wp.uint32) -> float:
-    return wp.cast(pair & wp.uint32(0xFFFF0000), float)
+    return wp.cast((pair >> wp.uint32(16)) << wp.uint32(16), float)
 
 
 @wp.func
 def _rounded(value: float) -> wp.uint32:
     """The bits of ``value`` as bfloat16, rounded to the nearest, in the upper half of a word."""
     bits = wp.cast(value, wp.uint32)
-    return (bits + wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))) & wp.uint32(0xFFFF0000)
+    bits += wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))
+    return (bits >> wp.uint32(16)) << wp.uint32(16)
 
 
 @wp.kernel(enable_backward=False)

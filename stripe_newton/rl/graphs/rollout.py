@@ -98,7 +98,8 @@ class GraphRollout:
         assert isinstance(inner, RLEnv)  # `why_no_rollout_graph` has checked it
         self._env, self._algorithm, self._check, self._keep = env, algorithm, check_for_nan, keep
         self._return_sum, self._length_sum = return_sum, length_sum
-        self._pinned: dict[str, torch.Tensor] = {}
+        self._pinned: dict[tuple[str, int], torch.Tensor] = {}
+        self._reports = 0
         self._step = GraphStep(inner)
         self._obs = TensorDict(self._step.observations, batch_size=[env.num_envs])
         self._finite_horizon = is_finite_horizon(inner)
@@ -172,10 +173,11 @@ class GraphRollout:
             numbers: Further values to send by name, tensors without dimensions.
 
         Returns:
-            A function that waits for the copies and returns the report. Call it before this method is called again,
-            which reuses the memory on the host.
+            A function that waits for the copies and returns the report. Call it before this method is called twice
+            more: two reports have memory on the host.
         """
         names = list(numbers)
+        self._reports += 1
         values = torch.stack([torch.as_tensor(v, device=self._env.device).detach().float() for v in numbers.values()])
         # Small values in one tensor: each copy to the host has a latency of its own.
         packed = torch.cat((values, self._log.mean(dim=0), self._nan.float()))
@@ -213,10 +215,11 @@ class GraphRollout:
         """A tensor on the host that will hold ``value`` once the device has copied it."""
         if not value.is_cuda:
             return value.clone()
-        if name not in self._pinned or self._pinned[name].shape != value.shape:
+        key = name, self._reports % 2
+        if key not in self._pinned or self._pinned[key].shape != value.shape:
             # Only a copy to page-locked memory runs beside the host.
-            self._pinned[name] = torch.empty_like(value, device="cpu", pin_memory=True)
-        return self._pinned[name].copy_(value, non_blocking=True)
+            self._pinned[key] = torch.empty_like(value, device="cpu", pin_memory=True)
+        return self._pinned[key].copy_(value, non_blocking=True)
 
     def _hand_out(self) -> TensorDict:
         return self._env.set_observations(self._step.after())
