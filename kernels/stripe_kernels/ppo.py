@@ -4,6 +4,7 @@
 import warp as wp
 
 __all__ = [
+    "BLOCK",
     "LOSS_TERMS",
     "elu_gradient",
     "elu_gradient_bf16",
@@ -12,6 +13,9 @@ __all__ = [
     "gather_inputs_bf16",
     "ppo_loss",
 ]
+
+BLOCK = 64
+"""Threads of a block for all kernels here: few, so that samples of a minibatch are spread over all multiprocessors."""
 
 LOSS_TERMS = 3
 """Rows of ``terms`` of :func:`ppo_loss` before those by standard deviations: surrogate, value loss, KL divergence."""

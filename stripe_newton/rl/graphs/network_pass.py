@@ -13,7 +13,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
 from tensordict import TensorDict
 
-from stripe_kernels.ppo import elu_gradient, elu_gradient_bf16, gather_inputs, gather_inputs_bf16
+from stripe_kernels.ppo import BLOCK, elu_gradient, elu_gradient_bf16, gather_inputs, gather_inputs_bf16
 
 from .flat_adam import as_array
 
@@ -148,7 +148,8 @@ class EluPass(NetworkPass):
         for group in model.obs_groups:
             values = as_array(stored[group].float())
             inputs = [rows, values, first, *statistics, target]
-            wp.launch(kernel, dim=(len(picked), values.shape[1]), inputs=inputs, device=rows.device)
+            dim = (len(picked), values.shape[1])
+            wp.launch(kernel, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
             first += values.shape[1]
         return out
 
@@ -200,5 +201,6 @@ def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor, sums: tor
         dim=(blocks, arrays[0].shape[1]),
         inputs=[*arrays, _ROWS, as_array(parts)],
         device=arrays[0].device,
+        block_dim=BLOCK,
     )
     torch.sum(parts, dim=0, out=sums)

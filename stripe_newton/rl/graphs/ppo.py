@@ -13,7 +13,7 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from stripe_kernels.adam import adapt_rate
-from stripe_kernels.rollout import estimate_advantages
+from stripe_kernels.rollout import BLOCK, estimate_advantages
 
 from .flat_adam import FlatAdam, as_array
 from .network_pass import NetworkPass, network_output, network_pass
@@ -193,7 +193,7 @@ class GraphPPO(PPO):
             as_array(t.squeeze(-1)) for t in (st.rewards, st.dones, st.values, st.returns, st.advantages)
         )
         inputs = [rewards, dones, values, last_values, self.gamma, self.lam, returns, advantages]
-        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device)
+        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device, block_dim=BLOCK)
         if not self.normalize_advantage_per_mini_batch:
             # In the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
             mean, std = st.advantages.mean(), st.advantages.std()

@@ -12,7 +12,7 @@ import warp as wp
 from rsl_rl.modules.distribution import GaussianDistribution, HeteroscedasticGaussianDistribution
 from tensordict import TensorDict
 
-from stripe_kernels.rollout import add_up_episodes, sample_actions, store_outcome
+from stripe_kernels.rollout import BLOCK, add_up_episodes, sample_actions, store_outcome
 from stripe_newton.envs import RLEnv
 from stripe_newton.envs.graph_step import GraphStep, why_not_capturable
 from stripe_newton.rl.torch_vector_env import is_finite_horizon
@@ -230,7 +230,7 @@ class GraphRollout:
         """One step: act, step the environment, store the transition."""
         self._act()
         self._step.launch(self._actions)
-        wp.launch(store_outcome, dim=self._env.num_envs, inputs=self._outcome, device=self._outcome[0].device)
+        self._launch(store_outcome, self._outcome)
         if self._log.shape[1]:
             self._log.index_copy_(0, self._index, self._step.log.unsqueeze(0))
         self._index += 1
@@ -248,7 +248,7 @@ class GraphRollout:
         # The storage has the actions as drawn, the environment gets them clipped, as in rsl_rl.
         bound = self._env.clip_actions
         inputs = [self._sampled[0], *now, math.inf if bound is None else bound, *self._sampled[1:]]
-        wp.launch(sample_actions, dim=self._env.num_envs, inputs=inputs, device=self._sampled[0].device)
+        self._launch(sample_actions, inputs)
 
     def _finish(self) -> None:
         """Values of all steps at once, sums of episodes, and checks."""
@@ -265,4 +265,8 @@ class GraphRollout:
             values[part] = network_output(algorithm.critic, obs[part])
         discount = 0.0 if self._finite_horizon else algorithm.gamma
         inputs = [*self._episodes[:4], discount, *self._episodes[4:]]
-        wp.launch(add_up_episodes, dim=self._env.num_envs, inputs=inputs, device=self._episodes[0].device)
+        self._launch(add_up_episodes, inputs)
+
+    def _launch(self, kernel: wp.Kernel, inputs: list[wp.array | float]) -> None:
+        """Launch a kernel with a thread for each environment."""
+        wp.launch(kernel, dim=self._env.num_envs, inputs=inputs, device=str(self._env.device), block_dim=BLOCK)
