@@ -475,18 +475,28 @@ class Simulation:
         } | {type(hook).__name__: True for hook in self._hooks if hook.follows_each_step}
         return [name for name, is_there in names.items() if is_there]
 
+    def compile_ahead(self) -> None:
+        """Begin to compile the solver's kernel, if it has one for all of a step, which the first step waits for."""
+        if not self.is_static and self._steps_inside:
+            assert isinstance(self.solver, SolverFused)
+            self.solver.compile_ahead(self._per_step())
+
+    def _per_step(self) -> PerStep:
+        """What the solver's kernel has to do in each physics step."""
+        return PerStep(
+            drives=self.actuation.drives if self.actuation.explicit.any() else None,
+            external_wrench=self.external_wrench,
+            wrench_in_world=None if self.external_wrench is None else self.wrench_in_world,
+            velocity_limit=self.velocity_limit if self._limits_velocity else None,
+        )
+
     def _launch_inside(self, substeps: int) -> None:
         """Launch some time steps of which the solver's kernel does all."""
         solver, state = self.solver, self._state
         assert isinstance(solver, SolverFused)
         self.actuation.launch_solver_drives()
         before = self._previous_joint_q, self.previous_joint_qd
-        per_step = PerStep(
-            drives=self.actuation.drives if self.actuation.explicit.any() else None,
-            external_wrench=self.external_wrench,
-            wrench_in_world=None if self.external_wrench is None else self.wrench_in_world,
-            velocity_limit=self.velocity_limit if self._limits_velocity else None,
-        )
+        per_step = self._per_step()
         self._solve(
             lambda: solver.step_many(
                 state, state, self.control, self.physics_dt, substeps, self.observables, before, per_step

@@ -18,6 +18,7 @@ import warp as wp
 from stripe_kernels.fused_contacts import FIELDS, GIVEN_SIZE, list_contacts, sort_contacts
 
 from .contact_pairs import MESH_KINDS
+from .hulls import HullTables
 from .limb_form import LimbForm, why_no_limbs
 from .model_tables import PARAMETERS, ModelTables
 from .newton_layout import NewtonLayout
@@ -125,7 +126,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
         self._addresses: dict[bool, Any] = {}  # these first, as the constructor notifies
         self._shared = SharedParameters(self._parameter_arrays)
-        self.has_stale_graphs, self._compares_worlds = False, True
+        self.has_stale_graphs, self._compares_worlds, self._has_references = False, True, True
+        self._fused: StepKernel | None = None
         self._division: PairDivision | None = None
         self._call: _Call | None = None
         self.stand_ins = stand_ins
@@ -139,7 +141,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.triangles = self.static_triangles = False
         self.limbs: bool | None = None
         self.newton_contacts_for: tuple[str, ...] = ()
-        self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
         self._fills_contacts = False
         self._contact_forces: ContactForces | None = None
@@ -304,6 +305,22 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fused = None
         self._addresses.clear()
 
+    def compile_ahead(self, per_step: PerStep) -> None:
+        """Begin to compile the kernel of the step, which the first step waits for.
+
+        Args:
+            per_step: What :meth:`step_many` is going to be given.
+        """
+        if not self.unsupported and self.converts:
+            self._take_kinds(per_step)
+            self.fused.compile_ahead(str(self.model.device))
+
+    def _take_kinds(self, per_step: PerStep) -> None:
+        """Take a kernel that does in each physics step what a call asks for."""
+        if not per_step.kinds <= self._kinds:
+            self._kinds |= per_step.kinds
+            self._remake()
+
     # -- a step
 
     def step_many(
@@ -343,9 +360,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if (before is not None or per_step.kinds) and not self.converts:
             asked = sorted({*per_step.kinds, *(["the joints before the last step"] if before is not None else [])})
             raise RuntimeError(f"{', '.join(asked)}: need a kernel that converts Newton's state, as `converts` says")
-        if not per_step.kinds <= self._kinds:
-            self._kinds |= per_step.kinds
-            self._remake()
+        self._take_kinds(per_step)
         self._steps, self._before, self._per_step = steps, before, per_step
         try:
             contacts = observables.contacts if observables is not None else None
@@ -508,6 +523,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._divided.pairs,
             limbs=limbs,
             losses=self._has_losses(),
+            newton=self._layout,
         )
         if tables.limbs is not None and self.limbs is None and device.is_cuda and not tables.limbs.suits_gpu:
             tables = replace(tables, limbs=None)
@@ -522,8 +538,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             contact_forces=self._contact_forces is not None,
             per_step=self._kinds,
         )
-        kernel = step_kernel(tables, options, self._layout)
+        kernel = step_kernel(tables, options)
         self._shared.find()
+        self._find_references()
         if self._workspace is not None:  # recorded graphs have the addresses of these arrays
             return kernel
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
@@ -533,6 +550,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
+
+    @cached_property
+    def _hulls(self) -> HullTables:
+        """The hulls of the meshes of which the kernel finds contacts."""
+        return HullTables(self.mj_model, self._divided.pairs, self.model.device)
 
     @property
     def _asked(self) -> str:
@@ -550,6 +572,17 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.limbs is not True or self.fused.layout.is_limbs:
             return ""
         return f"asked for: {self._asked}" if self._asked else why_no_limbs(self.mj_model, self._divided.pairs)
+
+    def _find_references(self) -> bool:
+        """Find out whether any joint has a reference coordinate, as few models do; return whether that has changed."""
+        references, had = self._references, self._has_references
+        if references is not None and not references.device.is_capturing:  # a recording can read nothing back
+            self._has_references = bool(np.any(references.numpy()))
+        return self._has_references != had
+
+    @property
+    def _references(self) -> wp.array | None:
+        return getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
 
     def _has_losses(self) -> bool:
         return bool(np.any(self.mjw_model.dof_frictionloss.numpy()))
@@ -579,6 +612,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         # A recording cannot compare worlds: what it changes has been told to `expect_changes`.
         compares = self._compares_worlds and not self.model.device.is_capturing
         if compares and self._shared.check(parameters_of_flags(flags)):
+            self.has_stale_graphs = True
+        joints = newton.ModelFlags.JOINT_DOF_PROPERTIES | newton.ModelFlags.JOINT_REFERENCE_POSE_PROPERTIES
+        if compares and self._fused is not None and flags & joints and self._find_references():
             self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
@@ -636,9 +672,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         statics = self._divided.statics
         grids, hidden = (None, None) if statics is None else (statics.grids, statics.hidden_geoms)
         m.meshes = 0 if grids is None else grids.array.ptr
-        m.hidden = _address(hidden)
+        m.hidden, m.hulls = _address(hidden), self._hulls.array.ptr
         m.workspace = _address(self._workspace)
-        references = getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
+        references = self._references if self._has_references else None
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}
         for name in NEWTON_MODEL:
             setattr(m, name, _address(own[name] if name in own else getattr(self.model, name)))

@@ -4,12 +4,18 @@
 from __future__ import annotations
 
 import torch
+import warp as wp
 from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
+from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from stripe_kernels.rollout import estimate_advantages
+
+from .network_pass import NetworkPass, network_output, network_pass
+from .ppo_gradient import PpoGradient, as_array
 from .program import Program
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
@@ -41,6 +47,7 @@ class GraphPPO(PPO):
         """Take the arguments of rsl_rl's ``PPO``."""
         super().__init__(actor, critic, storage, *args, **kwargs)
         self._programs: dict[str, Program] = {}
+        self._passes: tuple[NetworkPass, ...] = ()
         self.why_no_update_graph = self._why_no_update_graph()
         """Reason why the update is rsl_rl's own; empty if it is a graph."""
         if not self.why_no_update_graph:
@@ -176,6 +183,7 @@ class GraphPPO(PPO):
     # rsl_rl's loop runs in inference mode, and a tensor made in it cannot be written outside of it.
     @torch.inference_mode(False)
     def _allocate(self, obs: TensorDict) -> None:
+        wp.init()  # an environment of torch alone has not done it
         storage, device = self.storage, self.device
         samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
         self._picked = torch.zeros(samples, dtype=torch.int64, device=device)
@@ -183,6 +191,9 @@ class GraphPPO(PPO):
         self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
         self._losses = torch.zeros(len(self._loss_names), device=device)
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
+        if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
+            self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
+            self._gradient = PpoGradient(self, self._picked)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
             # Averages over the ranks are collective calls, which stay outside the graphs: between gradients and step,
@@ -198,20 +209,16 @@ class GraphPPO(PPO):
     def _compute_returns(self) -> None:
         """Returns and advantages, by generalised advantage estimation (Schulman et al., arXiv:1506.02438)."""
         st = self.storage
-        next_value: torch.Tensor = self.critic(self._last_obs)
-        advantage = torch.zeros_like(next_value)
-        for step in reversed(range(st.num_transitions_per_env)):
-            not_done = 1.0 - st.dones[step].float()
-            # TD error: r_t + gamma V(s_{t+1}) - V(s_t), then A_t = delta_t + gamma lambda A_{t+1}
-            delta = st.rewards[step] + not_done * self.gamma * next_value - st.values[step]
-            advantage = delta + not_done * self.gamma * self.lam * advantage
-            st.returns[step] = advantage + st.values[step]
-            next_value = st.values[step]
-        advantages = st.returns - st.values
+        last_values = as_array(network_output(self.critic, self._last_obs).flatten())
+        rewards, dones, values, returns, advantages = (
+            as_array(t.squeeze(-1)) for t in (st.rewards, st.dones, st.values, st.returns, st.advantages)
+        )
+        inputs = [rewards, dones, values, last_values, self.gamma, self.lam, returns, advantages]
+        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device)
         if not self.normalize_advantage_per_mini_batch:
-            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        # Into the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
-        st.advantages.copy_(advantages)
+            # In the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
+            mean, std = st.advantages.mean(), st.advantages.std()
+            st.advantages.sub_(mean).div_(std + 1e-8)
         self._losses.zero_()
 
     def _learn_minibatch(self) -> None:
@@ -220,6 +227,33 @@ class GraphPPO(PPO):
 
     def _compute_gradients(self) -> None:
         """Losses, KL divergence and gradients of a minibatch."""
+        if not self._passes:
+            self._compute_gradients_by_autograd()
+            return
+        actor = self.actor
+        count = len(self._picked)
+        rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
+        obs = TensorDict(rows, batch_size=[count], device=self.device)
+        actor_pass, critic_pass = self._passes
+        mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
+        # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
+        torch.empty_like(mean).normal_()
+        # Of a single sample: the deviations do not depend on the state.
+        actor.distribution.update(mean[:1])
+        std, entropy = actor.output_std[0], actor.output_entropy.mean()
+        found = self._gradient.compute(mean, std.detach(), values)
+        self.optimizer.zero_grad()
+        actor_pass.backward(found.by_mean)
+        critic_pass.backward(found.by_value)
+        if std.requires_grad:
+            torch.autograd.backward([std, entropy], [found.by_std, entropy.new_full((), -self.entropy_coef)])
+        with torch.no_grad():
+            self._kl.copy_(found.kl)
+            self._losses += torch.stack([found.value_loss, found.surrogate_loss, entropy])
+            self._std.copy_(std.mean())
+
+    def _compute_gradients_by_autograd(self) -> None:
+        """The same by torch's autograd, for what the fused loss does not cover."""
         batch, count = self._minibatch(), len(self._picked)
         if self.symmetry:
             self.symmetry.augment_batch(batch, count)
