@@ -91,7 +91,7 @@ def test_walker_runs_in_one_kernel_with_robots_that_differ(robot):
 
 
 def test_anymal_stands_as_high_as_in_mujoco():
-    """Two seconds in the default pose: with pyramidal cones of ratio 1 its feet creep, and its thighs reach the ground."""
+    """Two seconds in the default pose: with pyramidal cones of ratio 1 its feet creep until it lies."""
     file = robot_file("anymal_c")
     cfg = config("Stripe-Velocity-Flat-AnymalC-v0")
     cfg.events.push_robot = cfg.events.payload = cfg.events.centre_of_mass = None

@@ -3,8 +3,8 @@
 
 Rewards, randomisation, pushes and noise are those of mjlab's velocity tasks of the G1. On rough ground, where the
 height of a foot above the ground is not its height above the origin, its air time is rewarded in place of its height.
-Angular momentum and collisions of the robot with itself cost nothing here. A fall costs what it does in Isaac Lab's task
-of the G1: without that, the first thing to be learnt is to fall at once, as rough motion costs more than standing gains.
+Angular momentum and collisions of the robot with itself cost nothing here. A fall costs what it does in Isaac Lab's
+task of the G1: else falling at once is learnt first, as rough motion costs more than standing gains.
 """
 
 from __future__ import annotations
