@@ -96,6 +96,8 @@ class CameraCfg(SensorBaseCfg):
     ``{ENV_REGEX_NS}/Robot/head/camera`` or ``{ENV_REGEX_NS}/Camera``.
     """
 
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "a camera is not drawn; the live view shows its pictures"}
+
     @configclass
     class OffsetCfg(FrameOffsetCfg):
         """Pose of the camera in the frame of its body, or of the environment."""

@@ -47,6 +47,7 @@ class ImuCfg(SensorBaseCfg):
     """An IMU on a body; ``prim_path`` names the body, or a site on it."""
 
     OffsetCfg: ClassVar[type] = prim_paths.OffsetCfg
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "an IMU is not drawn"}
 
     class_type: Callable[..., SensorBase] | None = _imu
     """Class that the scene makes of this config."""

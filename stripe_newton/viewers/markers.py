@@ -86,6 +86,9 @@ class VisualizationMarkers:
         self.cfg = cfg.copy()
         self.count = 0
         """Number of markers."""
+        self.is_by_env = True
+        """Whether a number of markers that the number of environments divides means that each environment has as many:
+        pictures show those of theirs alone."""
         self._visible = True
         self._values: dict[str, torch.Tensor] = {}
         sim.markers.append(self)
