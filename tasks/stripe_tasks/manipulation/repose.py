@@ -126,7 +126,7 @@ def compute_dones(
     """End an episode when the cube has fallen out of the hand, or after its full length."""
     env = wp.tid()
     terminated[env] = object_distance(env, cube, numbers) >= numbers.fall_dist
-    truncated[env] = episode.length[env] >= wp.int64(episode.max_length - 1)
+    truncated[env] = episode.length[env] >= episode.max_length - wp.int64(1)
 
 
 @wp.kernel(enable_backward=False)

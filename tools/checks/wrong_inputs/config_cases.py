@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import random
 import sys
 from collections.abc import Iterator
@@ -54,6 +55,7 @@ def python_cases(rng: random.Random, count: int, nonfinite: bool) -> Iterator[Ca
         yield Case(group, "config", f"{cls.__name__}.{field.name} = {value}", data, [field.name])
 
 
+@functools.cache  # each looks for the files again, also where there is a network
 def _can_be_made(cls: type) -> bool:
     """Whether this machine has what the defaults of a config class need: some are of robots that others publish."""
     try:
