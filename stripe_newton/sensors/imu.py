@@ -47,7 +47,6 @@ class ImuCfg(SensorBaseCfg):
     """An IMU on a body; ``prim_path`` names the body, or a site on it."""
 
     OffsetCfg: ClassVar[type] = prim_paths.OffsetCfg
-    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "an IMU is not drawn"}
 
     class_type: Callable[..., SensorBase] | None = _imu
     """Class that the scene makes of this config."""
@@ -64,6 +63,9 @@ class ImuCfg(SensorBaseCfg):
     of an episode."""
     delay: NonNegativeInt = 0
     """Age of all outputs, in measurements."""
+    debug_vis: bool = False
+    """Ignored: an IMU is not drawn."""
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "an IMU is not drawn"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()

@@ -12,9 +12,9 @@ import torch
 from .poses import compose, rotate, yaw_of
 
 if TYPE_CHECKING:
-    from .live.viewed_env import ViewedEnv
+    from .viewed_simulation import ViewedSimulation
 
-__all__ = ["Drawing", "Drawn", "MakeDrawing", "command_layers", "sensor_layers"]
+__all__ = ["Drawing", "Drawn", "HasSimulation", "MakeDrawing", "command_layers", "sensor_layers"]
 
 _COMMANDED, _ACTUAL = (255, 67, 5), (15, 147, 48)
 _HIT, _RAY, _FORCE = (200, 10, 4), (220, 105, 10), (185, 4, 50)
@@ -26,6 +26,14 @@ _ABOVE = 0.35
 _PER_WEIGHT = 0.5
 """Length of an arrow of a force as large as the robot's weight [m]."""
 _GRAVITY = 9.81
+
+
+class HasSimulation(Protocol):
+    """An environment. Managers, scene and sensors are there for some only, and are asked for by name."""
+
+    @property
+    def sim(self) -> ViewedSimulation:
+        """The simulation."""
 
 
 class Drawing(Protocol):
@@ -81,7 +89,7 @@ class Drawn:
 # -- commands
 
 
-def command_layers(make: MakeDrawing, env: ViewedEnv | None) -> Iterator[Drawn]:
+def command_layers(make: MakeDrawing, env: HasSimulation | None) -> Iterator[Drawn]:
     """Layers of the commands of an environment that can be drawn.
 
     Args:
@@ -189,7 +197,7 @@ class _Motion(Drawn):
 # -- sensors
 
 
-def sensor_layers(make: MakeDrawing, env: ViewedEnv | None) -> Iterator[Drawn]:
+def sensor_layers(make: MakeDrawing, env: HasSimulation | None) -> Iterator[Drawn]:
     """Layers of the sensors of an environment that can be drawn; arguments as for :func:`command_layers`."""
     sensors = getattr(getattr(env, "scene", None), "sensors", {})
     for name, sensor in sensors.items():

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stripe_newton.sim import ArrowCfg, CylinderCfg, FrameCfg, PreviewSurfaceCfg, Simulation, SphereCfg
+from stripe_newton.sim import ArrowCfg, CylinderCfg, FrameCfg, PreviewSurfaceCfg, SphereCfg
 from stripe_newton.sim.spawners.spawner_cfg import SpawnerCfg
 
-from .layers import Drawn, command_layers, sensor_layers
+from .layers import Drawn, HasSimulation, command_layers, sensor_layers
 from .markers import VisualizationMarkers, VisualizationMarkersCfg
 
 if TYPE_CHECKING:
-    from .live.viewed_env import ViewedEnv
+    from .viewed_simulation import ViewedSimulation
 
 __all__ = ["PictureLayers"]
 
@@ -31,7 +31,7 @@ _POINT, _LINE, _ARROW = 0.014, 0.004, 0.03
 class PictureLayers:
     """Layers of an environment that its config asks for, as markers that are visible while a picture is made."""
 
-    def __init__(self, env: ViewedEnv, env_ids: Sequence[int], chosen: int):
+    def __init__(self, env: HasSimulation, env_ids: Sequence[int], chosen: int):
         """Find the layers.
 
         Args:
@@ -62,7 +62,7 @@ class PictureLayers:
 class _MarkerDrawing:
     """A drawing of markers, which are made when there is first something to draw."""
 
-    def __init__(self, sim: Simulation, name: str):
+    def __init__(self, sim: ViewedSimulation, name: str):
         self._sim, self._name = sim, name
         self._markers: VisualizationMarkers | None = None
 

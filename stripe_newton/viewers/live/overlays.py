@@ -128,8 +128,8 @@ class Overlays:
         self.layers: dict[str, Layer] = {}
         self.boxes: dict[str, viser.GuiCheckboxHandle] = {}
         make = partial(_Drawing, server)
-        for layer in (_Markers(server, sim), *command_layers(make, env), *sensor_layers(make, env)):
-            self.layers[layer.name] = layer
+        layers: list[Layer] = [_Markers(server, sim), *command_layers(make, env), *sensor_layers(make, env)]
+        self.layers |= {layer.name: layer for layer in layers}
         self._markers = sim.markers
         self._folder = gui.add_folder("Draw")
         with self._folder:
