@@ -13,6 +13,8 @@ from tensordict import TensorDict
 
 from stripe_kernels.ppo import elu_gradient, elu_gradient_bf16
 
+from .flat_adam import as_array
+
 __all__ = [
     "EluPass",
     "NetworkPass",
@@ -54,7 +56,7 @@ class NetworkPass(ABC):
 
     @abstractmethod
     def backward(self, gradient: torch.Tensor) -> None:
-        """Compute gradients of the network's parameters, which have none yet.
+        """Compute gradients of the network's parameters into their ``grad``, which is 0 before.
 
         Args:
             gradient: Gradient by the output of the last :meth:`forward`.
@@ -124,41 +126,42 @@ class EluPass(NetworkPass):
 
     @torch.no_grad()
     def backward(self, gradient: torch.Tensor) -> None:
-        by_bias, by_output = gradient.sum(dim=0), gradient.to(self._kind)
+        by_output = gradient.to(self._kind)
+        torch.sum(gradient, dim=0, out=self._layers[-1].bias.grad)
         for index in reversed(range(len(self._layers))):
             layer, x = self._layers[index], self._inputs[index]
-            layer.weight.grad = (by_output.t() @ x).float()
-            layer.bias.grad = by_bias
+            if self._kind == torch.float32:
+                torch.mm(by_output.t(), x, out=layer.weight.grad)
+            else:
+                layer.weight.grad.copy_(by_output.t() @ x)
             if index:
                 by_output = by_output @ self._weights[index]
-                by_bias = _elu_gradient(by_output, x)
+                _elu_gradient(by_output, x, self._layers[index - 1].bias.grad)
         self._inputs, self._weights = [], []
 
 
-def _elu_gradient(gradient: torch.Tensor, result: torch.Tensor) -> torch.Tensor:
+def _elu_gradient(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
     packed = gradient.dtype != torch.bfloat16 or gradient.shape[1] % 2 == 0
-    return (elu_gradient_in_warp if gradient.is_cuda and packed else elu_gradient_in_torch)(gradient, result)
+    (elu_gradient_in_warp if gradient.is_cuda and packed else elu_gradient_in_torch)(gradient, result, sums)
 
 
-def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor) -> torch.Tensor:
+def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
     """Turn the gradient behind an ELU into that before it, by torch, which uses all threads of a CPU.
 
     Args:
         gradient: By the results; becomes that by the arguments, ``(samples, width)``.
         result: Results of the ELU, ``(samples, width)``.
-
-    Returns:
-        Sums of the new gradient over the samples, float32, ``(width,)``.
+        sums: Takes the sums of the new gradient over the samples, float32, ``(width,)``.
     """
     torch.ops.aten.elu_backward.grad_input(gradient, 1.0, 1.0, 1.0, True, result, grad_input=gradient)
-    return gradient.sum(dim=0, dtype=torch.float32)
+    torch.sum(gradient, dim=0, dtype=torch.float32, out=sums)
 
 
-def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor) -> torch.Tensor:
+def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
     """:func:`elu_gradient_in_torch` in one pass over both, and a small sum. In bfloat16 the width must be even."""
     samples, width = gradient.shape
     blocks = math.ceil(samples / _ROWS)
-    sums = torch.empty(blocks, width, device=gradient.device)
+    parts = torch.empty(blocks, width, device=gradient.device)
     kernel, views, dtype = elu_gradient, (gradient, result), wp.float32
     if gradient.dtype == torch.bfloat16:
         # Two numbers in a word: loads of 16 bits would leave half of the memory's bandwidth unused.
@@ -167,7 +170,7 @@ def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor) -> torch.
     wp.launch(
         kernel,
         dim=(blocks, arrays[0].shape[1]),
-        inputs=[*arrays, _ROWS, wp.from_torch(sums, requires_grad=False)],
+        inputs=[*arrays, _ROWS, as_array(parts)],
         device=arrays[0].device,
     )
-    return sums.sum(dim=0)
+    torch.sum(parts, dim=0, out=sums)

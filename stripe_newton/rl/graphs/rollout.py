@@ -18,9 +18,9 @@ from stripe_newton.envs.graph_step import GraphStep, why_not_capturable
 from stripe_newton.rl.torch_vector_env import is_finite_horizon
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 
+from .flat_adam import as_array
 from .network_pass import network_output
 from .ppo import GraphPPO
-from .ppo_gradient import as_array
 from .program import Program
 
 __all__ = ["GraphRollout", "Report", "why_no_rollout_graph"]

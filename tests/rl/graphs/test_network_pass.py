@@ -21,7 +21,10 @@ SAMPLES = 150
 def model(**settings) -> MLPModel:
     torch.manual_seed(3)
     obs = TensorDict({"a": torch.zeros(1, 5), "b": torch.zeros(1, 3)}, batch_size=[1])
-    return MLPModel(obs, {"actor": ["a", "b"]}, "actor", 4, **({"hidden_dims": (16, 10)} | settings))
+    made = MLPModel(obs, {"actor": ["a", "b"]}, "actor", 4, **({"hidden_dims": (16, 10)} | settings))
+    for parameter in made.parameters():
+        parameter.grad = torch.zeros_like(parameter)
+    return made
 
 
 def observations() -> TensorDict:
@@ -31,8 +34,8 @@ def observations() -> TensorDict:
 
 
 def gradients(of: MLPModel) -> dict[str, torch.Tensor]:
-    found = {name: p.grad for name, p in of.named_parameters()}
-    of.zero_grad()
+    found = {name: p.grad.clone() for name, p in of.named_parameters()}
+    of.zero_grad(set_to_none=False)
     return found
 
 
@@ -76,6 +79,8 @@ def test_the_kernel_of_the_elu_is_torchs(kind):
     result = torch.nn.functional.elu(torch.randn(SAMPLES, 14)).to(kind)
     gradient = torch.randn(SAMPLES, 14).to(kind)
     theirs, ours = gradient.clone(), gradient.clone()
-    their_sums, our_sums = elu_gradient_in_torch(theirs, result), elu_gradient_in_warp(ours, result)
+    their_sums, our_sums = torch.zeros(2, 14)
+    elu_gradient_in_torch(theirs, result, their_sums)
+    elu_gradient_in_warp(ours, result, our_sums)
     torch.testing.assert_close(ours, theirs, rtol=0.0, atol=0.0)
     torch.testing.assert_close(our_sums, their_sums, rtol=1.0e-5, atol=1.0e-5)
