@@ -94,6 +94,7 @@ FN void write_contact_forces(const Parameters& P, const LimbContact (*found)[LIM
             store(P.contact_forces() + 3 * place, f.x * o.normal + f.y * o.tangent + f.z * cross(o.normal, o.tangent));
         }
     if (lane == 0 && all < MAX_CONTACTS) P.force_geoms()[2 * all] = P.force_geoms()[2 * all + 1] = -1;
+    if (lane == 0 && all > MAX_CONTACTS) *P.overflow() |= OVERFLOW_CONTACTS;  // limbs have room for more
 }
 #endif
 
