@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import hashlib
 import importlib
 import importlib.metadata
 import os
@@ -24,21 +25,29 @@ from typing import TextIO
 __all__ = ["MODULES", "compile_modules", "start_early", "warm_up"]
 
 MODULES = {
-    "newton._src.solvers.mujoco.kernels": 12.0,
-    "newton._src.sim.articulation": 9.0,
-    "mujoco_warp._src.smooth": 3.5,
-    "newton._src.geometry.inertia": 2.5,
-    "mujoco_warp._src.set_const": 2.2,
-    "newton._src.geometry.bvh": 1.4,
-    "stripe_kernels.mujoco_model": 0.5,
-    "stripe_kernels.actuators": 0.5,
-    "stripe_kernels.sensors.contact": 0.5,
-    "stripe_kernels.actuation": 0.3,
+    "newton._src.solvers.mujoco.kernels": 4.0,
+    "newton._src.sim.articulation": 2.5,
+    "mujoco_warp._src.smooth": 2.4,
+    "newton._src.geometry.inertia": 1.0,
+    "mujoco_warp._src.set_const": 0.7,
+    "newton._src.geometry.bvh": 0.7,
+    "stripe_kernels.mujoco_model": 0.4,
+    "stripe_kernels.actuators": 0.4,
+    "stripe_kernels.sensors.contact": 0.4,
+    "stripe_kernels.env_rows": 0.3,
+    "stripe_kernels.actuation": 0.2,
     "stripe_kernels.episode": 0.2,
 }
-"""Modules that every task needs, with the time that they take to compile, relative to each other."""
-_MOST_WORKERS = 4
-"""Each has a context on the GPU of its own."""
+"""Modules that every task needs, with the seconds that they take to compile."""
+_OWN_MODULES = {
+    "newton._src.geometry.inertia": ("validate_and_correct_inertia_kernel", "compute_body_inverses_kernel"),
+}
+"""Kernels that have a Warp module of their own, by the Python module that defines them."""
+_BLOCK_DIMS = {"newton._src.sim.articulation": (8, 16)}
+"""Sizes of the blocks that a module is launched in on a GPU, each of which is compiled, if not Warp's own. Newton takes
+16 for articulations of few joints."""
+_MOST_WORKERS = 8
+"""Each imports Newton, so that more would gain nothing."""
 
 
 _early: subprocess.Popen[bytes] | None = None
@@ -60,9 +69,7 @@ def start_early(device: str | None) -> None:
     guess = device or ("cuda:0" if Path("/proc/driver/nvidia/version").exists() else "cpu")
     folder = _cache_folder()
     kind = "cpu" if guess == "cpu" else "sm*"
-    if folder is None or any(folder.glob(f"stripe_newton_{_versions()}_{kind}.warm")):
-        return
-    if all(any(folder.glob(f"wp_{name}_*")) for name in MODULES):
+    if folder is None or any(folder.glob(f"stripe_newton_{_versions()}_{kind}.warm")) or _is_read_only(folder):
         return
     _early = subprocess.Popen([sys.executable, "-m", "stripe_newton.cli.kernel_warmup", "--all", guess])
     atexit.register(_end_early)
@@ -76,6 +83,11 @@ def _cache_folder() -> Path | None:
     if platform.system() == "Linux":
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "warp" / version
     return Path.home() / "Library" / "Caches" / "warp" / version if platform.system() == "Darwin" else None
+
+
+def _is_read_only(folder: Path) -> bool:
+    """Whether nothing can be compiled into a cache, as in a container whose cache was filled when it was built."""
+    return folder.exists() and not os.access(folder, os.W_OK)
 
 
 def _end_early() -> None:
@@ -102,8 +114,7 @@ def warm_up(device: str, out: TextIO | None = None) -> bool:
         _early.wait()
     stamp = Path(str(wp.config.kernel_cache_dir)) / f"stripe_newton_{_versions()}_{_architecture(device)}.warm"
     shares = _shares(min(os.cpu_count() or 1, _MOST_WORKERS))
-    # Modules of another version may be there; what is missing is then compiled one by one.
-    if stamp.exists() or len(shares) < 2 or all(any(stamp.parent.glob(f"wp_{name}_*")) for name in MODULES):
+    if stamp.exists() or len(shares) < 2 or _is_read_only(stamp.parent):
         return False
     # Of several commands that start at once one compiles, in as many processes as the machine has room for.
     with hold_cache(stamp.with_suffix(".lock"), "the kernels that every task needs"):
@@ -157,7 +168,10 @@ def _shares(count: int) -> list[list[str]]:
 
 
 def _versions() -> str:
-    return "_".join(importlib.metadata.version(name) for name in ("warp-lang", "newton", "mujoco-warp"))
+    """Versions of the libraries, and a digest of what is compiled of them and how."""
+    what = repr((MODULES, _OWN_MODULES, _BLOCK_DIMS, os.environ.get("STRIPE_NEWTON_GRADIENTS")))
+    libraries = [importlib.metadata.version(name) for name in ("warp-lang", "newton", "mujoco-warp")]
+    return "_".join([*libraries, hashlib.sha256(what.encode()).hexdigest()[:8]])
 
 
 def _architecture(device: str) -> str:
@@ -168,12 +182,21 @@ def _architecture(device: str) -> str:
 
 def compile_modules(device: str, names: Sequence[str]) -> None:
     """Compile modules and print the name of each that is done: the part of one process."""
-    import warp as wp
+    import warp as wp  # here, as the parent process needs it not
+
+    from stripe_newton.forward_only import leave_out_gradients  # likewise: it imports Warp
 
     wp.config.log_level = wp.LOG_WARNING
     for name in names:
-        importlib.import_module(name)
-        wp.force_load(device, modules=[wp.get_module(name)], max_workers=1)
+        python_module = importlib.import_module(name)
+        leave_out_gradients()
+        own = [getattr(python_module, kernel).module for kernel in _OWN_MODULES.get(name, ())]
+        for module in (wp.get_module(name), *own):
+            for block_dim in (1,) if device == "cpu" else _BLOCK_DIMS.get(name, (256,)):
+                # Compiled and not loaded: loading would make a context on the GPU in each of the processes.
+                module.options["block_dim"] = block_dim
+                module.mark_modified()
+                wp.compile_aot_module(module, device)
         print(f"compiled {name}", flush=True)
 
 

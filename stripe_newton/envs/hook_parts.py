@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from .env_state import repeats, state_arrays
 from .hook_graphs import EnvRows, HookGraph, HookRecorder, RecordedHook
 from .hook_graphs.host_values import NotRecordable
 from .hook_graphs.reachable import NOTHING, assign, scan, value_at
+from .hook_results import leaves_of
 
 if TYPE_CHECKING:
     from .recording_env import RecordingEnv
@@ -70,8 +72,11 @@ def _arrays(env: RecordingEnv) -> dict[str, torch.Tensor]:
             found[f"model.{name}"] = wp.to_torch(array)
     for i, part in enumerate(env.state_parts()):
         found |= {f"part {i}.{k}": v for k, v in part.items() if isinstance(v, torch.Tensor)}
-    found |= {f"outputs {i}": chunk for i, chunk in enumerate(env.outputs.chunks)}
-    return found | {f"observations '{k}'": v for k, v in env.observation_buffers().items()}
+    for k, group in env.observation_buffers().items():
+        leaves = leaves_of(group)
+        found |= {f"observations '{k}'" + f"[{i}]" * (len(leaves) > 1): leaf for i, leaf in enumerate(leaves)}
+    # Last, as a difference is named after the first memory that has it: these hold arrays that have names above.
+    return found | {f"outputs {i}": chunk for i, chunk in enumerate(env.outputs.chunks)}
 
 
 class Recorder:
@@ -81,13 +86,22 @@ class Recorder:
         self.env, self._device = env, env.device
         self._stream: torch.cuda.Stream | None = None
         self._pool: tuple[int, int] | None = None
+        self._in_pool: weakref.WeakSet[TorchGraph] = weakref.WeakSet()
 
     def __call__(self, function: Callable[[], None]) -> HookGraph:
-        if self._stream is None:
-            with torch.cuda.device(self._device):
-                self._stream, self._pool = torch.cuda.Stream(self._device), torch.cuda.graph_pool_handle()
         with torch.cuda.device(self._device):
-            return TorchGraph(function, self._stream, self._pool, free_memory=False)
+            if self._stream is None:
+                self._stream = torch.cuda.Stream(self._device)
+            if not self._in_pool:
+                # A pool ends with its last graph, such as when all are recorded anew. Torch refuses to use it again.
+                self._pool = torch.cuda.graph_pool_handle()
+            try:
+                graph = TorchGraph(function, self._stream, self._pool, free_memory=False)
+            except Exception:
+                self._in_pool.clear()  # nor can a pool be used after a recording that failed
+                raise
+        self._in_pool.add(graph)
+        return graph
 
 
 @contextlib.contextmanager

@@ -50,7 +50,8 @@ class TorchGraph:
                 takes long, and so does allocating it again.
 
         Raises:
-            Exception: what CUDA or the function raises if it does something that cannot be recorded.
+            Exception: what CUDA or the function raises if it does something that cannot be recorded. Torch can then
+                record and draw random numbers as before, but not record into this pool.
         """
         self._graph = torch.cuda.CUDAGraph()
         for generator in generators:
@@ -72,10 +73,15 @@ class TorchGraph:
                 # Warp's own record of the capture. It keeps modules and arrays alive that the graph uses.
                 self._warp_graph = wp.capture_end(stream=on_warp)
         except Exception as error:
+            _recover(stream, pool)
             # What the function raised says more than that the capture it spoiled could not be ended.
             raise (failed or error) from (error if failed else None)
         if failed is not None:
             raise failed
+        # Before a capture torch (up to 2.12) sets seed and offset of its random numbers on the stream of the capture,
+        # in memory that all graphs share. A replay sets them on its own stream, which need not wait for that one. On a
+        # GPU that is busy with something else, the first replay could draw the numbers of offset 0.
+        stream.synchronize()
 
     def replay(self) -> None:
         """Launch the graph on torch's current stream."""
@@ -98,6 +104,22 @@ def _capture(
             yield
         finally:
             graph.capture_end()
+
+
+def _recover(stream: torch.cuda.Stream, pool: tuple[int, int] | None) -> None:
+    """Bring torch to order after a capture that could not be ended.
+
+    Torch (up to 2.12) then goes on as if it were recording: to draw a random number is an error, and its allocator
+    keeps freed memory.
+    """
+    end = getattr(torch._C, "_cuda_endAllocateToPool", None)
+    if pool is not None and end is not None:
+        with contextlib.suppress(RuntimeError):  # it has been ended
+            end(stream.device.index, pool)
+    # The end of a recording that succeeds also ends that of the random generator.
+    graph, own = torch.cuda.CUDAGraph(), torch.cuda.Stream(stream.device)
+    with contextlib.suppress(RuntimeError), torch.cuda.device(stream.device), _capture(graph, own, None, False):
+        torch.zeros(1, device=stream.device)
 
 
 @contextlib.contextmanager

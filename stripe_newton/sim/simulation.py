@@ -19,6 +19,7 @@ from stripe_kernels.actuators import JointDrives
 from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.configclass import configclass
+from stripe_newton.forward_only import leave_out_gradients
 from stripe_newton.solvers import PerStep, SolverFused
 from stripe_newton.usd import Light
 from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
@@ -193,6 +194,7 @@ class Simulation:
         """An empty builder with the solver's attributes and the default material of the settings."""
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         self.cfg.solver.register(builder)
+        leave_out_gradients()  # here, as the solver is imported by now and nothing was launched yet
         builder.inertia_absolute_tolerance = SMALLEST_INERTIA
         material = self.cfg.physics_material
         builder.default_shape_cfg.mu = material.dynamic_friction

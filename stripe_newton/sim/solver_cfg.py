@@ -205,7 +205,8 @@ class MuJoCoSolverCfg(SolverCfg):
     """Give every root an inactive weld, so that bodies can be made kinematic while running."""
     triangle_contacts: bool = True
     """Find contacts of spheres, capsules and boxes with height fields from the triangles they touch: exact, and without
-    the inner edges of MuJoCo Warp's convex routine for prisms, see docs/solvers.md. No argument of the solver."""
+    the inner edges of MuJoCo Warp's convex routine for prisms, see docs/solvers.md. Those of cylinders only in the
+    fused step. No argument of the solver."""
 
     drive_limits: bool = False
     """Set the effort limits of drives on MuJoCo's actuators, so that a drive at its limit damps nothing, as in a file

@@ -28,6 +28,7 @@ KINDS = {
     (_G.mjGEOM_BOX, _G.mjGEOM_BOX): "BOX_BOX",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_CAPSULE",
+    (_G.mjGEOM_HFIELD, _G.mjGEOM_CYLINDER): "FIELD_CYLINDER",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
 }
 """Pairs of geom types that the fused step finds contacts of; those with height fields by their triangles."""
@@ -37,12 +38,12 @@ MESH_KINDS = {_G.mjGEOM_SPHERE: "MESH_SPHERE", _G.mjGEOM_CAPSULE: "MESH_CAPSULE"
 
 _CAPSULE = "HIGH_END", "LOW_END", "AXIS"
 _PARTS = {
-    "FIELD": {"SPHERE": ("SPHERE",), "CAPSULE": _CAPSULE, "BOX": ("BOX",)},
+    "FIELD": {"SPHERE": ("SPHERE",), "CAPSULE": _CAPSULE, "BOX": ("BOX",), "CYLINDER": ("CYLINDER",)},
     "MESH": {"SPHERE": ("SPHERE",), "CAPSULE": _CAPSULE, "BOX": ("BOX", *(f"CORNER_{i}" for i in range(8)))},
 }
 """Routines of a geom on triangles, of which lanes run each: of a capsule two ends and the axis between."""
 _SEARCHES = [f"{ground}_{part}" for ground, geoms in _PARTS.items() for parts in geoms.values() for part in parts]
-"""The order that collision.h relies on."""
+"""The order that ground.h relies on."""
 ROUTINES = [kind for kind in KINDS.values() if not kind.startswith("FIELD")] + _SEARCHES
 
 RULES = ("OF_BOTH", "OF_FIRST", "OF_SECOND", "OF_PAIR")

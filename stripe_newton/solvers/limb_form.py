@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from .contact_pairs import ContactPair
-from .topology import dof_couplings, dofs_of_body
+from .topology import dof_couplings, dofs_of_body, turned_size
 
 __all__ = ["LimbForm", "why_no_limbs"]
 
@@ -83,10 +83,11 @@ class LimbForm:
     @property
     def world_size(self) -> int:
         """Numbers of four bytes in ``World`` of limb_world.h, of which the source asserts that they are no fewer."""
-        model = self.model
-        size = model.nq + 2 * model.nv + 3 * len(set(model.body_rootid.tolist())) + 7 * model.nbody
-        size += (15 if self.losses else 12) * max(1, len(self.hub_dofs)) + 23 * max(1, len(self.hub))
-        size += 11 * self.slots * self.limb_dofs + 6 * max(1, len(self.planes))
+        model, dofs, hub = self.model, max(1, len(self.hub_dofs)), max(1, len(self.hub))
+        size = model.nq + 4 * model.nv + max(1, model.nu) + turned_size(model) + 2
+        size += 3 * len(set(model.body_rootid.tolist())) + 7 * model.nbody + 6 * dofs + 12 * hub
+        links = (9 if self.losses else 6) * dofs + 11 * (hub + self.slots * self.limb_dofs)
+        size += max(links + 6 * max(1, len(self.planes)), 6 * model.nbody)
         return size + 1 + size % 2
 
     def sizes(self, max_contacts: int) -> dict[str, int]:

@@ -14,6 +14,7 @@ import numpy as np
 from .constant_tables import ConstantTables
 from .contact_pairs import ROUTINES, RULES, ContactPair, contact_pairs, is_searched, parts_of, work_of
 from .limb_form import LimbForm
+from .newton_layout import NewtonLayout
 from .topology import (
     actuator_moments,
     actuators_by_dof,
@@ -25,7 +26,10 @@ from .topology import (
     equality_bodies,
     equality_sizes,
     free_bodies,
+    joint_sizes,
     tree_roots,
+    turned_size,
+    turned_starts,
 )
 
 __all__ = ["PARAMETERS", "TOUCHES", "ModelTables"]
@@ -102,6 +106,8 @@ class ModelTables:
     """Room for contacts in a world."""
     limbs: LimbForm | None = None
     """The model as a hub with limbs, where the step has that form."""
+    newton: NewtonLayout | None = None
+    """Where Newton has joints, bodies and controls, if the step reads and writes Newton's state."""
 
     @classmethod
     def of(
@@ -112,6 +118,7 @@ class ModelTables:
         pairs: Iterable[ContactPair] | None = None,
         limbs: bool = False,
         losses: bool = False,
+        newton: NewtonLayout | None = None,
     ) -> ModelTables:
         """The constants of a model, with the pairs given, or all of it, that the kernel has a routine for.
 
@@ -122,6 +129,7 @@ class ModelTables:
             pairs: The pairs of geoms.
             limbs: Whether the step may have the form for a hub with limbs, where the model is one.
             losses: Whether joints have friction loss, in any world.
+            newton: Where Newton has joints, bodies and controls, if the step reads and writes its state.
 
         Raises:
             ValueError: if there is no room for the rows of the equalities that are active at the start.
@@ -135,7 +143,7 @@ class ModelTables:
         # pairs that need long if they are near. Lanes so do the same.
         in_order = tuple(sorted(parts, key=work_of))
         form = LimbForm.of(model, in_order, losses) if limbs else None
-        return cls(model, in_order, max_rows, max_contacts, form)
+        return cls(model, in_order, max_rows, max_contacts, form, newton)
 
     @property
     def elliptic(self) -> bool:
@@ -205,7 +213,8 @@ class ModelTables:
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
             "MAX_HITS": 8 if any(p.kind == "BOX_BOX" for p in pairs) else 4,
         }  # fmt: skip
-        sizes = _sizes(model, pairs) | _options(model, pairs) | room
+        sizes = _sizes(model, pairs) | _options(model, pairs) | room | {"HAS_NEWTON": int(self.newton is not None)}
+        sizes |= self.newton.sizes if self.newton is not None else {}
         if self.limbs is not None:
             sizes |= self.limbs.sizes(self.max_contacts) | {"GEOMS_PLACED": 0}
         lines = [f"#define {name} {value}" for name, value in sizes.items()]
@@ -219,6 +228,8 @@ class ModelTables:
         integers = _tree_tables(model) | _equality_tables(model) | _actuator_tables(model) | _pair_tables(model, pairs)
         if self.limbs is not None:
             integers |= self.limbs.tables(pairs)
+        if self.newton is not None:
+            integers |= self.newton.tables
         moving = {"body_dofs": [sum(1 << i for i in dofs_of_body(model, b)) for b in range(model.nbody)]}
         return ConstantTables(integers | moving, _coefficients(model))
 
@@ -227,7 +238,7 @@ class ModelTables:
         model = self.model
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
-        kept = model.nq + 7 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + nu
+        kept = model.nq + 9 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + 2 * nu + turned_size(model) + 2
         kept += _ATTACHMENT_SIZE * len(attached_equalities(model))
         found = self._geoms_size + 1
         if self.has_searches:
@@ -265,6 +276,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "NLEVELS": len(body_levels(model)), "NPAIRS": couples, "NCONTACT_PAIRS": len(pairs),
         "NGEOMS": len(_used_geoms(pairs)),
         "NALLGEOMS": model.ngeom, "NMOCAP": model.nmocap,
+        "NTURNED": turned_size(model),
         "NBALLS": int(np.sum(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)),
         "HAS_FIELDS": int(any(p.kind.startswith("FIELD") for p in pairs)),
         "HAS_MESHES": int(any(p.kind.startswith("MESH") for p in pairs)),
@@ -317,6 +329,8 @@ def _tree_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
         "joint_force_limited": model.jnt_actfrclimited,
         "dof_body": model.dof_bodyid,
         "dof_joint": model.dof_jntid,
+        "coord_joint": [j for j, (size, _) in enumerate(joint_sizes(model)) for _ in range(size)],
+        "turned_start": turned_starts(model),
         "pair_dof": [i for i, _ in pairs],
         "pair_ancestor": [j for _, j in pairs],
     }

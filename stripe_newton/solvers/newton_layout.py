@@ -10,6 +10,8 @@ import mujoco
 import newton
 import numpy as np
 
+from .topology import joint_sizes
+
 __all__ = ["NewtonLayout"]
 
 _SOURCES = ("FROM_NOTHING", "FROM_POSITIONS", "FROM_VELOCITIES", "FROM_CONTROLS")
@@ -23,15 +25,17 @@ class NewtonLayout:
     sizes: dict[str, int]
     """Numbers of a world in Newton's arrays."""
     tables: dict[str, tuple[int, ...]]
-    """Of each of MuJoCo's joints Newton's joint and its first coordinate and degree of freedom, within the world; the
-    fixed joints that hold mocap bodies; of each actuator what its control is, where that is, and the degree of freedom
-    whose reference is added."""
+    """Of each of MuJoCo's joints Newton's joint and its first coordinate and degree of freedom, within the world, and
+    of each coordinate and degree of freedom Newton's; of each body the other's, -1 for the world; the fixed joints that
+    hold mocap bodies; of each actuator what its control is, where that is, and the degree of freedom whose reference is
+    added."""
 
     @classmethod
     def of(cls, solver: newton.solvers.SolverMuJoCo) -> NewtonLayout | None:
         """The layout of a solver's model, None where worlds differ in it or it has what the fused step has no case for.
 
         That is a mocap body that a joint moves, a body of all worlds beside others, and an actuator of a ball joint.
+        The solver's bodies are all those of Newton.
         """
         model, data = solver.model, solver.mjw_data
         axis = solver.mjc_actuator_to_target_q_axis_idx
@@ -43,13 +47,14 @@ class NewtonLayout:
         is_global = (model.body_world.numpy()[bodies[bodies >= 0]] < 0).any()
         if model.joint_count == 0 or (is_global and len(model.gravity) > 1):
             return None
-        joints, fixed = _joints(solver, worlds), _fixed(solver, worlds)
-        if joints is None or fixed is None:
+        joints, fixed, own = _joints(solver, worlds), _fixed(solver, worlds), _bodies(bodies, worlds)
+        if joints is None or fixed is None or own is None:
             return None
         control = model.control()
         direct = getattr(getattr(control, "mujoco", None), "ctrl", None)
         sizes = {
             "NEWTON_JOINTS": model.joint_count // worlds,
+            "NEWTON_BODIES": model.body_count // worlds,
             "NEWTON_COORDS": model.joint_coord_count // worlds,
             "NEWTON_DOFS": model.joint_dof_count // worlds,
             "NEWTON_TARGETS": control.joint_target_q.size // worlds,
@@ -58,14 +63,7 @@ class NewtonLayout:
             "KINEMATIC": int(newton.BodyFlags.KINEMATIC),
             **{name: i for i, name in enumerate(_SOURCES)},
         }
-        return cls(sizes, joints | fixed | _controls(solver, sizes))
-
-    def source(self) -> str:
-        """The constants as C++ source."""
-        lines = [f"#define {name} {value}" for name, value in self.sizes.items()]
-        lines.append("namespace fused {")
-        lines += [f"TABLE int {n}[] = {{{', '.join(map(str, values)) or 0}}};" for n, values in self.tables.items()]
-        return "\n".join([*lines, "}", ""])
+        return cls(sizes, joints | own | fixed | _controls(solver, sizes))
 
 
 def _joints(solver: newton.solvers.SolverMuJoCo, worlds: int) -> dict[str, tuple[int, ...]] | None:
@@ -94,7 +92,26 @@ def _joints(solver: newton.solvers.SolverMuJoCo, worlds: int) -> dict[str, tuple
     free = own.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     if (types[0][columns[0]][free] != newton.JointType.FREE).any():
         return None
-    return {n: _ints(c) for n, c in zip(("newton_joint", "newton_q", "newton_v"), columns, strict=True)}
+    coords, dofs = (
+        [int(first) + k for first, size in zip(columns[kind], sizes, strict=True) for k in range(size)]
+        for kind, sizes in zip((1, 2), zip(*joint_sizes(own), strict=True), strict=True)
+    )
+    tables = {n: _ints(c) for n, c in zip(("newton_joint", "newton_q", "newton_v"), columns, strict=True)}
+    return tables | {"newton_coord": _ints(coords), "newton_dof": _ints(dofs)}
+
+
+def _bodies(bodies: np.ndarray, worlds: int) -> dict[str, tuple[int, ...]] | None:
+    """Bodies of the first world, None unless those of the others are the same within them.
+
+    Args:
+        bodies: Newton's body of each body of MuJoCo's, -1 for none, shape ``(worlds, bodies)``.
+        worlds: Number of worlds.
+    """
+    count = int(np.sum(bodies >= 0)) // worlds
+    first = np.where(bodies >= 0, bodies - count * np.arange(worlds)[:, None], -1)
+    if (first != first[0]).any() or not np.array_equal(np.sort(first[0][first[0] >= 0]), np.arange(count)):
+        return None
+    return {"newton_body": _ints(first[0]), "mujoco_body": _ints(np.argsort(first[0])[-count:] if count else ())}
 
 
 def _fixed(solver: newton.solvers.SolverMuJoCo, worlds: int) -> dict[str, tuple[int, ...]] | None:

@@ -93,8 +93,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     Attributes:
         unsupported: Reason why MuJoCo Warp steps the model instead; empty if the fused step does.
-        triangles: Whether contacts of spheres, capsules and boxes with height fields are those with its triangles,
-            which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
+        triangles: Whether contacts of spheres, capsules, boxes and cylinders with height fields are those with its
+            triangles, which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
         static_triangles: Whether static colliders that ``model.stripe.triangles`` marks touch spheres, capsules and
             boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
             step, and see :meth:`lacks`.
@@ -125,7 +125,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
         self._addresses: dict[bool, Any] = {}  # these first, as the constructor notifies
         self._shared = SharedParameters(self._parameter_arrays)
-        self.has_stale_graphs, self._compares_worlds = False, True
+        self.has_stale_graphs, self._compares_worlds, self._has_references = False, True, True
+        self._fused: StepKernel | None = None
         self._division: PairDivision | None = None
         self._call: _Call | None = None
         self.stand_ins = stand_ins
@@ -139,7 +140,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.triangles = self.static_triangles = False
         self.limbs: bool | None = None
         self.newton_contacts_for: tuple[str, ...] = ()
-        self._fused: StepKernel | None = None
         self._workspace: wp.array | None = None
         self._fills_contacts = False
         self._contact_forces: ContactForces | None = None
@@ -508,6 +508,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._divided.pairs,
             limbs=limbs,
             losses=self._has_losses(),
+            newton=self._layout,
         )
         if tables.limbs is not None and self.limbs is None and device.is_cuda and not tables.limbs.suits_gpu:
             tables = replace(tables, limbs=None)
@@ -522,8 +523,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             contact_forces=self._contact_forces is not None,
             per_step=self._kinds,
         )
-        kernel = step_kernel(tables, options, self._layout)
+        kernel = step_kernel(tables, options)
         self._shared.find()
+        self._find_references()
         if self._workspace is not None:  # recorded graphs have the addresses of these arrays
             return kernel
         size = kernel.layout.workspace_size if options.lanes > 1 else 0
@@ -550,6 +552,17 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.limbs is not True or self.fused.layout.is_limbs:
             return ""
         return f"asked for: {self._asked}" if self._asked else why_no_limbs(self.mj_model, self._divided.pairs)
+
+    def _find_references(self) -> bool:
+        """Find out whether any joint has a reference coordinate, as few models do; return whether that has changed."""
+        references, had = self._references, self._has_references
+        if references is not None and not references.device.is_capturing:  # a recording can read nothing back
+            self._has_references = bool(np.any(references.numpy()))
+        return self._has_references != had
+
+    @property
+    def _references(self) -> wp.array | None:
+        return getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
 
     def _has_losses(self) -> bool:
         return bool(np.any(self.mjw_model.dof_frictionloss.numpy()))
@@ -579,6 +592,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         # A recording cannot compare worlds: what it changes has been told to `expect_changes`.
         compares = self._compares_worlds and not self.model.device.is_capturing
         if compares and self._shared.check(parameters_of_flags(flags)):
+            self.has_stale_graphs = True
+        joints = newton.ModelFlags.JOINT_DOF_PROPERTIES | newton.ModelFlags.JOINT_REFERENCE_POSE_PROPERTIES
+        if compares and self._fused is not None and flags & joints and self._find_references():
             self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
@@ -638,7 +654,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         m.meshes = 0 if grids is None else grids.array.ptr
         m.hidden = _address(hidden)
         m.workspace = _address(self._workspace)
-        references = getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
+        references = self._references if self._has_references else None
         own = {"newton_body": self.mjc_body_to_newton, "dof_ref": references}
         for name in NEWTON_MODEL:
             setattr(m, name, _address(own[name] if name in own else getattr(self.model, name)))

@@ -18,7 +18,6 @@ from stripe_kernels.actuators import JointDrives, drive_explicit_joint
 from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, TOUCHES, ModelTables
-from .newton_layout import NewtonLayout
 
 __all__ = [
     "BODY_SIZE", "CONTACTS", "NEWTON_IN", "NEWTON_MODEL", "NEWTON_OUT", "OUTPUTS", "READ", "STATE", "KernelOptions",
@@ -27,12 +26,13 @@ __all__ = [
 
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "contact_fields.h", "world.h",
-    "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "collision.h", "touches.h",
-    "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
+    "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "collision.h",
+    "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h",
+    "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "poses.h", "impedance.h", "geoms.h",
-    "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
+    "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h",
+    "geoms.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
     "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
@@ -237,20 +237,20 @@ class StepKernel:
         wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block)
 
 
-def step_kernel(tables: ModelTables, options: KernelOptions, newton: NewtonLayout | None = None) -> StepKernel:
-    """Make the step kernel of a model; with a layout it can read and write Newton's state.
+def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
+    """Make the step kernel of a model; with a layout of Newton's it can read and write Newton's state.
 
     Its argument is a struct. For each array of the state and of :data:`PARAMETERS` it has the address ``name`` (uint64)
     and the stride from one world to the next ``name_stride`` (in numbers; 0 for one that all worlds share).
     """
     layout = Layout.of(tables, options)
-    library = _library(tables, options, layout, newton)
+    library = _library(tables, options, layout)
     module = _module(_python_source(library, options, layout))
     place = getattr(module, "place_worlds", None)
     return StepKernel(module.step_worlds, place, module.Arguments, options, layout)
 
 
-def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton: NewtonLayout | None) -> str:
+def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str:
     folder = Path(stripe_kernels.__file__).parent / "fused"
     names = _SOURCES if tables.limbs is None else _LIMB_SOURCES
     sources = {name: (folder / name).read_text() for name in names}
@@ -274,9 +274,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout, newton
         *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
-        f"#define HAS_NEWTON {int(newton is not None)}",
     ]
-    constants = tables.source(layout.rows, layout.contacts) + (newton.source() if newton else "")
+    constants = tables.source(layout.rows, layout.contacts)
     parts = ["\n".join(head) + "\n", sources["algebra.h"], constants, _parameters_source()]
     parts += [sources[n] for n in names[1:]]
     parts.append(f'static_assert(sizeof(fused::World) <= sizeof(real) * {layout.world_size}, "size of World");\n')

@@ -18,7 +18,10 @@ __all__ = [
     "equality_bodies",
     "equality_sizes",
     "free_bodies",
+    "joint_sizes",
     "tree_roots",
+    "turned_size",
+    "turned_starts",
 ]
 
 _EQUALITY_ROWS = {mujoco.mjtEq.mjEQ_CONNECT: 3, mujoco.mjtEq.mjEQ_WELD: 6}
@@ -97,6 +100,24 @@ def dofs_of_body(model: mujoco.MjModel, body: int) -> Iterable[int]:
 def tree_roots(model: mujoco.MjModel) -> list[int]:
     """The world, and the bodies that stand in it: each is the root of a tree."""
     return sorted({int(root) for root in model.body_rootid})
+
+
+def joint_sizes(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Coordinates and degrees of freedom of each joint."""
+    kinds = mujoco.mjtJoint
+    sizes = {kinds.mjJNT_FREE: (7, 6), kinds.mjJNT_BALL: (4, 3), kinds.mjJNT_SLIDE: (1, 1), kinds.mjJNT_HINGE: (1, 1)}
+    return [sizes[kinds(kind)] for kind in model.jnt_type]
+
+
+def turned_starts(model: mujoco.MjModel) -> list[int]:
+    """Where free joints and balls, which Newton has in other axes, are among the numbers of those before a joint."""
+    counts = [sum(size) if size[0] > 1 else 0 for size in joint_sizes(model)]
+    return [sum(counts[:j]) for j in range(len(counts))]
+
+
+def turned_size(model: mujoco.MjModel) -> int:
+    """Coordinates and velocities of all free joints and balls; 1 if there are none."""
+    return max(1, sum(sum(size) for size in joint_sizes(model) if size[0] > 1))
 
 
 def free_bodies(model: mujoco.MjModel) -> list[int]:

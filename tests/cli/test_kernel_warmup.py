@@ -48,12 +48,21 @@ def test_it_starts_once_and_where_nothing_is_compiled(started, monkeypatch, tmp_
     assert [words[-1] for words in started] == ["cuda:1"]
 
 
-def test_it_does_not_start_where_all_modules_are_there(started, monkeypatch, tmp_path):
+def test_it_does_not_start_where_nothing_can_be_compiled(started, monkeypatch, tmp_path):
     monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
-    for name in kernel_warmup.MODULES:
-        (tmp_path / wp.config.version / f"wp_{name}_1234").mkdir(parents=True)
+    (tmp_path / wp.config.version).mkdir()
+    monkeypatch.setattr(kernel_warmup.os, "access", lambda path, mode: False)  # root may write everywhere
     kernel_warmup.start_early("cpu")
     assert started == []
+
+
+def test_what_is_compiled_belongs_to_the_name_of_the_stamp(monkeypatch):
+    """Another set of modules, or gradients, are compiled although an earlier set was."""
+    before = kernel_warmup._versions()
+    monkeypatch.setenv("STRIPE_NEWTON_GRADIENTS", "1")
+    with_gradients = kernel_warmup._versions()
+    monkeypatch.setitem(kernel_warmup.MODULES, "newton._src.sim.collide", 1.0)
+    assert len({before, with_gradients, kernel_warmup._versions()}) == 3
 
 
 def test_ranks_and_single_cores_do_not_start_it(started, monkeypatch, tmp_path):

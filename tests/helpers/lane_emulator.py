@@ -4,6 +4,9 @@
 A lane is a context of its own that runs until it waits for the others; then the next one goes on. So a barrier is one
 turn of all lanes, and what they tell each other goes through memory between two turns. This shows errors of the code
 for lanes that a thread a world does not have, but no race: lanes always take their turns in the same order.
+
+In the form for a hub with limbs the worlds of a warp stay together, so that all lanes of a warp take turns, with its
+worlds side by side as in shared memory. Otherwise it is the lanes of one world.
 """
 
 from __future__ import annotations
@@ -24,7 +27,6 @@ import warp as wp
 
 from stripe_newton.solvers import SolverFused, solver_fused, step_kernel
 from stripe_newton.solvers.model_tables import ModelTables
-from stripe_newton.solvers.newton_layout import NewtonLayout
 from stripe_newton.solvers.step_kernel import KernelOptions, Layout
 
 _PRELUDE = """
@@ -37,14 +39,16 @@ _PRELUDE = """
 #define __noinline__ __attribute__((noinline))
 #define __fdividef(a, b) ((a) / (b))
 #define __popc __builtin_popcount
+#define __shared__
 #define rsqrtf(x) (1 / sqrtf(x))
 enum { EMULATED = %d };
 struct Index { int x; };
-static Index threadIdx, blockIdx = {1 << 20};
+static Index threadIdx, blockIdx = {1 << 20}, blockDim = {EMULATED};
+static int lanes_there = EMULATED;  // those of worlds that are missing have left
 static void __syncthreads() {}
 static ucontext_t contexts[EMULATED], caller;
 static void take_turns() {
-    int own = threadIdx.x, next = (own + 1) %% EMULATED;
+    int own = threadIdx.x, next = (own + 1) %% lanes_there;
     threadIdx.x = next;
     swapcontext(&contexts[own], &contexts[next]);
 }
@@ -58,16 +62,18 @@ template <class T> static T hear(T own, int from) {
     take_turns();
     return heard;
 }
-template <class T> static T __shfl_sync(unsigned, T x, int from, int) { return hear(x, from %% EMULATED); }
+template <class T> static T __shfl_sync(unsigned, T x, int from, int width) {
+    return hear(x, threadIdx.x / width * width + from %% width);
+}
 template <class T> static T __shfl_xor_sync(unsigned, T x, int mask, int) { return hear(x, threadIdx.x ^ mask); }
-template <class T> static T __shfl_up_sync(unsigned, T x, int by, int) {
-    return hear(x, threadIdx.x >= by ? threadIdx.x - by : threadIdx.x);
+template <class T> static T __shfl_up_sync(unsigned, T x, int by, int width) {
+    return hear(x, threadIdx.x %% width >= by ? threadIdx.x - by : threadIdx.x);
 }
 static unsigned __ballot_sync(unsigned, int holds) {
     unsigned votes = 0;
     told[threadIdx.x][0] = holds != 0;
     take_turns();
-    for (int i = 0; i < EMULATED; i++) votes |= (unsigned)told[i][0] << i;
+    for (int i = 0; i < lanes_there; i++) votes |= (unsigned)told[i][0] << i;
     take_turns();
     return votes;
 }
@@ -76,35 +82,48 @@ static unsigned __float_as_uint(float x) { unsigned bits; memcpy(&bits, &x, 4); 
 static void atomicMin(unsigned long long* to, unsigned long long x) { if (x < *to) *to = x; }
 """
 _RUN = """
-static fused::World* world;
+enum { WORLDS = EMULATED / LANES };
+#if IN_SHARED
+namespace fused { alignas(16) char dynamic_smem_base[sizeof(Tables) + WORLDS * sizeof(World)]; }
+#endif
+static fused::World* worlds_there;
 static const Arguments* arguments;
-static int world_id, num_worlds, steps, given_count;
+static int first_world, num_worlds, steps;
 static char stacks[EMULATED][1 << 18];
 static void lane_of_world() {
-    const int lane = threadIdx.x;
-    const fused::Parameters P{*arguments, world_id, num_worlds};
-    fused::begin_steps(*world, P, lane);
-    for (int s = 0; s < steps; s++) fused::step(*world, P, 0, 0, s == steps - 1, lane);
-    fused::end_steps(*world, P, lane);
-    threadIdx.x = (lane + 1) % EMULATED;
+    const int own = threadIdx.x, lane = own % LANES, at = own / LANES;
+    fused::World& world = worlds_there[at];
+    const fused::Parameters P{*arguments, first_world + at, num_worlds};
+    fused::begin_steps(world, P, lane);
+    for (int s = 0; s < steps; s++) fused::step(world, P, 0, 0, s == steps - 1, lane);
+    fused::end_steps(world, P, lane);
+    threadIdx.x = (own + 1) % lanes_there;
 }
 extern "C" void run(const Arguments* m, int worlds, int count, real* spill, int spill_size) {
-    world = new fused::World;
-    arguments = m, num_worlds = worlds, steps = count;
-    for (world_id = 0; world_id < worlds; world_id++) {
-#if !LIMBS
-        world->spill = spill + (long long)world_id * spill_size;
+#if IN_SHARED
+    fused::tables() = fused::given_tables;
+    worlds_there = (fused::World*)(fused::dynamic_smem_base + sizeof(fused::Tables));
+#else
+    worlds_there = new fused::World[WORLDS];
 #endif
-        for (int i = 0; i < EMULATED; i++) {
+    arguments = m, num_worlds = worlds, steps = count;
+    for (first_world = 0; first_world < worlds; first_world += WORLDS) {
+        lanes_there = LANES * (worlds - first_world < WORLDS ? worlds - first_world : WORLDS);
+#if !LIMBS
+        worlds_there->spill = spill + (long long)first_world * spill_size;
+#endif
+        for (int i = 0; i < lanes_there; i++) {
             getcontext(&contexts[i]);
             contexts[i].uc_stack.ss_sp = stacks[i], contexts[i].uc_stack.ss_size = sizeof(stacks[i]);
-            contexts[i].uc_link = i + 1 < EMULATED ? &contexts[i + 1] : &caller;
+            contexts[i].uc_link = i + 1 < lanes_there ? &contexts[i + 1] : &caller;
             makecontext(&contexts[i], lane_of_world, 0);
         }
         threadIdx.x = 0;
         swapcontext(&caller, &contexts[0]);
     }
-    delete world;
+#if !IN_SHARED
+    delete[] worlds_there;
+#endif
 }
 """
 
@@ -135,24 +154,24 @@ def emulate(solver: SolverFused, lanes: int) -> EmulatedStep:
         solver: The solver, on the CPU, whose contacts are all found in the kernel.
         lanes: Number of lanes, a power of two.
     """
-    made: list[tuple[ModelTables, KernelOptions, NewtonLayout | None]] = []
+    made: list[tuple[ModelTables, KernelOptions]] = []
 
-    def keep(tables: ModelTables, options: KernelOptions, layout: NewtonLayout | None = None) -> step_kernel.StepKernel:
-        made.append((tables, options, layout))
-        return step_kernel.step_kernel(tables, options, layout)
+    def keep(tables: ModelTables, options: KernelOptions) -> step_kernel.StepKernel:
+        made.append((tables, options))
+        return step_kernel.step_kernel(tables, options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solver_fused, "step_kernel", keep)
         solver._remake()
         assert solver.one_launch
-    tables, options, newton = made[-1]
+    tables, options = made[-1]
     options = dataclasses.replace(options, lanes=lanes)
-    layout = dataclasses.replace(Layout.of(tables, options), in_shared=False)
-    source = step_kernel._library(tables, options, layout, newton).replace(step_kernel._STRUCT, "Arguments")
+    layout = dataclasses.replace(Layout.of(tables, options), in_shared=tables.limbs is not None)
+    source = step_kernel._library(tables, options, layout).replace(step_kernel._STRUCT, "Arguments")
     fields = [f"unsigned long long {n}; int {n}_stride;" for n in step_kernel._ARRAYS]
     fields += [f"unsigned long long {n};" for n in step_kernel._ADDRESSES]
     arguments = "struct Arguments {" + "\n".join(fields) + "};\n"
-    library = _compiled(_PRELUDE % lanes + arguments + source + _RUN)
+    library = _compiled(_PRELUDE % (32 if layout.is_limbs else lanes) + arguments + source + _RUN)
     members: list[tuple[str, type]] = []
     for name in step_kernel._ARRAYS:
         members += [(name, ctypes.c_uint64), (f"{name}_stride", ctypes.c_int)]

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Height-field contacts of the fused step against the Warp functions that find those of MuJoCo Warp's solver."""
+"""Height-field contacts of the fused step against the Warp functions that find those of MuJoCo Warp's solver.
+
+Those of cylinders are compared with MuJoCo's contacts with a plane."""
 
 # No `from __future__ import annotations`: Warp reads annotations as types, and some of them are local here.
 
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -16,7 +19,7 @@ import stripe_kernels
 from stripe_kernels.heightfield import Field, Touch, Touches, add_touch, field_peak
 from stripe_kernels.mujoco_ground import _find_touch, _half_extents
 
-SPHERE, CAPSULE, BOX = int(GeomType.SPHERE), int(GeomType.CAPSULE), int(GeomType.BOX)
+SPHERE, CAPSULE, BOX, CYLINDER = (int(GeomType[name]) for name in ("SPHERE", "CAPSULE", "BOX", "CYLINDER"))
 COUNT, MAX_HITS, HIT = 2000, 6, 7
 SIZE = (1.0, 0.8, 0.12, 0.1)
 """Half extents of the field and its height [m]; the last, the depth of its base, is not used."""
@@ -27,8 +30,9 @@ const fused::Geom geom{{fused::load(pos + 3), fused::load_matrix(axes + 9), fuse
 const fused::Field surface{{field.heights.data, field.nrow, field.ncol, field.size[0], field.size[1], field.size[2]}};
 fused::Hit hits[MAX_HITS];
 int count = 0;
-const bool is_box = kind == {BOX};
-const fused::PartKind kinds[] = {{is_box ? fused::BOX_PART : fused::BALL_PART, fused::BALL_PART, fused::AXIS_PART}};
+fused::PartKind whole = kind == {BOX} ? fused::BOX_PART : fused::BALL_PART;
+if (kind == {CYLINDER}) whole = fused::CYLINDER_PART;
+const fused::PartKind kinds[] = {{whole, fused::BALL_PART, fused::AXIS_PART}};
 for (int part = 0; part < (kind == {CAPSULE} ? 3 : 1); part++) {{
     const fused::Mat turned = fused::transposed(ground.axes);
     const fused::Patch patch = fused::patch_at(surface, turned * (geom.pos - ground.pos));
@@ -74,9 +78,8 @@ def fused_kernel(double: bool) -> wp.Kernel:
     sources = "".join((folder / name).read_text() for name in names) + WORLD + search
     head = (
         f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
-        "#define HAS_FIELDS 1\n#define TOUCHES 24\n#define NFIELDS 1\n#define HAS_MESHES 0\n"
-        + "#define FUSED_DOUBLE\n"
-        * double
+        "#define HAS_FIELDS 1\n#define HAS_FIELD_CYLINDER 1\n"
+        "#define TOUCHES 24\n#define NFIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
     )
     vec, mat, real = (wp.vec3d, wp.mat33d, wp.float64) if double else (wp.vec3, wp.mat33, wp.float32)
 
@@ -200,7 +203,58 @@ def test_hits_are_those_of_the_warp_functions_in_both_precisions(kind, rough, mo
         assert np.mean(error < 1e-4) > 0.995
 
 
-@pytest.mark.parametrize("kind", [SPHERE, CAPSULE, BOX])
+def plane_contacts(case: dict[str, np.ndarray], margin: float) -> list[np.ndarray]:
+    """MuJoCo's contacts of each cylinder with the plane of a level field: distances, positions and normals."""
+    geom = "<body><freejoint/><geom type='cylinder' size='1 1' contype='0' conaffinity='0' name='c'/></body>"
+    plane = "<body mocap='true'><geom type='plane' size='0 0 1' contype='0' conaffinity='0' name='p'/></body>"
+    pair = f"<contact><pair geom1='p' geom2='c' margin='{margin}'/></contact>"
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{plane}{geom}</worldbody>{pair}</mujoco>")
+    data, height, found = mujoco.MjData(model), SIZE[2] * float(case["heights"][0, 0]), []
+    model.geom_rbound[:] = 0.0  # no broad phase
+    for xpos, xmat, size in zip(*(case[n].astype(float) for n in ("xpos", "xmat", "size")), strict=True):
+        data.mocap_pos[0], data.qpos[:3] = xpos[0] + height * xmat[0, :, 2], xpos[1]
+        mujoco.mju_mat2Quat(data.mocap_quat[0], xmat[0].ravel())
+        mujoco.mju_mat2Quat(data.qpos[3:], xmat[1].ravel())
+        model.geom_size[1] = size
+        mujoco.mj_fwdPosition(model, data)
+        found.append(np.array([[c.dist, *c.pos, *c.frame[:3]] for c in data.contact]).reshape(-1, HIT))
+    return found
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.02])
+def test_a_cylinder_touches_a_level_field_as_mujoco_touches_a_plane(margin):
+    case = random_case(CYLINDER, rough=False)
+    counts, hits = hits_of(fused_kernel(True), CYLINDER, margin, case, double=True)
+    contacts, compared = plane_contacts(case, margin), []
+    for xpos, xmat, count, hit, contact in zip(case["xpos"], case["xmat"], counts, hits, contacts, strict=True):
+        beyond = np.abs((contact[:, 1:4] - xpos[0]) @ xmat[0])[:, :2] > SIZE[:2]
+        if beyond.any():
+            continue
+        assert count == len(contact)
+        compared.append(count)
+        order = [np.lexsort(np.round(found, 6).T) for found in (hit[:count], contact)]
+        np.testing.assert_allclose(hit[order[0]], contact[order[1]], atol=1e-6)
+    assert np.bincount(compared).min() > 50
+
+
+def test_a_cylinder_lies_on_a_ridge_and_stands_on_a_peak():
+    """With its barrel, and with a cap, where no rim touches; all contacts are straight up."""
+    case = {name: np.repeat(values[:1], COUNT, axis=0) for name, values in random_case(CYLINDER, False).items()}
+    case["xpos"][:], case["xmat"][:], case["size"][:] = 0.0, np.eye(3), (0.08, 0.1, 0.0)
+    peak, ridge = np.zeros((33, 41), dtype=np.float32), np.zeros((33, 41), dtype=np.float32)
+    peak[16, 20] = ridge[:, 20] = 1.0  # 0.12 m high
+    lying = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
+    for heights, turn, reach in ((peak, np.eye(3), 0.1), (ridge, lying, 0.08)):
+        case["heights"], case["xmat"][:, 1], case["xpos"][:, 1, 2] = heights, turn, 0.119 + reach
+        counts, hits = hits_of(fused_kernel(False), CYLINDER, 0.0, case)
+        found = hits[0, : counts[0]]
+        assert len(found) >= (1 if heights is peak else 2)
+        np.testing.assert_allclose(found[:, 0], -0.001, atol=1e-6)
+        np.testing.assert_allclose(found[:, 4:], [[0.0, 0.0, 1.0]] * len(found), atol=1e-6)
+        np.testing.assert_allclose(found[:, [1, 3]], [[0.0, 0.1195]] * len(found), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [SPHERE, CAPSULE, BOX, CYLINDER])
 @pytest.mark.parametrize("place", [np.nan, np.inf, 1e30])
 def test_a_geom_that_flew_away_touches_nothing(kind, place):
     case = random_case(kind, rough=True)

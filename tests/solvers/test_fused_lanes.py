@@ -7,11 +7,14 @@ import newton
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
 import stripe_tasks  # noqa: F401 - registers the tasks
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers.solver_fused import _Call
 from tests.helpers.lane_emulator import emulate
+from tests.helpers.limb_models import walker_worlds
 from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
 
 STATE = "qpos", "qvel", "qacc_warmstart"
@@ -67,6 +70,45 @@ def test_tasks(task, lanes, limbs):
         rows += int(one["nefc"].sum())
     assert rows or "Cartpole" in task
     env.close()
+
+
+@pytest.mark.parametrize(("lanes", "limbs"), [(4, True), (32, False)])
+def test_newton_state_of_worlds_that_share_a_warp(lanes, limbs):
+    """Eight worlds and three, of which some are pushed, by a body's wrench or by a free joint's."""
+    model, rng = walker_worlds("floating", 11), np.random.default_rng(4)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    solver.limbs = limbs
+    start, control = model.state(), model.control()
+    for array in (start.joint_qd, control.joint_target_q, control.joint_target_qd):
+        array.assign(rng.uniform(-0.5, 0.5, array.shape).astype(np.float32))
+    pushes, forces = np.zeros((11, model.body_count // 11, 6)), np.zeros((11, model.joint_dof_count // 11))
+    pushes[[2, 8], 3] = rng.uniform(-30.0, 30.0, 6)
+    forces[5, :6], forces[:, 6:] = 20.0, rng.uniform(-1.0, 1.0, forces[:, 6:].shape)
+    start.body_f.assign(pushes.reshape(-1, 6).astype(np.float32))
+    control.joint_f.assign(forces.reshape(-1).astype(np.float32))
+    emulated, warm = emulate(solver, lanes), solver.mjw_data.qacc_warmstart
+    assert solver.fused.layout.is_limbs == limbs
+    found = []
+    for is_emulated in (False, True, False):
+        end, efforts = model.state(), wp.zeros(model.joint_dof_count, dtype=float, device="cpu")
+        before = wp.zeros_like(start.joint_q), wp.zeros_like(start.joint_qd)
+        solver._call, solver._before = _Call(start, end, control, None, reads_state=True), before
+        solver._efforts = lambda call, array=efforts: array
+        warm.zero_()
+        if is_emulated:
+            emulated(3)
+        else:
+            solver.fused.launch(solver._arguments(first=True, last=True), 11, "cpu", 3)
+        arrays = *before, end.joint_q, end.joint_qd, end.body_q, end.body_qd, efforts, warm, solver.mjw_data.qpos
+        found.append([array.numpy().reshape(11, -1).copy() for array in arrays])
+        if is_emulated:  # and once more without pushes
+            forces[5, :6] = 0.0
+            start.body_f.zero_()
+            control.joint_f.assign(forces.reshape(-1).astype(np.float32))
+    for one, two in zip(*found[:2], strict=True):
+        np.testing.assert_allclose(two, one, rtol=1e-3, atol=1e-3)
+    are_pushed = (found[0][3] != found[2][3]).any(axis=1)
+    assert np.flatnonzero(are_pushed).tolist() == [2, 5, 8]
 
 
 SHAPES = {

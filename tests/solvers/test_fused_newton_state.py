@@ -116,3 +116,23 @@ def test_state_and_controls_are_converted_as_newton_does(separate):
     assert np.abs(expected[4]).max() > 1.0
     for want, have in zip(expected, found, strict=True):
         np.testing.assert_allclose(have, want, atol=2e-5)
+
+
+def test_reference_coordinates_that_come_later():
+    """Where all are 0 the kernel does not look at them, until it is told."""
+    found = []
+    for kind in (newton.solvers.SolverMuJoCo, SolverFused):
+        model = model_of(2)
+        solver, state, control = kind(model, **ROOM), model.state(), model.control()
+        solver.step(state, state, control, None, 0.002)
+        references = model.mujoco.dof_ref.numpy()
+        references[model.joint_dof_count // 2 + 6] = 0.3  # the hinge of the second world
+        model.mujoco.dof_ref.assign(references)
+        solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_PROPERTIES)
+        if isinstance(solver, SolverFused):
+            assert solver.has_stale_graphs
+        for _ in range(3):
+            solver.step(state, state, control, None, 0.002)
+        found.append([array.numpy() for array in (state.joint_q, state.joint_qd, state.body_q)])
+    for want, have in zip(*found, strict=True):
+        np.testing.assert_allclose(have, want, atol=2e-5)

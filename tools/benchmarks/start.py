@@ -6,7 +6,9 @@
 
 Each run is ``stripe-newton train TASK --max-iterations 1`` in a process of its own. The table has the time by the wall
 and that of the processor, each the smallest over the runs: on a machine that others use, compare the second.
-``--cold`` starts with an empty kernel cache. ``--imports`` adds the packages that take longest to import.
+``--cold`` starts with an empty kernel cache, and adds a table of the kernel modules of the last run: when its process,
+or one that it started, began to compile each, and for how long. ``--imports`` adds the packages that take longest to
+import.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 PHASES = {
     "imports": "imports",
@@ -115,6 +118,7 @@ def train(words: list[str]) -> int:
     from stripe_newton.scene import InteractiveScene
 
     clock.time(parts, "make_env", "env")
+    clock.time(parts, "warm_up", "kernels")
     clock.time(InteractiveScene, "build", "scene")
     clock.time(wp.Module, "load", "kernels")
     code = main(["train", *words])
@@ -127,8 +131,35 @@ def train(words: list[str]) -> int:
 # -- in the process that measures
 
 
-def measure(task: str, options: list[str], cold: bool) -> dict[str, list[float]]:
-    """Seconds by phase, wall and processor, of one training of one iteration."""
+class Module(NamedTuple):
+    """A kernel module that was compiled."""
+
+    name: str
+    began: float
+    """When the compiler got its source [s], from the command on."""
+    seconds: float
+    """Time until its binary was there [s]."""
+
+
+def compiled_modules(cache: Path, start: float) -> list[Module]:
+    """Modules in a kernel cache, the first one first, of which Warp keeps the source beside the binary.
+
+    Args:
+        cache: Folder of the cache.
+        start: Time of the command, as of :func:`time.time`.
+    """
+    modules = []
+    for source in (f for f in cache.rglob("wp_*/*") if f.suffix in (".cu", ".cpp")):
+        began = source.stat().st_mtime
+        binaries = [f for f in source.parent.iterdir() if f.suffix in (".cubin", ".ptx", ".o")]
+        if binaries:
+            seconds = max(f.stat().st_mtime for f in binaries) - began
+            modules.append(Module(source.stem.removeprefix("wp_"), began - start, seconds))
+    return sorted(modules, key=lambda module: module.began)
+
+
+def measure(task: str, options: list[str], cold: bool) -> tuple[dict[str, list[float]], list[Module]]:
+    """Seconds by phase, wall and processor, of one training of one iteration; and the modules that were compiled."""
     with tempfile.TemporaryDirectory() as folder:
         seconds = Path(folder) / "seconds.json"
         environment = os.environ | {"START_SECONDS": str(seconds)}
@@ -136,9 +167,18 @@ def measure(task: str, options: list[str], cold: bool) -> dict[str, list[float]]
             environment["WARP_CACHE_PATH"] = f"{folder}/kernels"
         words = [task, "--max-iterations", "1", "--log-dir", f"{folder}/logs", *options]
         command = [sys.executable, __file__, "--in-process", *words]
+        start = time.time()
         subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
         found: dict[str, list[float]] = json.loads(seconds.read_text(encoding="utf-8"))
-    return found
+        modules = compiled_modules(Path(folder) / "kernels", start)
+    return found, modules
+
+
+def table_of_modules(modules: list[Module]) -> str:
+    """Markdown table of compiled modules, with the total."""
+    lines = ["| module | began at [s] | compiled in [s] |", "| --- | ---: | ---: |"]
+    lines += [f"| {m.name} | {m.began:.1f} | {m.seconds:.2f} |" for m in modules]
+    return "\n".join([*lines, f"| all {len(modules)} | | {sum(m.seconds for m in modules):.1f} |"])
 
 
 def import_times() -> list[tuple[str, float]]:
@@ -179,9 +219,12 @@ def main() -> int:
     parser.add_argument("--imports", action="store_true")
     args, options = parser.parse_known_args()
     load = os.getloadavg()[0]
-    runs = [measure(args.task, options, args.cold) for _ in range(args.runs)]
+    measured = [measure(args.task, options, args.cold) for _ in range(args.runs)]
+    runs = [seconds for seconds, _ in measured]
     print(f"{args.task} {' '.join(options)}: {args.runs} runs, {os.cpu_count()} cores, load {load:.1f} before\n")
     print(table(runs))
+    if args.cold:
+        print(f"\n{table_of_modules(measured[-1][1])}")
     if args.imports:
         print("\n| package | import [s], by the wall |\n| --- | ---: |")
         for name, seconds in import_times()[:20]:

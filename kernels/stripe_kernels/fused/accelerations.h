@@ -29,7 +29,7 @@ FN void keep_bodies(const World& w, const Parameters& P, int lane) {
         for (int k = 0; k < 6; k++) o[B_V + k] = w.V[6 * b + k], o[B_A + k] = w.A[6 * b + k];
         // Of the body alone: those in w.X are of its subtree by now.
         body_inertia(o + B_X, P, b, turn_b, c);
-        const real* push = P.xfrc_applied() + 6 * b;
+        const real *wrench = P.xfrc_applied() + 6 * b, none[6] = {0, 0, 0, 0, 0, 0}, *push = w.is_pushed ? wrench : none;
         store_spatial(o + B_F, Spatial{load(push + 3) + cross(c, load(push)), load(push)});
     }
     SYNC();
@@ -79,7 +79,7 @@ FN void write_accelerations(const World& w, const Parameters& P, int contacts, i
         SYNC();
     }
     EACH(b, NB) {
-        const int n = ((const int*)P.m.newton_body)[(long long)P.id * NB + b];
+        const int n = newton_body_of(P, b);
         if (n < 0) continue;
         const real* o = bodies + BODY_SIZE * b;
         Vec c = load(o + B_COM);

@@ -38,6 +38,7 @@ typedef float real;
 // A loop that stays one: a world goes through the code once in a step, so that fetching instructions takes longer than what
 // is saved by copies of them.
 #define ROLLED _Pragma("unroll 1")
+#define UNROLLED _Pragma("unroll")
 #define TABLE static __device__ const  // lanes read different elements, which constant memory would serve one by one
 #else
 #define FN static inline
@@ -45,6 +46,7 @@ typedef float real;
 #define COLD static
 #define ONE_COPY FN
 #define ROLLED
+#define UNROLLED
 #define TABLE static const
 #endif
 
@@ -62,6 +64,7 @@ FN unsigned own_lanes() {
 FN unsigned own_lanes() { return 0; }
 #endif
 #define SYNC() __syncwarp(own_lanes())
+#define SYNC_WARP() __syncwarp(0xffffffffu)  // what lanes of other worlds wrote, too
 // Whether something holds in any lane.
 #define ANY(x) __any_sync(own_lanes(), x)
 // In which lanes something holds: a bit for each.
@@ -91,6 +94,7 @@ FN real SUM(real x) {
 }
 #else
 #define SYNC()
+#define SYNC_WARP()
 #define ANY(x) (x)
 #define BALLOT(holds) (holds)
 #define BEFORE(mine, before, all)

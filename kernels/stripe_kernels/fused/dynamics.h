@@ -109,7 +109,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
             for (int k = 0; k < 16; k++) X[k] = 0;
         else {
             Vec c = load(w.pos + 3 * b) + rotate(load_quat(w.quat + 4 * b), load(P.com() + 3 * b));
-            store_spatial(X + 10, body_force(X, P, b, c, load_spatial(w.V + 6 * b), load_spatial(w.A + 6 * b)));
+            store_spatial(X + 10, body_force(X, P, w.is_pushed, b, c, load_spatial(w.V + 6 * b), load_spatial(w.A + 6 * b)));
         }
     }
     SYNC();
@@ -127,7 +127,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
         const real* X = w.X + 16 * dof_body(i);
         Spatial s = load_spatial(w.S + 6 * i);
         store_spatial(w.U + 6 * i, operator_inertia(X, s));
-        real f = P.qfrc_applied()[i] - dot(s, Spatial{load(X + 10), load(X + 13)}) - P.damping()[i] * w.v[i];
+        real f = w.applied[i] - dot(s, Spatial{load(X + 10), load(X + 13)}) - P.damping()[i] * w.v[i];
         int j = dof_joint(i);
         if (joint_type(j) == HINGE || joint_type(j) == SLIDE)
             f -= P.stiffness()[j] * (w.q[joint_q(j)] - P.spring()[joint_q(j)]);
@@ -140,7 +140,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
             int i = actuator_dof(t);
             length += actuator_coefficient(t) * w.q[joint_q(dof_joint(i))], speed += actuator_coefficient(t) * w.v[i];
         }
-        w.drive[u] = actuator_force(P, u, length, speed, w.slope[u]);
+        w.drive[u] = actuator_force(P, u, w.ctrl[u], length, speed, w.slope[u]);
     }
     SYNC();
     EACH(t, NPAIRS) {
@@ -158,7 +158,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
             total += dof_coefficient(t) * P.gear()[6 * dof_actuator(t)] * w.drive[dof_actuator(t)];
         if (joint_force_limited(j)) total = clamped(total, P.joint_force()[2 * j], P.joint_force()[2 * j + 1]);
         w.smooth[i] += total;
-        P.qfrc_actuator()[i] = total;
+        w.effort[i] = total;
     }
     SYNC();
 }

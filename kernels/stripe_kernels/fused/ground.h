@@ -5,11 +5,12 @@
 namespace fused {
 
 #if HAS_SEARCHES
-enum GroundPart { SPHERE_OF, HIGH_END_OF, LOW_END_OF, AXIS_OF, BOX_OF, CORNERS_OF };
+enum GroundPart { SPHERE_OF, HIGH_END_OF, LOW_END_OF, AXIS_OF, BOX_OF, CYLINDER_OF, CORNERS_OF };
 // Part of a geom that the routine of a pair searches, or a number of CORNERS_OF and above for a corner of a box.
 FN int ground_part(int pair) {
     const int kind = contact_kind(pair);
-    return kind < MESH_SPHERE ? kind - FIELD_SPHERE : kind - MESH_SPHERE;
+    if (kind < MESH_SPHERE) return kind - FIELD_SPHERE;
+    return kind - MESH_SPHERE + (kind >= MESH_CORNER_0);  // meshes have no routine for cylinders
 }
 
 // Balls that hold a geom: along the longest of its axes, so that they are smaller than one around all of it.
@@ -22,7 +23,7 @@ FN Cover cover(const Geom& geom, int part) {
     if (part == SPHERE_OF) return Cover{1, {0, 0, 0}, {0, 0, 0}, geom.size.x};
     Vec h = geom.size;
     int longest = 2;
-    if (part < BOX_OF) return Cover{3, (real)(-2.0 / 3) * h.y * column(geom.axes, 2), (real)(2.0 / 3) * h.y * column(geom.axes, 2), h.x + h.y / 3};
+    if (part < BOX_OF || part == CYLINDER_OF) return Cover{3, (real)(-2.0 / 3) * h.y * column(geom.axes, 2), (real)(2.0 / 3) * h.y * column(geom.axes, 2), h.x + h.y / 3};
     if (h.x >= h.y && h.x >= h.z) longest = 0;
     else if (h.y >= h.z) longest = 1;
     real half = longest == 0 ? h.x : longest == 1 ? h.y : h.z, third = half / 3;
@@ -106,7 +107,8 @@ FN void prepare(Search& s, const World& w, const Parameters& P, int p) {
     const PairGeoms g = geoms_of(w, P, p);
     const Mat axes = transposed(g.a.axes);
     const Vec at = axes * (g.b.pos - g.a.pos);
-    const PartKind is = k < AXIS_OF ? BALL_PART : k == AXIS_OF ? AXIS_PART : k == BOX_OF ? BOX_PART : CORNER_PART;
+    const PartKind kinds[] = {BALL_PART, BALL_PART, BALL_PART, AXIS_PART, BOX_PART, CYLINDER_PART};
+    const PartKind is = k < CORNERS_OF ? kinds[k] : CORNER_PART;
     const int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
     s.pair = p, s.count = 0, s.ended = false;
 #if HAS_MESHES

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Height field: contacts of spheres, capsules and boxes with a height field. They are those of
-// stripe_kernels/heightfield.py, which says what counts as a touch, in the order of mujoco_ground.py.
+// Height field: contacts of spheres, capsules, boxes and cylinders with a height field. But for those of cylinders they are
+// those of stripe_kernels/heightfield.py, which says what counts as a touch, in the order of mujoco_ground.py.
 
 #if HAS_FIELDS
 namespace fused {
@@ -91,22 +91,89 @@ FN bool ball_touch(const Search& s, const Patch& p, int i, Touch& hit, real& ord
     return true;
 }
 
-// Candidates of an axis from -half to half, its ends left out: the edges, of which those at which the surface bends down may
-// touch. Each cell has three: its lower, its left and its diagonal one; the others belong to its neighbours.
-FN bool ridge_touch(const Search& s, const Patch& p, int i, Touch& hit, real& order) {
-    int width = 3 * (s.cells.last_col - s.cells.col + 1), row = s.cells.row + i / width, edge = i % width;
-    int col = s.cells.col + edge / 3;
-    edge %= 3;
-    real size = s.radius + s.reach;
-    Triangle t = triangle(p, row, col, 0);
-    if (larger(larger(t.a.z, t.b.z), t.c.z) < -FABS(s.at.z) - size) return false;
-    // The edge a to b of the triangle, and the triangle on its other side.
-    Vec n = normal_of(t), right = vertex(p, row + (edge == 0 ? -1 : 1), col + (edge == 1 ? -1 : 1));
+// An edge of a cell, a to b of the triangle `t`, with the vertex of the triangle on its other side: the lower (0), the left (1)
+// or the diagonal one (2); the others belong to neighbours. Returns whether the surface bends down at it, and is not below
+// `lowest`.
+FN bool ridge(const Patch& p, int row, int col, int edge, real lowest, Triangle& t, Vec& right) {
+    t = triangle(p, row, col, 0);
+    if (larger(larger(t.a.z, t.b.z), t.c.z) < lowest) return false;
+    Vec n = normal_of(t);
+    right = vertex(p, row + (edge == 0 ? -1 : 1), col + (edge == 1 ? -1 : 1));
     if (edge == 1) t = Triangle{t.c, t.a, t.b};
     if (edge == 2) t = Triangle{t.b, t.c, t.a};
-    if (dot(right - t.a, n) > (real)-1e-5) return false;  // level, or a valley
+    return dot(right - t.a, n) <= (real)-1e-5;  // else level, or a valley
+}
+
+// Candidates of an axis from -half to half, its ends left out: the edges, three of each cell.
+FN bool ridge_touch(const Search& s, const Patch& p, int i, Touch& hit, real& order) {
+    int width = 3 * (s.cells.last_col - s.cells.col + 1);
+    Triangle t;
+    Vec right;
+    if (!ridge(p, s.cells.row + i / width, s.cells.col + i % width / 3, i % 3, -FABS(s.at.z) - s.radius - s.reach, t, right))
+        return false;
     return axis_touch(s, t, right, hit, order) && hit.normal.z > 0;
 }
+
+#if HAS_FIELD_CYLINDER
+// Candidates of a cylinder in each cell: four points of its rims for each of the two triangles; for each of three edges the
+// barrel and the two ends of what is below the cap.
+enum { RIM_POINTS = 4, EDGE_TOUCHES = 3, OF_CELL = 2 * RIM_POINTS + 3 * EDGE_TOUCHES };
+
+// Whether a point is above or below a triangle.
+FN bool is_over(const Patch& p, Vec point, int row, int col, int upper) {
+    real u = column_at(p, point.x) - col, v = row_at(p, point.y) - row;
+    return u >= 0 && u < 1 && v >= 0 && v < 1 && (u + v > 1) == upper;
+}
+
+// Touch of a rim of a cylinder with the triangle that a point of it is over. The points are those that MuJoCo finds on the
+// triangle's plane (`plane_cylinder`): on a slope its contacts are those of a plane.
+FN bool rim_touch(const Search& s, const Patch& p, int row, int col, int upper, int k, Touch& hit) {
+    Triangle t = triangle(p, row, col, upper);
+    if (larger(larger(t.a.z, t.b.z), t.c.z) < -FABS(s.at.z) - s.radius - s.reach) return false;
+    Vec n = normal_of(t), aside = cross(s.at, FABS(s.at.x) < FABS(s.at.y) ? Vec{1, 0, 0} : Vec{0, 1, 0});
+    Vec point = rim_point(s.at, s.radius, n, (1 / SQRT(dot(aside, aside))) * aside, k);
+    real above = dot(point - t.a, n);
+    hit.dist = above, hit.pos = point - above * n, hit.normal = n;
+    return above < s.reach && is_over(p, point, row, col, upper);
+}
+
+// Touch of the cap that faces down with the first (-1) or the second end (1) of what is below it of the edge a to b. Deeper
+// edges, from which the way out through the barrel is shorter, touch that.
+FN bool cap_touch(const Search& s, const Triangle& t, Vec right, int end, Touch& hit) {
+    real height = SQRT(dot(s.at, s.at));
+    Vec up = ((s.at.z > 0 ? 1 : -1) / height) * s.at, along = t.b - t.a;
+    // In the plane of the cap: the edge is from + x across.
+    Vec from = t.a - dot(t.a, up) * up, across = along - dot(along, up) * up;
+    real square = dot(across, across), middle = -dot(from, across) / square, x = clamped(middle, 0, 1);
+    Vec near = from + x * across, nearest = from + middle * across;
+    real to_barrel = s.radius - SQRT(dot(near, near)), chord = s.radius * s.radius - dot(nearest, nearest);
+    if (!(square > (real)1e-12) || to_barrel <= 0 || to_barrel <= height + dot(t.a + x * along, up)) return false;
+    Vec point = t.a + clamped(middle + end * SQRT(chord / square), 0, 1) * along;
+    // As of an edge and an axis: neither triangle goes on towards the cylinder.
+    if (up.z < (real)0.1 || dot(up, t.c - point) > (real)1e-5 || dot(up, right - point) > (real)1e-5) return false;
+    hit.dist = -height - dot(up, point), hit.pos = point, hit.normal = up;
+    return hit.dist < s.reach;
+}
+
+FN bool cylinder_touch(const Search& s, const Patch& p, int i, Touch& hit, real& order) {
+    int cell = i / OF_CELL, k = i % OF_CELL - 2 * RIM_POINTS, cols = s.cells.last_col - s.cells.col + 1;
+    int row = s.cells.row + cell / cols, col = s.cells.col + cell % cols, end = k / 3 % EDGE_TOUCHES;
+    bool found = false;
+    if (k < 0) found = rim_touch(s, p, row, col, -k > RIM_POINTS, -k % RIM_POINTS, hit);
+    else if (row == 0 || col == 0) return false;  // edges of the field's border are no ridges
+    else if (end == 0) {
+        found = ridge_touch(s, p, 3 * cell + k % 3, hit, order);
+        real square = dot(s.at, s.at);
+        if (found) found = -hit.dist <= SQRT(square) * (1 - FABS(dot(s.at, hit.pos)) / square);
+    } else {
+        Triangle t;
+        Vec right;
+        found = ridge(p, row, col, k % 3, -FABS(s.at.z) - s.radius - s.reach, t, right) && cap_touch(s, t, right, 2 * end - 3, hit);
+    }
+    order = hit.dist;
+    return found;
+}
+#endif
 
 #if SEARCHES_BOXES
 // Touch of a corner of a box, a ball of radius 0. It minds no other touches: corners lie side by side on a flat ground, on
@@ -162,9 +229,11 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Patch& p, 
     if (peak(p, s.cells) < b.center.z - b.half.z) return false;
     if (kind == AXIS_PART) {
         if (!is_long(s)) return false;
-        // One more row and column, as each cell has but some of its edges. Those of the field's border have but one triangle
-        // and are no ridges.
+        // Those of the field's border have but one triangle and are no ridges.
         s.cells.row = s.cells.row > 1 ? s.cells.row : 1, s.cells.col = s.cells.col > 1 ? s.cells.col : 1;
+    }
+    if (kind == AXIS_PART || kind == CYLINDER_PART) {
+        // One more row and column, as each cell has but some of its edges.
         if (s.cells.last_row + 1 <= p.rows - 2) s.cells.last_row++;
         if (s.cells.last_col + 1 <= p.cols - 2) s.cells.last_col++;
     }
@@ -174,6 +243,9 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Patch& p, 
     s.size = rows > 0 && cols > 0 ? rows * cols : 0;
     if (kind == BALL_PART) s.size = 1 + 2 * s.size;
     if (kind == AXIS_PART) s.size = 3 * s.size;
+#if HAS_FIELD_CYLINDER
+    if (kind == CYLINDER_PART) s.size = OF_CELL * s.size;
+#endif
     if (kind == BOX_PART) s.size = 8 + (s.size ? (rows + 1) * (cols + 1) : 0);
     return true;
 }

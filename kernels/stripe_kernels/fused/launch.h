@@ -23,38 +23,88 @@ FN void together(const Parameters& P) {
 
 FN void write_newton_bodies(World& w, const Parameters& P, int lane);
 
-// The state and controls of a launch, into the world.
+// The state, controls and forces of a launch, into the world.
 FN void read_state(World& w, const Parameters& P, int lane) {
-    if (!P.m.joint_q_in) {
-        EACH(i, NQ) w.q[i] = P.qpos()[i];
-        EACH(i, NV) w.v[i] = P.qvel()[i];
-    }
+    const Rows r = rows_of(w, P, lane);
+    if (lane == 0) w.has_kinematic = w.is_pushed = 0;
+    SYNC_WARP();
+#if HAS_NEWTON
+    if (P.m.body_flags) find_kinematic(r, P);
+    if (P.m.body_f) find_pushed(r, P);
+    else
+#endif
+        read_rows<6 * NB>(
+            r, [&](int id, int i) { return IN_ROW(xfrc_applied, id, i); },
+            [](World& o, int, real x) { if (x != 0) o.is_pushed = 1; });
+    read_rows<NV>(
+        r, [&](int id, int i) { return IN_ROW(qacc_warmstart, id, i); }, [](World& o, int i, real x) { o.a[i] = x; });
 #if HAS_NEWTON
     if (P.m.joint_q_in) {
-        read_newton_joints(w, P, (const float*)P.m.joint_q_in, (const float*)P.m.joint_qd_in, true, lane);
+        read_newton_joints(w, P, lane);
         place_fixed_bodies(P, lane);
-    }
-    SYNC();
-    read_newton_controls(P, lane);
+    } else
 #endif
-    EACH(i, NV) w.a[i] = P.qacc_warmstart()[i];
+    {
+        read_rows<NQ>(r, [&](int id, int i) { return IN_ROW(qpos, id, i); }, [](World& o, int i, real x) { o.q[i] = x; });
+        read_rows<NV>(r, [&](int id, int i) { return IN_ROW(qvel, id, i); }, [](World& o, int i, real x) { o.v[i] = x; });
+    }
+#if HAS_NEWTON
+    if (P.m.joint_f) read_newton_controls(w, P, lane);
+    else
+#endif
+    {
+#if ACTUATORS
+        read_rows<NU>(r, [&](int id, int i) { return IN_ROW(ctrl, id, i); }, [](World& o, int i, real x) { o.ctrl[i] = x; });
+#endif
+        read_rows<NV>(
+            r, [&](int id, int i) { return IN_ROW(qfrc_applied, id, i); }, [](World& o, int i, real x) { o.applied[i] = x; });
+    }
+    SYNC_WARP();
+#if HAS_NEWTON
+    if (P.m.body_f && w.is_pushed) read_body_forces(w, P, lane);
+#endif
     SYNC();
 }
 
 // The state after a launch, and what others read of it.
 FN void write_state(World& w, const Parameters& P, int lane) {
-    EACH(i, NQ) P.qpos()[i] = w.q[i];
-    EACH(i, NV) P.qvel()[i] = w.v[i], P.qacc_warmstart()[i] = w.a[i];
+    SYNC_WARP();
+    const Rows r = rows_of(w, P, lane);
+    write_rows<NQ>(r, [&](const World& o, int id, int i) { IN_ROW(qpos, id, i) = o.q[i]; });
+    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qvel, id, i) = o.v[i], IN_ROW(qacc_warmstart, id, i) = o.a[i]; });
+#if HAS_NEWTON
+    if (P.m.efforts)  // by Newton's degrees of freedom
+        write_rows<NV>(r, [&](const World& o, int id, int i) {
+            *in_newton(P.m.efforts, id, NEWTON_DOFS, newton_dof(i)) = o.effort[i];
+        });
+    else
+#endif
+        write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_actuator, id, i) = o.effort[i]; });
 #if HAS_NEWTON
     if (P.m.joint_q_out) {
-        float *q = (float*)P.m.joint_q_out, *v = (float*)P.m.joint_qd_out;
-        write_newton_joints(w, P, q, v, lane);
-        read_newton_joints(w, P, q, v, false, lane);  // where their bodies are
+        write_newton_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
+        read_kinematic_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
         SYNC();
     }
-    if (P.m.efforts) write_newton_efforts(P, lane);
-#endif
     if (P.m.body_q) write_newton_bodies(w, P, lane);
+#endif
 }
+
+#if HAS_NEWTON
+// Poses and velocities of bodies as Newton has them: (position, x, y, z, w), and (velocity of the centre of mass, angular
+// velocity) in the world, from what `keep_velocity` has kept for all bodies.
+FN void write_body_rows(World& w, const Parameters& P, int lane) {
+    SYNC_WARP();
+    const Rows r = rows_of(w, P, lane);
+    write_rows<7 * NEWTON_BODIES>(r, [&](World& o, int id, int i) {
+        const int b = mujoco_body(i / 7), k = i % 7;
+        const real x = k < 3 ? o.pos[3 * b + k] + o.origin[3 * body_tree(b) + k] : o.quat[4 * b + (k == 6 ? 0 : k - 2)];
+        *in_newton(P.m.body_q, id, 7 * NEWTON_BODIES, i) = x;
+    });
+    write_rows<6 * NEWTON_BODIES>(r, [&](World& o, int id, int i) {
+        *in_newton(P.m.body_qd, id, 6 * NEWTON_BODIES, i) = body_velocities(o)[6 * mujoco_body(i / 6) + i % 6];
+    });
+}
+#endif
 
 }  // namespace fused

@@ -107,10 +107,10 @@ FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) 
 
 // Force on a degree of freedom but for those of constraints, of which `bias` is what its bodies need, and what the implicit
 // step has beside the mass matrix there.
-FN void set_joint_force(DofParts& o, const World& w, const Parameters& P, int i, real bias, bool last) {
+FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real bias) {
     const int j = dof_joint(i);
     const real v = w.v[i], h = P.timestep()[0], damping = P.damping()[i];
-    real f = P.qfrc_applied()[i] - bias - damping * v, total = 0;
+    real f = w.applied[i] - bias - damping * v, total = 0;
     o.implicit = h * damping;
     if (joint_type(j) != FREE) {
         const real q = w.q[joint_q(j)];
@@ -119,21 +119,21 @@ FN void set_joint_force(DofParts& o, const World& w, const Parameters& P, int i,
             const int u = dof_actuator(t);
             real slope;
             const real gear = P.gear()[6 * u];
-            total += gear * actuator_force(P, u, q, v, slope);
+            total += gear * actuator_force(P, u, w.ctrl[u], q, v, slope);
             if (IMPLICIT) o.implicit -= h * gear * gear * slope;
         }
         if (joint_force_limited(j)) total = clamped(total, P.joint_force()[2 * j], P.joint_force()[2 * j + 1]);
     }
-    if (last) P.qfrc_actuator()[i] = total;
+    w.effort[i] = total;
     o.smooth = f + total;
 }
 
 // The parts of the degree of freedom `i`. Returns its number of constraint rows.
-FN int set_dof_parts(DofParts& o, const World& w, const Parameters& P, int i, real bias, bool last, int& overflow) {
+FN int set_dof_parts(DofParts& o, World& w, const Parameters& P, int i, real bias, int& overflow) {
     const int j = dof_joint(i);
     int count = 0;
     o.armature = P.armature()[i];
-    set_joint_force(o, w, P, i, bias, last);
+    set_joint_force(o, w, P, i, bias);
     o.sign = o.D = o.e = 0;
     if (joint_limited(j)) {  // at one end: the model's range is wider than its margins
         const real q = w.q[joint_q(j)], low = q - P.range()[2 * j], high = P.range()[2 * j + 1] - q;
@@ -200,12 +200,12 @@ FN void limb_forces(World& w, const Parameters& P, Limb& L, int slot, real* bias
 }
 
 // What the degrees of freedom of a limb have beside bodies. Returns the number of constraint rows.
-FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, const World& w, const Parameters& P, int slot, const real* bias, bool last, int& overflow) {
+FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, World& w, const Parameters& P, int slot, const real* bias, int& overflow) {
     DofParts parts[LD];
     int count = 0;
     ROLLED for (int d = 0; d < LD; d++) {
         DofParts& o = parts[d] = DofParts{1};  // a degree of freedom that is none is by itself, at rest
-        if (d < limb_size(slot)) count += set_dof_parts(o, w, P, limb_dof(slot * LD + d), bias[d], last, overflow);
+        if (d < limb_size(slot)) count += set_dof_parts(o, w, P, limb_dof(slot * LD + d), bias[d], overflow);
     }
     UNROLLED for (int d = 0; d < LD; d++) {
         const DofParts& o = parts[d];
@@ -219,7 +219,7 @@ FN int limb_dof_parts(Limb& L, JointRows<LD>& rows, const World& w, const Parame
 
 // All of it of the hub, on which the limbs hang; `inertia` and `needed` are those of the limbs of this lane. Returns the number
 // of constraint rows.
-FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, const real (*inertia)[10], const Spatial* needed, int lane, bool last, int& overflow) {
+FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, const real (*inertia)[10], const Spatial* needed, int lane, int& overflow) {
     real X[10 * (HUB_BODIES ? HUB_BODIES : 1)];
     Spatial F[HUB_BODIES ? HUB_BODIES : 1];
     ROLLED for (int i = 0; i < HUB_BODIES; i++) {
@@ -252,7 +252,7 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
     int count = 0;
     EACH(h, NH) {  // a lane some of them, for all lanes
         const int i = hub_dof(h);
-        count += set_dof_parts(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), last, overflow);
+        count += set_dof_parts(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), overflow);
     }
     SYNC();
     UNROLLED for (int h = 0; h < NH; h++) {
@@ -267,7 +267,8 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
     return count;
 }
 
-// Poses and velocities of all bodies as Newton has them.
+#if HAS_NEWTON
+// Poses and velocities of all bodies as Newton has them. What is known of links is overwritten.
 FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
     move_hub(w, P);
     for (int l = 0; l < NL; l++) {
@@ -278,7 +279,7 @@ FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
             ROLLED for (int t = first; t < last; t++) {  // the link, and what is welded to it
                 const int b = t == first ? link : weld(t);
                 const Frame f = frame_of(w, b);
-                write_newton_body(P, b, origin_of(w, b), f.x, f.turn, v);
+                keep_velocity(w.velocities + 6 * b, P, b, f.x, f.turn, v);
             }
         });
     }
@@ -286,8 +287,10 @@ FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
     EACH(i, HUB_BODIES + NSTATIC) {
         int b = i < HUB_BODIES ? hub_body(i) : static_body(i - HUB_BODIES);
         Frame f = frame_of(w, b);
-        write_newton_body(P, b, origin_of(w, b), f.x, f.turn, i < HUB_BODIES ? load_spatial(w.hub + 12 * i) : still);
+        keep_velocity(w.velocities + 6 * b, P, b, f.x, f.turn, i < HUB_BODIES ? load_spatial(w.hub + 12 * i) : still);
     }
+    write_body_rows(w, P, lane);
 }
+#endif
 
 }  // namespace fused

@@ -6,13 +6,14 @@
 namespace fused {
 
 // Add the body `b`, which is fixed to a link at `g` in the link's frame.
-FN void add_to_link(LinkParameters& o, const Parameters& P, int b, Frame g) {
+FN void add_to_link(LinkParameters& o, const Parameters& P, bool is_pushed, int b, Frame g) {
     const Vec c = g.x + rotate(g.turn, load(P.com() + 3 * b));
     const real* wrench = P.xfrc_applied() + 6 * b;
     real X[10], pushed = FABS(P.gravcomp()[b]);
     spatial_inertia(X, P.mass()[b], load(P.inertia() + 3 * b), matrix(g.turn * load_quat(P.inertia_quat() + 4 * b)), c);
     for (int k = 0; k < 10; k++) o.inertia[k] += X[k];
-    for (int k = 0; k < 6; k++) pushed += FABS(wrench[k]);
+    if (is_pushed)
+        for (int k = 0; k < 6; k++) pushed += FABS(wrench[k]);
     if (pushed != 0) o.special = 1;
 }
 FN void clear(LinkParameters& o) {
@@ -29,15 +30,15 @@ FN void gather_parameters(World& w, const Parameters& P, int lane) {
             clear(w.link[at]);
             if (!ends_body(at)) continue;
             set_frame(w, link, own);
-            add_to_link(w.link[at], P, link, own);
+            add_to_link(w.link[at], P, w.is_pushed, link, own);
             ROLLED for (int t = weld_start(at); t < weld_start(at + 1); t++) {
                 const int b = weld(t);
                 const Frame g = hang(frame_of(w, body_parent(b)), P, b);
                 set_frame(w, b, g);
-                add_to_link(w.link[at], P, b, g);
+                add_to_link(w.link[at], P, w.is_pushed, b, g);
             }
         }
-    EACH(i, HUB_BODIES) clear(w.hub_link[i]), add_to_link(w.hub_link[i], P, hub_body(i), own);
+    EACH(i, HUB_BODIES) clear(w.hub_link[i]), add_to_link(w.hub_link[i], P, w.is_pushed, hub_body(i), own);
     EACH(i, NPLANES) {
         const int g = plane(i);
         const Geom at = geom_of(w, P, g);
@@ -69,7 +70,7 @@ FN Spatial inertial_force(const real* X, Spatial v, Spatial a) {
 // What gravity compensation and external wrenches on the body `b` add to it.
 FN Spatial special_force(const World& w, const Parameters& P, int b) {
     const Frame f = frame_of(w, b);
-    const real* wrench = P.xfrc_applied() + 6 * b;
+    const real *given = P.xfrc_applied() + 6 * b, none[6] = {0, 0, 0, 0, 0, 0}, *wrench = w.is_pushed ? given : none;
     const Vec c = f.x + rotate(f.turn, load(P.com() + 3 * b));
     const Vec push = (-P.mass()[b] * P.gravcomp()[b]) * load(P.gravity()) + load(wrench);
     return Spatial{-1 * load(wrench + 3) - cross(c, push), -1 * push};

@@ -44,7 +44,7 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     lane = fresh(lane) % LANES;
 #if HAS_NEWTON
     if (last && P.m.joint_q_before)
-        write_newton_joints(w, fresh(P), (float*)P.m.joint_q_before, (float*)P.m.joint_qd_before, lane);
+        write_newton_joints(w, fresh(P), P.m.joint_q_before, P.m.joint_qd_before, lane);
 #endif
     Hub H;
     Limb limb[NL];
@@ -56,10 +56,10 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     move_hub(w, fresh(P));
     for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
     SYNC();
-    rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, last, overflow);
+    rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, overflow);
     for (int l = 0; l < NL; l++) {
         const int slot = slot_of(l, lane);
-        rows += limb_dof_parts(limb[l], K.limb[l], w, fresh(P), slot, bias[l], last, overflow);
+        rows += limb_dof_parts(limb[l], K.limb[l], w, fresh(P), slot, bias[l], overflow);
         K.contacts[l] = LIMB_CONTACTS ? limb_contacts(contact[l], w, fresh(P), limb[l], slot, rows, overflow) : 0;
     }
     rows = (int)SUM((real)rows);

@@ -35,22 +35,34 @@ enum {
     SOME_HUB = HUB_BODIES ? HUB_BODIES : 1,
     LINK_SIZE = 11,
     PARTS_SIZE = LOSSES ? 9 : 6,
-    WORLD_SIZE = NQ + 2 * NV + 3 * NTREES + 7 * NB + (6 + PARTS_SIZE) * (NH ? NH : 1) + (12 + LINK_SIZE) * SOME_HUB +
-                 LINK_SIZE * NSLOTS * LD + 6 * (NPLANES ? NPLANES : 1),
+    LINKS_SIZE = PARTS_SIZE * (NH ? NH : 1) + LINK_SIZE * (SOME_HUB + NSLOTS * LD) + 6 * (NPLANES ? NPLANES : 1),
+    WORLD_SIZE = NQ + 4 * NV + NU + NTURNED + 3 * NTREES + 7 * NB + 6 * (NH ? NH : 1) + 12 * SOME_HUB + 2 +
+                 (LINKS_SIZE > 6 * NB ? LINKS_SIZE : 6 * NB),
 };
 struct World {
     real q[NQ];                     // positions
     real v[NV];                     // velocities
     real a[NV];                     // accelerations (at first the warm start)
+    real applied[NV], ctrl[NU];     // forces on joints from outside, controls
+    real effort[NV];                // forces of actuators on joints
+    float turned[NTURNED];          // free joints and balls as Newton has them
+    int has_kinematic, is_pushed;   // whether a body is kinematic, and whether external wrenches act
     real origin[NTREES * 3];        // of each tree: where its root body is, in the world [m]; tree 0 is the world
     real pos[NB * 3], quat[NB * 4]; // body frames relative to the origin of their tree
     real S[6 * (NH ? NH : 1)];      // motion of each degree of freedom of the hub
     real hub[12 * SOME_HUB];        // velocity, and acceleration without that of the joints, of its bodies
-    LinkParameters hub_link[SOME_HUB], link[NSLOTS * LD];  // of the hub's bodies; of limbs at the last degree of freedom of a body
-    real planes[6 * (NPLANES ? NPLANES : 1)];  // a point and the normal of each plane, in the world
-    DofParts hub_parts[NH ? NH : 1];
+    union {
+        struct {  // in all steps
+            LinkParameters hub_link[SOME_HUB], link[NSLOTS * LD];  // of the hub's bodies; of limbs at the last freedom of a body
+            real planes[6 * (NPLANES ? NPLANES : 1)];  // a point and the normal of each plane, in the world
+            DofParts hub_parts[NH ? NH : 1];
+        };
+        real velocities[6 * NB];  // after them: see `keep_velocity`
+    };
     real gap[1 + WORLD_SIZE % 2];   // an odd size in all: lanes that read the same of their worlds share no bank
 };
+
+FN real* body_velocities(World& w) { return w.velocities; }
 
 #if IN_SHARED && defined(__CUDA_ARCH__)
 FN World& in_place() {
@@ -75,12 +87,6 @@ FN bool any_in_warp(bool holds) { return holds; }
 // Place in the lower triangle of a symmetric matrix, whose rows lie one after another.
 #define PACKED(i, j) ((i) * ((i) + 1) / 2 + (j))
 #define PACKED_SIZE(n) ((n) ? (n) * ((n) + 1) / 2 : 1)
-
-#ifdef __CUDA_ARCH__
-#define UNROLLED _Pragma("unroll")
-#else
-#define UNROLLED
-#endif
 
 struct Hub {
     real C[PACKED_SIZE(NH)];  // mass matrix of its degrees of freedom

@@ -24,144 +24,203 @@ FN Pose load_pose(const float* p) { return Pose{load_newton(p), load_newton_quat
 FN Pose operator*(Pose a, Pose b) { return Pose{a.p + rotate(a.q, b.p), a.q * b.q}; }
 FN Pose inverse(Pose a) { return Pose{-1 * rotate(conjugate(a.q), a.p), conjugate(a.q)}; }
 
+// Body of Newton's with the number of MuJoCo's body `b`, -1 for none.
 #if HAS_NEWTON
-// Rows of Newton's arrays of joints and bodies.
+FN int newton_body_of(const Parameters& P, int b) {
+    const int n = newton_body(b);
+    return n < 0 ? n : P.id * NEWTON_BODIES + n;
+}
+#else
 FN int newton_body_of(const Parameters& P, int b) { return ((const int*)P.m.newton_body)[(long long)P.id * NB + b]; }
-FN Pose anchor_in_parent(const Parameters& P, int n) {
-    return load_pose((const float*)P.m.joint_X_p + 7 * ((long long)P.id * NEWTON_JOINTS + n));
-}
-FN Pose anchor_in_child(const Parameters& P, int n) {
-    return load_pose((const float*)P.m.joint_X_c + 7 * ((long long)P.id * NEWTON_JOINTS + n));
-}
+#endif
+
+#if HAS_NEWTON
+// Number `i` of a world in an array of Newton's, in which worlds with `size` numbers each lie one after another.
+FN float* in_newton(unsigned long long array, int id, int size, int i) { return (float*)array + (long long)id * size + i; }
+
+FN Pose anchor_in_parent(const Parameters& P, int n) { return load_pose(in_newton(P.m.joint_X_p, P.id, 7 * NEWTON_JOINTS, 7 * n)); }
+FN Pose anchor_in_child(const Parameters& P, int n) { return load_pose(in_newton(P.m.joint_X_c, P.id, 7 * NEWTON_JOINTS, 7 * n)); }
 FN Vec newton_com(const Parameters& P, int j) {
     return load_newton((const float*)P.m.body_com + 3LL * newton_body_of(P, dof_body(joint_v(j))));
 }
-FN real reference(const Parameters& P, int newton_dof) {
-    return P.m.dof_ref ? ((const float*)P.m.dof_ref)[(long long)P.id * NEWTON_DOFS + newton_dof] : 0;
+// Reference coordinates have no address if all are 0.
+FN real reference(const Parameters& P, int id, int newton_dof) {
+    return P.m.dof_ref ? *in_newton(P.m.dof_ref, id, NEWTON_DOFS, newton_dof) : 0;
 }
 // Joints of kinematic bodies are the caller's, and no force acts on such bodies.
-FN bool is_kinematic(const Parameters& P, int newton_body) {
-    return ((const int*)P.m.body_flags)[newton_body] & KINEMATIC;
+FN bool is_kinematic(const Parameters& P, int id, int newton_body) {
+    return ((const int*)P.m.body_flags)[(long long)id * NEWTON_BODIES + newton_body] & KINEMATIC;
 }
-FN bool moves_kinematic(const Parameters& P, int j) { return is_kinematic(P, newton_body_of(P, dof_body(joint_v(j)))); }
+FN bool moves_kinematic(const World& w, const Parameters& P, int id, int j) {
+    return w.has_kinematic && is_kinematic(P, id, newton_body(dof_body(joint_v(j))));
+}
 
 // One joint, of which `q` and `v` are Newton's coordinates and velocities.
 FN void read_newton_joint(World& w, const Parameters& P, int j, const float* q, const float* v) {
     real *own_q = w.q + joint_q(j), *own_v = w.v + joint_v(j);
     if (joint_type(j) == FREE) {
-        Pose in_parent = anchor_in_parent(P, newton_joint[j]);
-        Pose pose = in_parent * load_pose(q) * inverse(anchor_in_child(P, newton_joint[j]));
+        Pose in_parent = anchor_in_parent(P, newton_joint(j));
+        Pose pose = in_parent * load_pose(q) * inverse(anchor_in_child(P, newton_joint(j)));
         Vec velocity = rotate(in_parent.q, load_newton(v)), turning = rotate(in_parent.q, load_newton(v + 3));
         store(own_q, pose.p), store_quat(own_q + 3, pose.q);
         store(own_v, velocity - cross(turning, rotate(pose.q, newton_com(P, j))));
         store(own_v + 3, rotate(conjugate(pose.q), turning));
     } else if (joint_type(j) == BALL) {
-        Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = load_newton_quat(q);
+        Quat rest = anchor_in_child(P, newton_joint(j)).q, moved = load_newton_quat(q);
         store_quat(own_q, rest * moved * conjugate(rest));
         store(own_v, rotate(rest * conjugate(moved), load_newton(v)));
     } else
-        own_q[0] = q[0] + reference(P, newton_v[j]), own_v[0] = v[0];
+        own_q[0] = q[0] + reference(P, P.id, newton_v(j)), own_v[0] = v[0];
 }
 FN void write_newton_joint(const World& w, const Parameters& P, int j, float* q, float* v) {
     const real *own_q = w.q + joint_q(j), *own_v = w.v + joint_v(j);
     if (joint_type(j) == FREE) {
-        Pose in_parent = anchor_in_parent(P, newton_joint[j]), pose{load(own_q), load_quat(own_q + 3)};
-        Pose moved = inverse(in_parent) * pose * anchor_in_child(P, newton_joint[j]);
+        Pose in_parent = anchor_in_parent(P, newton_joint(j)), pose{load(own_q), load_quat(own_q + 3)};
+        Pose moved = inverse(in_parent) * pose * anchor_in_child(P, newton_joint(j));
         Vec turning = rotate(pose.q, load(own_v + 3));
         Vec velocity = load(own_v) + cross(turning, rotate(pose.q, newton_com(P, j)));
         store_newton(q, moved.p), store_newton_quat(q + 3, moved.q);
         store_newton(v, rotate(conjugate(in_parent.q), velocity));
         store_newton(v + 3, rotate(conjugate(in_parent.q), turning));
     } else if (joint_type(j) == BALL) {
-        Quat rest = anchor_in_child(P, newton_joint[j]).q, moved = conjugate(rest) * load_quat(own_q);
+        Quat rest = anchor_in_child(P, newton_joint(j)).q, moved = conjugate(rest) * load_quat(own_q);
         store_newton_quat(q, moved * rest), store_newton(v, rotate(moved, load(own_v)));
     } else
-        q[0] = own_q[0] - reference(P, newton_v[j]), v[0] = own_v[0];
+        q[0] = own_q[0] - reference(P, P.id, newton_v(j)), v[0] = own_v[0];
 }
+FN bool is_turning(int j) { return joint_type(j) == FREE || joint_type(j) == BALL; }
+FN int coordinates(int j) { return joint_type(j) == FREE ? 7 : joint_type(j) == BALL ? 4 : 1; }
+FN int velocities(int j) { return joint_type(j) == FREE ? 6 : joint_type(j) == BALL ? 3 : 1; }
 
-// All joints, or those of kinematic bodies alone.
-FN void read_newton_joints(World& w, const Parameters& P, const float* q, const float* v, bool all, int lane) {
-    q += (long long)P.id * NEWTON_COORDS, v += (long long)P.id * NEWTON_DOFS;
-    EACH(j, NJ)
-        if (all || moves_kinematic(P, j)) read_newton_joint(w, P, j, q + newton_q[j], v + newton_v[j]);
+// All joints: first the numbers as they are, then those are converted in place that Newton has otherwise.
+FN void read_newton_joints(World& w, const Parameters& P, int lane) {
+    const Rows r = rows_of(w, P, lane);
+    read_rows<NQ>(
+        r, [&](int id, int i) { return *in_newton(P.m.joint_q_in, id, NEWTON_COORDS, newton_coord(i)); },
+        [](World& o, int i, real x) { o.q[i] = x; });
+    read_rows<NV>(
+        r, [&](int id, int i) { return *in_newton(P.m.joint_qd_in, id, NEWTON_DOFS, newton_dof(i)); },
+        [](World& o, int i, real x) { o.v[i] = x; });
+    SYNC_WARP();
+    EACH(j, NJ) {
+        if (!is_turning(j) && !P.m.dof_ref) continue;
+        float q[7], v[6];
+        for (int k = 0; k < coordinates(j); k++) q[k] = w.q[joint_q(j) + k];
+        for (int k = 0; k < velocities(j); k++) v[k] = w.v[joint_v(j) + k];
+        read_newton_joint(w, P, j, q, v);
+    }
 }
-FN void write_newton_joints(const World& w, const Parameters& P, float* q, float* v, int lane) {
-    q += (long long)P.id * NEWTON_COORDS, v += (long long)P.id * NEWTON_DOFS;
+// All joints but those of kinematic bodies.
+FN void write_newton_joints(World& w, const Parameters& P, unsigned long long q, unsigned long long v, int lane) {
     EACH(j, NJ)
-        if (!moves_kinematic(P, j)) write_newton_joint(w, P, j, q + newton_q[j], v + newton_v[j]);
+        if (is_turning(j)) write_newton_joint(w, P, j, w.turned + turned_start(j), w.turned + turned_start(j) + coordinates(j));
+    SYNC_WARP();
+    const Rows r = rows_of(w, P, lane);
+    write_rows<NQ>(r, [&](const World& o, int id, int i) {
+        const int j = coord_joint(i), first = joint_q(j);
+        if (moves_kinematic(o, P, id, j)) return;
+        const float x = is_turning(j) ? o.turned[turned_start(j) + i - first] : o.q[i] - reference(P, id, newton_v(j));
+        *in_newton(q, id, NEWTON_COORDS, newton_coord(i)) = x;
+    });
+    write_rows<NV>(r, [&](const World& o, int id, int i) {
+        const int j = dof_joint(i), first = joint_v(j);
+        if (moves_kinematic(o, P, id, j)) return;
+        const float x = is_turning(j) ? o.turned[turned_start(j) + coordinates(j) + i - first] : o.v[i];
+        *in_newton(v, id, NEWTON_DOFS, newton_dof(i)) = x;
+    });
+}
+// Joints of kinematic bodies, as the caller has placed them.
+FN void read_kinematic_joints(World& w, const Parameters& P, unsigned long long q, unsigned long long v, int lane) {
+    if (!w.has_kinematic) return;
+    EACH(j, NJ)
+        if (moves_kinematic(w, P, P.id, j))
+            read_newton_joint(w, P, j, in_newton(q, P.id, NEWTON_COORDS, newton_q(j)), in_newton(v, P.id, NEWTON_DOFS, newton_v(j)));
 }
 
 // Mocap bodies that a fixed joint holds in the world.
 FN void place_fixed_bodies(const Parameters& P, int lane) {
     EACH(i, NEWTON_FIXED) {
-        Pose pose = anchor_in_parent(P, fixed_joint[i]) * inverse(anchor_in_child(P, fixed_joint[i]));
-        store((real*)P.mocap_pos() + 3 * fixed_mocap[i], pose.p);
-        store_quat((real*)P.mocap_quat() + 4 * fixed_mocap[i], pose.q);
+        Pose pose = anchor_in_parent(P, fixed_joint(i)) * inverse(anchor_in_child(P, fixed_joint(i)));
+        store((real*)P.mocap_pos() + 3 * fixed_mocap(i), pose.p);
+        store_quat((real*)P.mocap_quat() + 4 * fixed_mocap(i), pose.q);
     }
 }
 
 // Torques on ball joints, which Newton has in the axes of the parent's anchor and MuJoCo in those of the body: they turn with
 // the body from step to step.
-FN void read_ball_torques(const World& w, const Parameters& P, int lane) {
+FN void read_ball_torques(World& w, const Parameters& P, int lane) {
     if (!P.m.joint_f) return;
-    const float* given = (const float*)P.m.joint_f + (long long)P.id * NEWTON_DOFS;
     EACH(j, NJ) {
-        if (joint_type(j) != BALL || moves_kinematic(P, j)) continue;
-        Quat rest = anchor_in_child(P, newton_joint[j]).q;
-        store(P.qfrc_applied() + joint_v(j),
-              rotate(conjugate(load_quat(w.q + joint_q(j))) * rest, load_newton(given + newton_v[j])));
+        if (joint_type(j) != BALL || moves_kinematic(w, P, P.id, j)) continue;
+        Quat rest = anchor_in_child(P, newton_joint(j)).q;
+        store(w.applied + joint_v(j), rotate(conjugate(load_quat(w.q + joint_q(j))) * rest,
+                                             load_newton(in_newton(P.m.joint_f, P.id, NEWTON_DOFS, newton_v(j)))));
     }
 }
 
 // Wrenches on bodies, into MuJoCo's array. A force on a free joint acts on the centre of mass of its body.
-FN void read_body_forces(const Parameters& P, int lane) {
-    const float* force = (const float*)P.m.joint_f;
-    if (force) force += (long long)P.id * NEWTON_DOFS;
+FN void read_body_forces(const World& w, const Parameters& P, int lane) {
     EACH(b, NB) {
-        int n = newton_body_of(P, b), j = body_joint(b);
+        const int n = newton_body(b), j = body_joint(b);
         Vec f{0, 0, 0}, torque{0, 0, 0};
-        if (n >= 0 && !is_kinematic(P, n)) {
-            const float* given = (const float*)P.m.body_f + 6LL * n;
+        if (n >= 0 && !(w.has_kinematic && is_kinematic(P, P.id, n))) {
+            const float* given = in_newton(P.m.body_f, P.id, 6 * NEWTON_BODIES, 6 * n);
             f = load_newton(given), torque = load_newton(given + 3);
-            if (force && body_joints(b) && joint_type(j) == FREE)
-                f = f + load_newton(force + newton_v[j]), torque = torque + load_newton(force + newton_v[j] + 3);
+            if (P.m.joint_f && body_joints(b) && joint_type(j) == FREE) {
+                const float* force = in_newton(P.m.joint_f, P.id, NEWTON_DOFS, newton_v(j));
+                f = f + load_newton(force), torque = torque + load_newton(force + 3);
+            }
         }
         store(P.xfrc_applied() + 6 * b, f), store(P.xfrc_applied() + 6 * b + 3, torque);
     }
 }
 
-// Controls of the actuators, and forces on joints and bodies, into MuJoCo's arrays.
-FN void read_newton_controls(const Parameters& P, int lane) {
-    if (P.m.joint_f) {
-        const float* force = (const float*)P.m.joint_f + (long long)P.id * NEWTON_DOFS;
-        EACH(u, ACTUATORS) {
-            int i = control_index[u];
-            if (control_source[u] == FROM_POSITIONS && P.m.joint_target_q)
-                P.ctrl()[u] = ((const float*)P.m.joint_target_q)[(long long)P.id * NEWTON_TARGETS + i] +
-                              reference(P, control_dof[u]);
-            else if (control_source[u] == FROM_VELOCITIES && P.m.joint_target_qd)
-                P.ctrl()[u] = ((const float*)P.m.joint_target_qd)[(long long)P.id * NEWTON_DOFS + i];
-            else if (control_source[u] == FROM_CONTROLS && P.m.controls)
-                P.ctrl()[u] = ((const float*)P.m.controls)[(long long)P.id * NEWTON_CONTROLS + i];
-        }
-        EACH(j, NJ) {
-            real* f = P.qfrc_applied() + joint_v(j);
-            if (joint_type(j) == HINGE || joint_type(j) == SLIDE)
-                f[0] = moves_kinematic(P, j) ? 0 : force[newton_v[j]];
-            else store(f, Vec{0, 0, 0});  // of balls see `read_ball_torques`
-            if (joint_type(j) == FREE) store(f + 3, Vec{0, 0, 0});
-        }
-    }
-    if (P.m.body_f) read_body_forces(P, lane);
+// Find out which worlds have kinematic bodies.
+FN void find_kinematic(const Rows& r, const Parameters& P) {
+    read_rows<NEWTON_BODIES>(
+        r, [&](int id, int i) { return (real)is_kinematic(P, id, i); },
+        [](World& o, int, real x) { if (x != 0) o.has_kinematic = 1; });
+}
+// Find out on which worlds' bodies any wrench acts.
+FN void find_pushed(const Rows& r, const Parameters& P) {
+    read_rows<6 * NEWTON_BODIES>(
+        r, [&](int id, int i) { return *in_newton(P.m.body_f, id, 6 * NEWTON_BODIES, i); },
+        [](World& o, int, real x) { if (x != 0) o.is_pushed = 1; });
 }
 
-// Forces of actuators by Newton's degrees of freedom; none acts on a free joint or a ball.
-FN void write_newton_efforts(const Parameters& P, int lane) {
-    float* all = (float*)P.m.efforts + (long long)P.id * NEWTON_DOFS;
-    EACH(j, NJ) {
-        int size = joint_type(j) == FREE ? 6 : joint_type(j) == BALL ? 3 : 1;
-        ROLLED for (int k = 0; k < size; k++) all[newton_v[j] + k] = P.qfrc_actuator()[joint_v(j) + k];
-    }
+// Controls of the actuators, and forces on joints.
+FN void read_newton_controls(World& w, const Parameters& P, int lane) {
+    const Rows r = rows_of(w, P, lane);
+#if ACTUATORS
+    read_rows<NU>(
+        r,
+        [&](int id, int u) {
+            const int source = control_source(u), i = control_index(u);
+            if (source == FROM_POSITIONS && P.m.joint_target_q)
+                return *in_newton(P.m.joint_target_q, id, NEWTON_TARGETS, i) + reference(P, id, control_dof(u));
+            if (source == FROM_VELOCITIES && P.m.joint_target_qd) return (real)*in_newton(P.m.joint_target_qd, id, NEWTON_DOFS, i);
+            if (source == FROM_CONTROLS && P.m.controls) return (real)*in_newton(P.m.controls, id, NEWTON_CONTROLS, i);
+            return IN_ROW(ctrl, id, u);
+        },
+        [](World& o, int u, real x) { o.ctrl[u] = x; });
+#endif
+    read_rows<NV>(
+        r, [&](int id, int i) { return *in_newton(P.m.joint_f, id, NEWTON_DOFS, newton_dof(i)); },
+        [](World& o, int i, real x) {
+            const int j = dof_joint(i);
+            o.applied[i] = is_turning(j) ? 0 : x;  // of balls see `read_ball_torques`
+            if (joint_type(j) == FREE && x != 0) o.is_pushed = 1;
+        });
+    SYNC_WARP();
+    // Where no controls are given, those before go on.
+#if ACTUATORS
+    write_rows<NU>(r, [&](const World& o, int id, int u) { IN_ROW(ctrl, id, u) = o.ctrl[u]; });
+#endif
+    if (w.has_kinematic)
+        EACH(i, NV)
+            if (moves_kinematic(w, P, P.id, dof_joint(i))) w.applied[i] = 0;
+    SYNC_WARP();
+    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_applied, id, i) = o.applied[i]; });
 }
 #endif
 

@@ -10,12 +10,12 @@ namespace fused {
 // Efforts of explicit actuators. `drive(dof, position, velocity)` returns the effort of one of Newton's degrees of freedom
 // of this world; what it remembers, such as delayed targets, advances by a step. Joints of other kinds have none.
 template <class Drive>
-FN void drive_joints(const World& w, const Parameters& P, Drive drive, int lane) {
+FN void drive_joints(World& w, const Parameters& P, Drive drive, int lane) {
     EACH(j, NJ) {
         if (joint_type(j) != HINGE && joint_type(j) != SLIDE) continue;
-        const int dof = newton_v[j];
-        const float q = w.q[joint_q(j)] - reference(P, dof), v = w.v[joint_v(j)], effort = drive(dof, q, v);
-        P.qfrc_applied()[joint_v(j)] = moves_kinematic(P, j) ? 0 : effort;
+        const int dof = newton_v(j);
+        const float q = w.q[joint_q(j)] - reference(P, P.id, dof), v = w.v[joint_v(j)], effort = drive(dof, q, v);
+        w.applied[joint_v(j)] = moves_kinematic(w, P, P.id, j) ? 0 : effort;
     }
     SYNC();
 }
@@ -23,7 +23,7 @@ FN void drive_joints(const World& w, const Parameters& P, Drive drive, int lane)
 
 #if WRENCHES
 // External wrenches about the centres of mass, in the axes of the world or of the body, as Newton's forces on bodies.
-FN void apply_external_wrenches(const World& w, const Parameters& P, int lane) {
+FN void apply_external_wrenches(World& w, const Parameters& P, int lane) {
     if (!P.m.external_wrench) return;
     EACH(b, NB) {
         const int n = newton_body_of(P, b);
@@ -37,7 +37,8 @@ FN void apply_external_wrenches(const World& w, const Parameters& P, int lane) {
         float* body_f = (float*)P.m.body_f + 6LL * n;
         store_newton(body_f, force), store_newton(body_f + 3, torque);
     }
-    read_body_forces(P, lane);  // each lane those of the bodies whose wrenches it wrote
+    if (lane == 0) w.is_pushed = 1;
+    read_body_forces(w, P, lane);  // each lane those of the bodies whose wrenches it wrote
     SYNC();
 }
 #endif
@@ -47,8 +48,8 @@ FN void apply_external_wrenches(const World& w, const Parameters& P, int lane) {
 FN void limit_velocities(World& w, const Parameters& P, int lane) {
     if (!P.m.velocity_limit) return;
     EACH(j, NJ) {
-        const float* most = (const float*)P.m.velocity_limit + (long long)P.id * NEWTON_DOFS + newton_v[j];
-        const int size = joint_type(j) == FREE ? 6 : joint_type(j) == BALL ? 3 : 1;
+        const float* most = (const float*)P.m.velocity_limit + (long long)P.id * NEWTON_DOFS + newton_v(j);
+        const int size = velocities(j);
         real* own = w.v + joint_v(j);
         // A velocity that is not a number stays so: a bound in its place would hide where it came from.
         if (size == 1) own[0] = clamped(own[0], -most[0], most[0]);

@@ -27,20 +27,20 @@ FN void body_inertia(real* I, const Parameters& P, int b, Quat turn_b, Vec c) {
 }
 
 // Wrench that a body alone needs for the acceleration `a` at the velocity `v`, about the point that its inertia is about:
-// I a + v x* I v, less gravity compensation and external wrenches. Its centre of mass is at `c`.
-FN Spatial body_force(const real* inertia, const Parameters& P, int b, Vec c, Spatial v, Spatial a) {
+// I a + v x* I v, less gravity compensation and, if any act in this world, external wrenches. Its centre of mass is at `c`.
+FN Spatial body_force(const real* inertia, const Parameters& P, bool is_pushed, int b, Vec c, Spatial v, Spatial a) {
     Spatial f = operator_inertia(inertia, a) + cross_force(v, operator_inertia(inertia, v));
     Vec push = (-P.mass()[b] * P.gravcomp()[b]) * load(P.gravity());
+    if (!is_pushed) return Spatial{f.a - cross(c, push), f.l - push};
     const real* wrench = P.xfrc_applied() + 6 * b;
     push = push + load(wrench);
     return Spatial{f.a - load(wrench + 3) - cross(c, push), f.l - push};
 }
 
-// Force of an affine actuator, gain(length, speed) control + bias(length, speed), limited; `slope` is its derivative by the
-// speed. Length and speed are without the actuator's gear.
-FN real actuator_force(const Parameters& P, int u, real length, real speed, real& slope) {
+// Force of an affine actuator with the control `x`, gain(length, speed) x + bias(length, speed), limited; `slope` is its
+// derivative by the speed. Length and speed are without the actuator's gear.
+FN real actuator_force(const Parameters& P, int u, real x, real length, real speed, real& slope) {
     const real *gain = P.gain() + 10 * u, *bias = P.bias() + 10 * u;
-    real x = P.ctrl()[u];
     length *= P.gear()[6 * u], speed *= P.gear()[6 * u];
     if (actuator_ctrl_limited(u)) x = clamped(x, P.ctrl_range()[2 * u], P.ctrl_range()[2 * u + 1]);
     real f = (gain[0] + gain[1] * length + gain[2] * speed) * x + bias[0] + bias[1] * length + bias[2] * speed;
@@ -53,16 +53,10 @@ FN real actuator_force(const Parameters& P, int u, real length, real speed, real
     return f;
 }
 
-// Pose and velocity of a body as Newton has them: (position, x, y, z, w), and (velocity of the centre of mass, angular
-// velocity) in the world. `x` and `v` are about the origin of its tree.
-FN void write_newton_body(const Parameters& P, int b, Vec origin, Vec x, Quat turn_b, Spatial v) {
-    int n = ((const int*)P.m.newton_body)[(long long)P.id * NB + b];
-    if (n < 0) return;
-    real *pose = (real*)P.m.body_q + 7LL * n, *velocity = (real*)P.m.body_qd + 6LL * n;
-    Vec c = x + rotate(turn_b, load(P.com() + 3 * b));
-    store(pose, x + origin);
-    pose[3] = turn_b.x, pose[4] = turn_b.y, pose[5] = turn_b.z, pose[6] = turn_b.w;
-    store(velocity, v.l + cross(v.a, c)), store(velocity + 3, v.a);
+// Keep the velocity of the centre of mass of a body, and its angular velocity. `x` and `v` are about the origin of its tree.
+FN void keep_velocity(real* o, const Parameters& P, int b, Vec x, Quat turn_b, Spatial v) {
+    const Vec c = x + rotate(turn_b, load(P.com() + 3 * b));
+    store(o, v.l + cross(v.a, c)), store(o + 3, v.a);
 }
 
 }  // namespace fused

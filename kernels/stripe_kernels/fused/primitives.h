@@ -53,27 +53,26 @@ FN void plane_box(Hits& hits, real margin, const Geom& plane, const Geom& box) {
     }
 }
 
-FN void plane_cylinder(Hits& hits, real margin, const Geom& plane, const Geom& cylinder) {
-    Vec n = column(plane.axes, 2), axis = column(cylinder.axes, 2), none{0, 0, 0};
-    real radius = cylinder.size.x, slope = dot(n, axis);
-    if (slope > 0) axis = -1 * axis, slope = -slope;
-    real dist = dot(cylinder.pos - plane.pos, n);
-    Vec down = slope * axis - n;  // towards the plane, in the plane of a cap
+// A point of the rims of a cylinder, relative to its centre, that is near a plane with the normal `n`: the lowest of the lower
+// cap (0), that of the upper one (1), and two that are a triangle with the first (2 and 3). `half` is half of the axis,
+// `otherwise` the direction of the first from the axis where all are equally low.
+FN Vec rim_point(Vec half, real radius, Vec n, Vec otherwise, int k) {
+    real height = SQRT(dot(half, half));
+    Vec axis = ((dot(n, half) > 0 ? -1 : 1) / height) * half;  // towards the plane
+    Vec down = dot(n, axis) * axis - n;
     real square = dot(down, down);
-    down = square >= (real)1e-24 ? (radius / SQRT(square)) * down : radius * column(cylinder.axes, 0);
-    real deep = dot(down, n);
-    axis = cylinder.size.y * axis, slope *= cylinder.size.y;
-    real d = dist + slope + deep;
-    if (d >= margin) return;
-    add(hits, d, cylinder.pos + down + axis - ((real)0.5 * d) * n, n, none);
-    d = dist - slope + deep;
-    if (d < margin) add(hits, d, cylinder.pos + down - axis - ((real)0.5 * d) * n, n, none);
-    d = dist + slope - (real)0.5 * deep;
-    if (d < margin) {  // with the first point a triangle on the lower cap
-        Vec aside = cross(down, axis);
-        aside = (radius * (real)0.86602540378443864676 / SQRT(dot(aside, aside))) * aside;
-        for (int i = 0; i < 2; i++)
-            add(hits, d, cylinder.pos + (i ? -1 : 1) * aside + axis - (real)0.5 * down - ((real)0.5 * d) * n, n, none);
+    down = square >= (real)1e-24 ? (radius / SQRT(square)) * down : radius * otherwise;
+    if (k < 2) return down + (k ? -height : height) * axis;
+    return height * axis - (real)0.5 * down + (k == 2 ? 1 : -1) * (real)0.86602540378443864676 * cross(down, axis);
+}
+
+FN void plane_cylinder(Hits& hits, real margin, const Geom& plane, const Geom& cylinder) {
+    Vec n = column(plane.axes, 2), half = cylinder.size.y * column(cylinder.axes, 2);
+    for (int k = 0; k < 4; k++) {
+        Vec point = cylinder.pos + rim_point(half, cylinder.size.x, n, column(cylinder.axes, 0), k);
+        real dist = dot(point - plane.pos, n);
+        if (dist < margin) add(hits, dist, point - ((real)0.5 * dist) * n, n, Vec{0, 0, 0});
+        else if (k == 0) return;
     }
 }
 

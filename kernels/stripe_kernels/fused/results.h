@@ -4,12 +4,15 @@
 
 namespace fused {
 
+#if HAS_NEWTON
 // Poses and velocities of bodies at the end of a launch.
 FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
     kinematics(w, P, lane);
     EACH(b, NB)
-        write_newton_body(P, b, origin_of(w, b), load(w.pos + 3 * b), load_quat(w.quat + 4 * b), load_spatial(w.V + 6 * b));
+        keep_velocity(body_velocities(w) + 6 * b, P, b, load(w.pos + 3 * b), load_quat(w.quat + 4 * b), load_spatial(w.V + 6 * b));
+    write_body_rows(w, P, lane);
 }
+#endif
 
 // Of geoms that move; those of the world are where they are.
 FN void write_geom_poses(const World& w, const Parameters& P, int lane) {

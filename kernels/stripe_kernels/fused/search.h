@@ -5,7 +5,7 @@
 // centre, so that they are exact far from the world's origin. While they are, `pos` of a hit is the point on the surface;
 // `to_world` completes the hits.
 //
-// A search is that of a part of a geom: a ball, the axis of a capsule, or a box. Its candidates, the triangles, edges or
+// A search is that of a part of a geom: a ball, the axis of a capsule, a cylinder, or a box. Its candidates, the triangles, edges or
 // vertices that are near the part, are spread over the lanes of a world, all searches together. The best one is the next
 // touch; then those of the rest are candidates again that are not too near to it. Searches are small, so that there is room
 // for all of a world: what a seldom candidate needs of the geom is computed again.
@@ -82,7 +82,7 @@ struct Cells {
 FN short first_cell(real u, int n) { return (short)smaller(larger(u, 0), (real)n); }
 FN short last_cell(real u, int n) { return u >= 0 ? (short)smaller(u, (real)(n - 1)) : -1; }
 
-enum PartKind { BALL_PART, AXIS_PART, BOX_PART, CORNER_PART };
+enum PartKind { BALL_PART, AXIS_PART, CYLINDER_PART, BOX_PART, CORNER_PART };
 
 struct Touch {
     real dist;
@@ -96,7 +96,7 @@ struct Touch {
 struct Search {
     Vec geom;            // the geom's centre in the frame of the ground
     Vec at;              // centre of a ball, half of an axis, half of a box's bounding box, a corner
-    real radius, reach;  // of a ball or axis; distance below which it touches
+    real radius, reach;  // of a ball, axis or cylinder; distance below which it touches
 #if HAS_MESHES
     int first;           // place of its items in the grid's list if they are that of one cell, else -1
 #endif
@@ -136,7 +136,7 @@ FN Box box_in(const Mat& axes, const Geom& geom) {
 }
 
 // Place a part of a geom in the ground's axes, the rows of `axes`: its ball at `end` times its half length along its axis z,
-// its axis, the whole box, or its corner `end`. It touches in [center - half, center + half].
+// its axis, the whole cylinder or box, or its corner `end`. It touches in [center - half, center + half].
 struct Bounds {
     Vec center, half;
 };
@@ -145,7 +145,10 @@ FN Bounds place(Search& s, PartKind kind, int end, real reach, const Mat& axes, 
     Bounds b{{0, 0, 0}, (s.radius + reach) * Vec{1, 1, 1}};
     if (kind < BOX_PART) s.at = (kind == BALL_PART ? end : 1) * geom.size.y * (axes * column(geom.axes, 2));
     if (kind == BALL_PART) b.center = s.at, s.most = end ? 2 : 4;
-    if (kind == AXIS_PART) b.half = b.half + Vec{FABS(s.at.x), FABS(s.at.y), FABS(s.at.z)}, s.most = 2;
+    if (kind == AXIS_PART || kind == CYLINDER_PART) {
+        b.half = b.half + Vec{FABS(s.at.x), FABS(s.at.y), FABS(s.at.z)};
+        s.most = kind == AXIS_PART ? 2 : 4;
+    }
 #if SEARCHES_BOXES
     if (kind == BOX_PART) {
         Box box = box_in(axes, geom);

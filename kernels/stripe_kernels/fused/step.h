@@ -107,7 +107,7 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     lane = fresh(lane) % LANES;
 #if HAS_NEWTON
     if (last && P.m.joint_q_before)
-        write_newton_joints(w, fresh(P), (float*)P.m.joint_q_before, (float*)P.m.joint_qd_before, lane);
+        write_newton_joints(w, fresh(P), P.m.joint_q_before, P.m.joint_qd_before, lane);
 #if NBALLS
     read_ball_torques(w, fresh(P), lane);
 #endif

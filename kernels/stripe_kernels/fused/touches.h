@@ -45,6 +45,9 @@ FN bool touch(const World& w, const Sources& from, const Search& s, int candidat
 #if SEARCHES_BOXES
     if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, from, s.pair), candidate, hit, order);
 #endif
+#if HAS_FIELD_CYLINDER
+    if (s.kind == CYLINDER_PART) return cylinder_touch(s, p, candidate, hit, order);
+#endif
     return s.kind == BALL_PART ? ball_touch(s, p, candidate, hit, order) : ridge_touch(s, p, candidate, hit, order);
 #else
     return false;

@@ -39,6 +39,10 @@ struct World {
     real q[NQ];                          // positions
     alignas(16) real v[NV];              // velocities
     alignas(16) real a[NV];              // accelerations (at first the warm start)
+    real applied[NV], ctrl[NU];          // forces on joints from outside, controls
+    real effort[NV];                     // forces of actuators on joints
+    float turned[NTURNED];               // free joints and balls as Newton has them
+    int has_kinematic, is_pushed;        // whether a body is kinematic, and whether external wrenches act
     real origin[NTREES * 3];             // of each tree: where its root body is, in the world [m]; tree 0 is the world
     real S[NV * 6];                      // motion of each degree of freedom
 #if IN_REGISTERS
@@ -87,6 +91,8 @@ struct World {
 #endif
     real* spill;                         // memory of the device for the rows and contacts beyond these
 };
+
+FN real* body_velocities(World& w) { return w.X; }  // after the steps: see `keep_velocity`
 
 #if IN_SHARED && defined(__CUDA_ARCH__)
 // The world of this thread. Functions that are not inlined ask again: how an address in shared memory came about tells the

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 import torch
 
-from .reachable import Scan, path_name, scan, storage_of
+from .reachable import Scan, path_name, scan
 
 __all__ = ["Results", "Snapshot", "as_close_as_repeats", "first_difference"]
 
@@ -102,15 +102,20 @@ def as_close_as_repeats(saved: Snapshot, replayed: Results, eager: Results, agai
 
 
 def _storages(found: Scan, arrays: Mapping[str, torch.Tensor]) -> dict[str, torch.UntypedStorage]:
-    """Distinct storages by the name of the first tensor in them."""
-    storages: dict[int, tuple[str, torch.UntypedStorage]] = {}
+    """Distinct storages by the name of the first tensor in them.
+
+    Two that begin at the same address may differ in their sizes: an array of Warp's is a storage of its own within the
+    block of memory that it lies in.
+    """
+    storages: dict[tuple[int, int], tuple[str, torch.UntypedStorage]] = {}
     named: Iterable[tuple[str, torch.Tensor]] = [
         *((path_name(p), t) for p, t in found.tensors.items()),
         *arrays.items(),
     ]
     for name, tensor in named:
-        if tensor.untyped_storage().nbytes():
-            storages.setdefault(storage_of(tensor), (name, tensor.untyped_storage()))
+        storage = tensor.untyped_storage()
+        if storage.nbytes():
+            storages.setdefault((storage.data_ptr(), storage.nbytes()), (name, storage))
     return dict(storages.values())
 
 
