@@ -19,6 +19,8 @@ import torch
 import warp as wp
 from warp_nn.runtime import OnnxRuntime  # type: ignore[import-untyped]
 
+from stripe_newton.input_files import why_no_file
+
 from . import lstm
 from .lstm import LSTM_NAMES, lstm_model, with_metadata
 
@@ -94,8 +96,8 @@ def _is_onnx(path: Path) -> bool:
 def _cached(file: str, make: Callable[[Path], onnx.ModelProto], kind: str, given: Mapping[str, object]) -> Path:
     """The file that ``make`` returns for a network, made once for each content and each settings."""
     path = Path(file).expanduser()
-    if not path.is_file():
-        raise ValueError(f"network_file '{file}': there is no such file")
+    if problem := why_no_file(path):
+        raise ValueError(f"network_file '{file}': {problem}")
     if path.suffix.lower() not in (".onnx", ".pt", ".pth", ".jit"):
         raise ValueError(f"network_file '{file}': '{path.suffix}' is no known format, there are {_FORMATS}")
     digest = hashlib.sha256(path.read_bytes())

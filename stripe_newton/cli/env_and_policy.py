@@ -88,7 +88,10 @@ def build_env(task: str, configs: Configs, render: bool = False) -> RslRlVecEnvW
     inner = rl_env_of(env.unwrapped)
     if inner is not None and inner.scene.scenery is not None:
         print(f"{task}: scenery {inner.scene.scenery.describe()}", file=sys.stderr, flush=True)
-    return RslRlVecEnvWrapper(env, clip)
+    wrapped = RslRlVecEnvWrapper(env, clip)
+    if inner is not None:
+        inner.sim.compile_ahead()  # while networks and learner are made
+    return wrapped
 
 
 def find_policy(given: str | None, task: str) -> tuple[Path | None, RunFolder | None]:

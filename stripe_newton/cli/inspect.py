@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 import tyro
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.rl.torch_vector_env import rl_env_of
 
 from .arguments import parse
@@ -135,8 +136,8 @@ def _inspect_file(path: Path) -> AbstractContextManager[_Inspection]:
     """
     from stripe_newton.robot_files import file_kind
 
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such file")
+    if problem := why_no_file(path):
+        raise UserError(f"{path}: {problem}")
     kind = file_kind(path)
     if kind.name in ("urdf", "mjcf"):
         return _inspect_robot(path, kind.name)

@@ -43,7 +43,9 @@ def compile_once() -> None:
         *args: object,
         **kwargs: object,
     ) -> bool:
-        there = output_dir is None or output_name is None or os.path.exists(f"{output_dir}/{output_name}")
+        if output_dir is None:  # of a module that is compiled ahead
+            output_dir = f"{wp.config.kernel_cache_dir}/{self.get_module_identifier()}"
+        there = output_name is not None and os.path.exists(f"{output_dir}/{output_name}")
         with contextlib.nullcontext() if there else hold_cache(Path(f"{output_dir}.lock"), self.name):
             # Looks for the files once more, which the other process may have written by now.
             return bool(compile_module(self, device, output_dir, output_name, *args, **kwargs))

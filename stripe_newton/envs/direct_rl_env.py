@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -32,6 +33,9 @@ __all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
 class DirectRLEnvCfg(RLEnvCfg):
     """Base config of direct environments; subclass it and add fields of your own."""
 
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ()
+    """Names of spaces that hooks take as the class has them, so that any other is an error. Set it where kernels are
+    written for so many numbers: they would go beyond the end of a smaller space."""
     observation_space: SpaceSpec = MISSING
     """Space of the group ``"policy"``, as :func:`to_space` reads it; a dict with the key ``"policy"`` names the spaces
     of all groups."""
@@ -58,6 +62,10 @@ class DirectRLEnvCfg(RLEnvCfg):
             yield "apply_action", f"is '{self.apply_action}', must be 'auto', 'step' or 'substep'"
         if self.hooks_graph not in ("auto", True, False):
             yield "hooks_graph", f"is {self.hooks_graph!r}, must be 'auto', True or False"
+        for name in self.FIXED_SPACES:
+            own, value = type(self).__dataclass_fields__[name].default, getattr(self, name)
+            if own is not MISSING and value != own:
+                yield name, f"is {value!r}, must be {own!r}, which the hooks of this task are written for"
         for name in ("observation_space", "action_space", "state_space"):
             value = getattr(self, name)
             if value is MISSING or (name == "state_space" and not value):

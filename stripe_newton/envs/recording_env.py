@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import torch
 
+from stripe_newton.configclass import MISSING, ConfigError
 from stripe_newton.fusion import Captured, Eager, Item
 
 from .direct_env_base import DirectEnvBase
@@ -15,7 +18,8 @@ from .hook_graphs import HookRecorder, Launched
 from .hook_parts import HookPart, PhysicsPart, ResetPart, rehearse
 from .hook_results import ObservationGroup
 from .hooks import DirectHooks
-from .rl_env import Extras, Observations
+from .rl_env import Extras, Observations, ResetOptions
+from .spaces import to_space
 
 if TYPE_CHECKING:
     from .direct_rl_env import DirectRLEnvCfg
@@ -113,6 +117,32 @@ class RecordingEnv(DirectEnvBase):
         return self._observation_buffers
 
     # -- the step
+
+    def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[Observations, Extras]:
+        with self._explains_spaces():
+            return super().reset(seed=seed, options=options)
+
+    def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
+        if self.common_step_counter:
+            return super().step(action)
+        with self._explains_spaces():
+            return super().step(action)
+
+    @contextlib.contextmanager
+    def _explains_spaces(self) -> Iterator[None]:
+        """Name the space of the actions in errors of torch, where the config has another one than its class.
+
+        Hooks take the number of actions for granted: the first one that cannot says something about its tensors.
+        """
+        try:
+            yield
+        except (IndexError, RuntimeError) as error:
+            own = next((f.default for f in dataclasses.fields(self.cfg) if f.name == "action_space"), MISSING)
+            if own is MISSING or to_space(own) == self.single_action_space:
+                raise
+            first = str(error).strip().partition("\n")[0]
+            given = f"is {self.cfg.action_space!r}, must be {own!r} for {type(self).__name__}"
+            raise ConfigError([f"action_space: {given}: its hooks fail otherwise ({first})"]) from error
 
     def _record_mixed(self, function: Callable[[], None]) -> Callable[[], None]:
         assert self._recorder is not None  # without one no hook joins a graph

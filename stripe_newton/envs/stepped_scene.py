@@ -265,6 +265,7 @@ class SteppedScene:
         # Only the stages that begin an episode run. A fused kernel may also hold sections of the stages beside them;
         # sections that belong to a step alone are guarded by this flag.
         self._stepping.zero_()
+        self.plan.compile_ahead()  # of all stages, as the first step follows
         self.plan.run_without_graph(self._reset_stages)
         self._stepping.fill_(1)
         self._leave_bodies_for_later()

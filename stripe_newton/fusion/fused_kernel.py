@@ -10,6 +10,7 @@ from pathlib import Path
 
 import warp as wp
 
+from stripe_newton.compile_ahead import compile_ahead, wait_for
 from stripe_newton.generated_files import write_generated
 
 from .kernel_source import KernelSource, write_kernel
@@ -37,10 +38,15 @@ class FusedKernel:
         self._kernel, self._launch = kernel, launch
         self._command: wp.Launch | None = None
 
+    def compile_ahead(self) -> None:
+        """Begin to compile the kernel, which the first launch waits for."""
+        compile_ahead(self._kernel, int(str(self._launch["block_dim"])), str(self._launch["device"]))
+
     def launch(self) -> None:
         """Launch the kernel on the current stream."""
         # The arguments never change, so they are packed once. Packing takes longer than the launch itself.
         if self._command is None:
+            wait_for(self._kernel)
             self._command = wp.launch(self._kernel, **self._launch, record_cmd=True)
         self._command.launch()
 

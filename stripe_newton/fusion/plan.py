@@ -115,6 +115,11 @@ class Plan:
 
     # -- running
 
+    def compile_ahead(self) -> None:
+        """Begin to compile all kernels side by side. Without it each is compiled at its first launch."""
+        for kernel in self.kernels:
+            kernel.compile_ahead()
+
     def run(self, replay: bool = True) -> None:
         """Run all stages.
 

@@ -12,6 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from stripe_newton.input_files import why_no_file
+
 from .motion import Motion, MotionError
 
 __all__ = ["QuaternionOrder", "find_motions", "read_motion"]
@@ -72,8 +74,8 @@ def read_motion(
         MotionError: the file is no motion; the message says what is wrong, and where.
     """
     path = Path(path)
-    if not path.is_file():
-        raise MotionError(f"{path}: there is no such file")
+    if problem := why_no_file(path):
+        raise MotionError(f"{path}: {problem}")
     if path.suffix.lower() not in SUFFIXES:
         raise MotionError(f"{path}: must end in .csv or .npz")
     names = tuple(joint_names) if joint_names is not None else None

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from .hulls import suits_hulls
+
 __all__ = [
-    "MESH_KINDS", "ROUTINES", "RULES", "ContactPair", "contact_pairs", "is_searched", "listed_pairs", "parts_of",
-    "work_of",
+    "MESH_KINDS", "ROUTINES", "RULES", "ContactPair", "contact_pairs", "is_of_hulls", "is_searched", "listed_pairs",
+    "parts_of", "work_of",
 ]  # fmt: skip
 
 _G = mujoco.mjtGeom
@@ -26,12 +28,16 @@ KINDS = {
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_BOX): "CAPSULE_BOX",
     (_G.mjGEOM_BOX, _G.mjGEOM_BOX): "BOX_BOX",
+    (_G.mjGEOM_PLANE, _G.mjGEOM_MESH): "PLANE_HULL",
+    (_G.mjGEOM_BOX, _G.mjGEOM_MESH): "BOX_HULL",
+    (_G.mjGEOM_MESH, _G.mjGEOM_MESH): "HULL_HULL",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_CAPSULE): "FIELD_CAPSULE",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_CYLINDER): "FIELD_CYLINDER",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_BOX): "FIELD_BOX",
 }
-"""Pairs of geom types that the fused step finds contacts of; those with height fields by their triangles."""
+"""Pairs of geom types that the fused step finds contacts of: those of meshes by their hulls, with height fields by
+triangles."""
 
 MESH_KINDS = {_G.mjGEOM_SPHERE: "MESH_SPHERE", _G.mjGEOM_CAPSULE: "MESH_CAPSULE", _G.mjGEOM_BOX: "MESH_BOX"}
 """Pairs of static meshes with a geom of a type of which it finds contacts with their triangles."""
@@ -116,6 +122,9 @@ def _pair(model: mujoco.MjModel, g1: int, g2: int, explicit: int | None) -> Cont
     if model.geom_type[g1] > model.geom_type[g2]:
         g1, g2 = g2, g1
     kind = KINDS.get((int(model.geom_type[g1]), int(model.geom_type[g2])), "")
+    margin = model.geom_margin[[g1, g2]].sum() if explicit is None else model.pair_margin[explicit]
+    if is_of_hulls(kind) and not suits_hulls(model, kind, g1, g2, float(margin)):
+        kind = ""
     if explicit is not None:
         return ContactPair(g1, g2, kind, int(model.pair_dim[explicit]), "OF_PAIR", explicit)
     first, second = int(model.geom_priority[g1]), int(model.geom_priority[g2])
@@ -132,8 +141,15 @@ _LONG = ("CAPSULE_BOX", "BOX_BOX")
 def work_of(pair: ContactPair) -> int:
     """Kind of work that a pair takes: the order of pairs."""
     if pair.kind.startswith("MESH"):
-        return 4 if "CORNER" in pair.kind else 5 if pair.kind in ("MESH_AXIS", "MESH_BOX") else 3
-    return 2 if is_searched(pair) else int(pair.kind in _LONG)
+        return 6 if "CORNER" in pair.kind else 7 if pair.kind in ("MESH_AXIS", "MESH_BOX") else 5
+    if is_searched(pair):
+        return 4
+    return 2 + (pair.kind != "PLANE_HULL") if is_of_hulls(pair.kind) else int(pair.kind in _LONG)
+
+
+def is_of_hulls(kind: str) -> bool:
+    """Whether a kind of pairs is one of hulls."""
+    return kind.endswith("HULL")
 
 
 def is_searched(pair: ContactPair) -> bool:

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from .constant_tables import ConstantTables
-from .contact_pairs import ROUTINES, RULES, ContactPair, contact_pairs, is_searched, parts_of, work_of
+from .contact_pairs import ROUTINES, RULES, ContactPair, contact_pairs, is_of_hulls, is_searched, parts_of, work_of
+from .hulls import hull_numbers, sides_of_pairs
 from .limb_form import LimbForm
 from .newton_layout import NewtonLayout
 from .topology import (
@@ -281,6 +282,9 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "HAS_FIELDS": int(any(p.kind.startswith("FIELD") for p in pairs)),
         "HAS_MESHES": int(any(p.kind.startswith("MESH") for p in pairs)),
         "HAS_SEARCHES": int(any(map(is_searched, pairs))),
+        "HAS_HULLS": int(any(is_of_hulls(p.kind) for p in pairs)),
+        "HULL_SIDES": max(1, sides_of_pairs(model, pairs)),
+        "FIRST_HULL_PAIR": sum(not is_searched(p) and not is_of_hulls(p.kind) for p in pairs),
         "FIRST_SEARCHED_PAIR": sum(not is_searched(p) for p in pairs),
         "NSEARCHED_GEOMS": len(_searched_geoms(pairs)),
         "NFIELDS": len(_fields(pairs)),
@@ -368,7 +372,9 @@ def _actuator_tables(model: mujoco.MjModel) -> dict[str, Iterable[int]]:
 def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
     used = _used_geoms(pairs)
     meshes = {"contact_mesh": [p.mesh for p in pairs]} if any(p.kind.startswith("MESH") for p in pairs) else {}
-    searched, fields = _searched_geoms(pairs), _fields(pairs)
+    searched, fields, hulls = _searched_geoms(pairs), _fields(pairs), hull_numbers(model, pairs)
+    if hulls:
+        meshes["contact_hull"] = [hulls.get(int(model.geom_dataid[g]), 0) for p in pairs for g in (p.geom1, p.geom2)]
     return meshes | {
         "searched_geom": [list(searched).index(_on_ground(p)) for p in pairs if is_searched(p)],
         "searched_geom_pair": list(searched.values()),

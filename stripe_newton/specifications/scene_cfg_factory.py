@@ -12,6 +12,7 @@ from pxr import Sdf, Usd
 
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg
 from stripe_newton.configclass import config_with, configclass
+from stripe_newton.input_files import why_no_file
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import SceneSpawnerCfg
 from stripe_newton.sim.scene_context import current_stage
@@ -68,8 +69,8 @@ def _layer(cfg: SceneStageCfg) -> Sdf.Layer:
     if cfg.usd_path is None:
         return cfg.made().stage.GetRootLayer()
     file = Path(cfg.usd_path).expanduser()
-    if not file.is_file():
-        raise FileNotFoundError(f"scene '{cfg.usd_path}': no such file; give the path of an exported scene")
+    if problem := why_no_file(file):
+        raise FileNotFoundError(f"scene '{cfg.usd_path}': {problem}; give the path of an exported scene")
     # An open layer is shared: several environments of one file read it once.
     return Sdf.Layer.FindOrOpen(str(file))
 

@@ -193,7 +193,7 @@ def wrong_files(folder) -> dict[str, tuple[str, str]]:
     )
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)]), folder / "odd.onnx")
     return {
-        "nowhere": (str(folder / "nowhere.pt"), "there is no such file"),
+        "nowhere": (str(folder / "nowhere.pt"), "does not exist"),
         "suffix": (__file__, r"'.py' is no known format, there are ONNX"),
         "text.pt": (str(folder / "text.pt"), "it is no file of torch"),
         "text.onnx": (str(folder / "text.onnx"), "it is no ONNX model"),
@@ -213,7 +213,7 @@ def test_files_that_are_no_such_network(tmp_path, kind):
 
 def test_a_wrong_file_is_reported_with_its_group(tmp_path):
     cfg = ActuatorNetMLPCfg(joint_names_expr=["a"], network_file="nowhere.onnx")
-    with pytest.raises(ConfigError, match=r"actuators.net: network_file 'nowhere.onnx': there is no such file"):
+    with pytest.raises(ConfigError, match=r"actuators.net: network_file 'nowhere.onnx': does not exist"):
         actuator_scene(tmp_path, {"net": cfg}, ["a"])
 
 

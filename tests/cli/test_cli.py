@@ -231,5 +231,5 @@ def test_inspect_a_stage_and_a_task(capsys):
 
 
 def test_inspect_errors(capsys):
-    assert "none.usda: there is no such file" in error_of(capsys, "inspect", "none.usda")
+    assert "none.usda: does not exist" in error_of(capsys, "inspect", "none.usda")
     assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")

@@ -77,4 +77,4 @@ def test_what_is_no_robot_is_called_what_it_is(tmp_path, capsys, name, content, 
 
 def test_a_file_that_is_not_there(capsys):
     assert main(["inspect", "none.urdf"]) != 0
-    assert "none.urdf: there is no such file" in capsys.readouterr().err
+    assert "none.urdf: does not exist" in capsys.readouterr().err

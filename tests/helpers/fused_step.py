@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from stripe_newton.solvers.hulls import HullTables
 from stripe_newton.solvers.limb_form import why_no_limbs
 from stripe_newton.solvers.model_tables import PARAMETERS, ModelTables
 from stripe_newton.solvers.step_kernel import BODY_SIZE, CONTACTS, STATE, KernelOptions, step_kernel
@@ -302,6 +303,8 @@ def compare(
         setattr(arguments, name, held[name].ptr)
         if name != "contact_count":
             setattr(arguments, f"{name}_stride", 1)
+    hulls = HullTables(model, tables.pairs, "cpu", double)
+    arguments.hulls = hulls.array.ptr
     held["qfrc_actuator"] = wp.zeros(count * model.nv, dtype=dtype, device="cpu")
     arguments.qfrc_actuator, arguments.qfrc_actuator_stride = held["qfrc_actuator"].ptr or 0, model.nv
     for name, size in {"xpos": 3 * model.nbody, "xquat": 4 * model.nbody, "efc_force": MAX_ROWS}.items():

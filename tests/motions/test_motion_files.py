@@ -139,5 +139,5 @@ def test_wrong_npz_is_refused(tmp_path):
         read_motion(tmp_path / "text.npz")
     with pytest.raises(MotionError, match=r"must end in \.csv or \.npz"):
         read_motion(csv(tmp_path, ROW, "walk.txt"))
-    with pytest.raises(MotionError, match="there is no such file"):
+    with pytest.raises(MotionError, match="does not exist"):
         read_motion(tmp_path / "none.csv")

@@ -366,7 +366,7 @@ def test_fix_root_link():
 
 def test_errors_of_spawners(stage):
     cfg = UsdFileCfg(usd_path="nothing.usd")
-    with pytest.raises(FileNotFoundError, match=r"usd_path 'nothing\.usd': no such file"):
+    with pytest.raises(FileNotFoundError, match=r"usd_path 'nothing\.usd': does not exist"):
         cfg.func("/World/envs/env_.*/A", cfg)
     for cfg, field in (
         (SphereCfg(radius=-1.0), "radius"),

@@ -178,6 +178,30 @@ def test_friction_loss_that_comes_later_is_not_lost():
     assert solver.mjw_data.nefc.numpy().min() >= 10
 
 
+def test_overflow_is_told_once():
+    """The kernel keeps a step's bits in the observable, those of all steps for itself, and tells new ones."""
+    model = walker_worlds("floating", 3)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    state, observables = model.state(), solver.observables({"overflow"})
+    seen, told = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+    solver.tell_overflow(seen, told)
+    observables.overflow.fill_(8)  # of another step
+    solver.step(state, state, model.control(), None, 0.005, observables=observables)
+    assert solver.tells_overflow(observables)
+    assert not [a for a in (observables.overflow, seen, told) if a.numpy().any()]
+    losses = model.joint_friction.numpy()
+    losses[-1] = 0.3  # in the last world, for which the kernel has no place
+    model.joint_friction.assign(losses)
+    solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_PROPERTIES)
+    for is_new in (True, False):
+        solver.step(state, state, model.control(), None, 0.005, observables=observables)
+        bits = observables.overflow.numpy()
+        assert bits.astype(bool).tolist() == [False, False, True]
+        assert seen.numpy()[0] == bits[2]
+        assert told.numpy()[0] == (bits[2] if is_new else 0)
+        told.zero_()
+
+
 def test_a_world_that_is_not_finite_stays_alone():
     model = walker_worlds("floating", 3)
     solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)

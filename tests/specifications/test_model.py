@@ -220,7 +220,7 @@ def test_names_of_a_scene_are_given_once():
 def test_a_file_that_is_no_scene_is_refused(tmp_path):
     simulation = Simulation(SimulationCfg(device="cpu"))
     for source, error, text in (
-        ("nowhere.usda", FileNotFoundError, "'nowhere.usda': no such file"),
+        ("nowhere.usda", FileNotFoundError, "'nowhere.usda': does not exist"),
         (get_asset("ant.usda"), ValueError, "is no scene of a spec"),
     ):
         with pytest.raises(error) as raised:

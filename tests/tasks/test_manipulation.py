@@ -95,6 +95,12 @@ def test_success_of_lifting_is_a_cube_at_its_goal(lift):
     assert lift.success.tolist() == [True, False, True, False]
 
 
+def test_hulls_of_the_robot_are_in_one_launch(lift, cabinet):
+    """With the ground, the cube and the cabinet."""
+    for env in (lift, cabinet):
+        assert "all physics steps of a step in one launch" in env.describe()
+
+
 def test_gripper_closes_on_a_cube_and_holds_it(lift):
     """A cube between the fingers, which close: it does not fall for half a second."""
     lift.reset(seed=3)

@@ -4,13 +4,16 @@
     python tools/benchmarks/hook_graphs.py OUT                                  # Ant, Humanoid and Cartpole, 4096 each
     python tools/benchmarks/hook_graphs.py OUT --tasks Ant --parts speed equal
 
-``OUT/hook_graphs.json`` has the numbers, ``OUT/hook_graphs.md`` the table. Steps are timed by the clock on the wall,
-with episodes that end in every step. Equality compares the bits of all results of 1000 steps from one seed.
+``OUT/hook_graphs.json`` has the numbers, ``OUT/hook_graphs.md`` the tables: steps, with their ratio to those with Warp
+hooks, what they launch and wait for, and resets; equality; training. Both are written after each measurement. Steps
+are timed by the clock on the wall, with episodes that end in every step. Equality compares the bits of all results of
+1000 steps from one seed.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 import traceback
@@ -82,6 +85,7 @@ def speed(task: str, case: str, args: argparse.Namespace) -> Entry:
     if args.device != "cpu":
         found |= count_calls(step, COUNTED)
         torch.cuda.set_sync_debug_mode("default")
+    found["resets"] = sum(float((r[2] | r[3]).sum()) for r in map(env.step, actions)) / len(actions)
     # Last, as it moves the robots without hooks.
     found["physics_ms"] = timed(lambda index: env.sim.step(env.cfg.decimation), args.steps, args.device)
     recorder = getattr(env, "_recorder", None)
@@ -158,11 +162,13 @@ def train(task: str, case: str, args: argparse.Namespace) -> Entry:
     collect, learn = (sum(metrics[f"Perf/{n}_time"]) / len(metrics["elapsed_s"]) for n in ("collection", "learning"))
     samples = configs.agent.num_steps_per_env * args.num_envs
     result = {"samples_per_s": samples / (collect + learn), "collect_ms": 1e3 * collect, "learn_ms": 1e3 * learn}
+    lengths = metrics["Train/mean_episode_length"]
+    result["resets"] = args.num_envs * len(lengths) / sum(lengths)
     runner.env.close()
     return {**result, "reward": metrics["Train/mean_reward"][-1], "no_graphs": runner.no_graphs}
 
 
-def guarded(found: Entry, key: str, function: Callable[[], Entry], out: Path) -> None:
+def guarded(found: Entry, key: str, function: Callable[[], Entry], args: argparse.Namespace) -> None:
     """Measure, and keep what is found or the error; one failure does not hide the others."""
     print(f"== {key}", flush=True)
     try:
@@ -172,22 +178,40 @@ def guarded(found: Entry, key: str, function: Callable[[], Entry], out: Path) ->
         found[key] = {"error": f"{type(error).__name__}: {error}"}
         print("\n".join(lines[-24:]), flush=True)
     print(json.dumps(found[key], default=str), flush=True)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "hook_graphs.json").write_text(json.dumps(found, indent=1, default=str) + "\n", encoding="utf-8")
+    args.out.mkdir(parents=True, exist_ok=True)
+    (args.out / "hook_graphs.json").write_text(json.dumps(found, indent=1, default=str) + "\n", encoding="utf-8")
+    (args.out / "hook_graphs.md").write_text(tables(found, args.tasks) + "\n", encoding="utf-8")
 
 
-def table(found: Entry, tasks: list[str]) -> str:
+def _cells(entry: Entry, formats: dict[str, str]) -> list[str]:
+    return [form.format(entry[name]) if name in entry else "-" for name, form in formats.items()]
+
+
+def _ratio(entry: Entry, other: Entry, name: str) -> str:
+    return f"{entry[name] / other[name]:.2f}" if name in entry and name in other else "-"
+
+
+def tables(found: Entry, tasks: list[str]) -> str:
     """The numbers in Markdown."""
-    lines = ["| | step | physics | graphs | launches | waits | samples/s |", "|---|---:|---:|---:|---:|---:|---:|"]
+    steps = {"step_ms": "{:.3f} ms", "physics_ms": "{:.3f} ms", "graph_launches": "{:.1f}", "kernel_launches": "{:.1f}",
+             "host_syncs": "{:.2f}", "resets": "{:.1f}"}  # fmt: skip
+    training = {"samples_per_s": "{:,.0f}", "collect_ms": "{:.1f} ms", "learn_ms": "{:.1f} ms", "resets": "{:.1f}"}
+    lines = ["| hooks | step | physics | graphs | launches | waits | resets a step | step over that with Warp hooks |"]
+    lines.append("|---|" + "---:|" * 7)
+    for task, case in itertools.product(tasks, CASES):
+        entry, warp = (found.get(f"speed {task} {name}", {}) for name in (case, "warp"))
+        lines.append(f"| {task}, {case} | {' | '.join([*_cells(entry, steps), _ratio(entry, warp, 'step_ms')])} |")
+    lines += ["", "| training | samples/s | steps | learning | resets a step | samples/s over those of eager hooks |"]
+    lines.append("|---|" + "---:|" * 5)
+    for task, case in itertools.product(tasks, CASES):
+        entry, eager = (found.get(f"train {task} {name}", {}) for name in (case, "eager"))
+        cells = [*_cells(entry, training), _ratio(entry, eager, "samples_per_s")]
+        lines.append(f"| {task}, {case} | {' | '.join(cells)} |")
+    lines += ["", "| the same bits | steps | ends | recorded | eager, once more |", "|---|---:|---:|---|---|"]
     for task in tasks:
-        for case in CASES:
-            s, t = found.get(f"speed {task} {case}", {}), found.get(f"train {task} {case}", {})
-            cells = [f"{s[k]:.3f} ms" if k in s else "-" for k in ("step_ms", "physics_ms")]
-            cells += [f"{s[k]:.1f}" if k in s else "-" for k in ("graph_launches", "kernel_launches", "host_syncs")]
-            cells.append(f"{t['samples_per_s']:,.0f}" if "samples_per_s" in t else "-")
-            lines.append(f"| {task}, {case} | {' | '.join(cells)} |")
-    for task in tasks:
-        lines.append(f"\n{task}: {json.dumps(found.get(f'equal {task}', {}))}")
+        entry = found.get(f"equal {task}", {})
+        cells = _cells(entry, {"steps": "{}", "ends": "{:.0f}", "recorded": "{}", "eager_again": "{}"})
+        lines.append(f"| {task} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -207,14 +231,13 @@ def main() -> None:
     for part in args.parts:
         for task in args.tasks:
             if part == "equal":
-                guarded(found, f"equal {task}", lambda task=task: equal(task, args), args.out)
+                guarded(found, f"equal {task}", lambda task=task: equal(task, args), args)
                 continue
             for case in CASES:
                 function = speed if part == "speed" else train
                 key = f"{part} {task} {case}"
-                guarded(found, key, lambda f=function, t=task, c=case: f(t, c, args), args.out)
-    (args.out / "hook_graphs.md").write_text(table(found, args.tasks) + "\n", encoding="utf-8")
-    print(table(found, args.tasks))
+                guarded(found, key, lambda f=function, t=task, c=case: f(t, c, args), args)
+    print(tables(found, args.tasks))
 
 
 if __name__ == "__main__":

@@ -88,6 +88,8 @@ FN real from_lane(real x, int lane) { return __shfl_sync(own_lanes(), x, lane, L
         unsigned votes_ = BALLOT(holds);                                      \
         before = __popc(votes_ & ((1u << lane) - 1)), all = __popc(votes_);   \
     }
+// The lowest of the lanes that a ballot names.
+FN int first_lane(unsigned votes) { return __popc((votes & (0u - votes)) - 1); }
 FN real SUM(real x) {
     for (int o = LANES / 2; o; o >>= 1) x += __shfl_xor_sync(own_lanes(), x, o, LANES);
     return x;
@@ -99,6 +101,7 @@ FN real SUM(real x) {
 #define BALLOT(holds) (holds)
 #define BEFORE(mine, before, all)
 #define RANK(holds, before, all) before = 0, all = holds
+FN int first_lane(unsigned) { return 0; }
 FN real SUM(real x) { return x; }
 #endif
 

@@ -40,11 +40,11 @@ FN void place_contact(World& w, int c, int p, const Hit& hit, int geom = -1) {
 // Contacts of primitives, in the order of the pairs. Returns their number.
 FN int collide_primitives(World& w, const Parameters& P, int lane) {
     int count = 0;
-    for (int first = 0; first < FIRST_SEARCHED_PAIR; first += LANES) {
+    for (int first = 0; first < FIRST_HULL_PAIR; first += LANES) {
         int p = first + lane;
         Hits hits;
         hits.count = 0;
-        if (p < FIRST_SEARCHED_PAIR && has_both(P, p)) {
+        if (p < FIRST_HULL_PAIR && has_both(P, p)) {
             PairGeoms g = geoms_of(w, P, p);
             primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
         }
@@ -55,5 +55,54 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
     }
     return count;
 }
+
+#if HAS_HULLS
+// The first geom of a pair of hulls, in the axes of the second one.
+FN Polytope first_polytope(const Hull* hulls, int p, const PairGeoms& g) {
+    const int number = contact_hull(2 * p);
+    const Mat to_second = transposed(g.b.axes), from_first = transposed(g.a.axes);
+    const Mat axes{from_first * to_second.r0, from_first * to_second.r1, from_first * to_second.r2};
+    return Polytope{hulls[number], number ? Vec{1, 1, 1} : g.a.size, axes, to_second * (g.a.pos - g.b.pos)};
+}
+
+// Contacts of hulls with planes, boxes and each other behind the first `count` ones, in the order of the pairs. All lanes look
+// at the hulls that are near, one pair after another. Returns the number of all contacts.
+FN int collide_hulls(World& w, const Parameters& P, int count, int lane) {
+    const Hull* hulls = (const Hull*)P.m.hulls;
+    ROLLED for (int first = FIRST_HULL_PAIR; first < FIRST_SEARCHED_PAIR; first += LANES) {
+        const int p = first + lane;
+        const bool is_pair = p < FIRST_SEARCHED_PAIR && has_both(P, p);
+        Hits hits;
+        Overlap own;
+        hits.count = 0, own.dist = 0;
+        bool near = false;
+        if (is_pair) {
+            const PairGeoms g = geoms_of(w, P, p);
+            const Hull& second = hulls[contact_hull(2 * p + 1)];
+            if (contact_kind(p) == PLANE_HULL) plane_hull(hits, margin_of(P, p), g.a, g.b, second);
+            else near = are_near(first_polytope(hulls, p, g), second);
+        }
+        ROLLED for (unsigned votes = BALLOT(near); votes; votes &= votes - 1) {
+            const int k = first_lane(votes);
+            const Polytope a = first_polytope(hulls, first + k, geoms_of(w, P, first + k));
+            const Overlap overlap = overlap_of(a, hulls[contact_hull(2 * (first + k) + 1)], lane);
+            if (k == lane) own = overlap;
+        }
+        if (own.dist < 0) {
+            const PairGeoms g = geoms_of(w, P, p);
+            hull_hits(hits, own, first_polytope(hulls, p, g), hulls[contact_hull(2 * p + 1)]);
+            for (int i = 0; i < hits.count; i++) {
+                Hit& h = hits.hit[i];
+                h.pos = g.b.pos + g.b.axes * h.pos, h.normal = g.b.axes * h.normal;
+            }
+        }
+        int before = 0, all = hits.count;
+        BEFORE(hits.count, before, all);
+        ROLLED for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
+        count += all;
+    }
+    return count;
+}
+#endif
 
 }  // namespace fused

@@ -132,6 +132,9 @@ FN int collide_by_search(World& w, const Parameters& P, int count, int lane) {
 FN int collide(World& w, const Parameters& P, int lane) {
     if (GEOMS_PLACED) place_geoms(w, P, lane);
     int count = collide_primitives(w, P, lane);
+#if HAS_HULLS
+    count = collide_hulls(w, P, count, lane);
+#endif
 #if HAS_SEARCHES
     count = collide_by_search(w, P, count, lane);
 #endif

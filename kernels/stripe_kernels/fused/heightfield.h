@@ -168,7 +168,8 @@ FN bool cylinder_touch(const Search& s, const Patch& p, int i, Touch& hit, real&
     } else {
         Triangle t;
         Vec right;
-        found = ridge(p, row, col, k % 3, -FABS(s.at.z) - s.radius - s.reach, t, right) && cap_touch(s, t, right, 2 * end - 3, hit);
+        found = ridge(p, row, col, k % 3, -FABS(s.at.z) - s.radius - s.reach, t, right) &&
+                cap_touch(s, t, right, 2 * end - 3, hit);
     }
     order = hit.dist;
     return found;

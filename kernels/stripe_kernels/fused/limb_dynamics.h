@@ -109,7 +109,7 @@ FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) 
 // step has beside the mass matrix there.
 FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real bias) {
     const int j = dof_joint(i);
-    const real v = w.v[i], h = P.timestep()[0], damping = P.damping()[i];
+    const real v = w.v[i], h = P.step_size(), damping = P.damping()[i];
     real f = w.applied[i] - bias - damping * v, total = 0;
     o.implicit = h * damping;
     if (joint_type(j) != FREE) {

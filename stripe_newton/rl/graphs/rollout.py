@@ -3,23 +3,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import torch
+import warp as wp
 from rsl_rl.modules.distribution import GaussianDistribution, HeteroscedasticGaussianDistribution
 from tensordict import TensorDict
 
+from stripe_kernels.rollout import add_up_episodes, sample_actions, store_outcome
 from stripe_newton.envs import RLEnv
 from stripe_newton.envs.graph_step import GraphStep, why_not_capturable
 from stripe_newton.rl.torch_vector_env import is_finite_horizon
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 
+from .flat_adam import as_array
+from .network_pass import network_output
 from .ppo import GraphPPO
 from .program import Program
 
 __all__ = ["GraphRollout", "Report", "why_no_rollout_graph"]
 
+_VALUES_AT_ONCE = 131072
+"""Samples of which the critic computes values at once, which bounds the memory for its activations."""
 _NORMAL = GaussianDistribution, HeteroscedasticGaussianDistribution
 
 
@@ -97,6 +104,7 @@ class GraphRollout:
         self._finite_horizon = is_finite_horizon(inner)
         self._allocate()
         self._program = Program(self._act_and_step, env.device)
+        self._end = Program(self._finish, env.device)
 
     @torch.inference_mode(False)
     @torch.no_grad()
@@ -115,9 +123,20 @@ class GraphRollout:
         if storage.distribution_params is None:
             # rsl_rl allocates these with the first transition that it stores, which never comes here.
             actor = self._algorithm.actor
-            actor.distribution.update(actor.mlp(actor.get_latent(self._obs)))
+            actor.distribution.update(network_output(actor, self._obs))
             shapes = [p.shape for p in actor.output_distribution_params]
             storage.distribution_params = tuple(torch.zeros(steps, *shape, device=device) for shape in shapes)
+        self._actions = torch.zeros(count, env.num_actions, device=device)
+        self._cut_off = torch.zeros(steps, count, dtype=torch.bool, device=device)
+        step, outcome = as_array(self._index), self._step
+        dones, cut_off = as_array(storage.dones.squeeze(-1)), as_array(self._cut_off)
+        values, rewards = as_array(storage.values.squeeze(-1)), as_array(storage.rewards.squeeze(-1))
+        stored = (storage.actions, *storage.distribution_params, storage.actions_log_prob.squeeze(-1))
+        self._sampled = [step, *(as_array(t) for t in (self._actions, *stored))]
+        given = [as_array(t) for t in (outcome.reward, outcome.terminated, outcome.truncated)]
+        self._outcome = [step, *given, rewards, dones, cut_off]
+        sums = (self._return_sum, self._length_sum, self._returns, self._lengths)
+        self._episodes = [rewards, dones, cut_off, values, *(as_array(t) for t in sums)]
 
     @property
     def recorded(self) -> bool:
@@ -129,17 +148,18 @@ class GraphRollout:
     def collect(self) -> TensorDict:
         """Take all steps of a rollout, without host synchronisation. Returns the observations after the last step."""
         self._index.zero_()
-        self._nan.zero_()
         storage = self._algorithm.storage
         for _ in range(storage.num_transitions_per_env):
             if self._step.before():
                 self._program.forget()
+                self._end.forget()
             self._program.run()
             # Observations are handed out for hooks alone: within a rollout the graph reads them where they are.
             if self._env.step_hooks:
                 self._hand_out()
                 for hook in list(self._env.step_hooks):
                     hook()
+        self._end.run()
         storage.step = storage.num_transitions_per_env
         return self._hand_out()
 
@@ -204,51 +224,42 @@ class GraphRollout:
     # -- the graph
 
     def _act_and_step(self) -> None:
-        """One step: act, step the environment, store the transition, update returns and lengths."""
-        algorithm, env, storage, index = self._algorithm, self._env, self._algorithm.storage, self._index
-        actor, obs = algorithm.actor, self._obs
-
-        def store(where: torch.Tensor, value: torch.Tensor) -> None:
-            where.index_copy_(0, index, value.view(1, *where.shape[1:]).to(where.dtype))
-
-        # Observations first: the environment's step below overwrites them in place.
-        for name, value in obs.items():
-            store(storage.observations[name], value)
-        actor.distribution.update(actor.mlp(actor.get_latent(obs)))
-        mean, std = actor.output_mean, actor.output_std
-        # The same random numbers as `Normal.sample()`, which synchronises with the device to check its arguments.
-        actions = self._noise.normal_() * std + mean
-        values = algorithm.critic(obs)
-        store(storage.actions, actions)
-        store(storage.values, values)
-        store(storage.actions_log_prob, actor.get_output_log_prob(actions))
-        for where, value in zip(storage.distribution_params, actor.output_distribution_params, strict=True):
-            store(where, value)
-        # The storage has the actions as drawn, the environment gets them clipped, as in rsl_rl.
-        clip = env.clip_actions
-        self._step.launch(actions if clip is None else actions.clamp(-clip, clip))
-        reward, terminated, truncated = self._step.reward, self._step.terminated, self._step.truncated
-        done = terminated | truncated
-        if self._finite_horizon:
-            store(storage.rewards, reward)
-        else:
-            # An episode that the clock alone cut off would have gone on: the value stands for the rest of its return.
-            timed_out = (truncated & ~terminated)[:, None]
-            store(storage.rewards, reward + algorithm.gamma * torch.squeeze(values * timed_out, 1))
-        store(storage.dones, done)
-        self._update_episodes(reward, done)
-        index += 1
-
-    def _update_episodes(self, reward: torch.Tensor, done: torch.Tensor) -> None:
-        """Update returns and lengths of the running episodes, and keep those of the ones that ended."""
-        self._return_sum += reward
-        self._length_sum += 1.0
-        for where, value in ((self._returns, self._return_sum), (self._lengths, self._length_sum)):
-            # All rows are written in each step. Which of them are ends of episodes is looked up on the host, from
-            # `dones`: picking them here would need their number.
-            where.index_copy_(0, self._index, value.unsqueeze(0))
-            value.masked_fill_(done, 0.0)
+        """One step: act, step the environment, store the transition."""
+        self._act()
+        self._step.launch(self._actions)
+        wp.launch(store_outcome, dim=self._env.num_envs, inputs=self._outcome, device=self._outcome[0].device)
         if self._log.shape[1]:
             self._log.index_copy_(0, self._index, self._step.log.unsqueeze(0))
+        self._index += 1
+
+    def _act(self) -> None:
+        """Store observations, and draw and store the actions of a step."""
+        storage, actor, obs = self._algorithm.storage, self._algorithm.actor, self._obs
+        # Observations first: the environment's step overwrites them in place.
+        for name, value in obs.items():
+            where = storage.observations[name]
+            where.index_copy_(0, self._index, value.unsqueeze(0).to(where.dtype))
+        actor.distribution.update(network_output(actor, obs))
+        # The same random numbers as `Normal.sample()`, which synchronises with the device to check its arguments.
+        now = [as_array(t) for t in (self._noise.normal_(), actor.output_mean, actor.output_std)]
+        # The storage has the actions as drawn, the environment gets them clipped, as in rsl_rl.
+        bound = self._env.clip_actions
+        inputs = [self._sampled[0], *now, math.inf if bound is None else bound, *self._sampled[1:]]
+        wp.launch(sample_actions, dim=self._env.num_envs, inputs=inputs, device=self._sampled[0].device)
+
+    def _finish(self) -> None:
+        """Values of all steps at once, sums of episodes, and checks."""
+        algorithm, storage = self._algorithm, self._algorithm.storage
         if self._check:
-            self._nan |= torch.stack([torch.isnan(t).any() for t in (*self._step.observations.values(), reward)])
+            arrays = [*storage.observations.values(), storage.rewards]
+            latest = [*self._step.observations.values(), storage.rewards[0]]
+            pairs = zip(arrays, latest, strict=True)
+            self._nan.copy_(torch.stack([torch.isnan(a).any() | torch.isnan(b).any() for a, b in pairs]))
+        # The values are not needed earlier, and a few large matrix products take less time than many small ones.
+        obs, values = storage.observations.flatten(0, 1), storage.values.flatten(0, 1)
+        for first in range(0, len(values), _VALUES_AT_ONCE):
+            part = slice(first, first + _VALUES_AT_ONCE)
+            values[part] = network_output(algorithm.critic, obs[part])
+        discount = 0.0 if self._finite_horizon else algorithm.gamma
+        inputs = [*self._episodes[:4], discount, *self._episodes[4:]]
+        wp.launch(add_up_episodes, dim=self._env.num_envs, inputs=inputs, device=self._episodes[0].device)

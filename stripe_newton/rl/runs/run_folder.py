@@ -16,7 +16,7 @@ import yaml
 
 from stripe_newton.configclass import Config
 from stripe_newton.file_lock import FileLock
-from stripe_newton.input_files import InputFileError, read_yaml
+from stripe_newton.input_files import InputFileError, read_yaml, why_no_file
 from stripe_newton.rl.configs.field_checks import why_no_folder_name
 from stripe_newton.rl.errors import CheckpointError
 from stripe_newton.value_types import short
@@ -253,6 +253,8 @@ def find_checkpoint(path: str | os.PathLike) -> Path:
         return path
     if not path.exists():
         raise CheckpointError(f"{path}: does not exist; give a run folder or a checkpoint file (model_K.pt)")
+    if not path.is_dir():
+        raise CheckpointError(f"{path}: {why_no_file(path)}; give a run folder or a checkpoint file (model_K.pt)")
     run = RunFolder(path.parent if path.name == "checkpoints" else path)
     newest = find_newest(run)
     if newest is None:

@@ -52,7 +52,8 @@ class RslRlVecEnvWrapper(VecEnv):
         if shape is None or len(shape) != 1:
             raise ValueError(f"single_action_space has shape {shape}; rsl_rl needs a flat Box, shape (num_actions,)")
         self.env = env
-        self.clip_actions = clip_actions
+        # torch takes no int beyond 64 bits for a bound
+        self.clip_actions = None if clip_actions is None else float(clip_actions)
         self.num_envs: int = env.unwrapped.num_envs
         self.num_actions: int = shape[0]
         self.device = env.unwrapped.device

@@ -11,6 +11,7 @@ from typing import ClassVar
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.input_files import why_no_file
 from stripe_newton.robot_files import file_kind
 from stripe_newton.sim.scene_context import authored_path, current_stage
 from stripe_newton.usd import asset_prim, si_stage
@@ -45,8 +46,8 @@ def _missing(path: str, field: str) -> Iterator[tuple[str, str]]:
 
 def _existing(path: str, field: str) -> Path:
     file = Path(path).expanduser()
-    if not file.is_file():
-        raise FileNotFoundError(f"{field} '{path}': no such file; give the path of an existing file")
+    if problem := why_no_file(file):
+        raise FileNotFoundError(f"{field} '{path}': {problem}; give the path of an existing file")
     if is_pointer(file):
         raise ValueError(f"{field} '{path}' {POINTER_REASON}")
     return file.resolve()

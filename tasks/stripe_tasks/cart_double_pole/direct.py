@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -27,6 +27,8 @@ class CartDoublePoleEnvCfg(DirectRLEnvCfg):
 
     The poles start near upright. An episode ends when the tip sinks, when the cart is too far out, or after 10 s.
     """
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
 
     decimation: int = 2
     episode_length_s: float = 10.0

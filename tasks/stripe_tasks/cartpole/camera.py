@@ -7,7 +7,7 @@ It is the cart-pole of :mod:`stripe_tasks.cartpole.direct_warp` but for its obse
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from stripe_newton.configclass import configclass
 from stripe_newton.managers.image import Picture, image_writer
@@ -26,6 +26,8 @@ class CartpoleCameraEnvCfg(CartpoleEnvCfg):
 
     ``tiled_camera.width`` and ``tiled_camera.height`` set another size.
     """
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space",)
 
     tiled_camera: TiledCameraCfg = TiledCameraCfg(
         prim_path="{ENV_REGEX_NS}/Camera",

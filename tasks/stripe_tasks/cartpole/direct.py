@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -29,6 +29,8 @@ class CartpoleEnvCfg(DirectRLEnvCfg):
     The pole starts within 45 degrees of upright. An episode ends when it falls, when the cart is too far out, or after
     5 s.
     """
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
 
     decimation: int = 2
     episode_length_s: float = 5.0

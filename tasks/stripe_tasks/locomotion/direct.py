@@ -9,7 +9,7 @@ the target, facing it and staying up, costs for effort, power and joints at thei
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -46,6 +46,8 @@ __all__ = [
 @configclass
 class LocomotionEnvCfg(DirectRLEnvCfg):
     """Direct locomotion: episodes of 15 s with steps at 60 Hz and physics at 120 Hz."""
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
 
     decimation: int = 2
     episode_length_s: float = 15.0

@@ -7,7 +7,7 @@ MuJoCo Menagerie, its palm up. Each hook is one kernel.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import warp as wp
 
@@ -126,7 +126,7 @@ def compute_dones(
     """End an episode when the cube has fallen out of the hand, or after its full length."""
     env = wp.tid()
     terminated[env] = object_distance(env, cube, numbers) >= numbers.fall_dist
-    truncated[env] = episode.length[env] >= wp.int64(episode.max_length - 1)
+    truncated[env] = episode.length[env] >= episode.max_length - wp.int64(1)
 
 
 @wp.kernel(enable_backward=False)
@@ -260,6 +260,8 @@ class ReposeEnvCfg(DirectRLEnvCfg):
 
     An episode ends when the cube has fallen, or after 10 s.
     """
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
 
     decimation: int = 4
     episode_length_s: float = 10.0

@@ -7,7 +7,7 @@ robot is that of :mod:`stripe_tasks.quadcopter.crazyflie`. Each hook is one kern
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import warp as wp
 
@@ -138,6 +138,8 @@ class QuadcopterEnvCfg(DirectRLEnvCfg):
 
     An episode ends near the ground, too high up, or after 10 s.
     """
+
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
 
     decimation: int = 2
     episode_length_s: float = 10.0

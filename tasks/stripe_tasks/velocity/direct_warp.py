@@ -37,6 +37,8 @@ Range = tuple[float, float]
 class VelocityWarpEnvCfg(DirectRLEnvCfg):
     """Numbers of a direct velocity task; bodies and joints are named by expressions."""
 
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "observation_space")
+
     decimation: int = 4
     episode_length_s: float = 20.0
     sim: SimulationCfg = VelocityEnvCfg().sim

@@ -209,7 +209,7 @@ def rnd() -> RslRlRndCfg:
 REFUSED = {
     "recurrent": ({"actor": RslRlRNNModelCfg(rnn_hidden_dim=8, distribution_cfg=normal())}, "actor is recurrent", True),
     "beta": ({"actor": beta()}, "BetaDistribution samples with values from the host", False),
-    "rmsprop": ({"algorithm": RslRlPpoAlgorithmCfg(optimizer="rmsprop")}, "RMSprop has no fused form", True),
+    "rmsprop": ({"algorithm": RslRlPpoAlgorithmCfg(optimizer="rmsprop")}, "the optimiser is RMSprop", True),
     "rnd": (
         {
             "algorithm": RslRlPpoAlgorithmCfg(rnd_cfg=rnd()),

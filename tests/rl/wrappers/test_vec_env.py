@@ -33,3 +33,6 @@ def test_wrapper_clips_actions():
     two, ten = torch.full((8, 1), 2.0), torch.full((8, 1), 10.0)
     expected = free.step(two)[0]["policy"]
     torch.testing.assert_close(clipped.step(ten)[0]["policy"], expected, rtol=0, atol=0)
+    wide = make_env(push=(-99.0, 99.0), clip_actions=2**64)  # torch takes no int of that size
+    wide.get_observations()
+    torch.testing.assert_close(wide.step(two)[0]["policy"], expected, rtol=0, atol=0)

@@ -32,6 +32,7 @@ SEEDS = ("None", "3")
 ENV_IDS = ("None", "3", "[]", "[0, 1]", "np.arange(4)", "torch.tensor([0, 1])", "torch.tensor([0, 1, 2, 3])",
            "torch.zeros(0)", "slice(None)", "-1")  # fmt: skip
 WRAPPED = "RslRlVecEnvWrapper(env), ZeroPolicy(RslRlVecEnvWrapper(env))"
+CLIPPED = "RslRlVecEnvWrapper(env, clip_actions={v}).step(torch.ones(4, 1))"
 RESET = "env.apply_event(mdp.reset_joints_by_offset, {v}, position_range=(0.0, 0.1), velocity_range=(0.0, 0.1))"
 CALLS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("env.step({v})", ("action",), NO_VALUES),
@@ -66,7 +67,11 @@ CALLS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("type(env)({v})", ("cfg", "config"), NO_VALUES),
     ("env.scene[{v}]", ("scene", "entity", "no "), NO_VALUES),
     ("env.sim.step({v})", ("step", "count", "number"), ("3",)),
-    ("RslRlVecEnvWrapper(env, clip_actions={v})", ("clip_actions",), ("None", "3", "1.5")),
+    (
+        "RslRlVecEnvWrapper(env, clip_actions={v}).step(torch.ones(4, 1))",
+        ("clip_actions",),
+        ("None", "3", "1.5", "2**64"),
+    ),
     ("RslRlVecEnvWrapper({v})", ("env",), NO_VALUES),
     (f"evaluate({WRAPPED}, {{v}})", ("episodes",), ("3",)),
     (f"record_video({WRAPPED}, 'v.mp4', {{v}})", ("steps", "render_mode"), ("3",)),

@@ -73,11 +73,18 @@ def fields_of(cls: type, docs: dict[str, str]) -> list[Field]:
 
 
 def wrong_value(field: Field, rng: random.Random) -> str | None:
-    """An expression whose value the annotation does not allow, or None if there is none."""
-    if any(str(vars(base).get("__annotations__", {}).get(field.name)) == "object" for base in field.cls.__mro__):
+    """An expression whose value the annotation does not allow, or None if there is none.
+
+    What a base allows is right in a subclass, too.
+    """
+    hints = [vars(base).get("__annotations__", {}).get(field.name) for base in field.cls.__mro__]
+    if any(str(hint) == "object" for hint in hints):
         return None  # terms may also stand in a dict, which is checked when the environment is built
+    is_space = any(str(hint) == "SpaceSpec" for hint in hints)
     for text in rng.sample(POOL, len(POOL)):
         value = eval(text)
+        if is_space and isinstance(value, (int, list, tuple, dict, set)):
+            continue  # spaces in short, most of them
         if value is None and (
             _may_be_left_out(field.hint)
             or _default(field) is None

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Network pass: forward and backward pass of a network in an update, in few passes over its activations."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import torch
+import warp as wp
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+
+from stripe_kernels.ppo import elu_gradient, elu_gradient_bf16
+
+from .flat_adam import as_array
+
+__all__ = [
+    "EluPass",
+    "NetworkPass",
+    "TorchPass",
+    "elu_gradient_in_torch",
+    "elu_gradient_in_warp",
+    "network_output",
+    "network_pass",
+]
+
+_ROWS = 64
+"""Samples that one thread of the ELU's gradient adds up: enough threads for a GPU, few sums to add afterwards."""
+
+
+def network_output(model: MLPModel, obs: TensorDict) -> torch.Tensor:
+    """The output of ``model.mlp(model.get_latent(obs))``, without gradients, ``(samples, outputs)``."""
+    x = _latent(model, obs)
+    layers = linear_layers(model.mlp)
+    if not layers:
+        return model.mlp(x)
+    for layer in layers[:-1]:
+        x = torch.nn.functional.elu_(layer(x))
+    return layers[-1](x)
+
+
+def _latent(model: MLPModel, obs: TensorDict) -> torch.Tensor:
+    """``model.get_latent(obs)``, which copies also a single group."""
+    if type(model).get_latent is MLPModel.get_latent and len(model.obs_groups) == 1:
+        return model.obs_normalizer(obs[model.obs_groups[0]])
+    return model.get_latent(obs)
+
+
+class NetworkPass(ABC):
+    """Forward and backward pass of a network."""
+
+    @abstractmethod
+    def forward(self, obs: TensorDict) -> torch.Tensor:
+        """The output of the network for observations ``(samples,)``, float32, ``(samples, outputs)``."""
+
+    @abstractmethod
+    def backward(self, gradient: torch.Tensor) -> None:
+        """Compute gradients of the network's parameters into their ``grad``, which is 0 before.
+
+        Args:
+            gradient: Gradient by the output of the last :meth:`forward`.
+        """
+
+
+def network_pass(model: MLPModel, bf16: bool) -> NetworkPass:
+    """The pass for a network.
+
+    Args:
+        model: A network whose forward pass is ``model.mlp(model.get_latent(obs))``.
+        bf16: Whether its layers run in bfloat16.
+    """
+    if type(model).get_latent is MLPModel.get_latent and linear_layers(model.mlp):
+        return EluPass(model, bf16)
+    return TorchPass(model, bf16)
+
+
+def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
+    """The layers of a network that is linear layers with ELU between them; none for any other."""
+    layers = list(mlp)
+    linear = [m for m in layers[0::2] if type(m) is torch.nn.Linear and m.bias is not None]
+    elus = [m for m in layers[1::2] if type(m) is torch.nn.ELU and m.alpha == 1.0]
+    return linear if len(linear) == len(elus) + 1 and len(linear) + len(elus) == len(layers) else []
+
+
+class TorchPass(NetworkPass):
+    """Pass of any network, by torch's autograd."""
+
+    def __init__(self, model: MLPModel, bf16: bool):
+        self._model, self._bf16 = model, bf16
+
+    def forward(self, obs: TensorDict) -> torch.Tensor:
+        model = self._model
+        # torch's cache of weights in bfloat16 must be off where a graph is recorded.
+        with torch.enable_grad(), torch.autocast(obs.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
+            self._output = model.mlp(model.get_latent(obs)).float()
+        return self._output.detach()
+
+    def backward(self, gradient: torch.Tensor) -> None:
+        self._output.backward(gradient)
+
+
+class EluPass(NetworkPass):
+    """Pass of linear layers with ELU between them.
+
+    Activations overwrite what they are computed from, and the gradient before an ELU the one behind it. So a layer's
+    activations are read and written as seldom as is possible beside matrix products of a library.
+    """
+
+    def __init__(self, model: MLPModel, bf16: bool):
+        self._model, self._layers = model, linear_layers(model.mlp)
+        self._kind = torch.bfloat16 if bf16 else torch.float32
+        self._inputs: list[torch.Tensor] = []
+        self._weights: list[torch.Tensor] = []
+
+    @torch.no_grad()
+    def forward(self, obs: TensorDict) -> torch.Tensor:
+        x = _latent(self._model, obs).to(self._kind)
+        self._weights = [layer.weight.to(self._kind) for layer in self._layers]
+        biases = [layer.bias.to(self._kind) for layer in self._layers]
+        self._inputs = [x]
+        for weight, bias in zip(self._weights[:-1], biases[:-1], strict=True):
+            x = torch.nn.functional.elu_(torch.addmm(bias, x, weight.t()))
+            self._inputs.append(x)
+        return torch.addmm(biases[-1], x, self._weights[-1].t()).float()
+
+    @torch.no_grad()
+    def backward(self, gradient: torch.Tensor) -> None:
+        by_output = gradient.to(self._kind)
+        torch.sum(gradient, dim=0, out=self._layers[-1].bias.grad)
+        for index in reversed(range(len(self._layers))):
+            layer, x = self._layers[index], self._inputs[index]
+            if self._kind == torch.float32:
+                torch.mm(by_output.t(), x, out=layer.weight.grad)
+            else:
+                layer.weight.grad.copy_(by_output.t() @ x)
+            if index:
+                by_output = by_output @ self._weights[index]
+                _elu_gradient(by_output, x, self._layers[index - 1].bias.grad)
+        self._inputs, self._weights = [], []
+
+
+def _elu_gradient(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
+    packed = gradient.dtype != torch.bfloat16 or gradient.shape[1] % 2 == 0
+    (elu_gradient_in_warp if gradient.is_cuda and packed else elu_gradient_in_torch)(gradient, result, sums)
+
+
+def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
+    """Turn the gradient behind an ELU into that before it, by torch, which uses all threads of a CPU.
+
+    Args:
+        gradient: By the results; becomes that by the arguments, ``(samples, width)``.
+        result: Results of the ELU, ``(samples, width)``.
+        sums: Takes the sums of the new gradient over the samples, float32, ``(width,)``.
+    """
+    torch.ops.aten.elu_backward.grad_input(gradient, 1.0, 1.0, 1.0, True, result, grad_input=gradient)
+    torch.sum(gradient, dim=0, dtype=torch.float32, out=sums)
+
+
+def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
+    """:func:`elu_gradient_in_torch` in one pass over both, and a small sum. In bfloat16 the width must be even."""
+    samples, width = gradient.shape
+    blocks = math.ceil(samples / _ROWS)
+    parts = torch.empty(blocks, width, device=gradient.device)
+    kernel, views, dtype = elu_gradient, (gradient, result), wp.float32
+    if gradient.dtype == torch.bfloat16:
+        # Two numbers in a word: loads of 16 bits would leave half of the memory's bandwidth unused.
+        kernel, views, dtype = elu_gradient_bf16, (gradient.view(torch.int32), result.view(torch.int32)), wp.uint32
+    arrays = [wp.from_torch(t, dtype=dtype, requires_grad=False) for t in views]
+    wp.launch(
+        kernel,
+        dim=(blocks, arrays[0].shape[1]),
+        inputs=[*arrays, _ROWS, as_array(parts)],
+        device=arrays[0].device,
+    )
+    torch.sum(parts, dim=0, out=sums)
