@@ -171,7 +171,7 @@ class GraphPPO(PPO):
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
             self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
-            self._gradient = PpoGradient(self, self._picked)
+            self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
             # Averages over the ranks are collective calls, which stay outside the graphs: between gradients and step,
@@ -208,27 +208,17 @@ class GraphPPO(PPO):
         if not self._passes:
             self._compute_gradients_by_autograd()
             return
-        actor = self.actor
         count = len(self._picked)
         rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
         obs = TensorDict(rows, batch_size=[count], device=self.device)
         actor_pass, critic_pass = self._passes
+        self._adam.gradient.zero_()
         mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
-        # Of a single sample: the deviations do not depend on the state.
-        actor.distribution.update(mean[:1])
-        std, entropy = actor.output_std[0], actor.output_entropy.mean()
-        found = self._gradient.compute(mean, std.detach(), values)
-        self._adam.gradient.zero_()
-        actor_pass.backward(found.by_mean)
-        critic_pass.backward(found.by_value)
-        if std.requires_grad:
-            torch.autograd.backward([std, entropy], [found.by_std, entropy.new_full((), -self.entropy_coef)])
-        with torch.no_grad():
-            self._kl.copy_(found.kl)
-            self._losses += torch.stack([found.value_loss, found.surrogate_loss, entropy])
-            self._std.copy_(std.mean())
+        self._gradient.compute(mean, values)
+        actor_pass.backward(self._gradient.by_mean)
+        critic_pass.backward(self._gradient.by_value)
 
     def _compute_gradients_by_autograd(self) -> None:
         """The same by torch's autograd, for what the fused loss does not cover."""

@@ -84,6 +84,10 @@ OPTIONS = {
         "actor": RslRlMLPModelCfg(**MODELS, distribution_cfg=normal(std_type="log")),
         "critic": RslRlMLPModelCfg(**MODELS),
     },
+    "fixed deviations": {"actor": RslRlMLPModelCfg(hidden_dims=(16,), distribution_cfg=normal(learn_std=False))},
+    "deviations beyond their bounds": {
+        "actor": RslRlMLPModelCfg(hidden_dims=(16,), distribution_cfg=normal(std_range=(0.1, 0.5))),
+    },
     "advantages by minibatch, fixed rate": {
         "algorithm": RslRlPpoAlgorithmCfg(normalize_advantage_per_mini_batch=True, schedule="fixed", optimizer="adamw")
     },
