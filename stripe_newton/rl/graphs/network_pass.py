@@ -88,7 +88,7 @@ def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
     return linear if len(linear) == len(elus) + 1 and len(linear) + len(elus) == len(layers) else []
 
 
-def _gradient_of(parameter: torch.nn.Parameter) -> torch.Tensor:
+def _gradient_of(parameter: torch.Tensor) -> torch.Tensor:
     """The memory of a parameter's gradient, in which it stays."""
     assert parameter.grad is not None  # FlatAdam has made it
     return parameter.grad
