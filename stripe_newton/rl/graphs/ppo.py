@@ -13,12 +13,13 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from stripe_kernels.adam import adapt_rate
-from stripe_kernels.rollout import estimate_advantages
+from stripe_kernels.rollout import BLOCK, estimate_advantages
 
 from .flat_adam import FlatAdam, as_array
-from .network_pass import NetworkPass, network_output, network_pass
+from .network_pass import EluPass, NetworkPass, network_output, network_pass
 from .ppo_gradient import PpoGradient
 from .program import Program
+from .side_by_side import SideBySide
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
 
@@ -170,7 +171,9 @@ class GraphPPO(PPO):
         self._losses = torch.zeros(len(self._loss_names), device=device)
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
-            self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
+            copies = self._adam.make_copies() if self.use_mixed_precision else None
+            self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
+            self._beside = SideBySide(device, all(isinstance(network, EluPass) for network in self._passes))
             self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
@@ -192,7 +195,7 @@ class GraphPPO(PPO):
             as_array(t.squeeze(-1)) for t in (st.rewards, st.dones, st.values, st.returns, st.advantages)
         )
         inputs = [rewards, dones, values, last_values, self.gamma, self.lam, returns, advantages]
-        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device)
+        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device, block_dim=BLOCK)
         if not self.normalize_advantage_per_mini_batch:
             # In the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
             mean, std = st.advantages.mean(), st.advantages.std()
@@ -208,17 +211,18 @@ class GraphPPO(PPO):
         if not self._passes:
             self._compute_gradients_by_autograd()
             return
-        count = len(self._picked)
-        rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
-        obs = TensorDict(rows, batch_size=[count], device=self.device)
         actor_pass, critic_pass = self._passes
+        found, picked = self._gradient, self._picked
+        stored = self.storage.observations.flatten(0, 1)
         self._adam.gradient.zero_()
-        mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
+        self._adam.update_copies()
+        mean, values = self._beside.run(
+            lambda: actor_pass.forward(stored, picked), lambda: critic_pass.forward(stored, picked)
+        )
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
-        self._gradient.compute(mean, values)
-        actor_pass.backward(self._gradient.by_mean)
-        critic_pass.backward(self._gradient.by_value)
+        found.compute(mean, values)
+        self._beside.run(lambda: actor_pass.backward(found.by_mean), lambda: critic_pass.backward(found.by_value))
 
     def _compute_gradients_by_autograd(self) -> None:
         """The same by torch's autograd, for what the fused loss does not cover."""
