@@ -90,6 +90,25 @@ def test_walker_runs_in_one_kernel_with_robots_that_differ(robot):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("robot", ["Go2", "AnymalC"])
+def test_walker_stands_in_its_default_pose(robot):
+    """Without actions for two seconds, it does not sink onto its knees or slide apart."""
+    robot_file(WALKERS[robot][0])
+    cfg = config(f"Stripe-Velocity-Flat-{robot}-v0")
+    cfg.events.push_robot, cfg.events.reset_robot_joints.params["position_range"] = None, (1.0, 1.0)
+    cfg.events.reset_base.params["velocity_range"] = {}
+    env = gymnasium.make_vec(f"Stripe-Velocity-Flat-{robot}-v0", cfg=cfg)
+    env.reset(seed=1)
+    for _ in range(100):
+        env.step(torch.zeros(N, 12))
+    data = env.scene["robot"].data
+    stands = 0.75 * cfg.scene.robot.init_state.pos[2]
+    assert (data.root_pos_w[:, 2] > stands).all()
+    assert (data.joint_pos - data.default_joint_pos).abs().max() < 0.4
+    env.close()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", WALKERS)
 def test_walker_runs_on_rough_ground(robot):
     robot_file(WALKERS[robot][0])

@@ -215,15 +215,21 @@ def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float, air_time_weight:
     cfg.actions.joint_pos.scale = 0.5
     use_isaac_lab_events(cfg, (-5.0, 5.0))
     use_pyramids(cfg)
-    centre = cfg.events.centre_of_mass
-    if centre is not None:
-        centre.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}
+    events = cfg.events
+    if events.centre_of_mass is not None:
+        events.centre_of_mass.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}
+    if events.soles is not None:  # between the dynamic and the static friction of PhysX
+        events.soles.params["static_friction_range"] = (0.6, 0.8)
+    events.reset_robot_joints.params["position_range"] = (0.5, 1.5)
+    events.reset_base.params["velocity_range"] = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), (-0.5, 0.5))
+    cfg.commands.base_velocity.rel_standing_envs = 0.02
     _set_weights(
         cfg,
         track_lin_vel_xy_exp=1.0,
         track_ang_vel_z_exp=0.5,
         joint_torques_l2=torque_weight,
         flat_orientation_l2=-5.0,
+        joint_pos_limits=0.0,
         feet_air_time=air_time_weight,
     )
     cfg.viewer.eye, cfg.viewer.lookat = (2.6, -2.8, 1.2), (0.0, 0.0, -0.15)
@@ -299,6 +305,7 @@ class AnymalCFlatPPORunnerCfg(VelocityPPORunnerCfg):
 
     def __post_init__(self) -> None:
         self.algorithm.entropy_coef = 0.005
+        self.actor.hidden_dims = self.critic.hidden_dims = (128, 128, 128)
 
 
 @configclass
