@@ -16,9 +16,11 @@ __all__ = [
     "LAW_PID",
     "LAW_SOLVER",
     "JointDrives",
+    "ask_solver_joint",
     "dc_motor_range",
     "drive_explicit_joint",
     "drive_joints",
+    "feed_solver_joint",
     "interpolate_table",
     "mask_gains",
     "reset_drives",
@@ -230,50 +232,83 @@ def drive_explicit_joint(env: int, dof: int, pos: float, vel: float, drives: Joi
     return applied
 
 
-@wp.kernel(enable_backward=False)
-def drive_joints(solver_only: bool, drives: JointDrives):
-    """Compute the efforts of all joints; a thread for each degree of freedom of each environment.
+@wp.func
+def feed_solver_joint(env: int, dof: int, drives: JointDrives) -> float:
+    """Effort on a joint beside that of the solver's own drive; that of an explicit actuator stays as it is.
 
-    Joints driven by the solver: ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a
-    position alone. Joints with an explicit actuator: :func:`drive_explicit_joint`.
+    ``effort = clamp(effort* + fed, +-limit)``, ``fed = kd qd*`` for a drive that follows a position alone. The fused
+    solver's kernel calls this function, too.
 
     Args:
-        solver_only: Leave out the joints with an explicit actuator.
+        env: The environment.
+        dof: Degree of freedom of the joint, within the environment.
+        drives: Targets, gains and limits.
+    """
+    if drives.law[dof] != LAW_SOLVER:
+        return drives.effort[env, dof]
+    fed = wp.float32(0.0)
+    if drives.feeds_velocity and drives.mode[env, dof] == _POSITION:
+        fed = drives.damping[env, dof] * drives.vel_target[env, dof]
+    limit = drives.effort_limit[env, dof]
+    return clamp_number(drives.effort_target[env, dof] + fed, -limit, limit)
+
+
+@wp.func
+def ask_solver_joint(env: int, dof: int, pos: float, vel: float, drives: JointDrives) -> float:
+    """Effort that the solver's drive of a joint asks for, unlimited; that of an explicit actuator stays as it is.
+
+    ``kp (q* - q) + kd (qd* - qd) + effort*`` with the gains of the drive's mode alone. The fused solver's kernel calls
+    this function, too.
+
+    Args:
+        env: The environment.
+        dof: Degree of freedom of the joint, within the environment.
+        pos: Its position [m or rad].
+        vel: Its velocity [m/s or rad/s].
+        drives: Targets and gains.
+    """
+    if drives.law[dof] != LAW_SOLVER:
+        return drives.computed_effort[env, dof]
+    coord = drives.coord[dof]
+    target = wp.float32(0.0)
+    if coord >= 0:
+        target = drives.pos_target[env, coord]
+    kp = drives.stiffness[env, dof]
+    kd = drives.damping[env, dof]
+    mode = drives.mode[env, dof]
+    if mode != _POSITION and mode != _BOTH:
+        kp = wp.float32(0.0)
+        if mode != _VELOCITY:
+            kd = wp.float32(0.0)
+    return kp * (target - pos) + kd * (drives.vel_target[env, dof] - vel) + drives.effort_target[env, dof]
+
+
+@wp.kernel(enable_backward=False)
+def drive_joints(drives: JointDrives):
+    """Compute the efforts of all joints; a thread for each degree of freedom of each environment.
+
+    Joints driven by the solver: :func:`feed_solver_joint` and :func:`ask_solver_joint`. Joints with an explicit
+    actuator: :func:`drive_explicit_joint`.
+
+    Args:
         drives: State, targets, gains and limits.
     """
     env, dof = wp.tid()
     coord = drives.coord[dof]
     pos = wp.float32(0.0)
-    target = wp.float32(0.0)
     if coord >= 0:
         pos = drives.joint_pos[env, coord]
-        target = drives.pos_target[env, coord]
     vel = drives.joint_vel[env, dof]
     if drives.law[dof] != LAW_SOLVER:
-        if not solver_only:
-            drive_explicit_joint(env, dof, pos, vel, drives)
+        drive_explicit_joint(env, dof, pos, vel, drives)
         return
-    limit = drives.effort_limit[env, dof]
-    kp = drives.stiffness[env, dof]
-    kd = drives.damping[env, dof]
-    mode = drives.mode[env, dof]
     # Copied in every step, since a randomising event may have changed the gains. Entries of explicit actuators
     # are never written and stay 0: the solver must not apply their gains a second time.
     if drives.masks_gains:
-        drives.solver_stiffness[env, dof] = kp
-        drives.solver_damping[env, dof] = kd
-    # The solver's drive reacts to the gains of its mode alone; computed_effort reports what it asks for.
-    if mode != _POSITION and mode != _BOTH:
-        kp = wp.float32(0.0)
-        if mode != _VELOCITY:
-            kd = wp.float32(0.0)
-    velocity = drives.vel_target[env, dof]
-    effort = drives.effort_target[env, dof]
-    drives.computed_effort[env, dof] = kp * (target - pos) + kd * (velocity - vel) + effort
-    fed = wp.float32(0.0)
-    if drives.feeds_velocity and mode == _POSITION:
-        fed = kd * velocity
-    drives.effort[env, dof] = clamp_number(effort + fed, -limit, limit)
+        drives.solver_stiffness[env, dof] = drives.stiffness[env, dof]
+        drives.solver_damping[env, dof] = drives.damping[env, dof]
+    drives.computed_effort[env, dof] = ask_solver_joint(env, dof, pos, vel, drives)
+    drives.effort[env, dof] = feed_solver_joint(env, dof, drives)
 
 
 @wp.kernel(enable_backward=False)

@@ -364,12 +364,13 @@ def shade_pixels(
     casters: wp.array[wp.float32],
     detail: wp.array[wp.vec4f],
     picture: wp.array[wp.uint8],
+    first: int,
 ):
-    """Shade one ray through the middle of every pixel; one thread a pixel.
+    """Shade one ray through the middle of every pixel from the ``first`` on; one thread a pixel.
 
     ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
     """
-    pixel = wp.tid()
+    pixel = first + wp.tid()
     x = pixel % look.width
     y = pixel // look.width
     direction = sample_direction(look, float(x) + 0.5, float(y) + 0.5)

@@ -3,7 +3,19 @@
 
 import warp as wp
 
-__all__ = ["LOSS_TERMS", "elu_gradient", "elu_gradient_bf16", "ppo_loss"]
+__all__ = [
+    "BLOCK",
+    "LOSS_TERMS",
+    "elu_gradient",
+    "elu_gradient_bf16",
+    "finish_ppo_loss",
+    "gather_inputs",
+    "gather_inputs_bf16",
+    "ppo_loss",
+]
+
+BLOCK = 64
+"""Threads of a block for all kernels here: few, so that samples of a minibatch are spread over all multiprocessors."""
 
 LOSS_TERMS = 3
 """Rows of ``terms`` of :func:`ppo_loss` before those by standard deviations: surrogate, value loss, KL divergence."""
@@ -11,11 +23,77 @@ LOSS_TERMS = 3
 _HALF_LOG_2PI = wp.constant(0.9189385332046727)
 
 
+@wp.func
+def _input(
+    row: int,
+    column: int,
+    rows: wp.array2d[float],
+    first: int,
+    mean: wp.array2d[float],
+    std: wp.array2d[float],
+    eps: float,
+) -> float:
+    value = rows[row, column]
+    if mean:
+        value = (value - mean[0, first + column]) / (std[0, first + column] + eps)
+    return value
+
+
+@wp.kernel(enable_backward=False)
+def gather_inputs(
+    picked: wp.array[wp.int64],
+    rows: wp.array2d[float],
+    first: int,
+    mean: wp.array2d[float],
+    std: wp.array2d[float],
+    eps: float,
+    out: wp.array2d[float],
+):
+    """Gather observations of samples, normalised; launch ``(m, w)`` threads.
+
+    Args:
+        picked: Rows that the samples are, ``(m,)``.
+        rows: A group of observations, ``(n, w)``.
+        first: Column of ``out`` that the group begins at.
+        mean: Running means, ``(1, columns)``, or nothing for no normalisation.
+        std: Running standard deviations, ``(1, columns)``.
+        eps: Added to the deviations.
+        out: Inputs of a network, ``(m, columns)``.
+    """
+    i, j = wp.tid()
+    out[i, first + j] = _input(int(picked[i]), j, rows, first, mean, std, eps)
+
+
+@wp.kernel(enable_backward=False)
+def gather_inputs_bf16(
+    picked: wp.array[wp.int64],
+    rows: wp.array2d[float],
+    first: int,
+    mean: wp.array2d[float],
+    std: wp.array2d[float],
+    eps: float,
+    out: wp.array2d[wp.bfloat16],
+):
+    """:func:`gather_inputs` to bfloat16."""
+    i, j = wp.tid()
+    out[i, first + j] = wp.bfloat16(_input(int(picked[i]), j, rows, first, mean, std, eps))
+
+
+@wp.func
+def _deviation(parameter: float, low: float, high: float, is_log: bool) -> float:
+    """Standard deviation of an action, by its parameter, or by the logarithm of it that the parameter is."""
+    bounded = wp.clamp(parameter, low, high)
+    return wp.where(is_log, wp.exp(bounded), bounded)
+
+
 @wp.kernel(enable_backward=False)
 def ppo_loss(
     picked: wp.array[wp.int64],
     mean: wp.array2d[float],
-    std: wp.array[float],
+    std_parameter: wp.array[float],
+    low: float,
+    high: float,
+    is_log: bool,
     value: wp.array[float],
     actions: wp.array2d[float],
     old_mean: wp.array2d[float],
@@ -40,7 +118,10 @@ def ppo_loss(
     Args:
         picked: Rows of the storage that the samples are, ``(m,)``.
         mean: Means of the actions, ``(m, k)``.
-        std: Standard deviations of the actions, ``(k,)``.
+        std_parameter: Parameters of the standard deviations of the actions, ``(k,)``.
+        low: Lower bound of those parameters.
+        high: Upper bound of the same.
+        is_log: Whether they are logarithms of the deviations.
         value: Values, ``(m,)``.
         actions: Actions in the storage, ``(n, k)``.
         old_mean: Means of the distributions that they were drawn from, ``(n, k)``.
@@ -65,7 +146,7 @@ def ppo_loss(
 
     log_prob, kl = wp.float32(0.0), wp.float32(0.0)
     for j in range(count):
-        s = std[j]
+        s = _deviation(std_parameter[j], low, high, is_log)
         z = (actions[row, j] - mean[i, j]) / s
         log_prob += -0.5 * z * z - wp.log(s) - _HALF_LOG_2PI
         # KL of the old distribution from the new one: half of variance ratio + squared distance - 1 - log ratio
@@ -82,7 +163,7 @@ def ppo_loss(
     terms[0, i] = wp.max(free, clipped)
     terms[2, i] = kl
     for j in range(count):
-        s = std[j]
+        s = _deviation(std_parameter[j], low, high, is_log)
         z = (actions[row, j] - mean[i, j]) / s
         mean_gradient[i, j] = share * by_log_prob * z / s
         terms[3 + j, i] = by_log_prob * (z * z - 1.0) / s
@@ -97,6 +178,52 @@ def ppo_loss(
             by_value = wp.where(wp.abs(change) <= clip, 2.0 * error, 0.0)
     terms[1, i] = loss
     value_gradient[i] = share * value_weight * by_value
+
+
+@wp.kernel(enable_backward=False)
+def finish_ppo_loss(
+    means: wp.array[float],
+    std_parameter: wp.array[float],
+    low: float,
+    high: float,
+    is_log: bool,
+    entropy_weight: float,
+    losses: wp.array[float],
+    kl: wp.array[float],
+    mean_std: wp.array[float],
+    std_gradient: wp.array[float],
+):
+    """Sum losses and add the entropy's part to the gradient by the standard deviations; launch one thread.
+
+    Args:
+        means: Means of the ``terms`` of :func:`ppo_loss`, ``(3 + k,)``.
+        std_parameter: As in :func:`ppo_loss`, ``(k,)``.
+        low: As in :func:`ppo_loss`.
+        high: As in :func:`ppo_loss`.
+        is_log: As in :func:`ppo_loss`.
+        entropy_weight: Weight of the entropy, which is subtracted from the loss.
+        losses: Value loss, surrogate and entropy are added, ``(3 or more,)``.
+        kl: KL divergence, ``(1,)``.
+        mean_std: Mean of the standard deviations, ``(1,)``.
+        std_gradient: Gradient by ``std_parameter``, ``(k,)``, or nothing where they are not trained.
+    """
+    count = std_parameter.shape[0]
+    entropy, total = wp.float32(0.0), wp.float32(0.0)
+    for j in range(count):
+        s = _deviation(std_parameter[j], low, high, is_log)
+        total += s
+        entropy += 0.5 + _HALF_LOG_2PI + wp.log(s)
+        if std_gradient:
+            gradient = means[3 + j] - entropy_weight / s
+            if is_log:
+                gradient *= s
+            inside = low <= std_parameter[j] and std_parameter[j] <= high
+            std_gradient[j] = wp.where(inside, gradient, 0.0)
+    losses[0] = losses[0] + means[1]
+    losses[1] = losses[1] + means[0]
+    losses[2] = losses[2] + entropy
+    kl[0] = means[2]
+    mean_std[0] = total / float(count)
 
 
 @wp.func
@@ -135,14 +262,15 @@ def _low(pair: wp.uint32) -> float:
 
 @wp.func
 def _high(pair: wp.uint32) -> float:
-    return wp.cast(pair & wp.uint32(0xFFFF0000), float)
+    return wp.cast((pair >> wp.uint32(16)) << wp.uint32(16), float)
 
 
 @wp.func
 def _rounded(value: float) -> wp.uint32:
     """The bits of ``value`` as bfloat16, rounded to the nearest, in the upper half of a word."""
     bits = wp.cast(value, wp.uint32)
-    return (bits + wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))) & wp.uint32(0xFFFF0000)
+    bits += wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))
+    return (bits >> wp.uint32(16)) << wp.uint32(16)
 
 
 @wp.kernel(enable_backward=False)

@@ -152,22 +152,6 @@ class Actuation:
         """Names of Newton's classes of the drives that Newton steps itself, such as ``DriveNeuralLSTM``."""
         return sorted({type(actuator.drive).__name__ for actuator, _, _ in self._stepped})
 
-    def launch_solver_drives(self, joint_pos: wp.array | None = None, joint_vel: wp.array | None = None) -> None:
-        """Compute the efforts of the solver's own drives, and leave out explicit actuators; may be captured.
-
-        Args:
-            joint_pos: Positions that they are computed for, shape ``(joint_coord_count,)``. Default: the state's.
-            joint_vel: Velocities, shape ``(joint_dof_count,)``.
-        """
-        if not self._dofs:
-            return
-        drives, shape = self.drives, (self._num_envs, -1)
-        own = drives.joint_pos, drives.joint_vel
-        if joint_pos is not None and joint_vel is not None:
-            drives.joint_pos, drives.joint_vel = joint_pos.reshape(shape), joint_vel.reshape(shape)
-        self._launch(drive_joints, True)
-        drives.joint_pos, drives.joint_vel = own
-
     # -- at work
 
     def launch(self, index: int = 0, last: bool = True) -> None:
@@ -184,7 +168,7 @@ class Actuation:
             actuator.step(self._state, self._control, now, following, dt=self.drives.dt)
             if last and first is not None and first is not second and index % 2 == 0:
                 first.assign(second)
-        self._launch(drive_joints, False)
+        self._launch(drive_joints)
 
     def reset(self, env_mask: wp.array) -> None:
         """Forget the past of environments and draw new lags; may be captured.
@@ -218,10 +202,10 @@ class Actuation:
         finally:
             vars(self._model).update(shown)
 
-    def _launch(self, kernel: wp.Kernel, *inputs: bool) -> None:
+    def _launch(self, kernel: wp.Kernel) -> None:
         if self._dofs:
             dim = self._num_envs, self._dofs
-            wp.launch(kernel, dim=dim, inputs=[*inputs, self.drives], device=self._model.device)
+            wp.launch(kernel, dim=dim, inputs=[self.drives], device=self._model.device)
 
     @property
     def arrays(self) -> dict[str, wp.array]:

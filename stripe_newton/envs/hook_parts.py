@@ -95,8 +95,9 @@ class Recorder:
             if not self._in_pool:
                 # A pool ends with its last graph, such as when all are recorded anew. Torch refuses to use it again.
                 self._pool = torch.cuda.graph_pool_handle()
+            generators = scan(self.env, SKIPPED).generators  # of a task's own, beside torch's default
             try:
-                graph = TorchGraph(function, self._stream, self._pool, free_memory=False)
+                graph = TorchGraph(function, self._stream, self._pool, generators, free_memory=False)
             except Exception:
                 self._in_pool.clear()  # nor can a pool be used after a recording that failed
                 raise

@@ -38,6 +38,7 @@ from .safety import Safety
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import SceneRenderer
+    from stripe_newton.viewers.picture_layers import PictureLayers
 
 __all__ = ["RENDER_MODES", "Extras", "Observations", "ResetOptions", "SteppedScene"]
 
@@ -82,6 +83,7 @@ class SteppedScene:
     closed: bool = False
     """Whether :meth:`close` was called."""
     _renderer: SceneRenderer | None = None
+    _layers: PictureLayers
     _np_random: np.random.Generator | None = None
     _np_random_seed: int | None = None
 
@@ -560,10 +562,15 @@ class SteppedScene:
         if self.render_mode != "rgb_array":
             return None
         if self._renderer is None:
-            from stripe_newton.viewers import SceneRenderer  # most environments are never drawn, and it takes a while
+            # Here, as most environments are never drawn, and it takes a while.
+            from stripe_newton.viewers import SceneRenderer
+            from stripe_newton.viewers.picture_layers import PictureLayers
 
-            self._renderer = SceneRenderer(self.sim, self.cfg.viewer)
-        return self._renderer.render()
+            self._renderer = renderer = SceneRenderer(self.sim, self.cfg.viewer)
+            chosen = self.cfg.viewer.env_index
+            self._layers = PictureLayers(self, renderer.env_ids, chosen if chosen in renderer.env_ids else 0)
+        with self._layers.shown():
+            return self._renderer.render()
 
     @property
     def renderer(self) -> SceneRenderer | None:

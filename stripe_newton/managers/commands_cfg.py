@@ -65,8 +65,8 @@ class CommandTermCfg:
     metrics: dict[str, Callable[..., object]] = {}
     """Warp functions ``-> float`` by name; their means over the episode are logged."""
     debug_vis: bool = False
-    """Ignored: the live view has a checkbox for each command."""
-    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "the live view has a checkbox for it"}
+    """Draw velocities, poses and positions in pictures and films, and in the live view from the start; there a checkbox
+    does so, too. Commands of other kinds are not drawn."""
 
     @property
     def is_users(self) -> bool:

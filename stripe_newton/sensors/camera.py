@@ -134,6 +134,9 @@ class CameraCfg(SensorBaseCfg):
     """Noise of depths and distances [m]; of colours, put it on the observations. What is not seen stays so."""
     delay: NonNegativeInt | tuple[NonNegativeInt, NonNegativeInt] = 0
     """Age of pose and images, in images; a pair is the range from which each episode draws it."""
+    debug_vis: bool = False
+    """Ignored: a camera is not drawn; the live view shows its pictures."""
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "a camera is not drawn; the live view shows its pictures"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()

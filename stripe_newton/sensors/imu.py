@@ -63,6 +63,9 @@ class ImuCfg(SensorBaseCfg):
     of an episode."""
     delay: NonNegativeInt = 0
     """Age of all outputs, in measurements."""
+    debug_vis: bool = False
+    """Ignored: an IMU is not drawn."""
+    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "an IMU is not drawn"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()

@@ -46,9 +46,8 @@ class SensorBaseCfg(SensorCfg):
     history_length: NonNegativeInt = 0
     """Past measurements that are kept; 0 for none."""
     debug_vis: bool = False
-    """Ignored: the live view has a checkbox for each sensor."""
-
-    IGNORED: ClassVar[dict[str, str]] = {"debug_vis": "the live view has a checkbox for it"}
+    """Draw rays, contact forces and frames in pictures and films, and in the live view from the start; there a checkbox
+    does so, too."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         """Pairs of a field and what is wrong with it, beyond its type."""

@@ -7,6 +7,7 @@ import newton
 import warp as wp
 
 from stripe_kernels.actuation import note_overflow
+from stripe_newton.solvers import SolverFused
 
 from .host_flags import HostFlags
 from .physics_hook import PhysicsHook
@@ -29,6 +30,8 @@ class SolverOverflow(PhysicsHook):
         self._solver, self._observables = solver, observables
         self.seen = wp.zeros(1, dtype=wp.int32)
         self._told = HostFlags(1, str(self.seen.device))
+        if isinstance(solver, SolverFused) and self.seen.device.is_cuda:  # on the CPU a step may be done again
+            solver.tell_overflow(self.seen, self._told.array)
         solver.mjw_model.opt.warn_overflow = 0
 
     @property
@@ -36,6 +39,8 @@ class SolverOverflow(PhysicsHook):
         return False  # the bits of steps that are launched together are collected
 
     def launch_after_step(self) -> None:
+        if isinstance(self._solver, SolverFused) and self._solver.tells_overflow(self._observables):
+            return
         bits = self._observables.overflow
         wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[self.seen, self._told.array])
 

@@ -307,13 +307,13 @@ class Simulation:
         self.actuation.bind(self._state, self.control)
         self.velocity_limit = wp.full(model.joint_dof_count, value=float("inf"), dtype=float)
         self.previous_joint_qd = wp.clone(self._state.joint_qd)
-        if isinstance(self.solver, SolverFused) and not self.solver.unsupported:
-            self._previous_joint_q = wp.clone(self._state.joint_q)
         self._cleared = ResetMask(self.num_envs, self.device)
         self.articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
         self.pipeline = None if self.cfg.solver.finds_contacts else self._collision_detection()
         self.contacts = self.pipeline.contacts() if self.pipeline else None
         self._allocate_observables()
+        if self._steps_inside:
+            self.solver.prepare(self._per_step())  # before the first kernel is compiled
 
     def _collision_detection(self) -> newton.CollisionPipeline:
         """Newton's collision detection, which by default goes through a list of all pairs that may touch."""
@@ -485,6 +485,7 @@ class Simulation:
         """What the solver's kernel has to do in each physics step."""
         return PerStep(
             drives=self.actuation.drives if self.actuation.explicit.any() else None,
+            solver_drives=self.actuation.drives,
             external_wrench=self.external_wrench,
             wrench_in_world=None if self.external_wrench is None else self.wrench_in_world,
             velocity_limit=self.velocity_limit if self._limits_velocity else None,
@@ -494,17 +495,12 @@ class Simulation:
         """Launch some time steps of which the solver's kernel does all."""
         solver, state = self.solver, self._state
         assert isinstance(solver, SolverFused)
-        self.actuation.launch_solver_drives()
-        before = self._previous_joint_q, self.previous_joint_qd
         per_step = self._per_step()
+        before, observables, dt = (None, self.previous_joint_qd), self.observables, self.physics_dt
         self._solve(
-            lambda: solver.step_many(
-                state, state, self.control, self.physics_dt, substeps, self.observables, before, per_step
-            ),
+            lambda: solver.step_many(state, state, self.control, dt, substeps, observables, before, per_step),
             per_step.drives,
         )
-        if substeps > 1:  # efforts are those of the last physics step, and so are accelerations
-            self.actuation.launch_solver_drives(*before)
         for hook in self._hooks:
             hook.launch_after_step()
 

@@ -18,6 +18,9 @@ class PerStep:
 
     drives: JointDrives | None = None
     """Explicit actuators, whose efforts act on joints of one degree of freedom."""
+    solver_drives: JointDrives | None = None
+    """All joints, of which those that the solver drives are given efforts beside it, once in a launch, and have noted
+    what their drives ask for in the last step. Where it is given it is the same struct as ``drives``."""
     external_wrench: wp.array | None = None
     """Wrenches about the centres of mass [N, N m], shape ``(body_count,)``. They replace the forces on bodies of
     Newton's state, and are written there in the world frame."""
@@ -29,5 +32,6 @@ class PerStep:
     @property
     def kinds(self) -> frozenset[str]:
         """Names of what is to be done, which are options of the kernel."""
-        found = {"drives": self.drives, "wrenches": self.external_wrench, "velocity_limits": self.velocity_limit}
+        found = {"drives": self.drives, "solver_drives": self.solver_drives, "wrenches": self.external_wrench}
+        found |= {"velocity_limits": self.velocity_limit}
         return frozenset(name for name, given in found.items() if given is not None)

@@ -145,7 +145,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._fills_contacts = False
         self._contact_forces: ContactForces | None = None
         self._steps = 1
-        self._before: tuple[wp.array, wp.array] | None = None
+        self._before: tuple[wp.array | None, wp.array] | None = None
+        self._dt = self._filled_dt = 0.0
+        self._overflow: wp.array | None = None
+        self._told: tuple[wp.array, wp.array] | None = None
         self._per_step = PerStep()
         self._kinds: frozenset[str] = frozenset()  # of what any call had to do in each step
         self._accelerations: dict[str, wp.array] = {}
@@ -312,14 +315,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             per_step: What :meth:`step_many` is going to be given.
         """
         if not self.unsupported and self.converts:
-            self._take_kinds(per_step)
+            self.prepare(per_step)
             self.fused.compile_ahead(str(self.model.device))
-
-    def _take_kinds(self, per_step: PerStep) -> None:
-        """Take a kernel that does in each physics step what a call asks for."""
-        if not per_step.kinds <= self._kinds:
-            self._kinds |= per_step.kinds
-            self._remake()
 
     # -- a step
 
@@ -331,7 +328,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         dt: float,
         steps: int,
         observables: Any = None,
-        before: tuple[wp.array, wp.array] | None = None,
+        before: tuple[wp.array | None, wp.array] | None = None,
         per_step: PerStep | None = None,
     ) -> None:
         """Advance by several time steps with the same controls.
@@ -343,9 +340,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             dt: Time step [s].
             steps: Number of steps.
             observables: Arrays to report, of the last step; overflow is of all.
-            before: Output, positions and velocities of the joints before the last step, shapes ``(joint_coord_count,)``
-                and ``(joint_dof_count,)``.
-            per_step: Explicit actuators, external wrenches and velocity limits. The first call with one of them makes
+            before: Output, positions (None for those not) and velocities of the joints before the last step, shapes
+                ``(joint_coord_count,)`` and ``(joint_dof_count,)``.
+            per_step: Actuators, external wrenches and velocity limits. The first call with one of them makes
                 a kernel that has it, so that others lose no registers of a GPU to it.
 
         Raises:
@@ -360,13 +357,19 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if (before is not None or per_step.kinds) and not self.converts:
             asked = sorted({*per_step.kinds, *(["the joints before the last step"] if before is not None else [])})
             raise RuntimeError(f"{', '.join(asked)}: need a kernel that converts Newton's state, as `converts` says")
-        self._take_kinds(per_step)
+        self.prepare(per_step)
         self._steps, self._before, self._per_step = steps, before, per_step
         try:
             contacts = observables.contacts if observables is not None else None
             self.step(state_in, state_out, control, contacts, dt, observables=observables)
         finally:
             self._steps, self._before, self._per_step = 1, None, PerStep()
+
+    def prepare(self, per_step: PerStep) -> None:
+        """Take a kernel that has what ``per_step`` asks for, from the next step on."""
+        if not per_step.kinds <= self._kinds:
+            self._kinds |= per_step.kinds
+            self._remake()
 
     def _enable_rne_postconstraint(self, state_out: newton.State, observables: Any = None) -> None:
         """Note which accelerations and wrenches of bodies the coming step has to write, and where."""
@@ -403,9 +406,49 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.converts:
             self._call = _Call(state_in, state_out, control, observables)
         try:
-            super().step(state_in, state_out, control, contacts, dt, observables=observables)
+            if self._does_all(observables):
+                self._step_in_kernel(self._call, contacts, dt)
+            else:
+                super().step(state_in, state_out, control, contacts, dt, observables=observables)
         finally:
             self._call = None
+
+    def _does_all(self, observables: Any) -> bool:
+        """Whether the kernel does all of a step, so that what the base class launches around it is left out."""
+        if not self.converts or not self._use_mujoco_contacts or not self.one_launch:
+            return False
+        return observables is None or not observables.is_requested(self.ObservableKind.CONTACT_F)
+
+    def _step_in_kernel(self, call: _Call, contacts: newton.Contacts | None, dt: float) -> None:
+        """Advance as the base class does, but for what the kernel does as well: time step, reports of overflows."""
+        self.validate_observables(call.observables, contacts)
+        with wp.ScopedDevice(self.model.device):
+            self._enable_rne_postconstraint(call.state_out, call.observables)
+            call.reads_state = self._update_data_interval > 0 and self._step % self._update_data_interval == 0
+            if self._filled_dt != dt:  # others read it there
+                self.mjw_model.opt.timestep.fill_(dt)
+                self._filled_dt = dt
+            is_reported = call.observables is not None and call.observables.is_requested(self.ObservableKind.OVERFLOW)
+            self._dt, self._overflow = dt, call.observables.overflow if is_reported else None
+            try:
+                self._mujoco_warp_step()
+            finally:
+                self._dt, self._overflow = 0.0, None
+            self._update_newton_state(self.model, call.state_out, self.mjw_data, call.state_in, call.observables)
+        self._step += 1
+
+    def tell_overflow(self, seen: wp.array, told: wp.array) -> None:
+        """Let the kernel collect the overflow bits of all worlds from the next step on, see :meth:`tells_overflow`.
+
+        Args:
+            seen: Bits so far, int32, shape ``(1,)``.
+            told: The same for the host, in its memory, where new bits are written.
+        """
+        self._told = seen, told
+
+    def tells_overflow(self, observables: Any) -> bool:
+        """Whether the kernel collects all overflow bits of steps with these observables."""
+        return self._told is not None and self._does_all(observables)
 
     # The base class calls the following around a step. Where the kernel does what they do, they do nothing.
 
@@ -453,7 +496,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             super()._mujoco_warp_step()
             return
         kernel, data, device = self.fused, self.mjw_data, str(self.model.device)
-        drives = self._per_step.drives
+        drives = self._per_step.solver_drives or self._per_step.drives
         if self._call is not None and self._call.state_in is not self._call.state_out:
             for name in ("joint_q", "joint_qd"):  # the kernel leaves joints of kinematic bodies as they are
                 wp.copy(getattr(self._call.state_out, name), getattr(self._call.state_in, name))
@@ -632,6 +675,9 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             setattr(m, name, _address(given.get(name)))
         for name in NEWTON_OUT:
             setattr(m, name, _address(written.get(name)))
+        _refer(m, "overflow", self.mjw_data.overflow if self._overflow is None else self._overflow)
+        m.overflow_seen, m.overflow_told = map(_address, self._told or (None, None))
+        m.dt = self._dt
         return m
 
     def _read_arrays(self, call: _Call, first: bool) -> dict[str, wp.array]:
@@ -653,6 +699,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             state = call.state_out
             arrays |= {"joint_q_out": state.joint_q, "joint_qd_out": state.joint_qd, "efforts": self._efforts(call)}
             arrays |= {"body_q": state.body_q, "body_qd": state.body_qd}
+        if self._per_step.solver_drives is not None:
+            arrays["computed_effort"] = self._per_step.solver_drives.computed_effort
         if self._before is not None:
             arrays |= dict(zip(("joint_q_before", "joint_qd_before"), self._before, strict=True))
         return arrays

@@ -14,7 +14,7 @@ import warp as wp
 from mujoco_warp import OverflowType
 
 import stripe_kernels
-from stripe_kernels.actuators import JointDrives, drive_explicit_joint
+from stripe_kernels.actuators import JointDrives, ask_solver_joint, drive_explicit_joint, feed_solver_joint
 from stripe_newton.compile_ahead import compile_ahead, wait_for
 from stripe_newton.generated_files import write_generated
 
@@ -28,13 +28,13 @@ __all__ = [
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "hulls.h", "hull_contacts.h", "search.h", "heightfield.h", "meshes.h",
     "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h",
-    "geoms.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h",
-    "results.h", "accelerations.h", "step.h",
+    "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h",
+    "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h",
-    "geoms.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
-    "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "contact_fields.h", "limb_world.h", "rows.h",
+    "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h",
+    "limb_parameters.h", "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -53,7 +53,7 @@ CONTACTS = ("pos", "frame", "friction", "dist", "dim", "geom", "efc_address", "w
 _SPACES = ("contacts", "bodies", "contact_forces")
 """Arrays for contacts that others find, for what the kernel keeps of bodies for a moment where their accelerations are
 read, :data:`BODY_SIZE` numbers for each, and for forces of contacts."""
-_PER_STEP = ("drives", "wrenches", "velocity_limits")
+_PER_STEP = ("drives", "solver_drives", "wrenches", "velocity_limits")
 """Names that :attr:`KernelOptions.per_step` may have."""
 BODY_SIZE = 31
 """Numbers of a body, as in accelerations.h."""
@@ -65,11 +65,11 @@ NEWTON_IN = (
 """Arrays of Newton's state and control, and of what is done in each physics step (:class:`.per_step.PerStep`). Those of
 the state and control with an address are read instead of MuJoCo's arrays of the same."""
 NEWTON_OUT = (
-    "joint_q_out", "joint_qd_out", "joint_q_before", "joint_qd_before", "body_q", "body_qd", "efforts", "body_qdd",
-    "body_parent_f",
+    "joint_q_out", "joint_qd_out", "joint_q_before", "joint_qd_before", "body_q", "body_qd", "efforts",
+    "computed_effort", "body_qdd", "body_parent_f",
 )  # fmt: skip
 """Arrays of Newton that are written where they have an address: the state after the last step of a launch, the joints
-before it, forces of actuators, and accelerations and wrenches of bodies."""
+before it, forces of actuators and what their laws asked for, and accelerations and wrenches of bodies."""
 NEWTON_MODEL = ("joint_X_p", "joint_X_c", "body_com", "body_flags", "dof_ref", "newton_body")
 """Arrays of Newton's model that the conversion reads; the last has the bodies of MuJoCo's."""
 _ADDRESSES = (
@@ -84,6 +84,8 @@ _ADDRESSES = (
     "meshes",
     "hulls",
     "hidden",
+    "overflow_seen",
+    "overflow_told",
     "workspace",
 )
 _SM_BYTES = 228 * 1024
@@ -126,6 +128,11 @@ class KernelOptions:
     """Forces and geoms of contacts can be written."""
     per_step: frozenset[str] = frozenset()
     """Names of what each physics step may have to do, see :class:`.per_step.PerStep`."""
+
+    @property
+    def has_drives(self) -> bool:
+        """Whether the kernel takes the struct of actuators."""
+        return not self.per_step.isdisjoint(("drives", "solver_drives"))
 
     def in_registers(self, tables: ModelTables) -> bool:
         """Whether matrices are factored in registers, a row in each lane."""
@@ -235,14 +242,14 @@ class StepKernel:
             device: Name of the device.
             steps: Number of time steps.
             place: Only place the geoms.
-            drives: Explicit actuators, if the kernel has them.
+            drives: Actuators, if the kernel has them.
         """
         lanes, per_block = self.options.lanes, self.layout.worlds_per_block
         blocks = -(-num_worlds // per_block)
         dim = num_worlds if lanes == 1 else blocks * per_block * lanes
         kernel = self.place if place else self.kernel
         inputs = [arguments, num_worlds, steps]
-        if not place and "drives" in self.options.per_step:
+        if not place and self.options.has_drives:
             inputs.append(drives or JointDrives())
         wait_for(kernel)
         wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=self._block_dim)
@@ -252,7 +259,8 @@ def step_kernel(tables: ModelTables, options: KernelOptions) -> StepKernel:
     """Make the step kernel of a model; with a layout of Newton's it can read and write Newton's state.
 
     Its argument is a struct. For each array of the state and of :data:`PARAMETERS` it has the address ``name`` (uint64)
-    and the stride from one world to the next ``name_stride`` (in numbers; 0 for one that all worlds share).
+    and the stride from one world to the next ``name_stride`` (in numbers; 0 for one that all worlds share). The time
+    step is ``dt`` [s]; if that is 0, that of the parameters.
     """
     layout = Layout.of(tables, options)
     library = _library(tables, options, layout)
@@ -269,6 +277,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
     head = [
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
+        # Lanes that search for touches together; in the form for a hub with limbs each does so alone.
+        f"#define SEARCH_LANES {options.lanes if tables.limbs is None else 1}",
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
@@ -282,6 +292,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define ACCELERATIONS {int(options.accelerations)}",
         f"#define CONTACTS {int(options.contacts)}",
         f"#define CONTACT_FORCES {int(options.contact_forces)}",
+        f"#define GIVEN_CONTACTS {int(options.given_contacts)}",
         *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
         f"#define LINE_TOLERANCE ((real){exact!r})",
@@ -307,13 +318,14 @@ def _parameters_source() -> str:
         f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"
         for n, kind in kinds.items()
     ]
+    methods.append("    FN_METHOD real step_size() const { return m.dt > 0 ? (real)m.dt : timestep()[0]; }")
     body = [f"    const {_STRUCT}& m;", "    const int id, num_worlds;", *methods]
     return "\n".join(["namespace fused {", "struct Parameters {", *body, "};", "}", ""])
 
 
 def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     fields = [f"    {name}: wp.uint64\n    {name}_stride: int\n" for name in _ARRAYS]
-    fields += [f"    {name}: wp.uint64\n" for name in _ADDRESSES]
+    fields += [f"    {name}: wp.uint64\n" for name in _ADDRESSES] + ["    dt: float\n"]
     # The body of a native function stands in braces: the first one closes them, and so makes room for a library.
     library = f"}}\n{source}\nstatic CUDA_CALLABLE inline void fused_library_end() {{\n"
     bounds = ""
@@ -324,13 +336,14 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
     return "\n".join(
         [
             "import warp as wp",
-            "from stripe_kernels.actuators import JointDrives, drive_explicit_joint",
+            "from stripe_kernels.actuators import JointDrives, ask_solver_joint",
+            "from stripe_kernels.actuators import drive_explicit_joint, feed_solver_joint",
             "@wp.struct",
             "class Arguments:",
             *fields,
             f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
-            *_kernel("step", _steps(options), options, layout, bounds, "drives" in options.per_step),
+            *_kernel("step", _steps(options), options, layout, bounds, options.per_step),
             *([] if layout.is_limbs else _kernel("place", _PLACING, options, layout, bounds)),
             "",
         ]
@@ -338,16 +351,24 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
 
 
 def _kernel(
-    name: str, work: list[str], options: KernelOptions, layout: Layout, bounds: str, drives: bool = False
+    name: str,
+    work: list[str],
+    options: KernelOptions,
+    layout: Layout,
+    bounds: str,
+    per_step: frozenset[str] = frozenset(),
 ) -> list[str]:
     body = "\n".join(["", *_world(options, layout), *work, ""])
     memory = []
     if layout.in_shared:  # a tile, as it makes Warp ask for so much; it is the only one and thus at the start
         size = layout.worlds_per_block * layout.world_size + layout.tables_size // 4
         memory = [f"    memory = wp.tile_empty(shape=({size},), dtype=float, storage='shared')"]
-    more, given = (", drives: JointDrives", ", drives") if drives else ("", "")
-    # Native code calls this function. Warp emits it only where a kernel calls it, and ahead of what is called later.
-    called = ["    if steps < 0:", "        drive_explicit_joint(0, 0, 0.0, 0.0, drives)"] if drives else []
+    # Native code calls these functions. Warp emits one only where a kernel calls it, and ahead of what is called later.
+    called = ["        drive_explicit_joint(0, 0, 0.0, 0.0, drives)"] if "drives" in per_step else []
+    if "solver_drives" in per_step:
+        called += ["        feed_solver_joint(0, 0, drives)", "        ask_solver_joint(0, 0, 0.0, 0.0, drives)"]
+    more, given = (", drives: JointDrives", ", drives") if called else ("", "")
+    called = ["    if steps < 0:", *called] if called else []
     return [
         f"@wp.func_native({body!r})",
         f"def {name}_world(tid: int, m: Arguments, num_worlds: int, steps: int{more}): ...",
@@ -379,19 +400,34 @@ def _world(options: KernelOptions, layout: Layout) -> list[str]:
         lines.append(f"fused::World& w = *(fused::World*){memory};")
     else:
         lines.append("fused::World w;")
-    return [*lines, "const fused::Parameters P{m, id, num_worlds};", "fused::begin_steps(w, P, lane);"]
+    return [*lines, "const fused::Parameters P{m, id, num_worlds};"]
 
 
-_PLACING = ["fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
+_BEGIN = "fused::begin_steps(w, P, lane);"
+_PLACING = [_BEGIN, "fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
 
 
 def _steps(options: KernelOptions) -> list[str]:
     contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
     drive = f"[&](int dof, float q, float v) {{ return {drive_explicit_joint.native_func}(id, dof, q, v, drives); }}"
-    driven = [f"    if (drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
+    feed = f"[&](int id, int dof) {{ return {feed_solver_joint.native_func}(id, dof, drives); }}"
+    ask = f"[&](int id, int dof, float q, float v) {{ return {ask_solver_joint.native_func}(id, dof, q, v, drives); }}"
+    # A launch may be without actuators.
+    first = [f"if (drives.law.data) fused::give_efforts(w, P, {feed}, lane);"]
+    each = [f"    if (drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
+    last = [f"        if (drives.law.data) fused::note_efforts(w, fused::fresh(P), {ask}, lane);"]
+    has_solver_drives = "solver_drives" in options.per_step
     return [
+        *(first if has_solver_drives else []),
+        _BEGIN,
         "for (int s = 0; s < steps; s++) {",
-        *(driven if "drives" in options.per_step else []),
+        *(each if "drives" in options.per_step else []),
+        "#if HAS_NEWTON",
+        "    if (s == steps - 1) {",
+        "        fused::begin_last_step(w, fused::fresh(P), lane);",
+        *(last if has_solver_drives else []),
+        "    }",
+        "#endif",
         f"    fused::step(w, P, {contacts}, {count}, s == steps - 1, lane);",
         "}",
         "fused::end_steps(w, fused::fresh(P), lane);",

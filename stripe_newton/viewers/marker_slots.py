@@ -62,7 +62,9 @@ class MarkerSlots:
         self._poses[:] = _AWAY
         slot = 0
         for markers, room in self._kinds:
-            places = places_of_envs(markers.places(), self._sim.env_origins, self._env_ids)
+            places = markers.places()
+            if markers.is_by_env:
+                places = places_of_envs(places, self._sim.env_origins, self._env_ids)
             for prototype in range(markers.num_prototypes):
                 rows = np.flatnonzero(places.prototypes == prototype)[:room]
                 for k, row in enumerate(rows):
@@ -81,7 +83,7 @@ class MarkerSlots:
     def _room(self, markers: VisualizationMarkers) -> int:
         """Number of slots for each prototype of some markers."""
         envs = self._sim.num_envs
-        per_env = markers.count % envs == 0
+        per_env = markers.is_by_env and markers.count % envs == 0
         return min(len(self._env_ids) * (markers.count // envs) if per_env else markers.count, _MOST)
 
 

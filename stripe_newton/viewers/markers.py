@@ -20,7 +20,7 @@ from stripe_newton.sim import SpawnerCfg
 from stripe_newton.sim.scene_context import scene_context
 
 if TYPE_CHECKING:
-    from stripe_newton.sim import Simulation
+    from .viewed_simulation import ViewedSimulation
 
 __all__ = ["MarkerPart", "MarkerPlaces", "VisualizationMarkers", "VisualizationMarkersCfg"]
 
@@ -72,7 +72,7 @@ class VisualizationMarkers:
     are copied on the device; nothing waits for it until a picture is drawn.
     """
 
-    def __init__(self, cfg: VisualizationMarkersCfg, sim: Simulation):
+    def __init__(self, cfg: VisualizationMarkersCfg, sim: ViewedSimulation):
         """Make the markers; they appear with the first call of :meth:`visualize`.
 
         Args:
@@ -86,6 +86,9 @@ class VisualizationMarkers:
         self.cfg = cfg.copy()
         self.count = 0
         """Number of markers."""
+        self.is_by_env = True
+        """Whether a number of markers that the number of environments divides means that each environment has as many:
+        pictures show those of theirs alone."""
         self._visible = True
         self._values: dict[str, torch.Tensor] = {}
         sim.markers.append(self)

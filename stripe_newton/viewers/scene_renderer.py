@@ -23,6 +23,9 @@ __all__ = ["SceneRenderer"]
 class SceneRenderer:
     """Renders chosen environments of a simulation together in one picture.
 
+    Attributes:
+        env_ids: Environments that are shown.
+
     Args:
         sim: The simulation; its ``state`` is read at each :meth:`render`.
         cfg: Camera and picture.
@@ -41,6 +44,7 @@ class SceneRenderer:
         sizes = {"resolution": (self._width, self._height), "shadow_resolution": cfg.shadow_size_on(is_gpu)}
         self.cfg = self._traced = cfg = cfg.replace(**sizes)
         env_ids = _nearest(sim, cfg.env_index, cfg.num_shown) if env_ids is None else [int(i) for i in env_ids]
+        self.env_ids = env_ids
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,7 @@ from newton.sensors import SensorCamera
 
 from stripe_kernels.box_normals import fill_box_normals
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
+from stripe_newton.threads import available_cores
 
 from .camera_framing import camera_axes
 from .display_model import DisplayModel
@@ -20,6 +22,9 @@ from .scenery_tracer import SceneryTracer
 from .viewer_cfg import ViewerCfg
 
 __all__ = ["Tracer"]
+
+_MOST_THREADS = 8
+"""Threads that shade a picture on the CPU."""
 
 _TALLEST = 25.0
 """Height above the shown region up to which things cast their shadow into it [m]."""
@@ -68,6 +73,8 @@ class Tracer:
         still = np.zeros(len(scene.colors) if len(scene.scenery) else 0, dtype=np.int32)
         still[scene.scenery] = 1
         self._still = wp.array(still, dtype=wp.int32, device=self._device)
+        self._pool: ThreadPoolExecutor | None = None
+        self._frames_shaded = 0
         self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
         # Room for a third of the pixels; beyond that, pixels on edges stay as they are.
         self._capacity = pixels // 3 if cfg.anti_aliasing else 0
@@ -99,11 +106,27 @@ class Tracer:
         shared = [self._colors, self._is_ground, self._casters]
         surface = [self._main[k] for k in ("depth", "shape", "normal")]
         args = [look, *surface, self._main["albedo"], *shared, self._main["detail"], self._picture]
-        wp.launch(shade_pixels, dim=pixels, inputs=args, device=self._device)
+        self._shade(args, pixels)
         if self._capacity:
             self._smooth_edges(look, pose, surface, shared)
         # A copy: on the CPU numpy() shares the memory that the next frame is written to.
         return np.array(self._picture.numpy()).reshape(self._height, self._width, 3)
+
+    def _shade(self, args: list[object], pixels: int) -> None:
+        """Shade all pixels, on the CPU in parts that threads compute beside each other: it is half of a picture."""
+        parts = 1 if self._device.is_cuda else min(available_cores(), _MOST_THREADS)
+        size = -(-pixels // parts)
+
+        def shade(first: int) -> None:
+            wp.launch(shade_pixels, min(size, pixels - first), [*args, first], device=self._device)
+
+        if parts == 1 or self._frames_shaded == 0:  # the first one compiles and loads the kernel
+            size = pixels
+            shade(0)
+        else:
+            self._pool = self._pool or ThreadPoolExecutor(parts, thread_name_prefix="shade")
+            list(self._pool.map(shade, range(0, pixels, size)))
+        self._frames_shaded += 1
 
     def _expose(self) -> float:
         """Exposure that makes the scenery as bright as in a photograph. It adapts slowly, as a camera does."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -63,4 +63,4 @@ class ViewedSimulation(Protocol):
     def lights(self) -> Sequence[Light]: ...
 
     @property
-    def markers(self) -> Sequence[VisualizationMarkers]: ...
+    def markers(self) -> MutableSequence[VisualizationMarkers]: ...

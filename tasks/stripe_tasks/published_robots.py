@@ -3,7 +3,7 @@
 
 Their files are not part of this package. Each function looks for the file by the robot's name
 (:func:`stripe_newton.assets.find_robot`), and its error says how to get it. Drives of the Go1 and the G1 are mjlab's,
-those of the Go2 and ANYmal C are Isaac Lab's, those of the Panda its file's.
+those of the Go2 are Isaac Lab's, those of ANYmal C legged_gym's, those of the Panda its file's.
 """
 
 from __future__ import annotations
@@ -86,16 +86,8 @@ GO1_DRIVES = {
 """Drives of the Go1, geared 6 and 9 to 1."""
 
 
-_HARD = 0.9, 0.95, 0.001, 0.5, 2.0
-"""Impedance of hard contacts, MuJoCo's default."""
-
-
 def _of_mjcf(
-    name: str,
-    self_collision: bool = True,
-    actuators: bool = True,
-    condim: int | None = None,
-    solimp: tuple[float, ...] | None = None,
+    name: str, self_collision: bool = True, actuators: bool = True, condim: int | None = None
 ) -> ArticulationCfg:
     """Config of a robot by its name, of which tasks know the joints and bodies of the MJCF file.
 
@@ -104,7 +96,6 @@ def _of_mjcf(
         self_collision: Whether its bodies collide with each other.
         actuators: Whether the actuators of the file are read.
         condim: Dimension of its contacts; None as the file has it.
-        solimp: Impedance of its contacts; None as the file has it.
 
     Raises:
         RobotNotFoundError: its file is not to be had, or only another one.
@@ -115,8 +106,7 @@ def _of_mjcf(
             f"robot '{name}': the file that was found is no MJCF file, whose names the tasks have; set MENAGERIE_ROOT "
             "to a checkout of github.com/google-deepmind/mujoco_menagerie"
         )
-    cfg.spawn.self_collision, cfg.spawn.actuators = self_collision, actuators
-    cfg.spawn.condim, cfg.spawn.solimp = condim, solimp
+    cfg.spawn.self_collision, cfg.spawn.actuators, cfg.spawn.condim = self_collision, actuators, condim
     return cfg
 
 
@@ -171,10 +161,8 @@ def go2_cfg() -> ArticulationCfg:
 def anymal_c_cfg() -> ArticulationCfg:
     """ANYbotics ANYmal C with DC motors in place of a network of its drives; its parts do not collide with each other.
 
-    Contacts are hard and have sliding friction only, as in Isaac Lab: on the soft feet of the file the robot would
-    creep until it lies on its knees. Gains are those that legged_gym has for this robot: with the 40 and 5 of Isaac
-    Lab's simple drive its legs do not hold its 45 kg. The inertia of the rotors is that of Newton's examples with this
-    robot: without it the accelerations of light shanks cost more than walking is worth.
+    Limits of the motors are Isaac Lab's, gains those of Rudin et al. 2022 (legged_gym): with Isaac Lab's 40 N m/rad for
+    simple drives, which no task of it trains, the knees give way by 0.4 rad. Contacts have sliding friction only.
 
     Raises:
         RobotNotFoundError: its file is not to be had.
@@ -187,10 +175,8 @@ def anymal_c_cfg() -> ArticulationCfg:
         velocity_limit=7.5,
         stiffness=80.0,
         damping=2.0,
-        armature=0.06,
     )
-    robot = _of_mjcf("anymal_c", self_collision=False, condim=3, solimp=_HARD)
-    return _standing(robot, 0.6, pose, {"legs": legs}, 0.95)
+    return _standing(_of_mjcf("anymal_c", self_collision=False, condim=3), 0.6, pose, {"legs": legs}, 0.95)
 
 
 # -- humanoids

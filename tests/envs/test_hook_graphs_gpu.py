@@ -68,6 +68,35 @@ def test_state_in_all_forms_carries_over():
     assert not [h.reason for h in recorder_of(env).hooks if h.reason], env.describe()
 
 
+class OwnGenerator(RecordedCart):
+    """Draws its noise from a generator of its own, which lives on the device."""
+
+    def _get_observations(self) -> dict[str, torch.Tensor]:
+        if not hasattr(self, "generator"):
+            self.generator = torch.Generator(self.device).manual_seed(11)
+        seen = super()._get_observations()["policy"]
+        return {"policy": seen + torch.rand(seen.shape, generator=self.generator, device=self.device)}
+
+
+def test_generators_of_a_task_advance_in_replays():
+    eager = run(cart(OwnGenerator, hooks_graph=False), 200)
+    env = cart(OwnGenerator)
+    assert first_difference(eager, run(env, 200)) == ""
+    assert not [h.reason for h in recorder_of(env).hooks if h.reason], env.describe()
+
+
+def test_hooks_go_on_when_all_are_recorded_anew():
+    """A pool of memory ends with its last graph; the next recordings need another one."""
+    env = cart()
+    run(env, 30)
+    recorder = recorder_of(env)
+    for _ in range(2):
+        recorder.start_again("a test")
+        run(env, 30)
+        assert not [h.reason for h in recorder.hooks if h.reason], env.describe()
+        assert recorder.is_settled
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_recorded_steps_are_those_of_the_hooks(name):
     env = task_env(name, True)

@@ -79,6 +79,7 @@ static unsigned __ballot_sync(unsigned, int holds) {
 }
 static int __any_sync(unsigned, int holds) { return __ballot_sync(0, holds) != 0; }
 static unsigned __float_as_uint(float x) { unsigned bits; memcpy(&bits, &x, 4); return bits; }
+static int atomicOr(int* to, int bits) { int was = *to; return *to |= bits, was; }
 static void atomicMin(unsigned long long* to, unsigned long long x) { if (x < *to) *to = x; }
 """
 _RUN = """
@@ -95,7 +96,12 @@ static void lane_of_world() {
     fused::World& world = worlds_there[at];
     const fused::Parameters P{*arguments, first_world + at, num_worlds};
     fused::begin_steps(world, P, lane);
-    for (int s = 0; s < steps; s++) fused::step(world, P, 0, 0, s == steps - 1, lane);
+    for (int s = 0; s < steps; s++) {
+#if HAS_NEWTON
+        if (s == steps - 1) fused::begin_last_step(world, P, lane);
+#endif
+        fused::step(world, P, 0, 0, s == steps - 1, lane);
+    }
     fused::end_steps(world, P, lane);
     threadIdx.x = (own + 1) % lanes_there;
 }
@@ -140,7 +146,7 @@ class EmulatedStep:
     def __call__(self, steps: int) -> None:
         """Advance the worlds of the solver, in MuJoCo's arrays, as one launch does."""
         given = self.solver._arguments(first=True, last=True)
-        m = self.struct(**{name: int(getattr(given, name)) for name, _ in self.struct._fields_})
+        m = self.struct(**{name: kind(getattr(given, name)) for name, kind in self.struct._fields_})
         worlds = self.solver.mjw_data.nworld
         size = -(-self.layout.spill_size // 4) * 4  # rows are read as fours, as in `Layout.workspace_size`
         spill = np.zeros(worlds * max(4, size), dtype=np.float32)
@@ -170,13 +176,13 @@ def emulate(solver: SolverFused, lanes: int) -> EmulatedStep:
     layout = dataclasses.replace(Layout.of(tables, options), in_shared=tables.limbs is not None)
     source = step_kernel._library(tables, options, layout).replace(step_kernel._STRUCT, "Arguments")
     fields = [f"unsigned long long {n}; int {n}_stride;" for n in step_kernel._ARRAYS]
-    fields += [f"unsigned long long {n};" for n in step_kernel._ADDRESSES]
+    fields += [f"unsigned long long {n};" for n in step_kernel._ADDRESSES] + ["float dt;"]
     arguments = "struct Arguments {" + "\n".join(fields) + "};\n"
     library = _compiled(_PRELUDE % (32 if layout.is_limbs else lanes) + arguments + source + _RUN)
     members: list[tuple[str, type]] = []
     for name in step_kernel._ARRAYS:
         members += [(name, ctypes.c_uint64), (f"{name}_stride", ctypes.c_int)]
-    members += [(name, ctypes.c_uint64) for name in step_kernel._ADDRESSES]
+    members += [*((name, ctypes.c_uint64) for name in step_kernel._ADDRESSES), ("dt", ctypes.c_float)]
     struct = type("Arguments", (ctypes.Structure,), {"_fields_": members})
     return EmulatedStep(solver, layout, library.run, struct)
 

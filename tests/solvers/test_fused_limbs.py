@@ -13,7 +13,7 @@ from stripe_newton.solvers.contact_pairs import contact_pairs
 from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
 from tests.helpers.fused_step import compare
 from tests.helpers.lane_emulator import emulate
-from tests.helpers.limb_models import WALKERS, walker, walker_worlds
+from tests.helpers.limb_models import FIELD, GROUND, PLANE, POSTS, WALKERS, walker, walker_worlds
 from tests.helpers.solver_models import model_of
 
 STATE = "qpos", "qvel", "qacc_warmstart"
@@ -26,6 +26,19 @@ def test_a_step_is_that_of_mujoco(name):
     assert found.rows.max() >= 16
     assert np.median(found.error) < 1e-13
     assert np.quantile(found.error, 0.99) < 1e-10
+
+
+def test_a_step_among_posts_is_that_of_mujoco():
+    """Capsules, balls and a box that do not move: geoms of limbs come first in some pairs, and second in others."""
+    model = walker("floating", replaced=(GROUND, GROUND + POSTS))
+    pairs = tuple(contact_pairs(model))
+    moves = {(pair.kind, bool(model.body_dofnum[model.body_rootid[model.geom_bodyid[pair.geom2]]])) for pair in pairs}
+    assert {("SPHERE_CAPSULE", False), ("SPHERE_CAPSULE", True), ("CAPSULE_BOX", False)} <= moves
+    found, on_plane = compare(model, limbs=True), compare(walker("floating"), limbs=True)
+    np.testing.assert_array_equal(found.rows, found.expected_rows)
+    assert found.rows.sum() > on_plane.rows.sum() + 100
+    assert np.median(found.error) < 1e-13
+    assert np.quantile(found.error, 0.99) < 1e-9
 
 
 def test_steps_of_euler_in_single_precision():
@@ -78,10 +91,12 @@ def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> 
     return {name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc", "qfrc_actuator")}
 
 
-def test_worlds_with_parameters_of_their_own():
+@pytest.mark.parametrize("ground", [PLANE, FIELD])
+def test_worlds_with_parameters_of_their_own(ground):
     """State, bodies and forces of contacts are those of the general form, and so are states of four lanes."""
-    model = walker_worlds("floating", 12)
-    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    model = walker_worlds("floating", 12, ground)
+    solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
+    solver.triangles = True
     rng, data = np.random.default_rng(2), solver.mjw_data
     for name in ("body_mass", "body_inertia", "dof_damping", "geom_friction", "actuator_gainprm"):
         array = getattr(solver.mjw_model, name)
@@ -161,6 +176,30 @@ def test_friction_loss_that_comes_later_is_not_lost():
     solver.step(state, state, model.control(), None, 0.005)
     assert not solver.mjw_data.overflow.numpy().any()
     assert solver.mjw_data.nefc.numpy().min() >= 10
+
+
+def test_overflow_is_told_once():
+    """The kernel keeps a step's bits in the observable, those of all steps for itself, and tells new ones."""
+    model = walker_worlds("floating", 3)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    state, observables = model.state(), solver.observables({"overflow"})
+    seen, told = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+    solver.tell_overflow(seen, told)
+    observables.overflow.fill_(8)  # of another step
+    solver.step(state, state, model.control(), None, 0.005, observables=observables)
+    assert solver.tells_overflow(observables)
+    assert not [a for a in (observables.overflow, seen, told) if a.numpy().any()]
+    losses = model.joint_friction.numpy()
+    losses[-1] = 0.3  # in the last world, for which the kernel has no place
+    model.joint_friction.assign(losses)
+    solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_PROPERTIES)
+    for is_new in (True, False):
+        solver.step(state, state, model.control(), None, 0.005, observables=observables)
+        bits = observables.overflow.numpy()
+        assert bits.astype(bool).tolist() == [False, False, True]
+        assert seen.numpy()[0] == bits[2]
+        assert told.numpy()[0] == (bits[2] if is_new else 0)
+        told.zero_()
 
 
 def test_a_world_that_is_not_finite_stays_alone():

@@ -12,15 +12,16 @@ import newton
 import numpy as np
 import pytest
 import torch
-import viser
 
 from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.sim import SphereCfg
 from stripe_newton.viewers import LiveViewer, VisualizationMarkers, VisualizationMarkersCfg
 from stripe_newton.viewers.live.glb_file import glb_of
 from stripe_newton.viewers.live.merged_field import merged_field
-from stripe_newton.viewers.live.poses import compose, rotate, yaw_of
+from stripe_newton.viewers.poses import compose, rotate, yaw_of
 from tests.helpers.viewed_boxes import BoxEnv
+
+viser = pytest.importorskip("viser")
 
 
 def drawn(viewer, name, part=0):

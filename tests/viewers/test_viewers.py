@@ -247,6 +247,17 @@ def floor_brightness(template):
     return np.abs(pictures[0] - pictures[1])[-8:].mean(), pictures[1]
 
 
+def test_threads_shade_the_same_picture(monkeypatch):
+    """On the CPU each computes a part of the pixels; the last part is shorter, and one thread computes all."""
+    pictures = []
+    for cores in (1, 5):
+        monkeypatch.setattr("stripe_newton.viewers.tracer.available_cores", lambda cores=cores: cores)
+        renderer = SceneRenderer(sim_of(box()), ViewerCfg(resolution=(97, 61)))
+        renderer.render()  # the first picture is always one thread's
+        pictures.append(renderer.render())
+    np.testing.assert_array_equal(*pictures)
+
+
 def test_no_floor_is_drawn_unless_it_is_asked_for():
     template = held_box((0.1, 0.2, 0.9))
     renderer = SceneRenderer(sim_of(template, ground=False), ViewerCfg(resolution=SMALL))

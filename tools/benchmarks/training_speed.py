@@ -5,15 +5,16 @@
     python tools/benchmarks/training_speed.py OUT --cases graph "graph tf32" rsl_rl --iterations 60
 
 Networks are 512-256-128; an iteration has 24 steps and 5 epochs of 4 minibatches. ``OUT/training_speed.json`` has the
-numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the clock on the wall from the sixth to the last.
-Their parts are timed after the training, each alone and many times in a row; "the rest" is the time of an iteration
-beyond those parts.
+numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the clock on the wall from the sixth to the last,
+medians. Their parts are timed after the training, each alone and many times in a row; "the rest" is the time of an
+iteration beyond those parts. ``--kernels`` adds ``OUT/kernels_CASE.md``: kernels of an iteration by their time.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -25,10 +26,15 @@ import torch
 from stripe_newton.rl import OnPolicyRunner
 
 CASES = {
-    "rsl_rl": {"runner": "rsl_rl"},
-    "graph": {"runner": "graph"},
+    "rsl_rl": {"runner": "rsl_rl", "matmul_precision": "highest"},
+    "graph": {"runner": "graph", "matmul_precision": "highest"},
     "graph tf32": {"runner": "graph", "matmul_precision": "high"},
-    "graph bf16": {"runner": "graph", "bf16": True},
+    "graph tf32 triton": {"runner": "graph", "matmul_precision": "high", "triton": True},
+    "graph bf16 triton": {"runner": "graph", "matmul_precision": "high", "bf16": True, "triton": True},
+    "graph tf32 streams": {"runner": "graph", "matmul_precision": "high", "streams": True},
+    "graph tf32 both": {"runner": "graph", "matmul_precision": "high", "triton": True, "streams": True},
+    "graph bf16 both": {"runner": "graph", "matmul_precision": "high", "bf16": True, "triton": True, "streams": True},
+    "graph bf16": {"runner": "graph", "matmul_precision": "high", "bf16": True},
 }
 WARM = 5
 """Iterations left out at the beginning."""
@@ -48,6 +54,8 @@ def measure(case: str, args: argparse.Namespace) -> Entry:
     configs, options = load_configs(args.task, None), dict(CASES[case])
     configs.env.sim.device, configs.env.scene.num_envs, configs.env.seed = args.device, args.num_envs, 1
     agent = configs.agent
+    os.environ["STRIPE_NEWTON_TRITON"] = str(int(options.pop("triton", False)))
+    os.environ["STRIPE_NEWTON_STREAMS"] = str(int(options.pop("streams", False)))
     agent.algorithm.use_mixed_precision = options.pop("bf16", False)
     agent.actor.hidden_dims = agent.critic.hidden_dims = (512, 256, 128)
     agent.max_iterations, agent.save_interval, agent.seed = args.iterations, 10 * args.iterations, 1
@@ -61,13 +69,19 @@ def measure(case: str, args: argparse.Namespace) -> Entry:
     wait(args.device)
     result: Entry = {"case": case, "all_s": time.perf_counter() - started, "no_graphs": runner.no_graphs}
     metrics = {k: v[WARM:] for k, v in read_metrics(folder / "metrics.csv").items()}
-    count = len(metrics["elapsed_s"])
-    collect, learn = (sum(metrics[f"Perf/{n}_time"]) / count for n in ("collection", "learning"))
-    samples = agent.num_steps_per_env * args.num_envs
-    result |= {"collect_ms": 1e3 * collect, "learn_ms": 1e3 * learn, "steps_per_s": samples / (collect + learn)}
+    times = [[1e3 * t for t in metrics[f"Perf/{n}_time"]] for n in ("collection", "learning")]
+    collect, learn = (median(t) for t in times)
+    whole = [sum(pair) for pair in zip(*times, strict=True)]
+    result |= {"collect_ms": collect, "learn_ms": learn, "mean_ms": sum(whole) / len(whole), "max_ms": max(whole)}
+    result["slowest"] = sorted(range(len(whole)), key=lambda i: -whole[i])[:5]
+    result["steps_per_s"] = 1e3 * agent.num_steps_per_env * args.num_envs / median(whole)
     result["reward"] = metrics["Train/mean_reward"][-1]
     if not runner.no_graphs:
         result |= parts(runner, args.device)
+        if args.kernels:
+            text = kernels(runner, args.device)
+            (args.out / f"kernels_{folder.name}.md").write_text(text + "\n", encoding="utf-8")
+            print(text)
     runner.env.close()
     return result
 
@@ -79,17 +93,12 @@ def parts(runner: OnPolicyRunner, device: str) -> dict[str, float]:
     rollout, algorithm = runner._rollout, runner.alg
     program = type(rollout._program)
 
-    def policy() -> None:
-        actor, obs = algorithm.actor, rollout._obs
-        actor.distribution.update(actor.mlp(actor.get_latent(obs)))
-        actions = rollout._noise.normal_() * actor.output_std + actor.output_mean
-        algorithm.critic(obs)
-        actor.get_output_log_prob(actions)
-
     steps, env, found = algorithm.storage.num_transitions_per_env, runner.env.unwrapped, dict[str, float]()
     obs = rollout.collect()
     with torch.no_grad():
-        found["policy_ms"] = steps * timed(program(policy, device).run, device)
+        rollout._index.zero_()
+        found["policy_ms"] = steps * timed(program(rollout._act, device).run, device)
+        found["values_ms"] = timed(program(rollout._finish, device).run, device)
         found["rollout_ms"] = timed(rollout.collect, device, 10)
     actions = algorithm.storage.actions.clone()
     for action in actions[:4]:
@@ -103,6 +112,32 @@ def parts(runner: OnPolicyRunner, device: str) -> dict[str, float]:
 
     found["update_ms"] = timed(update, device, 10)
     return found
+
+
+def kernels(runner: OnPolicyRunner, device: str) -> str:
+    """Table of the kernels of an iteration (on the CPU: torch's operations), by their time."""
+    from torch.profiler import ProfilerActivity, profile
+
+    on_gpu = device != "cpu"
+    lines = ["| | us | launches | |", "|---|---:|---:|---|"]
+    algorithm, obs = runner.alg, runner._rollout.collect()
+
+    def update() -> None:
+        algorithm.compute_returns(obs)
+        algorithm.update()
+
+    for part, function in (("rollout", runner._rollout.collect), ("update", update)):
+        function()
+        wait(device)
+        with profile(activities=[ProfilerActivity.CUDA if on_gpu else ProfilerActivity.CPU]) as found:
+            function()
+            wait(device)
+        events = found.key_averages()
+        rows = [(e.self_device_time_total if on_gpu else e.self_cpu_time_total, e.count, e.key) for e in events]
+        rows = sorted((r for r in rows if r[0] > 0.0), reverse=True)
+        lines.append(f"| {part} | {sum(r[0] for r in rows):.0f} | {sum(r[1] for r in rows)} | all |")
+        lines += [f"| {part} | {us:.0f} | {count} | `{name[:110]}` |" for us, count, name in rows[:45]]
+    return "\n".join(lines)
 
 
 def timed(function: Callable[[], object], device: str, count: int = 100) -> float:
@@ -137,8 +172,9 @@ def table(found: list[Entry]) -> str:
         rows = {
             "physics": lambda f: f["physics_ms"],
             "task part of the step": lambda f: f["env_ms"] - f["physics_ms"],
-            "policy, critic, sampling": lambda f: f["policy_ms"],
-            "storage, bookkeeping": lambda f: f["rollout_ms"] - f["env_ms"] - f["policy_ms"],
+            "policy, sampling": lambda f: f["policy_ms"],
+            "values, sums of episodes, checks": lambda f: f["values_ms"],
+            "storage, bookkeeping": lambda f: f["rollout_ms"] - f["env_ms"] - f["policy_ms"] - f["values_ms"],
             "update": lambda f: f["update_ms"],
             "the rest": lambda f: f["collect_ms"] + f["learn_ms"] - f["rollout_ms"] - f["update_ms"],
         }
@@ -156,6 +192,7 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--iterations", type=int, default=60)
     parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--kernels", action="store_true", help="table the kernels of an iteration")
     args = parser.parse_args()
     found = []
     for case in args.cases:

@@ -34,7 +34,7 @@ ONE_COPY Impedance impedance_of(real h, real time, real ratio, real dmin, real d
     return r;
 }
 FN Impedance impedance(const Parameters& P, const real* solref, const real* solimp, real pos) {
-    return impedance_of(P.timestep()[0], solref[0], solref[1], solimp[0], solimp[1], solimp[2], solimp[3], solimp[4], pos);
+    return impedance_of(P.step_size(), solref[0], solref[1], solimp[0], solimp[1], solimp[2], solimp[3], solimp[4], pos);
 }
 
 FN real regularization(real imp, real weight) { return larger((real)1e-15, (1 - imp) / imp * weight); }

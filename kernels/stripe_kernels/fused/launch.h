@@ -21,12 +21,29 @@ FN void together(const Parameters& P) {
 #endif
 }
 
+// What did not fit, as bits: of a launch, and of all worlds for the host, which reads `overflow_told`. Writing there is slow,
+// so only the first world with a new bit does.
+FN void report_overflow(const Parameters& P, int bits) {
+    *P.overflow() |= bits;
+    if (!P.m.overflow_seen) return;
+    int *seen = (int*)P.m.overflow_seen, *told = (int*)P.m.overflow_told;
+#ifdef __CUDA_ARCH__
+    if (bits & ~atomicOr(seen, bits)) atomicOr(told, bits);
+#else
+    if (bits & ~*seen) *told |= bits;
+    *seen |= bits;
+#endif
+}
+
 FN void write_newton_bodies(World& w, const Parameters& P, int lane);
 
 // The state, controls and forces of a launch, into the world.
 FN void read_state(World& w, const Parameters& P, int lane) {
     const Rows r = rows_of(w, P, lane);
     if (lane == 0) w.has_kinematic = w.is_pushed = 0;
+#if !GIVEN_CONTACTS  // others report what they cannot find room for, too
+    if (lane == 0) *P.overflow() = 0;
+#endif
     SYNC_WARP();
 #if HAS_NEWTON
     if (P.m.body_flags) find_kinematic(r, P);
@@ -34,10 +51,10 @@ FN void read_state(World& w, const Parameters& P, int lane) {
     else
 #endif
         read_rows<6 * NB>(
-            r, [&](int id, int i) { return IN_ROW(xfrc_applied, id, i); },
-            [](World& o, int, real x) { if (x != 0) o.is_pushed = 1; });
+            r, [&](const World&, int id, int i) { return IN_ROW(xfrc_applied, id, i); },
+            [](World& o, int, int, real x) { if (x != 0) o.is_pushed = 1; });
     read_rows<NV>(
-        r, [&](int id, int i) { return IN_ROW(qacc_warmstart, id, i); }, [](World& o, int i, real x) { o.a[i] = x; });
+        r, [&](const World&, int id, int i) { return IN_ROW(qacc_warmstart, id, i); }, [](World& o, int, int i, real x) { o.a[i] = x; });
 #if HAS_NEWTON
     if (P.m.joint_q_in) {
         read_newton_joints(w, P, lane);
@@ -45,19 +62,24 @@ FN void read_state(World& w, const Parameters& P, int lane) {
     } else
 #endif
     {
-        read_rows<NQ>(r, [&](int id, int i) { return IN_ROW(qpos, id, i); }, [](World& o, int i, real x) { o.q[i] = x; });
-        read_rows<NV>(r, [&](int id, int i) { return IN_ROW(qvel, id, i); }, [](World& o, int i, real x) { o.v[i] = x; });
+        read_rows<NQ>(r, [&](const World&, int id, int i) { return IN_ROW(qpos, id, i); }, [](World& o, int, int i, real x) { o.q[i] = x; });
+        read_rows<NV>(r, [&](const World&, int id, int i) { return IN_ROW(qvel, id, i); }, [](World& o, int, int i, real x) { o.v[i] = x; });
     }
 #if HAS_NEWTON
     if (P.m.joint_f) read_newton_controls(w, P, lane);
     else
 #endif
     {
+#if LIMBS
 #if ACTUATORS
-        read_rows<NU>(r, [&](int id, int i) { return IN_ROW(ctrl, id, i); }, [](World& o, int i, real x) { o.ctrl[i] = x; });
+        read_rows<NU>(
+            r, [&](const World&, int id, int i) { return IN_ROW(ctrl, id, i); },
+            [&](World& o, int id, int i, real x) { CONTROL(o, id, i) = x; });
 #endif
         read_rows<NV>(
-            r, [&](int id, int i) { return IN_ROW(qfrc_applied, id, i); }, [](World& o, int i, real x) { o.applied[i] = x; });
+            r, [&](const World&, int id, int i) { return IN_ROW(qfrc_applied, id, i); },
+            [&](World& o, int id, int i, real x) { APPLIED(o, id, i) = x; });
+#endif
     }
     SYNC_WARP();
 #if HAS_NEWTON
@@ -75,13 +97,16 @@ FN void write_state(World& w, const Parameters& P, int lane) {
 #if HAS_NEWTON
     if (P.m.efforts)  // by Newton's degrees of freedom
         write_rows<NV>(r, [&](const World& o, int id, int i) {
-            *in_newton(P.m.efforts, id, NEWTON_DOFS, newton_dof(i)) = o.effort[i];
+            *in_newton(P.m.efforts, id, NEWTON_DOFS, newton_dof(i)) = EFFORT(o, id, i);
         });
-    else
 #endif
-        write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_actuator, id, i) = o.effort[i]; });
+#if LIMBS
+    if (!HAS_NEWTON || !P.m.efforts)
+        write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_actuator, id, i) = EFFORT(o, id, i); });
+#endif
 #if HAS_NEWTON
     if (P.m.joint_q_out) {
+        convert_turned(w, P, lane);
         write_newton_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
         read_kinematic_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
         SYNC();
@@ -91,6 +116,13 @@ FN void write_state(World& w, const Parameters& P, int lane) {
 }
 
 #if HAS_NEWTON
+// Joints before the last step of a launch, from which accelerations follow.
+FN void begin_last_step(World& w, const Parameters& P, int lane) {
+    if (!P.m.joint_qd_before && !P.m.computed_effort) return;
+    convert_turned(w, P, lane);
+    if (P.m.joint_qd_before) write_newton_joints(w, P, P.m.joint_q_before, P.m.joint_qd_before, lane);
+}
+
 // Poses and velocities of bodies as Newton has them: (position, x, y, z, w), and (velocity of the centre of mass, angular
 // velocity) in the world, from what `keep_velocity` has kept for all bodies.
 FN void write_body_rows(World& w, const Parameters& P, int lane) {

@@ -18,7 +18,7 @@ FN void advance_dof(World& w, int i, real h, real a, real implicit) {
 
 // Advance velocities by the accelerations of the implicit step, and positions by the new velocities.
 FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb, int lane) {
-    const real h = P.timestep()[0];
+    const real h = P.step_size();
     for (int l = 0; l < NL; l++) {
         const int slot = slot_of(l, lane);
         UNROLLED for (int d = 0; d < LD; d++)
@@ -42,10 +42,6 @@ FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb,
 FN void step(World& w, const Parameters& P, const real*, int, bool last, int lane) {
     together(P);
     lane = fresh(lane) % LANES;
-#if HAS_NEWTON
-    if (last && P.m.joint_q_before)
-        write_newton_joints(w, fresh(P), P.m.joint_q_before, P.m.joint_qd_before, lane);
-#endif
     Hub H;
     Limb limb[NL];
     Constraints K;
@@ -71,7 +67,7 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     together(P);
     const int iterations = constrained_acceleration(H, limb, contact, K, rows > 0);
     if (lane == 0) {
-        if (overflows) *P.overflow() |= overflows;
+        if (overflows) report_overflow(P, overflows);
         if (last) *P.nefc() = rows, *P.solver_niter() = iterations;
     }
 #if CONTACT_FORCES

@@ -96,11 +96,11 @@ FN int velocities(int j) { return joint_type(j) == FREE ? 6 : joint_type(j) == B
 FN void read_newton_joints(World& w, const Parameters& P, int lane) {
     const Rows r = rows_of(w, P, lane);
     read_rows<NQ>(
-        r, [&](int id, int i) { return *in_newton(P.m.joint_q_in, id, NEWTON_COORDS, newton_coord(i)); },
-        [](World& o, int i, real x) { o.q[i] = x; });
+        r, [&](const World&, int id, int i) { return *in_newton(P.m.joint_q_in, id, NEWTON_COORDS, newton_coord(i)); },
+        [](World& o, int, int i, real x) { o.q[i] = x; });
     read_rows<NV>(
-        r, [&](int id, int i) { return *in_newton(P.m.joint_qd_in, id, NEWTON_DOFS, newton_dof(i)); },
-        [](World& o, int i, real x) { o.v[i] = x; });
+        r, [&](const World&, int id, int i) { return *in_newton(P.m.joint_qd_in, id, NEWTON_DOFS, newton_dof(i)); },
+        [](World& o, int, int i, real x) { o.v[i] = x; });
     SYNC_WARP();
     EACH(j, NJ) {
         if (!is_turning(j) && !P.m.dof_ref) continue;
@@ -110,23 +110,28 @@ FN void read_newton_joints(World& w, const Parameters& P, int lane) {
         read_newton_joint(w, P, j, q, v);
     }
 }
-// All joints but those of kinematic bodies.
-FN void write_newton_joints(World& w, const Parameters& P, unsigned long long q, unsigned long long v, int lane) {
+// Free joints and balls as Newton has them.
+FN void convert_turned(World& w, const Parameters& P, int lane) {
     EACH(j, NJ)
         if (is_turning(j)) write_newton_joint(w, P, j, w.turned + turned_start(j), w.turned + turned_start(j) + coordinates(j));
     SYNC_WARP();
+}
+// Velocity of a degree of freedom as Newton has it, after `convert_turned`.
+FN float newton_velocity(const World& w, int i) {
+    const int j = dof_joint(i);
+    return is_turning(j) ? w.turned[turned_start(j) + coordinates(j) + i - joint_v(j)] : w.v[i];
+}
+// All joints but those of kinematic bodies, after `convert_turned`; `q` may have no address.
+FN void write_newton_joints(World& w, const Parameters& P, unsigned long long q, unsigned long long v, int lane) {
     const Rows r = rows_of(w, P, lane);
-    write_rows<NQ>(r, [&](const World& o, int id, int i) {
+    if (q) write_rows<NQ>(r, [&](const World& o, int id, int i) {
         const int j = coord_joint(i), first = joint_q(j);
         if (moves_kinematic(o, P, id, j)) return;
         const float x = is_turning(j) ? o.turned[turned_start(j) + i - first] : o.q[i] - reference(P, id, newton_v(j));
         *in_newton(q, id, NEWTON_COORDS, newton_coord(i)) = x;
     });
     write_rows<NV>(r, [&](const World& o, int id, int i) {
-        const int j = dof_joint(i), first = joint_v(j);
-        if (moves_kinematic(o, P, id, j)) return;
-        const float x = is_turning(j) ? o.turned[turned_start(j) + coordinates(j) + i - first] : o.v[i];
-        *in_newton(v, id, NEWTON_DOFS, newton_dof(i)) = x;
+        if (!moves_kinematic(o, P, id, dof_joint(i))) *in_newton(v, id, NEWTON_DOFS, newton_dof(i)) = newton_velocity(o, i);
     });
 }
 // Joints of kinematic bodies, as the caller has placed them.
@@ -153,7 +158,7 @@ FN void read_ball_torques(World& w, const Parameters& P, int lane) {
     EACH(j, NJ) {
         if (joint_type(j) != BALL || moves_kinematic(w, P, P.id, j)) continue;
         Quat rest = anchor_in_child(P, newton_joint(j)).q;
-        store(w.applied + joint_v(j), rotate(conjugate(load_quat(w.q + joint_q(j))) * rest,
+        store(&APPLIED(w, P.id, joint_v(j)), rotate(conjugate(load_quat(w.q + joint_q(j))) * rest,
                                              load_newton(in_newton(P.m.joint_f, P.id, NEWTON_DOFS, newton_v(j)))));
     }
 }
@@ -178,14 +183,14 @@ FN void read_body_forces(const World& w, const Parameters& P, int lane) {
 // Find out which worlds have kinematic bodies.
 FN void find_kinematic(const Rows& r, const Parameters& P) {
     read_rows<NEWTON_BODIES>(
-        r, [&](int id, int i) { return (real)is_kinematic(P, id, i); },
-        [](World& o, int, real x) { if (x != 0) o.has_kinematic = 1; });
+        r, [&](const World&, int id, int i) { return (real)is_kinematic(P, id, i); },
+        [](World& o, int, int, real x) { if (x != 0) o.has_kinematic = 1; });
 }
 // Find out on which worlds' bodies any wrench acts.
 FN void find_pushed(const Rows& r, const Parameters& P) {
     read_rows<6 * NEWTON_BODIES>(
-        r, [&](int id, int i) { return *in_newton(P.m.body_f, id, 6 * NEWTON_BODIES, i); },
-        [](World& o, int, real x) { if (x != 0) o.is_pushed = 1; });
+        r, [&](const World&, int id, int i) { return *in_newton(P.m.body_f, id, 6 * NEWTON_BODIES, i); },
+        [](World& o, int, int, real x) { if (x != 0) o.is_pushed = 1; });
 }
 
 // Controls of the actuators, and forces on joints.
@@ -194,7 +199,7 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
 #if ACTUATORS
     read_rows<NU>(
         r,
-        [&](int id, int u) {
+        [&](const World&, int id, int u) {
             const int source = control_source(u), i = control_index(u);
             if (source == FROM_POSITIONS && P.m.joint_target_q)
                 return *in_newton(P.m.joint_target_q, id, NEWTON_TARGETS, i) + reference(P, id, control_dof(u));
@@ -202,25 +207,26 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
             if (source == FROM_CONTROLS && P.m.controls) return (real)*in_newton(P.m.controls, id, NEWTON_CONTROLS, i);
             return IN_ROW(ctrl, id, u);
         },
-        [](World& o, int u, real x) { o.ctrl[u] = x; });
+        [&](World& o, int id, int u, real x) { CONTROL(o, id, u) = x; });
 #endif
     read_rows<NV>(
-        r, [&](int id, int i) { return *in_newton(P.m.joint_f, id, NEWTON_DOFS, newton_dof(i)); },
-        [](World& o, int i, real x) {
+        r, [&](const World&, int id, int i) { return *in_newton(P.m.joint_f, id, NEWTON_DOFS, newton_dof(i)); },
+        [&](World& o, int id, int i, real x) {
             const int j = dof_joint(i);
-            o.applied[i] = is_turning(j) ? 0 : x;  // of balls see `read_ball_torques`
+            APPLIED(o, id, i) = is_turning(j) ? 0 : x;  // of balls see `read_ball_torques`
             if (joint_type(j) == FREE && x != 0) o.is_pushed = 1;
         });
     SYNC_WARP();
-    // Where no controls are given, those before go on.
-#if ACTUATORS
-    write_rows<NU>(r, [&](const World& o, int id, int u) { IN_ROW(ctrl, id, u) = o.ctrl[u]; });
-#endif
     if (w.has_kinematic)
         EACH(i, NV)
-            if (moves_kinematic(w, P, P.id, dof_joint(i))) w.applied[i] = 0;
+            if (moves_kinematic(w, P, P.id, dof_joint(i))) APPLIED(w, P.id, i) = 0;
+#if LIMBS  // where no controls are given, those before go on
     SYNC_WARP();
-    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_applied, id, i) = o.applied[i]; });
+#if ACTUATORS
+    write_rows<NU>(r, [&](const World& o, int id, int u) { IN_ROW(ctrl, id, u) = CONTROL(o, id, u); });
+#endif
+    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_applied, id, i) = APPLIED(o, id, i); });
+#endif
 }
 #endif
 

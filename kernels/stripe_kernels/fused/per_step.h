@@ -15,9 +15,36 @@ FN void drive_joints(World& w, const Parameters& P, Drive drive, int lane) {
         if (joint_type(j) != HINGE && joint_type(j) != SLIDE) continue;
         const int dof = newton_v(j);
         const float q = w.q[joint_q(j)] - reference(P, P.id, dof), v = w.v[joint_v(j)], effort = drive(dof, q, v);
-        w.applied[joint_v(j)] = moves_kinematic(w, P, P.id, j) ? 0 : effort;
+        APPLIED(w, P.id, joint_v(j)) = moves_kinematic(w, P, P.id, j) ? 0 : effort;
     }
     SYNC();
+}
+#endif
+
+#if SOLVER_DRIVES
+// Efforts on joints beside those of the solver's own drives, into Newton's forces on joints, before these are read.
+// `effort(id, dof)` returns that of one of Newton's degrees of freedom of the world `id`.
+template <class Effort>
+FN void give_efforts(World& w, const Parameters& P, Effort effort, int lane) {
+    if (!P.m.joint_f) return;
+    read_rows<NEWTON_DOFS, FEW_IN_FLIGHT>(  // each is several loads
+        rows_of(w, P, lane), [&](const World&, int id, int i) { return effort(id, i); },
+        [&](World&, int id, int i, real x) { *in_newton(P.m.joint_f, id, NEWTON_DOFS, i) = x; });
+    SYNC_WARP();
+}
+// Efforts that the laws of drives ask for at the start of the last step, unlimited. `ask(id, dof, position, velocity)` returns
+// one; coordinates of free joints and balls are no positions of one degree of freedom.
+template <class Ask>
+FN void note_efforts(World& w, const Parameters& P, Ask ask, int lane) {
+    if (!P.m.computed_effort) return;
+    read_rows<NV, FEW_IN_FLIGHT>(
+        rows_of(w, P, lane),
+        [&](const World& o, int id, int i) {
+            const int j = dof_joint(i), dof = newton_dof(i);
+            const float q = is_turning(j) ? 0 : o.q[joint_q(j)] - reference(P, id, dof);
+            return ask(id, dof, q, newton_velocity(o, i));
+        },
+        [&](World&, int id, int i, real x) { *in_newton(P.m.computed_effort, id, NEWTON_DOFS, newton_dof(i)) = x; });
 }
 #endif
 

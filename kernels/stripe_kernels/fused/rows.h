@@ -22,23 +22,23 @@ FN Rows rows_of(World& w, const Parameters& P, int lane) {
 }
 
 #ifdef __CUDA_ARCH__
-enum { IN_FLIGHT = 8 };  // loads of a lane that wait for the memory together
+enum { IN_FLIGHT = 8, FEW_IN_FLIGHT = 3 };  // loads of a lane that wait for the memory together
 #else
-enum { IN_FLIGHT = 1 };
+enum { IN_FLIGHT = 1, FEW_IN_FLIGHT = 1 };
 #endif
 
-// put(world, i, get(id, i)) for the numbers i < N of the row of each world `id`.
-template <int N, class Get, class Put>
+// put(world, id, i, get(world, id, i)) for the numbers i < N of the row of each world, which has the number `id`.
+template <int N, int AT_ONCE = IN_FLIGHT, class Get, class Put>
 FN void read_rows(const Rows& r, Get get, Put put) {
-    ROLLED for (int at = r.start; at < r.worlds * N; at += IN_FLIGHT * r.step) {
-        real x[IN_FLIGHT];
-        UNROLLED for (int k = 0; k < IN_FLIGHT; k++) {
+    ROLLED for (int at = r.start; at < r.worlds * N; at += AT_ONCE * r.step) {
+        real x[AT_ONCE];
+        UNROLLED for (int k = 0; k < AT_ONCE; k++) {
             const int i = at + k * r.step;
-            x[k] = i < r.worlds * N ? get(r.id + i / N, i % N) : 0;
+            x[k] = i < r.worlds * N ? get(r.first[i / N], r.id + i / N, i % N) : 0;
         }
-        UNROLLED for (int k = 0; k < IN_FLIGHT; k++) {
+        UNROLLED for (int k = 0; k < AT_ONCE; k++) {
             const int i = at + k * r.step;
-            if (i < r.worlds * N) put(r.first[i / N], i % N, x[k]);
+            if (i < r.worlds * N) put(r.first[i / N], r.id + i / N, i % N, x[k]);
         }
     }
 }

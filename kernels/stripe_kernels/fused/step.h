@@ -5,12 +5,12 @@ namespace fused {
 
 // What M - h dF/dv has beside M. Actuators couple a degree of freedom with itself (j = i), tendons also with ancestors.
 FN real coupled(const World& w, const Parameters& P, int i, int j) {
-    real sum = i == j ? P.timestep()[0] * P.damping()[i] : 0;
+    real sum = i == j ? P.step_size() * P.damping()[i] : 0;
     if (IMPLICIT)
         ROLLED for (int t = coupling_start(i); t < coupling_start(i + 1); t++) {
             int u = coupling_actuator(t);
             real gear = P.gear()[6 * u];
-            if (coupling_dof(t) == j) sum -= P.timestep()[0] * coupling_factor(t) * gear * gear * w.slope[u];
+            if (coupling_dof(t) == j) sum -= P.step_size() * coupling_factor(t) * gear * gear * w.slope[u];
         }
     return sum;
 }
@@ -20,7 +20,7 @@ FN real coupled(const World& w, const Parameters& P, int i, int j) {
 //     bias = (m w x (w x s), R' (w x I w)),  s the centre of mass, w = R v_angular.
 // Source: L. Euler's equations; that MuJoCo's implicitfast has them for such bodies, its changelog of 3.x.
 FN void step_free_bodies(World& w, const Parameters& P, int lane) {
-    const real h = P.timestep()[0];
+    const real h = P.step_size();
     EACH(f, NFREE) {
         int b = free_body(f), d = joint_v(body_joint(b));
         real X[10];  // the body's is the tree's
@@ -59,7 +59,7 @@ FN void step_free_bodies(World& w, const Parameters& P, int lane) {
 
 // Advance velocities by the accelerations w.a, with damping taken implicitly, and positions by the new velocities.
 FN void integrate(World& w, const Parameters& P, int lane) {
-    const real h = P.timestep()[0];
+    const real h = P.step_size();
     // (M - h dF/dv) a' = M a: the forces that a needs, but for their change with the velocity. M is not needed any more.
     EACH(t, NPAIRS) {
         int i = pair_dof(t), j = pair_ancestor(t);
@@ -105,12 +105,8 @@ FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, l
 FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
     together(P);
     lane = fresh(lane) % LANES;
-#if HAS_NEWTON
-    if (last && P.m.joint_q_before)
-        write_newton_joints(w, fresh(P), P.m.joint_q_before, P.m.joint_qd_before, lane);
-#if NBALLS
+#if HAS_NEWTON && NBALLS
     read_ball_torques(w, fresh(P), lane);
-#endif
 #endif
     kinematics(w, fresh(P), lane);
 #if WRENCHES
@@ -140,7 +136,8 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     bool fits = SPILL == 0 || (rows <= SHARED_ROWS && contacts <= SHARED_CONTACTS);
     together(P);
     int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
-    if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations, *P.overflow() |= overflow;
+    if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations;
+    if (lane == 0 && overflow) report_overflow(P, overflow);
 #if CONTACTS
     if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
 #endif

@@ -30,7 +30,7 @@ __all__ = [
 
 
 def _not_drawn(*fields: str) -> dict[str, str]:
-    return dict.fromkeys(("debug_vis", *fields), "commands are not drawn")
+    return dict.fromkeys(fields, "commands are drawn in the package's own way")
 
 
 @configclass

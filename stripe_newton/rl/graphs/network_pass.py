@@ -3,28 +3,27 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
 import torch
 import warp as wp
 from rsl_rl.models import MLPModel
+from rsl_rl.modules import EmpiricalNormalization
 from tensordict import TensorDict
 
-from stripe_kernels.ppo import elu_gradient, elu_gradient_bf16
+from stripe_kernels.ppo import BLOCK, gather_inputs, gather_inputs_bf16
+
+from .flat_adam import as_array
+from .layer_kernels import layer_kernels
 
 __all__ = [
     "EluPass",
     "NetworkPass",
     "TorchPass",
-    "elu_gradient_in_torch",
-    "elu_gradient_in_warp",
     "network_output",
     "network_pass",
 ]
-
-_ROWS = 64
-"""Samples that one thread of the ELU's gradient adds up: enough threads for a GPU, few sums to add afterwards."""
 
 
 def network_output(model: MLPModel, obs: TensorDict) -> torch.Tensor:
@@ -49,28 +48,36 @@ class NetworkPass(ABC):
     """Forward and backward pass of a network."""
 
     @abstractmethod
-    def forward(self, obs: TensorDict) -> torch.Tensor:
-        """The output of the network for observations ``(samples,)``, float32, ``(samples, outputs)``."""
+    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+        """The output of the network for the observations ``stored[picked]``.
+
+        Args:
+            stored: Observations, ``(n,)``.
+            picked: Rows of them, int64, ``(samples,)``.
+
+        Returns:
+            Outputs, float32, ``(samples, outputs)``.
+        """
 
     @abstractmethod
     def backward(self, gradient: torch.Tensor) -> None:
-        """Compute gradients of the network's parameters, which have none yet.
+        """Compute gradients of the network's parameters into their ``grad``, which is 0 before.
 
         Args:
             gradient: Gradient by the output of the last :meth:`forward`.
         """
 
 
-def network_pass(model: MLPModel, bf16: bool) -> NetworkPass:
+def network_pass(model: MLPModel, copies: Mapping[torch.Tensor, torch.Tensor] | None = None) -> NetworkPass:
     """The pass for a network.
 
     Args:
         model: A network whose forward pass is ``model.mlp(model.get_latent(obs))``.
-        bf16: Whether its layers run in bfloat16.
+        copies: Copies of its parameters in bfloat16, in which its layers then run; None for float32.
     """
     if type(model).get_latent is MLPModel.get_latent and linear_layers(model.mlp):
-        return EluPass(model, bf16)
-    return TorchPass(model, bf16)
+        return EluPass(model, copies)
+    return TorchPass(model, copies is not None)
 
 
 def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
@@ -81,16 +88,23 @@ def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
     return linear if len(linear) == len(elus) + 1 and len(linear) + len(elus) == len(layers) else []
 
 
+def _gradient_of(parameter: torch.Tensor) -> torch.Tensor:
+    """The memory of a parameter's gradient, in which it stays."""
+    assert parameter.grad is not None  # FlatAdam has made it
+    return parameter.grad
+
+
 class TorchPass(NetworkPass):
     """Pass of any network, by torch's autograd."""
 
     def __init__(self, model: MLPModel, bf16: bool):
         self._model, self._bf16 = model, bf16
 
-    def forward(self, obs: TensorDict) -> torch.Tensor:
+    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
         model = self._model
+        obs = TensorDict({group: stored[group][picked] for group in model.obs_groups}, batch_size=[len(picked)])
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
-        with torch.enable_grad(), torch.autocast(obs.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
+        with torch.enable_grad(), torch.autocast(picked.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
             self._output = model.mlp(model.get_latent(obs)).float()
         return self._output.detach()
 
@@ -105,69 +119,54 @@ class EluPass(NetworkPass):
     activations are read and written as seldom as is possible beside matrix products of a library.
     """
 
-    def __init__(self, model: MLPModel, bf16: bool):
+    def __init__(self, model: MLPModel, copies: Mapping[torch.Tensor, torch.Tensor] | None = None):
         self._model, self._layers = model, linear_layers(model.mlp)
-        self._kind = torch.bfloat16 if bf16 else torch.float32
+        self._kind = torch.float32 if copies is None else torch.bfloat16
+        pairs = [(layer.weight, layer.bias) for layer in self._layers]
+        self._parameters = [tuple(p.detach() if copies is None else copies[p] for p in pair) for pair in pairs]
+        self._gradients = [tuple(_gradient_of(p) for p in pair) for pair in pairs]
         self._inputs: list[torch.Tensor] = []
-        self._weights: list[torch.Tensor] = []
+        self._kernels = layer_kernels(pairs[0][0].device, self._kind)
 
     @torch.no_grad()
-    def forward(self, obs: TensorDict) -> torch.Tensor:
-        x = _latent(self._model, obs).to(self._kind)
-        self._weights = [layer.weight.to(self._kind) for layer in self._layers]
-        biases = [layer.bias.to(self._kind) for layer in self._layers]
+    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+        x = self._gather(stored, picked)
         self._inputs = [x]
-        for weight, bias in zip(self._weights[:-1], biases[:-1], strict=True):
-            x = torch.nn.functional.elu_(torch.addmm(bias, x, weight.t()))
+        *hidden, (last_weight, last_bias) = self._parameters
+        for weight, bias in hidden:
+            x = self._kernels.layer(x, weight, bias)
             self._inputs.append(x)
-        return torch.addmm(biases[-1], x, self._weights[-1].t()).float()
+        return torch.addmm(last_bias, x, last_weight.t()).float()
+
+    def _gather(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+        """The latent of ``stored[picked]``."""
+        model, first = self._model, 0
+        out = torch.empty(len(picked), model.obs_dim, dtype=self._kind, device=picked.device)
+        kernel = gather_inputs if self._kind == torch.float32 else gather_inputs_bf16
+        normalizer = model.obs_normalizer
+        statistics = (None, None, 0.0)
+        if isinstance(normalizer, EmpiricalNormalization):
+            statistics = (as_array(normalizer._mean), as_array(normalizer._std), normalizer.eps)
+        rows, target = as_array(picked), as_array(out)
+        for group in model.obs_groups:
+            values = as_array(stored[group].float())
+            inputs = [rows, values, first, *statistics, target]
+            dim = (len(picked), values.shape[1])
+            wp.launch(kernel, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
+            first += values.shape[1]
+        return out
 
     @torch.no_grad()
     def backward(self, gradient: torch.Tensor) -> None:
-        by_bias, by_output = gradient.sum(dim=0), gradient.to(self._kind)
+        by_output = gradient.to(self._kind)
+        torch.sum(gradient, dim=0, out=self._gradients[-1][1])
         for index in reversed(range(len(self._layers))):
-            layer, x = self._layers[index], self._inputs[index]
-            layer.weight.grad = (by_output.t() @ x).float()
-            layer.bias.grad = by_bias
+            by_weight, x = self._gradients[index][0], self._inputs[index]
+            if self._kind == torch.float32:
+                torch.mm(by_output.t(), x, out=by_weight)
+            else:
+                by_weight.copy_(by_output.t() @ x)
             if index:
-                by_output = by_output @ self._weights[index]
-                by_bias = _elu_gradient(by_output, x)
-        self._inputs, self._weights = [], []
-
-
-def _elu_gradient(gradient: torch.Tensor, result: torch.Tensor) -> torch.Tensor:
-    packed = gradient.dtype != torch.bfloat16 or gradient.shape[1] % 2 == 0
-    return (elu_gradient_in_warp if gradient.is_cuda and packed else elu_gradient_in_torch)(gradient, result)
-
-
-def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor) -> torch.Tensor:
-    """Turn the gradient behind an ELU into that before it, by torch, which uses all threads of a CPU.
-
-    Args:
-        gradient: By the results; becomes that by the arguments, ``(samples, width)``.
-        result: Results of the ELU, ``(samples, width)``.
-
-    Returns:
-        Sums of the new gradient over the samples, float32, ``(width,)``.
-    """
-    torch.ops.aten.elu_backward.grad_input(gradient, 1.0, 1.0, 1.0, True, result, grad_input=gradient)
-    return gradient.sum(dim=0, dtype=torch.float32)
-
-
-def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor) -> torch.Tensor:
-    """:func:`elu_gradient_in_torch` in one pass over both, and a small sum. In bfloat16 the width must be even."""
-    samples, width = gradient.shape
-    blocks = math.ceil(samples / _ROWS)
-    sums = torch.empty(blocks, width, device=gradient.device)
-    kernel, views, dtype = elu_gradient, (gradient, result), wp.float32
-    if gradient.dtype == torch.bfloat16:
-        # Two numbers in a word: loads of 16 bits would leave half of the memory's bandwidth unused.
-        kernel, views, dtype = elu_gradient_bf16, (gradient.view(torch.int32), result.view(torch.int32)), wp.uint32
-    arrays = [wp.from_torch(t, dtype=dtype, requires_grad=False) for t in views]
-    wp.launch(
-        kernel,
-        dim=(blocks, arrays[0].shape[1]),
-        inputs=[*arrays, _ROWS, wp.from_torch(sums, requires_grad=False)],
-        device=arrays[0].device,
-    )
-    return sums.sum(dim=0)
+                sums = self._gradients[index - 1][1]
+                by_output = self._kernels.gradient(by_output, self._parameters[index][0], x, sums)
+        self._inputs = []

@@ -12,18 +12,20 @@ from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
-from stripe_kernels.rollout import estimate_advantages
+from stripe_kernels.adam import adapt_rate
+from stripe_kernels.rollout import BLOCK, estimate_advantages
 
-from .network_pass import NetworkPass, network_output, network_pass
-from .ppo_gradient import PpoGradient, as_array
+from .flat_adam import FlatAdam, as_array
+from .network_pass import EluPass, NetworkPass, network_output, network_pass
+from .ppo_gradient import PpoGradient
 from .program import Program
+from .side_by_side import SideBySide
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
 
 _MIN_RATE, _MAX_RATE = 1.0e-5, 1.0e-2
 """Bounds of the adaptive learning rate, rsl_rl's."""
-_FUSED = torch.optim.Adam, torch.optim.AdamW
-"""Optimisers that read their learning rate from the device, in their fused form."""
+_ADAMS = torch.optim.Adam, torch.optim.AdamW
 
 
 class GraphPPO(PPO):
@@ -51,7 +53,7 @@ class GraphPPO(PPO):
         self.why_no_update_graph = self._why_no_update_graph()
         """Reason why the update is rsl_rl's own; empty if it is a graph."""
         if not self.why_no_update_graph:
-            self._make_optimizer()
+            self._adam = FlatAdam(self.optimizer, self.actor, self.critic, self._rate, self.max_grad_norm)
 
     # -- learning rate, on the device
 
@@ -63,12 +65,9 @@ class GraphPPO(PPO):
     @learning_rate.setter
     def learning_rate(self, value: float) -> None:
         if "_rate" not in vars(self):  # rsl_rl's constructor is the first to set it
-            # Two copies: in float64 the repeated factors of the schedule round as rsl_rl's Python floats do, and
-            # fused Adam takes float32.
+            # In float64 the repeated factors of the schedule round as rsl_rl's Python floats do.
             self._rate = torch.zeros((), dtype=torch.float64, device=self.device)
-            self._rate32 = torch.zeros((), device=self.device)
         self._rate.fill_(value)
-        self._rate32.fill_(value)
 
     @property
     def rate(self) -> torch.Tensor:
@@ -123,21 +122,17 @@ class GraphPPO(PPO):
 
     def save(self) -> dict[str, object]:
         """The state of networks and optimiser, in a form that rsl_rl's PPO can read too."""
-        saved = super().save()
         if not self.why_no_update_graph:
-            optimizer = saved["optimizer_state_dict"]
-            plain = {"lr": self.learning_rate, "fused": None, "capturable": False}
-            optimizer["param_groups"] = [
-                g | {k: v for k, v in plain.items() if k in g} for g in optimizer["param_groups"]
-            ]
-        return saved
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.learning_rate
+        return super().save()
 
     def load(self, loaded_dict: dict, load_cfg: dict | None, strict: bool) -> bool:
         """Load what :meth:`save` or rsl_rl's PPO saved. The graphs are recorded again."""
         iteration = super().load(loaded_dict, load_cfg, strict)
         if not self.why_no_update_graph:
-            # Loading replaces the optimiser's state, so the graphs hold addresses of the old one.
-            self._prepare_optimizer()
+            self._adam.take_state()
+            # The optimiser's settings may be other ones, and are recorded.
             for program in self._programs.values():
                 program.forget()
         return iteration
@@ -161,29 +156,13 @@ class GraphPPO(PPO):
                 return f"the {name} has a {type(normalizer).__name__}"
         if self.actor is not self._raw_actor:
             return "the networks are compiled (torch_compile_mode)"
-        if type(self.optimizer) not in _FUSED:
-            return f"{type(self.optimizer).__name__} has no fused form"
+        if type(self.optimizer) not in _ADAMS:
+            return f"the optimiser is {type(self.optimizer).__name__}, not Adam"
         return ""
-
-    def _parameters(self) -> list[torch.nn.Parameter]:
-        return [*self.actor.parameters(), *self.critic.parameters()]
-
-    def _make_optimizer(self) -> None:
-        kind = next(kind for kind in _FUSED if type(self.optimizer) is kind)
-        self.optimizer = kind(self._parameters(), lr=self._rate32, fused=True)
-        self._prepare_optimizer()
-
-    def _prepare_optimizer(self) -> None:
-        """Make the optimiser read learning rate and step count from the device, also after a state was loaded."""
-        for group in self.optimizer.param_groups:
-            group |= {"lr": self._rate32, "fused": True, "capturable": torch.device(self.device).type == "cuda"}
-        for state in self.optimizer.state.values():
-            state["step"] = torch.as_tensor(state["step"], dtype=torch.float32, device=self.device)
 
     # rsl_rl's loop runs in inference mode, and a tensor made in it cannot be written outside of it.
     @torch.inference_mode(False)
     def _allocate(self, obs: TensorDict) -> None:
-        wp.init()  # an environment of torch alone has not done it
         storage, device = self.storage, self.device
         samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
         self._picked = torch.zeros(samples, dtype=torch.int64, device=device)
@@ -192,8 +171,10 @@ class GraphPPO(PPO):
         self._losses = torch.zeros(len(self._loss_names), device=device)
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
-            self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
-            self._gradient = PpoGradient(self, self._picked)
+            copies = self._adam.make_copies() if self.use_mixed_precision else None
+            self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
+            self._beside = SideBySide(device, all(isinstance(network, EluPass) for network in self._passes))
+            self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
             # Averages over the ranks are collective calls, which stay outside the graphs: between gradients and step,
@@ -214,7 +195,7 @@ class GraphPPO(PPO):
             as_array(t.squeeze(-1)) for t in (st.rewards, st.dones, st.values, st.returns, st.advantages)
         )
         inputs = [rewards, dones, values, last_values, self.gamma, self.lam, returns, advantages]
-        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device)
+        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device, block_dim=BLOCK)
         if not self.normalize_advantage_per_mini_batch:
             # In the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
             mean, std = st.advantages.mean(), st.advantages.std()
@@ -230,27 +211,18 @@ class GraphPPO(PPO):
         if not self._passes:
             self._compute_gradients_by_autograd()
             return
-        actor = self.actor
-        count = len(self._picked)
-        rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
-        obs = TensorDict(rows, batch_size=[count], device=self.device)
         actor_pass, critic_pass = self._passes
-        mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
+        found, picked = self._gradient, self._picked
+        stored = self.storage.observations.flatten(0, 1)
+        self._adam.gradient.zero_()
+        self._adam.update_copies()
+        mean, values = self._beside.run(
+            lambda: actor_pass.forward(stored, picked), lambda: critic_pass.forward(stored, picked)
+        )
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
-        # Of a single sample: the deviations do not depend on the state.
-        actor.distribution.update(mean[:1])
-        std, entropy = actor.output_std[0], actor.output_entropy.mean()
-        found = self._gradient.compute(mean, std.detach(), values)
-        self.optimizer.zero_grad()
-        actor_pass.backward(found.by_mean)
-        critic_pass.backward(found.by_value)
-        if std.requires_grad:
-            torch.autograd.backward([std, entropy], [found.by_std, entropy.new_full((), -self.entropy_coef)])
-        with torch.no_grad():
-            self._kl.copy_(found.kl)
-            self._losses += torch.stack([found.value_loss, found.surrogate_loss, entropy])
-            self._std.copy_(std.mean())
+        found.compute(mean, values)
+        self._beside.run(lambda: actor_pass.backward(found.by_mean), lambda: critic_pass.backward(found.by_value))
 
     def _compute_gradients_by_autograd(self) -> None:
         """The same by torch's autograd, for what the fused loss does not cover."""
@@ -279,9 +251,7 @@ class GraphPPO(PPO):
                 losses.append(self.symmetry.compute_loss(actor, batch, count))
                 if self.symmetry.use_mirror_loss:
                     loss = loss + self.symmetry.mirror_loss_coeff * losses[-1]
-        # Gradients become None. In a graph the backward pass then allocates them from the graph's own pool, at the
-        # same addresses in each replay.
-        self.optimizer.zero_grad()
+        self._adam.gradient.zero_()
         loss.backward()
         with torch.no_grad():
             self._losses += torch.stack([value.detach().float() for value in losses])
@@ -327,15 +297,9 @@ class GraphPPO(PPO):
     def _take_step(self) -> None:
         """Adapt the learning rate to the KL divergence, clip the gradients, take a step of the optimiser."""
         if self.desired_kl is not None and self.schedule == "adaptive":
-            # rsl_rl's rule with `torch.where` in place of branches, which a graph cannot take.
-            rate, kl = self._rate, self._kl
-            slower, faster = (rate / 1.5).clamp(min=_MIN_RATE), (rate * 1.5).clamp(max=_MAX_RATE)
-            rate = torch.where((kl < 0.5 * self.desired_kl) & (kl > 0.0), faster, rate)
-            self._rate.copy_(torch.where(kl > 2.0 * self.desired_kl, slower, rate))
-            self._rate32.copy_(self._rate)
-        for model in (self.actor, self.critic):
-            torch.nn.utils.clip_grad_norm_(model.parameters(), self.max_grad_norm)
-        self.optimizer.step()
+            kl, rate = as_array(self._kl.view(1)), as_array(self._rate.view(1))
+            wp.launch(adapt_rate, dim=1, inputs=[kl, self.desired_kl, _MIN_RATE, _MAX_RATE, rate], device=kl.device)
+        self._adam.step()
 
     @torch.no_grad()
     def _finish(self) -> None:

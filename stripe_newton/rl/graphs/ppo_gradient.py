@@ -1,57 +1,51 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PPO gradient: losses of a minibatch and their gradients by the networks' outputs, in one kernel."""
+"""PPO gradient: losses of a minibatch and their gradients by the networks' outputs, in three kernels."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
 import warp as wp
 
-from stripe_kernels.ppo import LOSS_TERMS, ppo_loss
+from stripe_kernels.ppo import BLOCK, LOSS_TERMS, finish_ppo_loss, ppo_loss
+
+from .flat_adam import as_array
 
 if TYPE_CHECKING:
+    from rsl_rl.modules.distribution import GaussianDistribution
+
     from .ppo import GraphPPO
 
-__all__ = ["LossGradient", "PpoGradient", "as_array"]
-
-
-@dataclass
-class LossGradient:
-    """Losses of a minibatch and their gradients, on the device."""
-
-    value_loss: torch.Tensor
-    """Value loss, no dimensions."""
-    surrogate_loss: torch.Tensor
-    """Surrogate loss, no dimensions."""
-    kl: torch.Tensor
-    """Mean KL divergence of the old distributions from the new ones, no dimensions."""
-    by_mean: torch.Tensor
-    """Gradient of the loss, without entropy, by the means of the actions, ``(samples, actions)``."""
-    by_std: torch.Tensor
-    """The same by the standard deviations of the actions, ``(actions,)``."""
-    by_value: torch.Tensor
-    """The same by the values, ``(samples, 1)``."""
+__all__ = ["PpoGradient"]
 
 
 class PpoGradient:
     """Losses and gradients of PPO for Gaussian actions whose standard deviation does not depend on the state.
 
-    It reads the storage where it is. The tensors that it returns are the same memory in every call.
+    It reads the storage where it is, and writes the same memory in every call.
+
+    Attributes:
+        by_mean: Gradient of the loss by the means of the actions, ``(samples, actions)``.
+        by_value: Gradient of the loss by the values, ``(samples, 1)``.
     """
 
-    def __init__(self, algorithm: GraphPPO, picked: torch.Tensor):
-        """Bind to the storage of an algorithm.
+    def __init__(
+        self, algorithm: GraphPPO, picked: torch.Tensor, losses: torch.Tensor, kl: torch.Tensor, mean_std: torch.Tensor
+    ):
+        """Bind to the storage and the action distribution of an algorithm.
 
         Args:
             algorithm: PPO; its storage must have distribution parameters.
             picked: Rows of the flattened storage that are the minibatch, int64, ``(samples,)``; read in every call.
+            losses: Value loss, surrogate and entropy are added to it, ``(3,)``.
+            kl: Takes the mean KL divergence of the old distributions from the new ones, no dimensions.
+            mean_std: Takes the mean standard deviation of the actions, no dimensions.
         """
         st, self._algorithm, self._picked = algorithm.storage, algorithm, picked
         samples, actions, device = len(picked), st.actions.shape[-1], picked.device
-        self._by_mean = torch.zeros(samples, actions, device=device)
-        self._by_value = torch.zeros(samples, 1, device=device)
+        self.by_mean = torch.zeros(samples, actions, device=device)
+        self.by_value = torch.zeros(samples, 1, device=device)
         self._terms = torch.zeros(LOSS_TERMS + actions, samples, device=device)
         # Subtracted from an advantage, and dividing it after that.
         self._scale = torch.tensor([0.0, 1.0], device=device)
@@ -61,30 +55,35 @@ class PpoGradient:
         flat = [st.actions_log_prob.flatten(), st.values.flatten(), self._advantages, st.returns.flatten()]
         self._rows = as_array(picked)
         self._stored = [as_array(t) for t in (*rows, *flat, self._scale)]
-        self._outputs = [as_array(t) for t in (self._by_mean, self._by_value.flatten(), self._terms)]
+        self._outputs = [as_array(t) for t in (self.by_mean, self.by_value.flatten(), self._terms)]
+        self._totals = [as_array(t) for t in (losses, kl.view(1), mean_std.view(1))]
+        self._std = self._std_arguments(algorithm.actor.distribution)
+
+    @staticmethod
+    def _std_arguments(distribution: GaussianDistribution) -> list[wp.array | float | bool]:
+        is_log = distribution.std_type == "log"
+        parameter = distribution.log_std_param if is_log else distribution.std_param
+        bounds = distribution.log_std_range if is_log else distribution.std_range
+        return [as_array(parameter.detach()), *bounds, is_log]
 
     @torch.no_grad()
-    def compute(self, mean: torch.Tensor, std: torch.Tensor, values: torch.Tensor) -> LossGradient:
-        """Losses and gradients.
+    def compute(self, mean: torch.Tensor, values: torch.Tensor) -> None:
+        """Compute losses and gradients, also that of the standard deviations, into their parameters' ``grad``.
 
         Args:
             mean: Means of the actions, ``(samples, actions)``.
-            std: Standard deviations of the actions, ``(actions,)``.
             values: Values, ``(samples, 1)``.
         """
-        algorithm = self._algorithm
+        algorithm, device = self._algorithm, self._rows.device
         if algorithm.normalize_advantage_per_mini_batch:
             advantages = self._advantages[self._picked]
             self._scale.copy_(torch.stack((advantages.mean(), advantages.std() + 1e-8)))
-        now = [as_array(t) for t in (mean.contiguous(), std.contiguous(), values.flatten())]
+        outputs = [as_array(mean.contiguous()), *self._std, as_array(values.flatten())]
         options = [algorithm.clip_param, algorithm.value_loss_coef, algorithm.use_clipped_value_loss]
-        inputs = [self._rows, *now, *self._stored, *options, *self._outputs]
-        wp.launch(ppo_loss, dim=len(mean), inputs=inputs, device=self._rows.device)
-        means = self._terms.mean(dim=1)
-        surrogate, value, kl = means[:LOSS_TERMS].unbind()
-        return LossGradient(value, surrogate, kl, self._by_mean, means[LOSS_TERMS:], self._by_value)
-
-
-def as_array(tensor: torch.Tensor) -> wp.array:
-    """The memory of a tensor as a Warp array, without a gradient."""
-    return wp.from_torch(tensor, requires_grad=False)
+        inputs = [self._rows, *outputs, *self._stored, *options, *self._outputs]
+        wp.launch(ppo_loss, dim=len(mean), inputs=inputs, device=device, block_dim=BLOCK)
+        means = as_array(self._terms.mean(dim=1))
+        parameter = next(algorithm.actor.distribution.parameters())
+        gradient = as_array(parameter.grad) if parameter.requires_grad else None
+        inputs = [means, *self._std, algorithm.entropy_coef, *self._totals, gradient]
+        wp.launch(finish_ppo_loss, dim=1, inputs=inputs, device=device, block_dim=BLOCK)

@@ -98,7 +98,8 @@ class FilmOverlay:
 
     def _draw_arrows(self, picture: Image.Image, command: _VelocityCommand) -> None:
         renderer = getattr(self._env.unwrapped, "renderer", None)
-        if renderer is None or not hasattr(renderer, "project"):  # an environment that draws in another way
+        # An environment that draws in another way, or whose picture has arrows by `debug_vis`.
+        if renderer is None or not hasattr(renderer, "project") or command.is_in_picture:
             return
         start = command.position(self._index)
         wanted, reached = (v.numpy() for v in command.read(self._index))
@@ -118,10 +119,12 @@ class _VelocityCommand:
     Attributes:
         command: Commands in the robots' frames, shape ``(num_envs, 3)`` [m/s, m/s, rad/s].
         robot: The robot.
+        is_in_picture: Whether the picture has arrows of it, as its config's ``debug_vis`` asks for.
     """
 
     command: torch.Tensor
     robot: Articulation
+    is_in_picture: bool = False
 
     def position(self, index: int) -> np.ndarray:
         """Where arrows begin: above the root [m], shape ``(3,)``."""
@@ -144,7 +147,8 @@ def _velocity_command(env: object) -> _VelocityCommand | None:
         for name in getattr(manager, "active_terms", ()):
             term = manager.get_term(name)
             if hasattr(term, "vel_command_b"):
-                return _VelocityCommand(term.vel_command_b, scene[getattr(term.cfg, "asset_name", "robot")])
+                robot = scene[getattr(term.cfg, "asset_name", "robot")]
+                return _VelocityCommand(term.vel_command_b, robot, bool(getattr(term.cfg, "debug_vis", False)))
     robot = getattr(env, "robot", None)
     for name in ("commands", "_commands"):
         command = getattr(env, name, None)

@@ -184,9 +184,7 @@ def set_learning_rate(algorithm: PPO | Distillation, value: float) -> None:
     """Set the learning rate of the algorithm and of its optimiser."""
     algorithm.learning_rate = value
     for group in algorithm.optimizer.param_groups:
-        # A tensor is GraphPPO's own rate, which the line above has set, and which its graphs read.
-        if not isinstance(group["lr"], torch.Tensor):
-            group["lr"] = value
+        group["lr"] = value
 
 
 @torch.inference_mode(False)

@@ -11,12 +11,12 @@ import newton
 import numpy as np
 
 from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth
+from stripe_newton.viewers.poses import yaw_of
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .inbox import Inbox
 from .live_scene import ROOT, LiveScene
-from .poses import yaw_of
 
 if TYPE_CHECKING:
     import viser

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from stripe_newton.viewers.poses import compose, wxyz
+
 from .inbox import Inbox
 from .live_scene import ROOT
-from .poses import compose, wxyz
 from .viewed_env import ViewedEnv
 
 if TYPE_CHECKING:

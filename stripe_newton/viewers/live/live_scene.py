@@ -13,11 +13,11 @@ import numpy as np
 
 from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.viewers.display_model import DisplayModel
+from stripe_newton.viewers.poses import compose, wxyz
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .glb_file import glb_of
 from .merged_field import merged_field
-from .poses import compose, wxyz
 
 if TYPE_CHECKING:
     import viser

@@ -10,10 +10,10 @@ import numpy as np
 
 from stripe_newton.viewers.marker_slots import places_of_envs
 from stripe_newton.viewers.markers import MarkerPart, MarkerPlaces, VisualizationMarkers
+from stripe_newton.viewers.poses import wxyz
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .live_scene import ROOT, linear_bytes
-from .poses import wxyz
 
 if TYPE_CHECKING:
     import viser
@@ -50,7 +50,9 @@ class MarkerBatches:
         if not self._visible:
             return
         for number, markers in enumerate(self._sim.markers):
-            places = places_of_envs(markers.places(), self._sim.env_origins, env_ids)
+            places = markers.places()
+            if markers.is_by_env:
+                places = places_of_envs(places, self._sim.env_origins, env_ids)
             self._update(number, markers, places)
 
     def _update(self, number: int, markers: VisualizationMarkers, places: MarkerPlaces) -> None:

@@ -12,10 +12,11 @@ import numpy as np
 import torch
 import warp as wp
 
+from stripe_newton.viewers.poses import rotate
+
 from .camera_control import CameraControl
 from .inbox import Inbox
 from .live_scene import LiveScene, ShapeBatch
-from .poses import rotate
 from .viewed_env import ViewedEnv
 
 if TYPE_CHECKING:

@@ -84,6 +84,10 @@ OPTIONS = {
         "actor": RslRlMLPModelCfg(**MODELS, distribution_cfg=normal(std_type="log")),
         "critic": RslRlMLPModelCfg(**MODELS),
     },
+    "fixed deviations": {"actor": RslRlMLPModelCfg(hidden_dims=(16,), distribution_cfg=normal(learn_std=False))},
+    "deviations beyond their bounds": {
+        "actor": RslRlMLPModelCfg(hidden_dims=(16,), distribution_cfg=normal(std_range=(0.1, 0.5))),
+    },
     "advantages by minibatch, fixed rate": {
         "algorithm": RslRlPpoAlgorithmCfg(normalize_advantage_per_mini_batch=True, schedule="fixed", optimizer="adamw")
     },
@@ -209,7 +213,7 @@ def rnd() -> RslRlRndCfg:
 REFUSED = {
     "recurrent": ({"actor": RslRlRNNModelCfg(rnn_hidden_dim=8, distribution_cfg=normal())}, "actor is recurrent", True),
     "beta": ({"actor": beta()}, "BetaDistribution samples with values from the host", False),
-    "rmsprop": ({"algorithm": RslRlPpoAlgorithmCfg(optimizer="rmsprop")}, "RMSprop has no fused form", True),
+    "rmsprop": ({"algorithm": RslRlPpoAlgorithmCfg(optimizer="rmsprop")}, "the optimiser is RMSprop", True),
     "rnd": (
         {
             "algorithm": RslRlPpoAlgorithmCfg(rnd_cfg=rnd()),
@@ -240,7 +244,8 @@ def test_an_environment_with_torch_hooks_keeps_its_loop():
 @pytest.mark.gpu
 def test_graphs_compute_what_rsl_rl_does_and_wait_for_nothing(tmp_path):
     theirs, ours = (
-        cartpole(runner, tmp_path / runner, device="cuda:0", num_envs=256) for runner in ("rsl_rl", "graph")
+        cartpole(runner, tmp_path / runner, device="cuda:0", num_envs=256, matmul_precision="highest")
+        for runner in ("rsl_rl", "graph")
     )
     for runner in (theirs, ours):
         seed_all()

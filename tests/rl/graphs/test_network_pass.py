@@ -7,21 +7,24 @@ import warp as wp
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from stripe_newton.rl.graphs.network_pass import (
-    EluPass,
-    TorchPass,
-    elu_gradient_in_torch,
-    elu_gradient_in_warp,
-    network_pass,
-)
+from stripe_newton.rl.graphs.layer_kernels import elu_gradient_in_torch, elu_gradient_in_warp
+from stripe_newton.rl.graphs.network_pass import EluPass, TorchPass, network_pass
 
 SAMPLES = 150
+PICKED = torch.arange(SAMPLES).flip(0)
+
+wp.init()
 
 
 def model(**settings) -> MLPModel:
     torch.manual_seed(3)
     obs = TensorDict({"a": torch.zeros(1, 5), "b": torch.zeros(1, 3)}, batch_size=[1])
-    return MLPModel(obs, {"actor": ["a", "b"]}, "actor", 4, **({"hidden_dims": (16, 10)} | settings))
+    made = MLPModel(obs, {"actor": ["a", "b"]}, "actor", 4, **({"hidden_dims": (16, 10)} | settings))
+    for parameter in made.parameters():
+        parameter.grad = torch.zeros_like(parameter)
+    if made.obs_normalization:
+        made.update_normalization(TensorDict({"a": torch.randn(20, 5) + 1.0, "b": torch.rand(20, 3)}, batch_size=[20]))
+    return made
 
 
 def observations() -> TensorDict:
@@ -31,8 +34,8 @@ def observations() -> TensorDict:
 
 
 def gradients(of: MLPModel) -> dict[str, torch.Tensor]:
-    found = {name: p.grad for name, p in of.named_parameters()}
-    of.zero_grad()
+    found = {name: p.grad.clone() for name, p in of.named_parameters()}
+    of.zero_grad(set_to_none=False)
     return found
 
 
@@ -41,12 +44,12 @@ def gradients(of: MLPModel) -> dict[str, torch.Tensor]:
 def test_the_gradients_are_those_of_autograd(settings, bf16):
     network, obs = model(**settings), observations()
     by_output = torch.randn(SAMPLES, 4)
-    ours = network_pass(network, bf16)
+    ours = network_pass(network, {p: p.detach().bfloat16() for p in network.parameters()} if bf16 else None)
     assert isinstance(ours, EluPass)
-    output = ours.forward(obs)
+    output = ours.forward(obs, PICKED)
     ours.backward(by_output)
     found = gradients(network)
-    theirs = network(obs)
+    theirs = network(obs[PICKED])
     theirs.backward(by_output)
     # bfloat16 has 8 bits; errors of many samples cancel.
     tolerance = {"rtol": 0.05, "atol": 0.02 * SAMPLES**0.5} if bf16 else {"rtol": 1.0e-5, "atol": 1.0e-5}
@@ -58,24 +61,25 @@ def test_the_gradients_are_those_of_autograd(settings, bf16):
 @pytest.mark.parametrize("activation", ["relu", "tanh", "crelu"])
 def test_other_networks_run_by_autograd(activation):
     network, obs = model(activation=activation), observations()
-    ours = network_pass(network, False)
+    ours = network_pass(network)
     assert isinstance(ours, TorchPass)
     by_output = torch.randn(SAMPLES, 4)
-    torch.testing.assert_close(ours.forward(obs), network(obs).detach())
+    torch.testing.assert_close(ours.forward(obs, PICKED), network(obs[PICKED]).detach())
     ours.backward(by_output)
     found = gradients(network)
-    network(obs).backward(by_output)
+    network(obs[PICKED]).backward(by_output)
     for name, value in gradients(network).items():
         torch.testing.assert_close(found[name], value, msg=lambda m, n=name: f"{n}: {m}")
 
 
 @pytest.mark.parametrize("kind", [torch.float32, torch.bfloat16], ids=str)
 def test_the_kernel_of_the_elu_is_torchs(kind):
-    wp.init()
     torch.manual_seed(5)
     result = torch.nn.functional.elu(torch.randn(SAMPLES, 14)).to(kind)
     gradient = torch.randn(SAMPLES, 14).to(kind)
     theirs, ours = gradient.clone(), gradient.clone()
-    their_sums, our_sums = elu_gradient_in_torch(theirs, result), elu_gradient_in_warp(ours, result)
+    their_sums, our_sums = torch.zeros(2, 14)
+    elu_gradient_in_torch(theirs, result, their_sums)
+    elu_gradient_in_warp(ours, result, our_sums)
     torch.testing.assert_close(ours, theirs, rtol=0.0, atol=0.0)
     torch.testing.assert_close(our_sums, their_sums, rtol=1.0e-5, atol=1.0e-5)

@@ -56,7 +56,8 @@ def _checkpoint_set(run: str, path: list[Any], value: str) -> None:
     for key in path[:-1]:
         place = place[key]
     if value == "DELETE":
-        del place[path[-1]]
+        if path[-1] != "ranks":  # which a training of one process does not have
+            del place[path[-1]]
     else:
         old = place.get(path[-1]) if isinstance(place, dict) else None
         place[path[-1]] = eval(value, {"torch": torch, "np": np, "old": old, "object": object})
