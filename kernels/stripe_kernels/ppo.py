@@ -3,12 +3,80 @@
 
 import warp as wp
 
-__all__ = ["LOSS_TERMS", "elu_gradient", "elu_gradient_bf16", "finish_ppo_loss", "ppo_loss"]
+__all__ = [
+    "BLOCK",
+    "LOSS_TERMS",
+    "elu_gradient",
+    "elu_gradient_bf16",
+    "finish_ppo_loss",
+    "gather_inputs",
+    "gather_inputs_bf16",
+    "ppo_loss",
+]
+
+BLOCK = 64
+"""Threads of a block for all kernels here: few, so that samples of a minibatch are spread over all multiprocessors."""
 
 LOSS_TERMS = 3
 """Rows of ``terms`` of :func:`ppo_loss` before those by standard deviations: surrogate, value loss, KL divergence."""
 
 _HALF_LOG_2PI = wp.constant(0.9189385332046727)
+
+
+@wp.func
+def _input(
+    row: int,
+    column: int,
+    rows: wp.array2d[float],
+    first: int,
+    mean: wp.array2d[float],
+    std: wp.array2d[float],
+    eps: float,
+) -> float:
+    value = rows[row, column]
+    if mean:
+        value = (value - mean[0, first + column]) / (std[0, first + column] + eps)
+    return value
+
+
+@wp.kernel(enable_backward=False)
+def gather_inputs(
+    picked: wp.array[wp.int64],
+    rows: wp.array2d[float],
+    first: int,
+    mean: wp.array2d[float],
+    std: wp.array2d[float],
+    eps: float,
+    out: wp.array2d[float],
+):
+    """Gather observations of samples, normalised; launch ``(m, w)`` threads.
+
+    Args:
+        picked: Rows that the samples are, ``(m,)``.
+        rows: A group of observations, ``(n, w)``.
+        first: Column of ``out`` that the group begins at.
+        mean: Running means, ``(1, columns)``, or nothing for no normalisation.
+        std: Running standard deviations, ``(1, columns)``.
+        eps: Added to the deviations.
+        out: Inputs of a network, ``(m, columns)``.
+    """
+    i, j = wp.tid()
+    out[i, first + j] = _input(int(picked[i]), j, rows, first, mean, std, eps)
+
+
+@wp.kernel(enable_backward=False)
+def gather_inputs_bf16(
+    picked: wp.array[wp.int64],
+    rows: wp.array2d[float],
+    first: int,
+    mean: wp.array2d[float],
+    std: wp.array2d[float],
+    eps: float,
+    out: wp.array2d[wp.bfloat16],
+):
+    """:func:`gather_inputs` to bfloat16."""
+    i, j = wp.tid()
+    out[i, first + j] = wp.bfloat16(_input(int(picked[i]), j, rows, first, mean, std, eps))
 
 
 @wp.func
@@ -194,14 +262,15 @@ def _low(pair: wp.uint32) -> float:
 
 @wp.func
 def _high(pair: wp.uint32) -> float:
-    return wp.cast(pair & wp.uint32(0xFFFF0000), float)
+    return wp.cast((pair >> wp.uint32(16)) << wp.uint32(16), float)
 
 
 @wp.func
 def _rounded(value: float) -> wp.uint32:
     """The bits of ``value`` as bfloat16, rounded to the nearest, in the upper half of a word."""
     bits = wp.cast(value, wp.uint32)
-    return (bits + wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))) & wp.uint32(0xFFFF0000)
+    bits += wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))
+    return (bits >> wp.uint32(16)) << wp.uint32(16)
 
 
 @wp.kernel(enable_backward=False)

@@ -3,7 +3,10 @@
 
 import warp as wp
 
-__all__ = ["add_up_episodes", "estimate_advantages", "sample_actions", "store_outcome"]
+__all__ = ["BLOCK", "add_up_episodes", "estimate_advantages", "sample_actions", "store_outcome"]
+
+BLOCK = 64
+"""Threads of a block for all kernels here: few, so that environments are spread over all multiprocessors."""
 
 _HALF_LOG_2PI = wp.constant(0.9189385332046727)
 

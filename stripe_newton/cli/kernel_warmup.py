@@ -34,7 +34,10 @@ MODULES = {
     "stripe_kernels.mujoco_model": 0.4,
     "stripe_kernels.actuators": 0.4,
     "stripe_kernels.sensors.contact": 0.4,
+    "stripe_kernels.ppo": 0.4,
+    "stripe_kernels.rollout": 0.3,
     "stripe_kernels.env_rows": 0.3,
+    "stripe_kernels.adam": 0.2,
     "stripe_kernels.actuation": 0.2,
     "stripe_kernels.episode": 0.2,
 }
@@ -43,7 +46,11 @@ _OWN_MODULES = {
     "newton._src.geometry.inertia": ("validate_and_correct_inertia_kernel", "compute_body_inverses_kernel"),
 }
 """Kernels that have a Warp module of their own, by the Python module that defines them."""
-_BLOCK_DIMS = {"newton._src.sim.articulation": (8, 16)}
+_BLOCK_DIMS = {
+    "newton._src.sim.articulation": (8, 16),
+    "stripe_kernels.ppo": (64,),
+    "stripe_kernels.rollout": (64,),
+}
 """Sizes of the blocks that a module is launched in on a GPU, each of which is compiled, if not Warp's own. Newton takes
 16 for articulations of few joints."""
 _MOST_WORKERS = 8

@@ -76,7 +76,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         self.agent_cfg = cfg
         self.run_folder = None if log_dir is None else RunFolder(log_dir)
         # Of the whole process, and before networks are made or compiled.
-        torch.set_float32_matmul_precision(cfg.matmul_precision)
+        on_gpu = torch.device(env.device).type == "cuda"
+        torch.set_float32_matmul_precision(cfg.matmul_precision if on_gpu else "highest")
         with contextlib.redirect_stdout(io.StringIO()):  # rsl_rl prints both networks and the observation sets
             super().__init__(env, rsl_rl_settings(cfg), None if log_dir is None else str(log_dir), str(env.device))
         # In place of rsl_rl's own, which its constructor has made; that one has opened no file yet.

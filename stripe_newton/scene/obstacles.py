@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
 import newton
@@ -20,7 +20,7 @@ from stripe_newton.sensors.sensor_data import SensorData
 from stripe_newton.sim.host_flags import HostFlags
 from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers.pair_list import remove_geom_pairs
-from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt, short
 
 from .capsules import MAX_CELLS, Capsules, list_cells
 from .scenery import Scenery
@@ -31,8 +31,18 @@ if TYPE_CHECKING:
 __all__ = ["Obstacles", "ObstaclesCfg"]
 
 _SIZE_FIELDS = "positions", "rotations", "radius", "half_length"
+_LEFT_OUT = "positions", "radius"
+"""Those that a source of obstacles takes the place of."""
 _BLOCK = 32
 """Threads a block: so few that a few thousand worlds are spread over a whole GPU."""
+
+
+def _are_numbers(value: object, may_be_none: bool) -> bool:
+    """Whether a value is an array of numbers, or one number; text, dicts and iterators make arrays of objects."""
+    try:
+        return (value is None and may_be_none) or np.asarray(value).dtype.kind in "fiu"
+    except (TypeError, ValueError):  # rows of different lengths
+        return False
 
 
 def _obstacles(cfg: ObstaclesCfg) -> Obstacles:
@@ -101,18 +111,18 @@ class ObstaclesCfg(SensorCfg):
             raise ConfigError([str(error)]) from error
 
     def problems(self) -> Iterator[tuple[str, str]]:
-        for name in ("rotations", "half_length"):
-            if np.asarray(getattr(self, name)).dtype.kind not in "fiu":  # None, text and iterators are objects
-                yield name, f"is {getattr(self, name)!r}, must be an array of numbers, or one value for all"
-        yield from self._source_problems()
+        wrong = [name for name in _SIZE_FIELDS if not _are_numbers(getattr(self, name), name in _LEFT_OUT)]
+        for name in wrong:
+            yield name, f"is {short(getattr(self, name))}, must be an array of numbers, or one value for all"
+        yield from self._source_problems(wrong)
         if self.sight is not None and self.sight < self.reach:
             yield "sight", f"is {self.sight}, must be at least reach, {self.reach} [m]"
-        if self.capacity is not None and self.positions is not None:
+        if self.capacity is not None and self.positions is not None and "positions" not in wrong:
             given = np.asarray(self.positions)
             if given.ndim == 2 and len(given) > self.capacity:
                 yield "capacity", f"is {self.capacity}, but there are {len(given)} obstacles"
 
-    def _source_problems(self) -> Iterator[tuple[str, str]]:
+    def _source_problems(self, wrong: Collection[str]) -> Iterator[tuple[str, str]]:
         """Problems of the fields that say which obstacles there are."""
         given = [self.source is not None, self.positions is not None, self.of_scenery]
         if sum(given) > 1:
@@ -123,7 +133,7 @@ class ObstaclesCfg(SensorCfg):
             for name in ("positions", "radius"):
                 if getattr(self, name) is None:
                     yield name, "is missing; give arrays of positions and radius, a source, or of_scenery=True"
-        if self.positions is not None and self.radius is not None:
+        if self.positions is not None and self.radius is not None and not wrong:
             try:
                 self.capsules()
             except ConfigError as error:

@@ -17,11 +17,15 @@ __all__ = ["LimbForm", "why_no_limbs"]
 _MOST_LIMBS = 8
 _MOST_DOFS = 10, 8
 """Degrees of freedom of the hub, whose system all lanes solve, and of a limb."""
-_MOST_PAIRS = 24
+_MOST_PAIRS = 64
 """Pairs of geoms of a limb, which its lane looks at one after another."""
 _MOST_COLUMNS = 10
 """Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
-_HITS = {"PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4}
+_HITS = {
+    "PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4,
+    "SPHERE_SPHERE": 1, "SPHERE_CAPSULE": 1, "SPHERE_BOX": 1, "CAPSULE_CAPSULE": 2, "CAPSULE_BOX": 2, "BOX_BOX": 8,
+    "FIELD_SPHERE": 4, "FIELD_HIGH_END": 2, "FIELD_LOW_END": 2, "FIELD_AXIS": 2, "FIELD_BOX": 4, "FIELD_CYLINDER": 4,
+}  # fmt: skip
 """Routines of pairs that it has, and how many contacts each finds at most."""
 
 
@@ -41,7 +45,9 @@ class LimbForm:
     losses: bool
     """Whether joints have friction loss."""
     planes: tuple[int, ...]
-    """Geoms that the others may touch."""
+    """Planes that geoms may touch."""
+    other_grounds: bool
+    """Whether they may touch other things: shapes that do not move, height fields."""
 
     @classmethod
     def of(cls, model: mujoco.MjModel, pairs: Sequence[ContactPair], losses: bool = False) -> LimbForm | None:
@@ -57,8 +63,9 @@ class LimbForm:
         hub, limbs = _divide(model)
         shares = _share_pairs(model, pairs, limbs)
         most = max(sum(_HITS[pairs[p].kind] for p in share) for share in shares)
-        planes = tuple(sorted({pair.geom1 for pair in pairs}))
-        return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes)
+        planes = tuple(sorted({pair.geom1 for pair in pairs if _is_plane(pair)}))
+        return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes,
+                   not all(map(_is_plane, pairs)))  # fmt: skip
 
     @property
     def slots(self) -> int:
@@ -104,7 +111,7 @@ class LimbForm:
             "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
             "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
             "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LOSSES": int(self.losses),
-            "NPLANES": len(self.planes),
+            "NPLANES": len(self.planes), "MORE_THAN_PLANES": int(self.other_grounds),
         }  # fmt: skip
 
     def tables(self, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
@@ -136,7 +143,7 @@ class LimbForm:
             "limb_pair_start": np.cumsum([0, *map(len, shares)]),
             "limb_pair": [p for share in shares for p in share],
             "plane": list(self.planes),
-            "pair_plane": [self.planes.index(pair.geom1) for pair in pairs],
+            "pair_plane": [self.planes.index(pair.geom1) if _is_plane(pair) else 0 for pair in pairs],
             "ends_body": [int(d >= 0 and _is_last(model, d)) for d in places],
         }
 
@@ -174,7 +181,7 @@ def _reasons(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> Iterator[st
         if sum(_moves(model, int(model.geom_bodyid[g])) for g in (pair.geom1, pair.geom2)) != 1:
             yield "parts of it may touch each other"
         if pair.kind not in _HITS:
-            yield "it touches other things than planes"
+            yield "it touches other things than primitives and height fields"
         if pair.dim not in (1, 3):
             yield "contacts have torsional or rolling friction"
     hub, limbs = _divide(model)
@@ -240,6 +247,10 @@ def _share_pairs(
     for p in of_hub:
         min(shares, key=lambda share: sum(_HITS.get(pairs[i].kind, 1) for i in share)).append(p)
     return shares
+
+
+def _is_plane(pair: ContactPair) -> bool:
+    return pair.kind.startswith("PLANE")
 
 
 def _link_of(model: mujoco.MjModel, body: int) -> int:

@@ -239,7 +239,7 @@ class ModelTables:
         model = self.model
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
-        kept = model.nq + 9 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + 2 * nu + turned_size(model) + 2
+        kept = model.nq + 7 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + nu + 2
         kept += _ATTACHMENT_SIZE * len(attached_equalities(model))
         found = self._geoms_size + 1
         if self.has_searches:

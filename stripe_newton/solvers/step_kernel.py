@@ -28,13 +28,13 @@ __all__ = [
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "hulls.h", "hull_contacts.h", "search.h", "heightfield.h", "meshes.h",
     "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h",
-    "geoms.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h", "launch.h",
-    "results.h", "accelerations.h", "step.h",
+    "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h",
+    "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h",
-    "geoms.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
-    "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "contact_fields.h", "limb_world.h", "rows.h",
+    "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h",
+    "limb_parameters.h", "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -277,6 +277,8 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
     head = [
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
+        # Lanes that search for touches together; in the form for a hub with limbs each does so alone.
+        f"#define SEARCH_LANES {options.lanes if tables.limbs is None else 1}",
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",

@@ -243,7 +243,7 @@ def falling_ant() -> ManagerBasedRLEnv:
     cfg = AntManagerEnvCfg()
     cfg.scene.robot.init_state.pos = (0.0, 0.0, 1.0)
     cfg.sim.device, cfg.scene.num_envs, cfg.seed = DEVICE, N, 0
-    cfg.sim.solver = MuJoCoSolverCfg(nconmax=1, njmax=200)
+    cfg.sim.solver = MuJoCoSolverCfg(nconmax=1, njmax=200, fused_limbs=False)
     env = ManagerBasedRLEnv(cfg)
     env.reset(seed=0)
     return env

@@ -5,12 +5,19 @@ from __future__ import annotations
 
 import mujoco
 import newton
+import numpy as np
 
 from stripe_newton.solvers import SolverFused
 
 OPTION = '<compiler angle="radian"/><option timestep="0.005" integrator="{integrator}"/>'
 PLANE = '<geom type="plane" size="0 0 1" euler=".09 .05 0" condim="1" contype="1" conaffinity="2"/>'
 GROUND = f'<body pos="0.1 0 0">{PLANE}</body>'
+POSTS = """<body pos=".3 .1 0"><geom type="capsule" fromto="0 0 -.2 .1 0 .4" size=".06" contype="1" conaffinity="2"/>
+<body pos="-.5 -.2 0"><geom size=".12" contype="1" conaffinity="2"/></body></body>
+<geom type="box" pos="0 -.25 .05" euler=".2 .1 .3" size=".15 .1 .1" contype="1" conaffinity="2" condim="3"/>"""
+"""What stands about: in bodies of their own and of the world."""
+FIELD = '<geom type="hfield" hfield="hills" contype="1" conaffinity="2"/>'
+HILLS = '<asset><hfield name="hills" nrow="20" ncol="24" size="1.2 1 .12 .1" elevation="{}"/></asset>'
 LEG = """<body pos="{x} {y} 0"><joint axis="1 0 0" range="-.6 .6" limited="true" damping=".1" armature=".01"/>
 <joint axis="0 1 0.1" pos="0 0 .01" range="-1 .3" limited="true" margin=".02" damping=".1" armature=".01" name="{n}a"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03"/><body pos="0 0 -.25" euler="0 .17 0" gravcomp="0.5">
@@ -58,7 +65,8 @@ def walker_xml(name: str, integrator: str = "implicitfast", replaced: tuple[str,
     """Description of a model by its name in :data:`WALKERS`. Only the ground touches its parts."""
     contacts = '<default><geom contype="2" conaffinity="1"/></default>'
     option = OPTION.format(integrator=integrator)
-    text = f"<mujoco>{option}{contacts}<worldbody>{GROUND}{WALKERS[name]}</worldbody>{DRIVES}</mujoco>"
+    hills = HILLS.format(" ".join(f"{x:.4f}" for x in np.random.default_rng(0).random(20 * 24)))
+    text = f"<mujoco>{option}{contacts}{hills}<worldbody>{GROUND}{WALKERS[name]}</worldbody>{DRIVES}</mujoco>"
     assert replaced[0] in text
     return text.replace(*replaced) if replaced[0] else text
 
@@ -68,11 +76,11 @@ def walker(name: str, integrator: str = "implicitfast", replaced: tuple[str, str
     return mujoco.MjModel.from_xml_string(walker_xml(name, integrator, replaced))
 
 
-def walker_worlds(name: str, num_worlds: int) -> newton.Model:
-    """Worlds of a Newton model, which has planes in no body."""
+def walker_worlds(name: str, num_worlds: int, ground: str = PLANE) -> newton.Model:
+    """Worlds of a Newton model, which has planes and fields in no body."""
     one = newton.ModelBuilder()
     SolverFused.register_custom_attributes(one)
-    one.add_mjcf(walker_xml(name, replaced=(GROUND, PLANE)))
+    one.add_mjcf(walker_xml(name, replaced=(GROUND, ground)))
     scene = newton.ModelBuilder()
     SolverFused.register_custom_attributes(scene)
     scene.replicate(one, num_worlds)

@@ -339,3 +339,14 @@ def test_scenes_that_cannot_have_slots_say_so():
         make(BallCfg(num_envs=1, env_spacing=0.0, obstacles=obstacles), solver=XPBDSolverCfg())
     with pytest.raises(ConfigError, match="asset_name: is 'dog', the scene has robot"):
         make(BallCfg(num_envs=1, env_spacing=0.0, obstacles=obstacles.replace(asset_name="dog")))
+
+
+@pytest.mark.parametrize("name", ["positions", "rotations", "radius", "half_length"])
+@pytest.mark.parametrize(
+    "value",
+    [{"a": 1}, "text", [[1.0], [1.0, 2.0]], iter([]), [None]],
+    ids=["dict", "text", "ragged", "iterator", "none"],
+)
+def test_what_is_no_array_is_told_of_with_its_field(name, value):
+    with pytest.raises(ConfigError, match=f"{name}: is .*, must be an array of numbers, or one value for all"):
+        ObstaclesCfg(**{name: value}).validate()

@@ -77,7 +77,8 @@ def fused_kernel(double: bool) -> wp.Kernel:
     search = "\n#if HAS_SEARCHES\nnamespace fused {\n" + touches[touches.index("// The touch of a candidate") :]
     sources = "".join((folder / name).read_text() for name in names) + WORLD + search
     head = (
-        f"#define LANES 1\n#define MAX_HITS {MAX_HITS}\n#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
+        f"#define LANES 1\n#define SEARCH_LANES 1\n#define MAX_HITS {MAX_HITS}\n"
+        "#define SEARCHES_BOXES 1\n#define HAS_SEARCHES 1\n"
         "#define HAS_FIELDS 1\n#define HAS_FIELD_CYLINDER 1\n"
         "#define TOUCHES 24\n#define NFIELDS 1\n#define HAS_MESHES 0\n" + "#define FUSED_DOUBLE\n" * double
     )

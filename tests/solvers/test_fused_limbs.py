@@ -13,7 +13,7 @@ from stripe_newton.solvers.contact_pairs import contact_pairs
 from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
 from tests.helpers.fused_step import compare
 from tests.helpers.lane_emulator import emulate
-from tests.helpers.limb_models import WALKERS, walker, walker_worlds
+from tests.helpers.limb_models import FIELD, GROUND, PLANE, POSTS, WALKERS, walker, walker_worlds
 from tests.helpers.solver_models import model_of
 
 STATE = "qpos", "qvel", "qacc_warmstart"
@@ -26,6 +26,19 @@ def test_a_step_is_that_of_mujoco(name):
     assert found.rows.max() >= 16
     assert np.median(found.error) < 1e-13
     assert np.quantile(found.error, 0.99) < 1e-10
+
+
+def test_a_step_among_posts_is_that_of_mujoco():
+    """Capsules, balls and a box that do not move: geoms of limbs come first in some pairs, and second in others."""
+    model = walker("floating", replaced=(GROUND, GROUND + POSTS))
+    pairs = tuple(contact_pairs(model))
+    moves = {(pair.kind, bool(model.body_dofnum[model.body_rootid[model.geom_bodyid[pair.geom2]]])) for pair in pairs}
+    assert {("SPHERE_CAPSULE", False), ("SPHERE_CAPSULE", True), ("CAPSULE_BOX", False)} <= moves
+    found, on_plane = compare(model, limbs=True), compare(walker("floating"), limbs=True)
+    np.testing.assert_array_equal(found.rows, found.expected_rows)
+    assert found.rows.sum() > on_plane.rows.sum() + 100
+    assert np.median(found.error) < 1e-13
+    assert np.quantile(found.error, 0.99) < 1e-9
 
 
 def test_steps_of_euler_in_single_precision():
@@ -78,10 +91,12 @@ def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> 
     return {name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc", "qfrc_actuator")}
 
 
-def test_worlds_with_parameters_of_their_own():
+@pytest.mark.parametrize("ground", [PLANE, FIELD])
+def test_worlds_with_parameters_of_their_own(ground):
     """State, bodies and forces of contacts are those of the general form, and so are states of four lanes."""
-    model = walker_worlds("floating", 12)
-    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    model = walker_worlds("floating", 12, ground)
+    solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
+    solver.triangles = True
     rng, data = np.random.default_rng(2), solver.mjw_data
     for name in ("body_mass", "body_inertia", "dof_damping", "geom_friction", "actuator_gainprm"):
         array = getattr(solver.mjw_model, name)

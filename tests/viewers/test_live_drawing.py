@@ -12,7 +12,6 @@ import newton
 import numpy as np
 import pytest
 import torch
-import viser
 
 from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.sim import SphereCfg
@@ -21,6 +20,8 @@ from stripe_newton.viewers.live.glb_file import glb_of
 from stripe_newton.viewers.live.merged_field import merged_field
 from stripe_newton.viewers.poses import compose, rotate, yaw_of
 from tests.helpers.viewed_boxes import BoxEnv
+
+viser = pytest.importorskip("viser")
 
 
 def drawn(viewer, name, part=0):

@@ -25,8 +25,8 @@ import torch
 from stripe_newton.rl import OnPolicyRunner
 
 CASES = {
-    "rsl_rl": {"runner": "rsl_rl"},
-    "graph": {"runner": "graph"},
+    "rsl_rl": {"runner": "rsl_rl", "matmul_precision": "highest"},
+    "graph": {"runner": "graph", "matmul_precision": "highest"},
     "graph tf32": {"runner": "graph", "matmul_precision": "high"},
     "graph bf16": {"runner": "graph", "matmul_precision": "high", "bf16": True},
 }

@@ -33,7 +33,7 @@ def measure(run: RunFolder, robots: int, command: str = "base_velocity") -> list
     configs.env.sim.device, configs.env.scene.num_envs = "cpu", robots * len(checkpoints)
     use_one_minibatch(configs.need_agent())
     runner = build(task, configs)
-    states = [torch.load(file, weights_only=True)["actor_state_dict"] for _, file in checkpoints]
+    states = [torch.load(file, map_location="cpu", weights_only=True)["actor_state_dict"] for _, file in checkpoints]
     error, upright = act(runner, states, robots, command)
     with run.metrics.open(encoding="utf-8") as file:
         rows = {int(row["iteration"]): row for row in csv.DictReader(file)}

@@ -159,7 +159,7 @@ def measure_training(side: Side, iterations: int) -> tuple[Any, list[Json], Json
     """
     curve: list[Json] = []
     policies: list[Json] = []
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         wait(side.device)
         start = time.perf_counter()
         runner = side.make_runner(folder)

@@ -11,14 +11,6 @@ FN void place_geoms(World& w, const Parameters& P, int lane) {
     SYNC();
 }
 
-#if HAS_FIELDS
-FN Field field_of(const Parameters& P, int g) {
-    int f = geom_field(g);
-    const real* size = (const real*)P.m.field_size + 4 * f;
-    return Field{(const float*)P.m.field_heights + field_start(f), field_rows(f), field_cols(f), size[0], size[1], size[2]};
-}
-#endif
-
 // The same of all contacts, of which those of `given` come last.
 FN void complete_contacts(World& w, const Parameters& P, const real* given, int count, int lane) {
     EACH(c, count) {

@@ -127,7 +127,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
         const real* X = w.X + 16 * dof_body(i);
         Spatial s = load_spatial(w.S + 6 * i);
         store_spatial(w.U + 6 * i, operator_inertia(X, s));
-        real f = w.applied[i] - dot(s, Spatial{load(X + 10), load(X + 13)}) - P.damping()[i] * w.v[i];
+        real f = APPLIED(w, P.id, i) - dot(s, Spatial{load(X + 10), load(X + 13)}) - P.damping()[i] * w.v[i];
         int j = dof_joint(i);
         if (joint_type(j) == HINGE || joint_type(j) == SLIDE)
             f -= P.stiffness()[j] * (w.q[joint_q(j)] - P.spring()[joint_q(j)]);
@@ -140,7 +140,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
             int i = actuator_dof(t);
             length += actuator_coefficient(t) * w.q[joint_q(dof_joint(i))], speed += actuator_coefficient(t) * w.v[i];
         }
-        w.drive[u] = actuator_force(P, u, w.ctrl[u], length, speed, w.slope[u]);
+        w.drive[u] = actuator_force(P, u, CONTROL(w, P.id, u), length, speed, w.slope[u]);
     }
     SYNC();
     EACH(t, NPAIRS) {
@@ -158,7 +158,7 @@ FN void forces(World& w, const Parameters& P, int lane) {
             total += dof_coefficient(t) * P.gear()[6 * dof_actuator(t)] * w.drive[dof_actuator(t)];
         if (joint_force_limited(j)) total = clamped(total, P.joint_force()[2 * j], P.joint_force()[2 * j + 1]);
         w.smooth[i] += total;
-        w.effort[i] = total;
+        EFFORT(w, P.id, i) = total;
     }
     SYNC();
 }

@@ -5,32 +5,6 @@
 namespace fused {
 
 #if HAS_SEARCHES
-enum GroundPart { SPHERE_OF, HIGH_END_OF, LOW_END_OF, AXIS_OF, BOX_OF, CYLINDER_OF, CORNERS_OF };
-// Part of a geom that the routine of a pair searches, or a number of CORNERS_OF and above for a corner of a box.
-FN int ground_part(int pair) {
-    const int kind = contact_kind(pair);
-    if (kind < MESH_SPHERE) return kind - FIELD_SPHERE;
-    return kind - MESH_SPHERE + (kind >= MESH_CORNER_0);  // meshes have no routine for cylinders
-}
-
-// Balls that hold a geom: along the longest of its axes, so that they are smaller than one around all of it.
-struct Cover {
-    int count;
-    Vec first, step;  // centres relative to that of the geom
-    real radius;
-};
-FN Cover cover(const Geom& geom, int part) {
-    if (part == SPHERE_OF) return Cover{1, {0, 0, 0}, {0, 0, 0}, geom.size.x};
-    Vec h = geom.size;
-    int longest = 2;
-    if (part < BOX_OF || part == CYLINDER_OF) return Cover{3, (real)(-2.0 / 3) * h.y * column(geom.axes, 2), (real)(2.0 / 3) * h.y * column(geom.axes, 2), h.x + h.y / 3};
-    if (h.x >= h.y && h.x >= h.z) longest = 0;
-    else if (h.y >= h.z) longest = 1;
-    real half = longest == 0 ? h.x : longest == 1 ? h.y : h.z, third = half / 3;
-    Vec along = 2 * third * column(geom.axes, longest);
-    return Cover{3, -1 * along, along, SQRT(dot(h, h) - half * half + third * third)};
-}
-
 // Whether a geom may touch its ground: by the distance to the nearest face, or by the highest vertex below it.
 FN bool is_near(const World& w, const Parameters& P, int p) {
     if (!has_both(P, p)) return false;
@@ -38,21 +12,18 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
     const Mat axes = transposed(g.a.axes);
     const Vec at = axes * (g.b.pos - g.a.pos);
     const Cover c = cover(g.b, ground_part(p));
-    const Vec first = at + axes * c.first, step = axes * c.step;
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {
         const Clearance& field = sources_of(P).meshes[contact_mesh(p)].clearance;
+        const Vec first = at + axes * c.first, step = axes * c.step;
         bool near = false;
         for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
         return near;
     }
 #endif
 #if HAS_FIELDS
-    const Patch patch = patch_of(w, p, at);
-    Vec half = (real)(c.count / 2) * step;
-    half = Vec{FABS(half.x) + reach, FABS(half.y) + reach, FABS(half.z) + reach};
-    return peak(patch, cells_below(patch, -1 * half, half)) >= -half.z;
+    return is_near_field(patch_of(w, p, at), axes, c, reach);
 #else
     return true;
 #endif
@@ -107,9 +78,8 @@ FN void prepare(Search& s, const World& w, const Parameters& P, int p) {
     const PairGeoms g = geoms_of(w, P, p);
     const Mat axes = transposed(g.a.axes);
     const Vec at = axes * (g.b.pos - g.a.pos);
-    const PartKind kinds[] = {BALL_PART, BALL_PART, BALL_PART, AXIS_PART, BOX_PART, CYLINDER_PART};
-    const PartKind is = k < CORNERS_OF ? kinds[k] : CORNER_PART;
-    const int end = k == HIGH_END_OF ? 1 : k == LOW_END_OF ? -1 : k >= CORNERS_OF ? k - CORNERS_OF : 0;
+    const PartKind is = kind_of(k);
+    const int end = end_of(k);
     s.pair = p, s.count = 0, s.ended = false;
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {

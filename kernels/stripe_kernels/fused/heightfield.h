@@ -251,5 +251,17 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Patch& p, 
     return true;
 }
 
+// The touch of a candidate of a part of any kind. `box` places the geom of a search that is one.
+template <class PlaceBox>
+FN bool field_touch(const Search& s, const Patch& p, int candidate, PlaceBox box, Touch& hit, real& order) {
+#if SEARCHES_BOXES
+    if (s.kind == BOX_PART) return box_touch(s, p, box(), candidate, hit, order);
+#endif
+#if HAS_FIELD_CYLINDER
+    if (s.kind == CYLINDER_PART) return cylinder_touch(s, p, candidate, hit, order);
+#endif
+    return s.kind == BALL_PART ? ball_touch(s, p, candidate, hit, order) : ridge_touch(s, p, candidate, hit, order);
+}
+
 }  // namespace fused
 #endif

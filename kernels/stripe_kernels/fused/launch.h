@@ -70,11 +70,16 @@ FN void read_state(World& w, const Parameters& P, int lane) {
     else
 #endif
     {
+#if LIMBS
 #if ACTUATORS
-        read_rows<NU>(r, [&](const World&, int id, int i) { return IN_ROW(ctrl, id, i); }, [](World& o, int, int i, real x) { o.ctrl[i] = x; });
+        read_rows<NU>(
+            r, [&](const World&, int id, int i) { return IN_ROW(ctrl, id, i); },
+            [&](World& o, int id, int i, real x) { CONTROL(o, id, i) = x; });
 #endif
         read_rows<NV>(
-            r, [&](const World&, int id, int i) { return IN_ROW(qfrc_applied, id, i); }, [](World& o, int, int i, real x) { o.applied[i] = x; });
+            r, [&](const World&, int id, int i) { return IN_ROW(qfrc_applied, id, i); },
+            [&](World& o, int id, int i, real x) { APPLIED(o, id, i) = x; });
+#endif
     }
     SYNC_WARP();
 #if HAS_NEWTON
@@ -92,11 +97,13 @@ FN void write_state(World& w, const Parameters& P, int lane) {
 #if HAS_NEWTON
     if (P.m.efforts)  // by Newton's degrees of freedom
         write_rows<NV>(r, [&](const World& o, int id, int i) {
-            *in_newton(P.m.efforts, id, NEWTON_DOFS, newton_dof(i)) = o.effort[i];
+            *in_newton(P.m.efforts, id, NEWTON_DOFS, newton_dof(i)) = EFFORT(o, id, i);
         });
-    else
 #endif
-        write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_actuator, id, i) = o.effort[i]; });
+#if LIMBS
+    if (!HAS_NEWTON || !P.m.efforts)
+        write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_actuator, id, i) = EFFORT(o, id, i); });
+#endif
 #if HAS_NEWTON
     if (P.m.joint_q_out) {
         convert_turned(w, P, lane);

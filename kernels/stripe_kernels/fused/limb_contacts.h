@@ -4,15 +4,18 @@
 
 namespace fused {
 
-// A contact of a slot, from what collision detection found of the pair `p`, whose second geom moves.
+// A contact of a slot, from what collision detection found of the pair `p`, of which one geom moves.
 FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const Limb& L, int slot, int p, const Hit& hit) {
-    const int b = geom_body(contact_geom2(p));
-    const Vec n = hit.normal, t = tangent_of(n, hit.along), frame[3] = {n, t, cross(n, t)}, at = hit.pos;
+    const int b1 = geom_body(contact_geom1(p)), b2 = geom_body(contact_geom2(p));
+    const bool is_first = MORE_THAN_PLANES && !body_dofs(b2);  // the geom that moves
+    const int b = is_first ? b1 : b2;
+    const Vec n = hit.normal, t = tangent_of(n, hit.along), frame[3] = {n, t, cross(n, t)};
+    const Vec at = MORE_THAN_PLANES ? hit.pos + (origin_of(w, b1, b2) - origin_of(w, b)) : hit.pos;
     Material m;
     real friction[5];
     mix(m, friction, P, p, contact_geom1(p));
     const real pos = hit.dist - margin_of(P, p), mu = friction[0] * SQRT(1 / (real)IMPRATIO);
-    const real weight = P.weight()[2 * geom_body(contact_geom1(p))] + P.weight()[2 * b];
+    const real weight = P.weight()[2 * b1] + P.weight()[2 * b2];
     const Impedance z = impedance(P, m.solref, m.solimp, pos);
     // Without friction a contact is a row. It is four of the same here.
     const bool slides = contact_dim(p) == 1;
@@ -29,6 +32,7 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
         Spatial s = of_hub ? hub_motion(w, c) : L.S[d];
         Vec u = s.l + cross(s.a, at);
         if (!is_moved_by(b, i)) u = Vec{0, 0, 0};
+        if (is_first) u = -1 * u;
         for (int k = 0; k < 3; k++) {
             real moved = dot(frame[k], u);
             o.J[k][c] = moved, e[k] += moved * w.a[i], v[k] += moved * w.v[i];
@@ -43,17 +47,50 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
 #endif
 }
 
+// Geoms of a pair, relative to the point that their contacts are relative to.
+FN PairGeoms limb_pair_geoms(const World& w, const Parameters& P, int p) {
+    if (MORE_THAN_PLANES && contact_kind(p) > PLANE_CYLINDER) return geoms_of(w, P, p);
+    const int g = contact_geom2(p);
+    const real* at = w.planes + 6 * pair_plane(p);
+    const Vec normal = load(at + 3);
+    const Mat axes{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}};
+    return PairGeoms{Geom{load(at) - origin_of(w, geom_body(g)), axes, {0, 0, 0}}, geom_of(w, P, g)};
+}
+
+// Whether balls around two primitives, whose radii are at most the sums of their sizes, do not touch.
+FN bool are_far(const PairGeoms& g, real margin) {
+    const Vec d = g.b.pos - g.a.pos, a = g.a.size, b = g.b.size;
+    const real reach = a.x + a.y + a.z + b.x + b.y + b.z + margin;
+    return dot(d, d) > reach * reach;
+}
+
 // Contacts of a slot. Returns their number.
 FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
     int count = 0;
+#if HAS_FIELDS
+    int geom = -1;  // over a field: its parts come one after another
+    bool near = false;
+#endif
     ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
-        const int p = limb_pair(t), g = contact_geom2(p);
+        const int p = limb_pair(t);
         if (!has_both(P, p)) continue;
-        const real* at = w.planes + 6 * pair_plane(p);
-        const Vec normal = load(at + 3);
-        const Mat axes{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}};
         Hits hits;
-        primitive_hits(hits, p, margin_of(P, p), Geom{load(at) - origin_of(w, geom_body(g)), axes, {0, 0, 0}}, geom_of(w, P, g));
+#if HAS_FIELDS
+        if (p >= FIRST_SEARCHED_PAIR) {
+            const int own = searched_geom(p - FIRST_SEARCHED_PAIR);
+            if (own == geom && !near) continue;
+            const PairGeoms g = geoms_of(w, P, p);
+            const OnField o = on_field(P, p, g);
+            if (own != geom) geom = own, near = is_near(o, P, p);
+            if (!near) continue;
+            field_hits(hits, o, P, p, g.a.axes);
+        } else
+#endif
+        {
+            const PairGeoms g = limb_pair_geoms(w, P, p);
+            if (MORE_THAN_PLANES && contact_kind(p) > PLANE_CYLINDER && are_far(g, margin_of(P, p))) continue;
+            primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
+        }
         ROLLED for (int i = 0; i < hits.count; i++) {
             if (count == LIMB_CONTACTS) {
                 overflow |= OVERFLOW_CONTACTS;
@@ -94,6 +131,7 @@ FN void write_contact_forces(const Parameters& P, const LimbContact (*found)[LIM
             store(P.contact_forces() + 3 * place, f.x * o.normal + f.y * o.tangent + f.z * cross(o.normal, o.tangent));
         }
     if (lane == 0 && all < MAX_CONTACTS) P.force_geoms()[2 * all] = P.force_geoms()[2 * all + 1] = -1;
+    if (lane == 0 && all > MAX_CONTACTS) *P.overflow() |= OVERFLOW_CONTACTS;  // limbs have room for more
 }
 #endif
 

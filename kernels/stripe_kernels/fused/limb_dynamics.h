@@ -110,7 +110,7 @@ FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) 
 FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real bias) {
     const int j = dof_joint(i);
     const real v = w.v[i], h = P.step_size(), damping = P.damping()[i];
-    real f = w.applied[i] - bias - damping * v, total = 0;
+    real f = APPLIED(w, P.id, i) - bias - damping * v, total = 0;
     o.implicit = h * damping;
     if (joint_type(j) != FREE) {
         const real q = w.q[joint_q(j)];
@@ -119,12 +119,12 @@ FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real 
             const int u = dof_actuator(t);
             real slope;
             const real gear = P.gear()[6 * u];
-            total += gear * actuator_force(P, u, w.ctrl[u], q, v, slope);
+            total += gear * actuator_force(P, u, CONTROL(w, P.id, u), q, v, slope);
             if (IMPLICIT) o.implicit -= h * gear * gear * slope;
         }
         if (joint_force_limited(j)) total = clamped(total, P.joint_force()[2 * j], P.joint_force()[2 * j + 1]);
     }
-    w.effort[i] = total;
+    EFFORT(w, P.id, i) = total;
     o.smooth = f + total;
 }
 

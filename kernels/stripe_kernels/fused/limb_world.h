@@ -63,6 +63,10 @@ struct World {
 };
 
 FN real* body_velocities(World& w) { return w.velocities; }
+// What joints are driven with in each step: few lanes share a world, so that they keep it at hand.
+#define APPLIED(w, id, i) ((w).applied[i])
+#define CONTROL(w, id, u) ((w).ctrl[u])
+#define EFFORT(w, id, i) ((w).effort[i])
 
 #if IN_SHARED && defined(__CUDA_ARCH__)
 FN World& in_place() {

@@ -158,7 +158,7 @@ FN void read_ball_torques(World& w, const Parameters& P, int lane) {
     EACH(j, NJ) {
         if (joint_type(j) != BALL || moves_kinematic(w, P, P.id, j)) continue;
         Quat rest = anchor_in_child(P, newton_joint(j)).q;
-        store(w.applied + joint_v(j), rotate(conjugate(load_quat(w.q + joint_q(j))) * rest,
+        store(&APPLIED(w, P.id, joint_v(j)), rotate(conjugate(load_quat(w.q + joint_q(j))) * rest,
                                              load_newton(in_newton(P.m.joint_f, P.id, NEWTON_DOFS, newton_v(j)))));
     }
 }
@@ -207,25 +207,26 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
             if (source == FROM_CONTROLS && P.m.controls) return (real)*in_newton(P.m.controls, id, NEWTON_CONTROLS, i);
             return IN_ROW(ctrl, id, u);
         },
-        [](World& o, int, int u, real x) { o.ctrl[u] = x; });
+        [&](World& o, int id, int u, real x) { CONTROL(o, id, u) = x; });
 #endif
     read_rows<NV>(
         r, [&](const World&, int id, int i) { return *in_newton(P.m.joint_f, id, NEWTON_DOFS, newton_dof(i)); },
-        [](World& o, int, int i, real x) {
+        [&](World& o, int id, int i, real x) {
             const int j = dof_joint(i);
-            o.applied[i] = is_turning(j) ? 0 : x;  // of balls see `read_ball_torques`
+            APPLIED(o, id, i) = is_turning(j) ? 0 : x;  // of balls see `read_ball_torques`
             if (joint_type(j) == FREE && x != 0) o.is_pushed = 1;
         });
     SYNC_WARP();
-    // Where no controls are given, those before go on.
-#if ACTUATORS
-    write_rows<NU>(r, [&](const World& o, int id, int u) { IN_ROW(ctrl, id, u) = o.ctrl[u]; });
-#endif
     if (w.has_kinematic)
         EACH(i, NV)
-            if (moves_kinematic(w, P, P.id, dof_joint(i))) w.applied[i] = 0;
+            if (moves_kinematic(w, P, P.id, dof_joint(i))) APPLIED(w, P.id, i) = 0;
+#if LIMBS  // where no controls are given, those before go on
     SYNC_WARP();
-    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_applied, id, i) = o.applied[i]; });
+#if ACTUATORS
+    write_rows<NU>(r, [&](const World& o, int id, int u) { IN_ROW(ctrl, id, u) = CONTROL(o, id, u); });
+#endif
+    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_applied, id, i) = APPLIED(o, id, i); });
+#endif
 }
 #endif
 

@@ -15,7 +15,7 @@ FN void drive_joints(World& w, const Parameters& P, Drive drive, int lane) {
         if (joint_type(j) != HINGE && joint_type(j) != SLIDE) continue;
         const int dof = newton_v(j);
         const float q = w.q[joint_q(j)] - reference(P, P.id, dof), v = w.v[joint_v(j)], effort = drive(dof, q, v);
-        w.applied[joint_v(j)] = moves_kinematic(w, P, P.id, j) ? 0 : effort;
+        APPLIED(w, P.id, joint_v(j)) = moves_kinematic(w, P, P.id, j) ? 0 : effort;
     }
     SYNC();
 }

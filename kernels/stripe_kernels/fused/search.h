@@ -109,7 +109,7 @@ struct Search {
     bool inside;                // whether a ball's centre is inside the ground
     bool ended;
     unsigned char hit[4];       // their numbers among the touches that were found
-#if LANES > 1
+#if SEARCH_LANES > 1
     unsigned outside;         // order of the nearest face that a ball's centre is in front of and that it does not touch
     unsigned long long best;  // order and number of the best candidate
 #else
@@ -170,7 +170,7 @@ FN bool is_long(const Search& s) { return 4 * dot(s.at, s.at) > (real)1e-8; }
 
 // Offer a candidate for the next hit. The one of lowest order is taken; the first of those of equal order, whichever lane
 // comes first.
-#if LANES > 1
+#if SEARCH_LANES > 1
 FN void expect(Search& s) { s.best = ~0ull; }
 FN void offer(Search& s, real order, int candidate) {
 #ifdef __CUDA_ARCH__

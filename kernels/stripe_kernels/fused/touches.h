@@ -18,14 +18,12 @@ FN Sources sources_of(const Parameters& P) {
 #endif
 }
 
-#if SEARCHES_BOXES
 // The box of a search; geoms have been placed.
 FN Box box_of(const World& w, const Sources& from, int pair) {
     const real *ground = w.geoms + 12 * contact_geoms(2 * pair), *geom = w.geoms + 12 * contact_geoms(2 * pair + 1);
     const Vec size = load(from.geom_size + 3 * contact_geom2(pair));
     return box_in(transposed(load_matrix(ground + 3)), Geom{{0, 0, 0}, load_matrix(geom + 3), size});
 }
-#endif
 
 // The touch of a candidate, if it is one; the first hit is that of lowest order.
 FN bool touch(const World& w, const Sources& from, const Search& s, int candidate, Touch& hit, real& order) {
@@ -41,14 +39,7 @@ FN bool touch(const World& w, const Sources& from, const Search& s, int candidat
     hit.geom = -1;
 #endif
 #if HAS_FIELDS
-    const Patch p = patch_of(w, s.pair, s.geom);
-#if SEARCHES_BOXES
-    if (s.kind == BOX_PART) return box_touch(s, p, box_of(w, from, s.pair), candidate, hit, order);
-#endif
-#if HAS_FIELD_CYLINDER
-    if (s.kind == CYLINDER_PART) return cylinder_touch(s, p, candidate, hit, order);
-#endif
-    return s.kind == BALL_PART ? ball_touch(s, p, candidate, hit, order) : ridge_touch(s, p, candidate, hit, order);
+    return field_touch(s, patch_of(w, s.pair, s.geom), candidate, [&] { return box_of(w, from, s.pair); }, hit, order);
 #else
     return false;
 #endif

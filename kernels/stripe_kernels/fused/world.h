@@ -39,9 +39,6 @@ struct World {
     real q[NQ];                          // positions
     alignas(16) real v[NV];              // velocities
     alignas(16) real a[NV];              // accelerations (at first the warm start)
-    real applied[NV], ctrl[NU];          // forces on joints from outside, controls
-    real effort[NV];                     // forces of actuators on joints
-    float turned[NTURNED];               // free joints and balls as Newton has them
     int has_kinematic, is_pushed;        // whether a body is kinematic, and whether external wrenches act
     real origin[NTREES * 3];             // of each tree: where its root body is, in the world [m]; tree 0 is the world
     real S[NV * 6];                      // motion of each degree of freedom
@@ -68,6 +65,7 @@ struct World {
                     real U[NV * 6];             // force of a subtree for a unit acceleration of a degree of freedom
                     real drive[NU];             // forces of the actuators
                 };
+                float turned[NTURNED];          // between steps: free joints and balls as Newton has them
                 struct {                        // from then on
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
 #if HAS_SEARCHES
@@ -93,6 +91,11 @@ struct World {
 };
 
 FN real* body_velocities(World& w) { return w.X; }  // after the steps: see `keep_velocity`
+// What joints are driven with in each step: in the device's memory, where the many lanes of a world read neighbouring numbers.
+// Shared memory is needed for constraint rows.
+#define APPLIED(w, id, i) IN_ROW(qfrc_applied, id, i)
+#define CONTROL(w, id, u) IN_ROW(ctrl, id, u)
+#define EFFORT(w, id, i) IN_ROW(qfrc_actuator, id, i)
 
 #if IN_SHARED && defined(__CUDA_ARCH__)
 // The world of this thread. Functions that are not inlined ask again: how an address in shared memory came about tells the

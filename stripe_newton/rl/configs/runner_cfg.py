@@ -54,9 +54,10 @@ class RslRlBaseRunnerCfg:
     runner: str = "graph"
     """``"graph"``: rollout and update are CUDA graphs where that is possible. Where it is not, rsl_rl's own code runs,
     and a message says why. ``"rsl_rl"``: rsl_rl's loop and algorithm, unchanged."""
-    matmul_precision: str = "highest"
-    """Precision of float32 matrix products, as in ``torch.set_float32_matmul_precision``: ``"highest"``, ``"high"``
-    (TF32) or ``"medium"`` (bfloat16)."""
+    matmul_precision: str = "high"
+    """Precision of float32 matrix products on a GPU, as in ``torch.set_float32_matmul_precision``: ``"highest"``,
+    ``"high"`` (TF32, as in the training of Isaac Lab and mjlab) or ``"medium"`` (bfloat16). On the CPU it is
+    ``"highest"``."""
     torch_compile_mode: str | None = None
     """Mode of ``torch.compile`` for the networks (``"default"`` or ``"max-autotune-no-cudagraphs"``), or ``None``."""
     logger: str | dict[str, object] = "tensorboard"

@@ -71,7 +71,7 @@ def articulations(env: TorchVectorEnv) -> dict[str, ArticulationInfo]:
 def _articulation(env: RLEnv, asset: Articulation) -> ArticulationInfo:
     data, template = asset.native_data, env.sim.template
     values, varies = _gains_and_limits(env, asset)
-    limits = data.joint_pos_limits.median(dim=0).values.cpu().numpy()
+    limits = _lower_median(data.joint_pos_limits).cpu().numpy()
     positions, root = data.default_joint_pos, data.default_root_state[0]
     same = torch.equal(positions, positions[:1].expand_as(positions))
     if not same:
@@ -115,7 +115,7 @@ def _gains_and_limits(env: RLEnv, asset: Articulation) -> tuple[dict[str, object
 
 
 def _lower_median(x: torch.Tensor) -> torch.Tensor:
-    """Median over environments, shape ``(num_columns,)``, as ``torch.median`` has it.
+    """Median over environments, which are the first axis, as ``torch.median`` has it.
 
     That has no deterministic form on a GPU, and so cannot be used in a training with ``--deterministic``.
     """

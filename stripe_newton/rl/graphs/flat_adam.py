@@ -64,6 +64,7 @@ class FlatAdam:
         # Each on its own: a checkpoint has parameters and state, but no gradients.
         memory = (torch.zeros(ends[-1], device=device) for _ in range(4))
         self.parameters, self.gradient, self._mean, self._square = memory
+        self._copies: torch.Tensor | None = None
         self._step, self._norms, self._factors = (torch.zeros(n, device=device) for n in (1, 2, 3))
         moved = zip(self._trained, self.views(self.parameters), self.views(self.gradient), strict=True)
         for parameter, place, gradient in moved:
@@ -75,6 +76,16 @@ class FlatAdam:
         """The parts of memory like :attr:`parameters` that belong to the trained parameters, in their shapes."""
         for parameter, place in zip(self._trained, self._places, strict=True):
             yield flat[place : place + parameter.numel()].view(parameter.shape)
+
+    def make_copies(self) -> dict[torch.Tensor, torch.Tensor]:
+        """Copies of the parameters in bfloat16 by parameter, which :meth:`update_copies` brings up to date."""
+        self._copies = self.parameters.to(torch.bfloat16)
+        return dict(zip(self._trained, self.views(self._copies), strict=True))
+
+    def update_copies(self) -> None:
+        """Copy all parameters to those of :meth:`make_copies`, if there are any."""
+        if self._copies is not None:
+            self._copies.copy_(self.parameters)
 
     @torch.no_grad()
     def take_state(self) -> None:

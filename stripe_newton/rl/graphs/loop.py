@@ -46,17 +46,16 @@ def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, t
         clock.begin()
         obs = rollout.collect()
         clock.lap()
-        # The rollout is queued and the device is busy: now there is time for the log of the iteration before.
+        algorithm.compute_returns(obs)
+        losses = algorithm.update()
+        numbers = losses | {"learning_rate": algorithm.rate, "std": algorithm.std}
+        iteration = _Iteration(number, rollout.send_report(numbers), clock.reader())
+        # The whole iteration is queued and the device is busy: now there is time for the log of the one before.
         if waiting is not None:
             logger.ahead = True
             _log(runner, waiting, clock, first, total)
             logger.ahead, waiting = False, None
-        algorithm.compute_returns(obs)
-        losses = algorithm.update()
         runner.current_learning_iteration = number
-        numbers = losses | {"learning_rate": algorithm.rate, "std": algorithm.std}
-        # After the log of the iteration before: both reports use the same memory on the host.
-        iteration = _Iteration(number, rollout.send_report(numbers), clock.reader())
         saves = logger.writer is not None and number % runner.cfg["save_interval"] == 0
         observed = saves or logger.iteration_hooks or logger.stop_requested or number + 1 == total
         # Several ranks agree on a stop when they log, which must be before the next rollout begins.

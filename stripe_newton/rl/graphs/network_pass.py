@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
 import torch
 import warp as wp
 from rsl_rl.models import MLPModel
+from rsl_rl.modules import EmpiricalNormalization
 from tensordict import TensorDict
 
-from stripe_kernels.ppo import elu_gradient, elu_gradient_bf16
+from stripe_kernels.ppo import BLOCK, elu_gradient, elu_gradient_bf16, gather_inputs, gather_inputs_bf16
 
 from .flat_adam import as_array
 
@@ -51,8 +53,16 @@ class NetworkPass(ABC):
     """Forward and backward pass of a network."""
 
     @abstractmethod
-    def forward(self, obs: TensorDict) -> torch.Tensor:
-        """The output of the network for observations ``(samples,)``, float32, ``(samples, outputs)``."""
+    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+        """The output of the network for the observations ``stored[picked]``.
+
+        Args:
+            stored: Observations, ``(n,)``.
+            picked: Rows of them, int64, ``(samples,)``.
+
+        Returns:
+            Outputs, float32, ``(samples, outputs)``.
+        """
 
     @abstractmethod
     def backward(self, gradient: torch.Tensor) -> None:
@@ -63,16 +73,16 @@ class NetworkPass(ABC):
         """
 
 
-def network_pass(model: MLPModel, bf16: bool) -> NetworkPass:
+def network_pass(model: MLPModel, copies: Mapping[torch.Tensor, torch.Tensor] | None = None) -> NetworkPass:
     """The pass for a network.
 
     Args:
         model: A network whose forward pass is ``model.mlp(model.get_latent(obs))``.
-        bf16: Whether its layers run in bfloat16.
+        copies: Copies of its parameters in bfloat16, in which its layers then run; None for float32.
     """
     if type(model).get_latent is MLPModel.get_latent and linear_layers(model.mlp):
-        return EluPass(model, bf16)
-    return TorchPass(model, bf16)
+        return EluPass(model, copies)
+    return TorchPass(model, copies is not None)
 
 
 def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
@@ -89,10 +99,11 @@ class TorchPass(NetworkPass):
     def __init__(self, model: MLPModel, bf16: bool):
         self._model, self._bf16 = model, bf16
 
-    def forward(self, obs: TensorDict) -> torch.Tensor:
+    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
         model = self._model
+        obs = TensorDict({group: stored[group][picked] for group in model.obs_groups}, batch_size=[len(picked)])
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
-        with torch.enable_grad(), torch.autocast(obs.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
+        with torch.enable_grad(), torch.autocast(picked.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
             self._output = model.mlp(model.get_latent(obs)).float()
         return self._output.detach()
 
@@ -107,22 +118,40 @@ class EluPass(NetworkPass):
     activations are read and written as seldom as is possible beside matrix products of a library.
     """
 
-    def __init__(self, model: MLPModel, bf16: bool):
+    def __init__(self, model: MLPModel, copies: Mapping[torch.Tensor, torch.Tensor] | None = None):
         self._model, self._layers = model, linear_layers(model.mlp)
-        self._kind = torch.bfloat16 if bf16 else torch.float32
+        self._kind = torch.float32 if copies is None else torch.bfloat16
+        pairs = [(layer.weight, layer.bias) for layer in self._layers]
+        self._parameters = [tuple(p.detach() if copies is None else copies[p] for p in pair) for pair in pairs]
         self._inputs: list[torch.Tensor] = []
-        self._weights: list[torch.Tensor] = []
 
     @torch.no_grad()
-    def forward(self, obs: TensorDict) -> torch.Tensor:
-        x = _latent(self._model, obs).to(self._kind)
-        self._weights = [layer.weight.to(self._kind) for layer in self._layers]
-        biases = [layer.bias.to(self._kind) for layer in self._layers]
+    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+        x = self._gather(stored, picked)
         self._inputs = [x]
-        for weight, bias in zip(self._weights[:-1], biases[:-1], strict=True):
+        *hidden, (last_weight, last_bias) = self._parameters
+        for weight, bias in hidden:
             x = torch.nn.functional.elu_(torch.addmm(bias, x, weight.t()))
             self._inputs.append(x)
-        return torch.addmm(biases[-1], x, self._weights[-1].t()).float()
+        return torch.addmm(last_bias, x, last_weight.t()).float()
+
+    def _gather(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+        """The latent of ``stored[picked]``."""
+        model, first = self._model, 0
+        out = torch.empty(len(picked), model.obs_dim, dtype=self._kind, device=picked.device)
+        kernel = gather_inputs if self._kind == torch.float32 else gather_inputs_bf16
+        normalizer = model.obs_normalizer
+        statistics = (None, None, 0.0)
+        if isinstance(normalizer, EmpiricalNormalization):
+            statistics = (as_array(normalizer._mean), as_array(normalizer._std), normalizer.eps)
+        rows, target = as_array(picked), as_array(out)
+        for group in model.obs_groups:
+            values = as_array(stored[group].float())
+            inputs = [rows, values, first, *statistics, target]
+            dim = (len(picked), values.shape[1])
+            wp.launch(kernel, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
+            first += values.shape[1]
+        return out
 
     @torch.no_grad()
     def backward(self, gradient: torch.Tensor) -> None:
@@ -135,9 +164,9 @@ class EluPass(NetworkPass):
             else:
                 layer.weight.grad.copy_(by_output.t() @ x)
             if index:
-                by_output = by_output @ self._weights[index]
+                by_output = by_output @ self._parameters[index][0]
                 _elu_gradient(by_output, x, self._layers[index - 1].bias.grad)
-        self._inputs, self._weights = [], []
+        self._inputs = []
 
 
 def _elu_gradient(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
@@ -172,5 +201,6 @@ def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor, sums: tor
         dim=(blocks, arrays[0].shape[1]),
         inputs=[*arrays, _ROWS, as_array(parts)],
         device=arrays[0].device,
+        block_dim=BLOCK,
     )
     torch.sum(parts, dim=0, out=sums)

@@ -13,7 +13,7 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from stripe_kernels.adam import adapt_rate
-from stripe_kernels.rollout import estimate_advantages
+from stripe_kernels.rollout import BLOCK, estimate_advantages
 
 from .flat_adam import FlatAdam, as_array
 from .network_pass import NetworkPass, network_output, network_pass
@@ -170,7 +170,8 @@ class GraphPPO(PPO):
         self._losses = torch.zeros(len(self._loss_names), device=device)
         self._kl, self._std = torch.zeros((), device=device), torch.zeros((), device=device)
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
-            self._passes = tuple(network_pass(m, self.use_mixed_precision) for m in (self.actor, self.critic))
+            copies = self._adam.make_copies() if self.use_mixed_precision else None
+            self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
             self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
@@ -192,7 +193,7 @@ class GraphPPO(PPO):
             as_array(t.squeeze(-1)) for t in (st.rewards, st.dones, st.values, st.returns, st.advantages)
         )
         inputs = [rewards, dones, values, last_values, self.gamma, self.lam, returns, advantages]
-        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device)
+        wp.launch(estimate_advantages, dim=st.num_envs, inputs=inputs, device=rewards.device, block_dim=BLOCK)
         if not self.normalize_advantage_per_mini_batch:
             # In the same memory; rsl_rl binds a new tensor here, which the recorded minibatch would not see.
             mean, std = st.advantages.mean(), st.advantages.std()
@@ -208,12 +209,11 @@ class GraphPPO(PPO):
         if not self._passes:
             self._compute_gradients_by_autograd()
             return
-        count = len(self._picked)
-        rows = {name: value.flatten(0, 1)[self._picked] for name, value in self.storage.observations.items()}
-        obs = TensorDict(rows, batch_size=[count], device=self.device)
         actor_pass, critic_pass = self._passes
+        stored = self.storage.observations.flatten(0, 1)
         self._adam.gradient.zero_()
-        mean, values = actor_pass.forward(obs), critic_pass.forward(obs)
+        self._adam.update_copies()
+        mean, values = (network.forward(stored, self._picked) for network in self._passes)
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
         self._gradient.compute(mean, values)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 import warp as wp
 
-from stripe_kernels.ppo import LOSS_TERMS, finish_ppo_loss, ppo_loss
+from stripe_kernels.ppo import BLOCK, LOSS_TERMS, finish_ppo_loss, ppo_loss
 
 from .flat_adam import as_array
 
@@ -81,9 +81,9 @@ class PpoGradient:
         outputs = [as_array(mean.contiguous()), *self._std, as_array(values.flatten())]
         options = [algorithm.clip_param, algorithm.value_loss_coef, algorithm.use_clipped_value_loss]
         inputs = [self._rows, *outputs, *self._stored, *options, *self._outputs]
-        wp.launch(ppo_loss, dim=len(mean), inputs=inputs, device=device)
+        wp.launch(ppo_loss, dim=len(mean), inputs=inputs, device=device, block_dim=BLOCK)
         means = as_array(self._terms.mean(dim=1))
         parameter = next(algorithm.actor.distribution.parameters())
         gradient = as_array(parameter.grad) if parameter.requires_grad else None
         inputs = [means, *self._std, algorithm.entropy_coef, *self._totals, gradient]
-        wp.launch(finish_ppo_loss, dim=1, inputs=inputs, device=device)
+        wp.launch(finish_ppo_loss, dim=1, inputs=inputs, device=device, block_dim=BLOCK)

@@ -12,7 +12,7 @@ import warp as wp
 from rsl_rl.modules.distribution import GaussianDistribution, HeteroscedasticGaussianDistribution
 from tensordict import TensorDict
 
-from stripe_kernels.rollout import add_up_episodes, sample_actions, store_outcome
+from stripe_kernels.rollout import BLOCK, add_up_episodes, sample_actions, store_outcome
 from stripe_newton.envs import RLEnv
 from stripe_newton.envs.graph_step import GraphStep, why_not_capturable
 from stripe_newton.rl.torch_vector_env import is_finite_horizon
@@ -98,7 +98,8 @@ class GraphRollout:
         assert isinstance(inner, RLEnv)  # `why_no_rollout_graph` has checked it
         self._env, self._algorithm, self._check, self._keep = env, algorithm, check_for_nan, keep
         self._return_sum, self._length_sum = return_sum, length_sum
-        self._pinned: dict[str, torch.Tensor] = {}
+        self._pinned: dict[tuple[str, int], torch.Tensor] = {}
+        self._reports = 0
         self._step = GraphStep(inner)
         self._obs = TensorDict(self._step.observations, batch_size=[env.num_envs])
         self._finite_horizon = is_finite_horizon(inner)
@@ -172,10 +173,11 @@ class GraphRollout:
             numbers: Further values to send by name, tensors without dimensions.
 
         Returns:
-            A function that waits for the copies and returns the report. Call it before this method is called again,
-            which reuses the memory on the host.
+            A function that waits for the copies and returns the report. Call it before this method is called twice
+            more: two reports have memory on the host.
         """
         names = list(numbers)
+        self._reports += 1
         values = torch.stack([torch.as_tensor(v, device=self._env.device).detach().float() for v in numbers.values()])
         # Small values in one tensor: each copy to the host has a latency of its own.
         packed = torch.cat((values, self._log.mean(dim=0), self._nan.float()))
@@ -213,10 +215,11 @@ class GraphRollout:
         """A tensor on the host that will hold ``value`` once the device has copied it."""
         if not value.is_cuda:
             return value.clone()
-        if name not in self._pinned or self._pinned[name].shape != value.shape:
+        key = name, self._reports % 2
+        if key not in self._pinned or self._pinned[key].shape != value.shape:
             # Only a copy to page-locked memory runs beside the host.
-            self._pinned[name] = torch.empty_like(value, device="cpu", pin_memory=True)
-        return self._pinned[name].copy_(value, non_blocking=True)
+            self._pinned[key] = torch.empty_like(value, device="cpu", pin_memory=True)
+        return self._pinned[key].copy_(value, non_blocking=True)
 
     def _hand_out(self) -> TensorDict:
         return self._env.set_observations(self._step.after())
@@ -227,7 +230,7 @@ class GraphRollout:
         """One step: act, step the environment, store the transition."""
         self._act()
         self._step.launch(self._actions)
-        wp.launch(store_outcome, dim=self._env.num_envs, inputs=self._outcome, device=self._outcome[0].device)
+        self._launch(store_outcome, self._outcome)
         if self._log.shape[1]:
             self._log.index_copy_(0, self._index, self._step.log.unsqueeze(0))
         self._index += 1
@@ -245,7 +248,7 @@ class GraphRollout:
         # The storage has the actions as drawn, the environment gets them clipped, as in rsl_rl.
         bound = self._env.clip_actions
         inputs = [self._sampled[0], *now, math.inf if bound is None else bound, *self._sampled[1:]]
-        wp.launch(sample_actions, dim=self._env.num_envs, inputs=inputs, device=self._sampled[0].device)
+        self._launch(sample_actions, inputs)
 
     def _finish(self) -> None:
         """Values of all steps at once, sums of episodes, and checks."""
@@ -262,4 +265,8 @@ class GraphRollout:
             values[part] = network_output(algorithm.critic, obs[part])
         discount = 0.0 if self._finite_horizon else algorithm.gamma
         inputs = [*self._episodes[:4], discount, *self._episodes[4:]]
-        wp.launch(add_up_episodes, dim=self._env.num_envs, inputs=inputs, device=self._episodes[0].device)
+        self._launch(add_up_episodes, inputs)
+
+    def _launch(self, kernel: wp.Kernel, inputs: list[wp.array | float]) -> None:
+        """Launch a kernel with a thread for each environment."""
+        wp.launch(kernel, dim=self._env.num_envs, inputs=inputs, device=str(self._env.device), block_dim=BLOCK)

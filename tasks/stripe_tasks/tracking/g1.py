@@ -261,7 +261,8 @@ class TrackingPPORunnerCfg(RslRlOnPolicyRunnerCfg):
     actor: RslRlMLPModelCfg = RslRlMLPModelCfg(
         hidden_dims=(512, 256, 128),
         obs_normalization=True,
-        distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=1.0),
+        # With mjlab's spread of 1 the first actions cost more than following gains, and ending early is learnt first.
+        distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=0.5),
     )
     critic: RslRlMLPModelCfg = RslRlMLPModelCfg(hidden_dims=(512, 256, 128), obs_normalization=True)
     algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.005, learning_rate=1.0e-3)

@@ -3,7 +3,8 @@
 
 Rewards, randomisation, pushes and noise are those of mjlab's velocity tasks of the G1. On rough ground, where the
 height of a foot above the ground is not its height above the origin, its air time is rewarded in place of its height.
-Angular momentum and collisions of the robot with itself cost nothing here.
+Angular momentum and collisions of the robot with itself cost nothing here. A fall costs what it does in Isaac Lab's
+task of the G1: else falling at once is learnt first, as rough motion costs more than standing gains.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from .manager_based import (
     contacts,
     joints,
 )
-from .published_quadrupeds import placed, use_mjlab_events
+from .published_quadrupeds import placed, start_gently, use_mjlab_events
 
 __all__ = [
     "G1FlatEnvCfg",
@@ -129,6 +130,7 @@ class G1RewardsCfg(RewardsCfg):
     soft_landing: RewardTermCfg = RewardTermCfg(
         func=mdp.soft_landing, weight=-1.0e-5, params={**MOVING, "sensor_cfg": contacts(FEET)}
     )
+    is_terminated: RewardTermCfg = RewardTermCfg(func=mdp.is_terminated, weight=-200.0)
     lin_vel_z_l2: RewardTermCfg | None = None
     ang_vel_xy_l2: RewardTermCfg | None = None
     joint_torques_l2: RewardTermCfg | None = None
@@ -212,6 +214,9 @@ class G1FlatPPORunnerCfg(VelocityPPORunnerCfg):
     experiment_name: str = "velocity_flat_g1"
     max_iterations: int = 1500
 
+    def __post_init__(self) -> None:
+        start_gently(self, 0.01)
+
 
 @configclass
 class G1RoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
@@ -219,3 +224,6 @@ class G1RoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
 
     experiment_name: str = "velocity_rough_g1"
     max_iterations: int = 3000
+
+    def __post_init__(self) -> None:
+        start_gently(self, 0.01)

@@ -12,6 +12,7 @@ from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import EventTermCfg
+from stripe_newton.rl import RslRlMLPModelCfg
 from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.published_robots import GO1_DRIVES, action_scale, anymal_c_cfg, go1_cfg, go2_cfg
 
@@ -40,6 +41,7 @@ __all__ = [
     "Go2FlatPPORunnerCfg",
     "Go2RoughEnvCfg",
     "Go2RoughPPORunnerCfg",
+    "start_gently",
     "use_mjlab_events",
 ]
 
@@ -115,6 +117,15 @@ def use_pyramids(cfg: VelocityEnvCfg) -> None:
     """Use pyramids for friction cones, whatever the robot's file has, and make room for their rows."""
     solver = make_room(cfg)
     solver.cone, solver.impratio = "pyramidal", 1.0
+
+
+def use_firm_cones(cfg: VelocityEnvCfg) -> None:
+    """Use elliptic friction cones with the ratio of Menagerie's ANYmal C, and make room for their rows.
+
+    With pyramids and a ratio of 1 the feet of so heavy a robot creep: within two seconds it lies on its thighs.
+    """
+    solver = make_room(cfg)
+    solver.cone, solver.impratio = "elliptic", 100.0
 
 
 def placed(robot: ArticulationCfg) -> ArticulationCfg:
@@ -214,7 +225,7 @@ def _set_weights(cfg: VelocityEnvCfg, **weights: float) -> None:
 def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float, air_time_weight: float) -> None:
     cfg.actions.joint_pos.scale = 0.5
     use_isaac_lab_events(cfg, (-5.0, 5.0))
-    use_pyramids(cfg)
+    use_firm_cones(cfg)
     centre = cfg.events.centre_of_mass
     if centre is not None:
         centre.params["com_range"] = {"x": (-0.05, 0.05), "y": (-0.05, 0.05), "z": (-0.01, 0.01)}
@@ -263,6 +274,15 @@ class AnymalCRoughEnvCfg(VelocityRoughEnvCfg):
 # -- training
 
 
+def start_gently(cfg: VelocityPPORunnerCfg, entropy_coef: float) -> None:
+    """Begin with actions of half the usual spread.
+
+    With a spread of 1 such robots pay more for rough motion than they can gain by standing, and learn to fall first.
+    """
+    cfg.algorithm.entropy_coef = entropy_coef
+    cfg.actor.distribution_cfg = RslRlMLPModelCfg.GaussianDistributionCfg(init_std=0.5)
+
+
 @configclass
 class Go1FlatPPORunnerCfg(VelocityPPORunnerCfg):
     """PPO for the Go1 on a plane."""
@@ -298,7 +318,7 @@ class AnymalCFlatPPORunnerCfg(VelocityPPORunnerCfg):
     experiment_name: str = "velocity_flat_anymal_c"
 
     def __post_init__(self) -> None:
-        self.algorithm.entropy_coef = 0.005
+        start_gently(self, 0.005)
 
 
 @configclass
@@ -308,4 +328,4 @@ class AnymalCRoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
     experiment_name: str = "velocity_rough_anymal_c"
 
     def __post_init__(self) -> None:
-        self.algorithm.entropy_coef = 0.005
+        start_gently(self, 0.005)

@@ -244,7 +244,8 @@ def test_an_environment_with_torch_hooks_keeps_its_loop():
 @pytest.mark.gpu
 def test_graphs_compute_what_rsl_rl_does_and_wait_for_nothing(tmp_path):
     theirs, ours = (
-        cartpole(runner, tmp_path / runner, device="cuda:0", num_envs=256) for runner in ("rsl_rl", "graph")
+        cartpole(runner, tmp_path / runner, device="cuda:0", num_envs=256, matmul_precision="highest")
+        for runner in ("rsl_rl", "graph")
     )
     for runner in (theirs, ours):
         seed_all()
