@@ -16,7 +16,7 @@ from .device import set_device, set_seeds
 from .options import BenchArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import make_env
-from .user_error import UserError
+from .user_error import check_count
 from .written_places import try_place, write_result
 
 __all__ = ["BenchArgs", "measure", "run", "table"]
@@ -27,8 +27,7 @@ def run(argv: list[str]) -> int:
     task = task_of(argv, "bench", BenchArgs)
     configs = load_configs(task, None, agent=False)
     args = parse(BenchArgs, argv, "bench", env=configs.env)
-    if args.steps < 1:
-        raise UserError(f"--steps {args.steps}: must be at least 1")
+    check_count("--steps", args.steps)
     try_place("--json", args.json)
     imports = time.perf_counter() - BEGAN
     result = measure(configs, args)

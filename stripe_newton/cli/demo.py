@@ -18,7 +18,7 @@ from .options import DemoArgs
 from .packaged_policy import packaged_policy, tasks_with_policy
 from .play import roll, watch
 from .run_configs import check, load_configs
-from .user_error import UserError
+from .user_error import UserError, check_count
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import LiveViewer
@@ -32,8 +32,7 @@ def run(argv: list[str]) -> int:
     """Run the command."""
     imported = time.perf_counter()
     args = tyro.cli(DemoArgs, args=argv, prog="stripe-newton demo", config=(tyro.conf.FlagConversionOff,))
-    if args.steps is not None and args.steps < 1:
-        raise UserError(f"--steps {args.steps}: must be at least 1")
+    check_count("--steps", args.steps)
     task = args.task or _default_task()
     policy_file = packaged_policy(task)
     configs = load_configs(task, None, agent=False)

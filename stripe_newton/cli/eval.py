@@ -13,7 +13,7 @@ from .device import set_device, set_seeds
 from .env_and_policy import build_policy, find_policy
 from .options import EvalArgs
 from .run_configs import check, load_configs, use_one_minibatch
-from .user_error import UserError
+from .user_error import check_count
 from .written_places import try_place, write_result
 
 __all__ = ["EvalArgs", "run"]
@@ -26,8 +26,7 @@ def run(argv: list[str]) -> int:
     exported = checkpoint is not None and checkpoint.suffix == ".onnx"
     configs = load_configs(task, folder, agent=not exported)
     args = parse(EvalArgs, argv, "eval", env=configs.env)
-    if args.episodes < 1:
-        raise UserError(f"--episodes {args.episodes}: must be at least 1")
+    check_count("--episodes", args.episodes)
     try_place("--json", args.json)
     # More environments than episodes would only wait.
     default = min(configs.env.scene.num_envs, args.episodes)

@@ -9,7 +9,7 @@ from typing import Literal
 
 import tyro
 
-from .user_error import UserError
+from .user_error import UserError, check_count
 
 __all__ = ["OPTIONS", "BenchArgs", "DemoArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
 
@@ -129,8 +129,7 @@ class PlayArgs:
         """
         if (self.checkpoint is None) == (self.agent is None):
             raise UserError("play needs either --checkpoint RUN_OR_FILE or --agent zero|random")
-        if self.steps is not None and self.steps < 1:
-            raise UserError(f"--steps {self.steps}: must be at least 1")
+        check_count("--steps", self.steps)
 
 
 @dataclass

@@ -18,7 +18,7 @@ from stripe_newton.registration import scene_class, scene_names
 
 from .progress import Progress
 from .tasks import import_target, load_entry_points
-from .user_error import UserError
+from .user_error import UserError, check_count
 from .written_places import try_place
 
 if TYPE_CHECKING:
@@ -180,8 +180,7 @@ def _check_resolution(resolution: tuple[int, int]) -> None:
 
 def _simulate(args: SimulateArgs) -> None:
     _check_resolution(args.resolution)
-    if args.drop < 1:
-        raise UserError(f"--drop {args.drop}: must be 1 place or more")
+    check_count("--drop", args.drop)
     if args.seconds is not None and not 0.0 < args.seconds < math.inf:
         raise UserError(f"--seconds {args.seconds}: must be a positive time")
     spec = _make_spec(args)
@@ -215,8 +214,7 @@ def _make_spec(args: SceneArgs) -> SceneSpec:
     Raises:
         UserError: if its class does not take them, or they have wrong values.
     """
-    if args.seed < 0:
-        raise UserError(f"--seed {args.seed}: must be 0 or more")
+    check_count("--seed", args.seed, least=0)
     if args.density is not None and args.count is not None:
         raise UserError("--density and --count: give one of them")
     kind = _find(args.spec)

@@ -42,7 +42,7 @@ from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split
 from .train_resume import Changes, check_changes, differences
 from .train_sweep import SweepOptions, run_sweep
 from .train_teacher import check_teacher, use_teacher
-from .user_error import UserError
+from .user_error import UserError, check_count
 from .written_places import try_place
 
 __all__ = ["TrainArgs", "run"]
@@ -128,8 +128,7 @@ def _apply_shortcuts(args: TrainArgs, configs: Configs) -> None:
         agent.seed = env.seed = args.seed
     elif env.seed is None:
         env.seed = agent.seed
-    if args.video_interval < 0:
-        raise UserError(f"--video-interval {args.video_interval}: must be 0 or more iterations")
+    check_count("--video-interval", args.video_interval, least=0)
     if args.viewer == "viser":
         check_installed()
     set_device(env, args.device)

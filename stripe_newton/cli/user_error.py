@@ -14,14 +14,26 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-__all__ = ["TRACEBACK", "UserError", "user_code", "whole_module"]
+__all__ = ["TRACEBACK", "UserError", "check_count", "user_code", "whole_module"]
 
 TRACEBACK = "STRIPE_NEWTON_TRACEBACK"
 """Environment variable: if it is set, errors in a user's code are shown with their traceback."""
+_MOST_COUNT = 2**31 - 1
+"""Largest count that an option takes, as for fields of configs."""
 
 
 class UserError(Exception):
     """Shown as one message without a traceback; the command ends with exit code 2."""
+
+
+def check_count(option: str, value: int | None, least: int = 1) -> None:
+    """Check a number of steps, episodes or the like; None is an option that was not given.
+
+    Raises:
+        UserError: if it is below ``least``, or more than a counter of 32 bits holds.
+    """
+    if value is not None and not least <= value <= _MOST_COUNT:
+        raise UserError(f"{option} {value}: must be at least {least}" + f" and at most {_MOST_COUNT}" * (value > least))
 
 
 @contextmanager

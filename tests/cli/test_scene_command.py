@@ -162,7 +162,7 @@ def test_registered_scenes_are_found_by_name(monkeypatch, tmp_path, capsys):
     ("args", "text"),
     [
         (["build", WOOD, "--out", "wood.obj"], "--out wood.obj: must end in .usd, .usda or .usdc"),
-        (["build", WOOD, "--seed", "-1", "--out", "w.usd"], "--seed -1: must be 0 or more"),
+        (["build", WOOD, "--seed", "-1", "--out", "w.usd"], "--seed -1: must be at least 0"),
         (["build", WOOD, "--count", "3", "--density", "5", "--out", "w.usd"], "--density and --count: give one"),
         (["build", WOOD, "--count", "-3", "--out", "w.usd"], "count is -3, must be 0 or more"),
         (["build", WOOD, "--size", "-3", "5", "--out", "w.usd"], "must be two positive lengths"),
