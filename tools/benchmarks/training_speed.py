@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -28,6 +29,11 @@ CASES = {
     "rsl_rl": {"runner": "rsl_rl", "matmul_precision": "highest"},
     "graph": {"runner": "graph", "matmul_precision": "highest"},
     "graph tf32": {"runner": "graph", "matmul_precision": "high"},
+    "graph tf32 triton": {"runner": "graph", "matmul_precision": "high", "triton": True},
+    "graph bf16 triton": {"runner": "graph", "matmul_precision": "high", "bf16": True, "triton": True},
+    "graph tf32 streams": {"runner": "graph", "matmul_precision": "high", "streams": True},
+    "graph tf32 both": {"runner": "graph", "matmul_precision": "high", "triton": True, "streams": True},
+    "graph bf16 both": {"runner": "graph", "matmul_precision": "high", "bf16": True, "triton": True, "streams": True},
     "graph bf16": {"runner": "graph", "matmul_precision": "high", "bf16": True},
 }
 WARM = 5
@@ -48,6 +54,8 @@ def measure(case: str, args: argparse.Namespace) -> Entry:
     configs, options = load_configs(args.task, None), dict(CASES[case])
     configs.env.sim.device, configs.env.scene.num_envs, configs.env.seed = args.device, args.num_envs, 1
     agent = configs.agent
+    os.environ["STRIPE_NEWTON_TRITON"] = str(int(options.pop("triton", False)))
+    os.environ["STRIPE_NEWTON_STREAMS"] = str(int(options.pop("streams", False)))
     agent.algorithm.use_mixed_precision = options.pop("bf16", False)
     agent.actor.hidden_dims = agent.critic.hidden_dims = (512, 256, 128)
     agent.max_iterations, agent.save_interval, agent.seed = args.iterations, 10 * args.iterations, 1

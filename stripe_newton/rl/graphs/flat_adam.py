@@ -34,7 +34,7 @@ class FlatAdam:
 
     def __init__(
         self,
-        optimizer: torch.optim.Adam,
+        optimizer: torch.optim.Optimizer,
         first: torch.nn.Module,
         second: torch.nn.Module,
         rate: torch.Tensor,

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
@@ -13,22 +12,18 @@ from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
 from tensordict import TensorDict
 
-from stripe_kernels.ppo import BLOCK, elu_gradient, elu_gradient_bf16, gather_inputs, gather_inputs_bf16
+from stripe_kernels.ppo import BLOCK, gather_inputs, gather_inputs_bf16
 
 from .flat_adam import as_array
+from .layer_kernels import layer_kernels
 
 __all__ = [
     "EluPass",
     "NetworkPass",
     "TorchPass",
-    "elu_gradient_in_torch",
-    "elu_gradient_in_warp",
     "network_output",
     "network_pass",
 ]
-
-_ROWS = 64
-"""Samples that one thread of the ELU's gradient adds up: enough threads for a GPU, few sums to add afterwards."""
 
 
 def network_output(model: MLPModel, obs: TensorDict) -> torch.Tensor:
@@ -93,6 +88,12 @@ def linear_layers(mlp: torch.nn.Sequential) -> list[torch.nn.Linear]:
     return linear if len(linear) == len(elus) + 1 and len(linear) + len(elus) == len(layers) else []
 
 
+def _gradient_of(parameter: torch.Tensor) -> torch.Tensor:
+    """The memory of a parameter's gradient, in which it stays."""
+    assert parameter.grad is not None  # FlatAdam has made it
+    return parameter.grad
+
+
 class TorchPass(NetworkPass):
     """Pass of any network, by torch's autograd."""
 
@@ -123,7 +124,9 @@ class EluPass(NetworkPass):
         self._kind = torch.float32 if copies is None else torch.bfloat16
         pairs = [(layer.weight, layer.bias) for layer in self._layers]
         self._parameters = [tuple(p.detach() if copies is None else copies[p] for p in pair) for pair in pairs]
+        self._gradients = [tuple(_gradient_of(p) for p in pair) for pair in pairs]
         self._inputs: list[torch.Tensor] = []
+        self._kernels = layer_kernels(pairs[0][0].device, self._kind)
 
     @torch.no_grad()
     def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
@@ -131,7 +134,7 @@ class EluPass(NetworkPass):
         self._inputs = [x]
         *hidden, (last_weight, last_bias) = self._parameters
         for weight, bias in hidden:
-            x = torch.nn.functional.elu_(torch.addmm(bias, x, weight.t()))
+            x = self._kernels.layer(x, weight, bias)
             self._inputs.append(x)
         return torch.addmm(last_bias, x, last_weight.t()).float()
 
@@ -156,51 +159,14 @@ class EluPass(NetworkPass):
     @torch.no_grad()
     def backward(self, gradient: torch.Tensor) -> None:
         by_output = gradient.to(self._kind)
-        torch.sum(gradient, dim=0, out=self._layers[-1].bias.grad)
+        torch.sum(gradient, dim=0, out=self._gradients[-1][1])
         for index in reversed(range(len(self._layers))):
-            layer, x = self._layers[index], self._inputs[index]
+            by_weight, x = self._gradients[index][0], self._inputs[index]
             if self._kind == torch.float32:
-                torch.mm(by_output.t(), x, out=layer.weight.grad)
+                torch.mm(by_output.t(), x, out=by_weight)
             else:
-                layer.weight.grad.copy_(by_output.t() @ x)
+                by_weight.copy_(by_output.t() @ x)
             if index:
-                by_output = by_output @ self._parameters[index][0]
-                _elu_gradient(by_output, x, self._layers[index - 1].bias.grad)
+                sums = self._gradients[index - 1][1]
+                by_output = self._kernels.gradient(by_output, self._parameters[index][0], x, sums)
         self._inputs = []
-
-
-def _elu_gradient(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
-    packed = gradient.dtype != torch.bfloat16 or gradient.shape[1] % 2 == 0
-    (elu_gradient_in_warp if gradient.is_cuda and packed else elu_gradient_in_torch)(gradient, result, sums)
-
-
-def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
-    """Turn the gradient behind an ELU into that before it, by torch, which uses all threads of a CPU.
-
-    Args:
-        gradient: By the results; becomes that by the arguments, ``(samples, width)``.
-        result: Results of the ELU, ``(samples, width)``.
-        sums: Takes the sums of the new gradient over the samples, float32, ``(width,)``.
-    """
-    torch.ops.aten.elu_backward.grad_input(gradient, 1.0, 1.0, 1.0, True, result, grad_input=gradient)
-    torch.sum(gradient, dim=0, dtype=torch.float32, out=sums)
-
-
-def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
-    """:func:`elu_gradient_in_torch` in one pass over both, and a small sum. In bfloat16 the width must be even."""
-    samples, width = gradient.shape
-    blocks = math.ceil(samples / _ROWS)
-    parts = torch.empty(blocks, width, device=gradient.device)
-    kernel, views, dtype = elu_gradient, (gradient, result), wp.float32
-    if gradient.dtype == torch.bfloat16:
-        # Two numbers in a word: loads of 16 bits would leave half of the memory's bandwidth unused.
-        kernel, views, dtype = elu_gradient_bf16, (gradient.view(torch.int32), result.view(torch.int32)), wp.uint32
-    arrays = [wp.from_torch(t, dtype=dtype, requires_grad=False) for t in views]
-    wp.launch(
-        kernel,
-        dim=(blocks, arrays[0].shape[1]),
-        inputs=[*arrays, _ROWS, as_array(parts)],
-        device=arrays[0].device,
-        block_dim=BLOCK,
-    )
-    torch.sum(parts, dim=0, out=sums)

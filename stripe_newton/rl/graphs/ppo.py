@@ -16,9 +16,10 @@ from stripe_kernels.adam import adapt_rate
 from stripe_kernels.rollout import BLOCK, estimate_advantages
 
 from .flat_adam import FlatAdam, as_array
-from .network_pass import NetworkPass, network_output, network_pass
+from .network_pass import EluPass, NetworkPass, network_output, network_pass
 from .ppo_gradient import PpoGradient
 from .program import Program
+from .side_by_side import SideBySide
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
 
@@ -172,6 +173,7 @@ class GraphPPO(PPO):
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
             copies = self._adam.make_copies() if self.use_mixed_precision else None
             self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
+            self._beside = SideBySide(device, all(isinstance(network, EluPass) for network in self._passes))
             self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
@@ -210,15 +212,17 @@ class GraphPPO(PPO):
             self._compute_gradients_by_autograd()
             return
         actor_pass, critic_pass = self._passes
+        found, picked = self._gradient, self._picked
         stored = self.storage.observations.flatten(0, 1)
         self._adam.gradient.zero_()
         self._adam.update_copies()
-        mean, values = (network.forward(stored, self._picked) for network in self._passes)
+        mean, values = self._beside.run(
+            lambda: actor_pass.forward(stored, picked), lambda: critic_pass.forward(stored, picked)
+        )
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
-        self._gradient.compute(mean, values)
-        actor_pass.backward(self._gradient.by_mean)
-        critic_pass.backward(self._gradient.by_value)
+        found.compute(mean, values)
+        self._beside.run(lambda: actor_pass.backward(found.by_mean), lambda: critic_pass.backward(found.by_value))
 
     def _compute_gradients_by_autograd(self) -> None:
         """The same by torch's autograd, for what the fused loss does not cover."""

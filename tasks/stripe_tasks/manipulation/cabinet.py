@@ -200,6 +200,9 @@ class CabinetEnvCfg(ManagerBasedRLEnvCfg):
 
     def __post_init__(self) -> None:
         self.scene.robot = panda_cfg().replace(prim_path="{ENV_REGEX_NS}/Robot")
+        # A handle is firm, so that the gripper may use its force: with the drives for light things it would slip off.
+        fingers = self.scene.robot.actuators["fingers"]
+        fingers.stiffness, fingers.damping, fingers.effort_limit = 2000.0, 100.0, 70.0
 
 
 @configclass

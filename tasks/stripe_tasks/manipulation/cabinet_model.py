@@ -142,8 +142,8 @@ CABINET_CFG = ArticulationCfg(
     init_state=ArticulationCfg.InitialStateCfg(pos=(0.95, 0.0, 0.5 * HEIGHT + PLINTH), joint_pos={".*": 0.0}),
     actuators={
         "drawers": ImplicitActuatorCfg(
-            joint_names_expr=["drawer_.*_joint"], stiffness=10.0, damping=10.0, effort_limit=87.0, friction=0.5
+            joint_names_expr=["drawer_.*_joint"], stiffness=10.0, damping=1.0, effort_limit=87.0
         )
     },
 )
-"""The cabinet in front of an arm, its drawers closed and held by weak springs."""
+"""The cabinet in front of an arm, its drawers closed and held by weak springs, those of Isaac Lab's cabinet."""

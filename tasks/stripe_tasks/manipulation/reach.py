@@ -3,7 +3,7 @@
 
 ``...-Panda-v0`` has positions of the joints as actions, ``...-Panda-IK-Rel-v0`` shifts and turns of the hand by inverse
 kinematics, ``...-Panda-OSC-v0`` poses and stiffness of the hand by operational space control. Commands, rewards and
-numbers are those of Isaac Lab's ``Isaac-Reach-Franka-v0`` and its variants.
+numbers are those of Isaac Lab's ``Isaac-Reach-Franka-v0`` and its variants, but for the scale of shifts and turns.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ class IKActionsCfg(ActionsCfg):
         body_name=HAND,
         body_offset=_Ik.OffsetCfg(pos=FINGERTIPS),
         controller=mdp.DifferentialIKControllerCfg(command_type="pose", use_relative_mode=True, ik_method="dls"),
-        scale=0.5,
+        # Isaac Lab's 0.5 is for teleoperation. Random actions of that size carry the hand into the arm's base.
+        scale=0.05,
     )
 
 

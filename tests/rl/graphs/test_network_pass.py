@@ -7,16 +7,13 @@ import warp as wp
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from stripe_newton.rl.graphs.network_pass import (
-    EluPass,
-    TorchPass,
-    elu_gradient_in_torch,
-    elu_gradient_in_warp,
-    network_pass,
-)
+from stripe_newton.rl.graphs.layer_kernels import elu_gradient_in_torch, elu_gradient_in_warp
+from stripe_newton.rl.graphs.network_pass import EluPass, TorchPass, network_pass
 
 SAMPLES = 150
 PICKED = torch.arange(SAMPLES).flip(0)
+
+wp.init()
 
 
 def model(**settings) -> MLPModel:
@@ -77,7 +74,6 @@ def test_other_networks_run_by_autograd(activation):
 
 @pytest.mark.parametrize("kind", [torch.float32, torch.bfloat16], ids=str)
 def test_the_kernel_of_the_elu_is_torchs(kind):
-    wp.init()
     torch.manual_seed(5)
     result = torch.nn.functional.elu(torch.randn(SAMPLES, 14)).to(kind)
     gradient = torch.randn(SAMPLES, 14).to(kind)

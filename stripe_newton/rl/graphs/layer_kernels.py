@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Layer kernels: a linear layer with ELU, and the gradient through both, by a library's matrix product or by Triton."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+
+from stripe_kernels.ppo import BLOCK, elu_gradient, elu_gradient_bf16
+
+from .flat_adam import as_array
+from .fused_layers import elu_layer, elu_layer_gradient
+
+__all__ = ["LIBRARY", "TRITON", "LayerKernels", "elu_gradient_in_torch", "elu_gradient_in_warp", "layer_kernels"]
+
+_ROWS = 64
+"""Samples that one thread of the ELU's gradient adds up: enough threads for a GPU, few sums to add afterwards."""
+
+
+@dataclass(frozen=True)
+class LayerKernels:
+    """Functions that compute layers with ELU."""
+
+    layer: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
+    """``elu(x @ weight.T + bias)`` of inputs ``(m, k)``, weights ``(n, k)`` and biases ``(n,)``."""
+    gradient: Callable[[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
+    """Gradient through a layer and the ELU before it, of the gradient by the layer's output ``(m, k)``, its weights
+    ``(k, n)``, its inputs ``(m, n)``, and float32 memory for the sums of the result over the samples ``(n,)``."""
+
+
+def _layer(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    return torch.nn.functional.elu_(torch.addmm(bias, x, weight.t()))
+
+
+def _gradient(by_out: torch.Tensor, weight: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> torch.Tensor:
+    by_in = by_out @ weight
+    packed = by_in.dtype != torch.bfloat16 or by_in.shape[1] % 2 == 0
+    (elu_gradient_in_warp if by_in.is_cuda and packed else elu_gradient_in_torch)(by_in, result, sums)
+    return by_in
+
+
+def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
+    """Turn the gradient behind an ELU into that before it, by torch, which uses all threads of a CPU.
+
+    Args:
+        gradient: By the results; becomes that by the arguments, ``(samples, width)``.
+        result: Results of the ELU, ``(samples, width)``.
+        sums: Takes the sums of the new gradient over the samples, float32, ``(width,)``.
+    """
+    torch.ops.aten.elu_backward.grad_input(gradient, 1.0, 1.0, 1.0, True, result, grad_input=gradient)
+    torch.sum(gradient, dim=0, dtype=torch.float32, out=sums)
+
+
+def elu_gradient_in_warp(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
+    """:func:`elu_gradient_in_torch` in one pass over both, and a small sum. In bfloat16 the width must be even."""
+    samples, width = gradient.shape
+    blocks = math.ceil(samples / _ROWS)
+    parts = torch.empty(blocks, width, device=gradient.device)
+    kernel, views, dtype = elu_gradient, (gradient, result), wp.float32
+    if gradient.dtype == torch.bfloat16:
+        # Two numbers in a word: loads of 16 bits would leave half of the memory's bandwidth unused.
+        kernel, views, dtype = elu_gradient_bf16, (gradient.view(torch.int32), result.view(torch.int32)), wp.uint32
+    arrays = [wp.from_torch(t, dtype=dtype, requires_grad=False) for t in views]
+    wp.launch(
+        kernel,
+        dim=(blocks, arrays[0].shape[1]),
+        inputs=[*arrays, _ROWS, as_array(parts)],
+        device=arrays[0].device,
+        block_dim=BLOCK,
+    )
+    torch.sum(parts, dim=0, out=sums)
+
+
+LIBRARY = LayerKernels(_layer, _gradient)
+"""Matrix products of torch's library, and passes over their results."""
+TRITON = LayerKernels(elu_layer, elu_layer_gradient)
+"""One kernel for a layer."""
+
+
+def layer_kernels(device: torch.device, kind: torch.dtype) -> LayerKernels:
+    """The fastest functions on a device.
+
+    Triton's are taken if the environment variable ``STRIPE_NEWTON_TRITON`` is 1, on a GPU and not for products in
+    float32.
+    """
+    exact = kind == torch.float32 and torch.get_float32_matmul_precision() == "highest"
+    if device.type != "cuda" or exact or os.environ.get("STRIPE_NEWTON_TRITON") != "1":
+        return LIBRARY
+    return TRITON
