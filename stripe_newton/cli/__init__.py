@@ -103,11 +103,10 @@ def _is_user_error(error: Exception) -> bool:
 def _dispatch(args: list[str], is_program: bool = False) -> int:
     from .tasks import use_dialect  # here, as it imports gymnasium
 
-    for number, word in enumerate(args, start=1):
+    for before, word in pairwise(["", *args]):
         if len(word) > _LONGEST_ARGUMENT:  # a message about it would fill the terminal
-            raise UserError(
-                f"argument {number} ({word[:20]}...) has {len(word)} characters, {_LONGEST_ARGUMENT} at most"
-            )
+            given = f"{before} {word[:20]}...".strip() if before.startswith("-") else f"{word[:20]}..."
+            raise UserError(f"{given}: has {len(word)} characters, {_LONGEST_ARGUMENT} at most")
     args = use_dialect(args)
     if not args or args[0] in ("-h", "--help"):
         print(_usage())
