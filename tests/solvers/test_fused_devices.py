@@ -11,7 +11,7 @@ from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs import RLEnv
 
 FLAT, ROUGH = "Stripe-Velocity-Flat-Quadruped-v0", "Stripe-Velocity-Rough-Quadruped-v0"
-WALKS = [(FLAT, True), (FLAT, False), (ROUGH, False)]
+WALKS = [(FLAT, True), (FLAT, False), (ROUGH, True), (ROUGH, False)]
 """Tasks, and whether they take the form for a hub with limbs."""
 
 
