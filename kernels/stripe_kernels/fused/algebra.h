@@ -207,4 +207,14 @@ FN void spatial_inertia(real* I, real mass, Vec moments, Mat R, Vec c) {
     I[9] = dot(a1, R.r2) - mass * c.y * c.z;
 }
 
+// Ask for a row of an array that has one for each world, `size` numbers, before it is needed: one number after another would
+// wait for the memory. Rows that all worlds share have the size 0.
+FN void fetch_row(const real* row, int size, int lane) {
+#ifdef __CUDA_ARCH__
+    if (size)
+        ROLLED for (int i = 32 * lane; i < size + 31; i += 32 * LANES)
+            asm volatile("prefetch.global.L1 [%0];" ::"l"(row + (i < size ? i : size - 1)));
+#endif
+}
+
 }  // namespace fused
