@@ -27,6 +27,9 @@ typedef float real;
 #endif
 
 #ifdef __CUDA_ARCH__
+#ifndef PREFETCH  // of a processor that stands for a GPU in tests
+#define PREFETCH(address) asm volatile("prefetch.global.L1 [%0];" ::"l"(address))
+#endif
 #if LIMBS  // else parameters, which a GPU has at hand as constants, are copied for functions that are not inlined
 #define FN static __device__ __forceinline__
 #else
@@ -213,7 +216,7 @@ FN void fetch_row(const real* row, int size, int lane) {
 #ifdef __CUDA_ARCH__
     if (size)
         ROLLED for (int i = 32 * lane; i < size + 31; i += 32 * LANES)
-            asm volatile("prefetch.global.L1 [%0];" ::"l"(row + (i < size ? i : size - 1)));
+            PREFETCH(row + (i < size ? i : size - 1));
 #endif
 }
 
