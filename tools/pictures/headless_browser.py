@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Headless browser: pages of the live view in a real Chromium without a display, drawn by the CPU.
 
-Needs ``pip install playwright`` and a Chromium of the system, such as Debian's; ``CHROMIUM`` names another one.
+Needs the extra ``stripe-newton[browser]`` and a Chromium of the system; ``CHROMIUM`` names another one.
 """
 
 from __future__ import annotations
