@@ -47,7 +47,9 @@ if triton is not None:
         )
 
     @triton.jit
-    def _gradient(by_out, weight, result, by_in, sums, m, n, k, BM: tl.constexpr, BN: tl.constexpr, BK: tl.constexpr):
+    def _gradient(
+        by_out, weight, result, by_in, sums, m, n, k, to_k, to_n, BM: tl.constexpr, BN: tl.constexpr, BK: tl.constexpr
+    ):
         """A block of ``(by_out @ weight) * slope(result)``, and its sums over the rows."""
         columns = tl.cdiv(n, BN)
         block = tl.program_id(0) // columns
@@ -60,7 +62,7 @@ if triton is not None:
                 by_out + rm[:, None] * k + rk[None, :], mask=(rm[:, None] < m) & (rk[None, :] < k), other=0.0
             )
             right = tl.load(
-                weight + rk[:, None] * n + rn[None, :], mask=(rk[:, None] < k) & (rn[None, :] < n), other=0.0
+                weight + rk[:, None] * to_k + rn[None, :] * to_n, mask=(rk[:, None] < k) & (rn[None, :] < n), other=0.0
             )
             total = tl.dot(left, right, total, input_precision="tf32")
         inside = (rm[:, None] < m) & (rn[None, :] < n)
@@ -114,6 +116,9 @@ def elu_layer_gradient(
     (m, n), k = result.shape, len(weight)
     by_in = torch.empty_like(result)
     parts = torch.empty(triton.cdiv(m, _ROWS), n, device=result.device)
-    _gradient[_grid(m, n)](by_out, weight, result, by_in, parts, m, n, k, **_settings(result))
+    if result.dtype == torch.float32:
+        # In TF32 the tensor cores take both factors only with the summed index innermost.
+        weight = weight.t().contiguous().t()
+    _gradient[_grid(m, n)](by_out, weight, result, by_in, parts, m, n, k, *weight.stride(), **_settings(result))
     torch.sum(parts, dim=0, out=sums)
     return by_in
