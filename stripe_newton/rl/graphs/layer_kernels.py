@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 import warp as wp
@@ -15,6 +17,7 @@ from stripe_kernels.ppo import BLOCK, elu_gradient, elu_gradient_bf16
 
 from .flat_adam import as_array
 from .fused_layers import elu_layer, elu_layer_gradient
+from .program import Program
 
 __all__ = ["LIBRARY", "TRITON", "LayerKernels", "elu_gradient_in_torch", "elu_gradient_in_warp", "layer_kernels"]
 
@@ -91,4 +94,27 @@ def layer_kernels(device: torch.device, kind: torch.dtype) -> LayerKernels:
     exact = kind == torch.float32 and torch.get_float32_matmul_precision() == "highest"
     if device.type != "cuda" or exact or os.environ.get("STRIPE_NEWTON_TRITON") != "1":
         return LIBRARY
-    return TRITON
+    return TRITON if _why_no_triton(device, kind) == "" else LIBRARY
+
+
+@cache
+def _why_no_triton(device: torch.device, kind: torch.dtype) -> str:
+    """Reason why Triton's kernels cannot be used, which is also printed; empty if they can."""
+    x, weight, by_out = (torch.rand(shape, device=device).to(kind) - 0.5 for shape in ((128, 32), (64, 32), (128, 64)))
+    sums = torch.zeros(2, 32, device=device)
+    found, problem = list[tuple[torch.Tensor, torch.Tensor]](), ""
+
+    def compute() -> None:
+        for way, total in zip((LIBRARY, TRITON), sums, strict=True):
+            found.append((way.layer(x, weight, weight[:, 0].contiguous()), way.gradient(by_out, weight, x, total)))
+
+    try:
+        Program(compute, device).run()  # on a stream that torch and Warp share
+        pairs = [*zip(*found, strict=True), tuple(sums)]
+        if any(not torch.allclose(one.float(), two.float(), rtol=0.05, atol=0.05) for one, two in pairs):
+            problem = "its results are wrong"
+    except Exception as error:  # of its compilers, of which each has errors of its own
+        problem = str(error).strip().split("\n")[-1] or type(error).__name__
+    if problem:
+        print(f"Triton's kernels are not used, which costs speed alone: {problem}", file=sys.stderr)
+    return problem

@@ -154,7 +154,7 @@ class RunLogWriter(LogWriter):
                 self.tensorboard = SummaryWriter(self.log_dir, flush_secs=10)
             # One event: tensorboard's thread wakes up for each, and holds the interpreter while others wait.
             values = [value for name, number in row.items() for value in scalar(name, number).value]
-            self.tensorboard.file_writer.add_summary(Summary(value=values), iteration)
+            self.tensorboard._get_file_writer().add_summary(Summary(value=values), iteration)
         except OSError:
             # Its thread has ended, and what it had not written is lost. The next row opens another file of events.
             self.tensorboard = None

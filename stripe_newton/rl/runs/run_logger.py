@@ -63,6 +63,7 @@ class RunLogger(Logger):
     """rsl_rl's logger that prints one line in place of a block, counts iterations, and ends the loop when asked."""
 
     writer: LogWriter | None
+    device: str
 
     def __init__(
         self,
