@@ -51,6 +51,9 @@ class ObstacleData:
     """Number of columns, along x, and rows, along y, shape ``(2,)``."""
     root_pose: wp.array[wp.transform]
     """Poses of the robots' roots in the world [m], the simulation's own memory, shape ``(num_envs,)``."""
+    searched: wp.array[wp.vec3]
+    """Positions of the roots when the nearest obstacles were last found [m], shape ``(num_envs,)``. NaN for worlds that
+    must be searched again."""
     index: wp.array2d[int]
     """The nearest obstacles in sight, nearest first, -1 for none, shape ``(num_envs, slots)``."""
     distance: wp.array2d[float]
@@ -170,6 +173,8 @@ def find_obstacles(
 ):
     """Find the obstacles nearest to the robot of each world; one thread a world.
 
+    Worlds whose robot is where it was at the last search are left as they are.
+
     Args:
         obstacles: Obstacles, grid and robots; the nearest obstacles are written to it.
         where: Worlds to search, shape ``(num_envs,)``.
@@ -180,6 +185,10 @@ def find_obstacles(
     env = wp.tid()
     if not (everywhere or where[env]):
         return
+    root = wp.transform_get_translation(obstacles.root_pose[env])
+    if root == obstacles.searched[env]:
+        return
+    obstacles.searched[env] = root
     slots = obstacles.index.shape[1]
     count = _find_nearest(obstacles, env)
     obstacles.count[env] = count

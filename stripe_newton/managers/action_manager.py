@@ -195,7 +195,8 @@ class ActionManager(ManagerBase):
             body = self._take_in("part")
             for source in self._sources.values():
                 body += source.process_part()
-            return [Section("actions_process", body, self.active_terms, parts=self.total_action_dim)]
+            parts = self.total_action_dim
+            return [Section("actions_process", body, self.active_terms, parts=parts, neighbours=True)]
         each = code("for i in range({}.shape[1]):", self._input)
         body = block(each, self._take_in("i")) if self.total_action_dim else []
         for source in self._sources.values():

@@ -21,9 +21,10 @@ from .processing import NoiseSource, delay_of
 
 __all__ = ["MIN_PARTS_FOR_PARALLEL_NOISE", "ObservationSource"]
 
-MIN_PARTS_FOR_PARALLEL_NOISE = 32
-"""Least number of independent parts, such as rays, for which each part of a noisy term has its own thread and random
-stream. Fewer parts draw from one stream in one thread, which is faster than the memory traffic of many streams."""
+MIN_PARTS_FOR_PARALLEL_NOISE = 8
+"""Least number of independent parts, such as rays or joints, for which each part of a noisy term has its own thread and
+random stream. Threads of neighbouring parts read and write neighbouring numbers, which a GPU moves together; one thread
+that goes through all parts of its environment waits for each of them, and uses a part of what is moved."""
 
 
 class ObservationSource:

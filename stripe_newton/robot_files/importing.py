@@ -150,7 +150,8 @@ def _add_mjcf(
 ) -> list[Row]:
     own, start = dict(options), MjcfStart(builder)
     keyframe = own.pop("keyframe", None)
-    source, model = edit_mjcf(path, own.pop("actuators", True), own.pop("fixed_tendons", {}), own.pop("condim", None))
+    contacts = own.pop("condim", None), own.pop("solimp", None)
+    source, model = edit_mjcf(path, own.pop("actuators", True), own.pop("fixed_tendons", {}), *contacts)
     if (root_pose := own.pop("root_pose", None)) is not None:
         wanted = (wp.transform_identity() if xform is None else xform) * wp.transform(*root_pose)
         xform = _without_root_pose(model, wanted, own.get("scale", 1.0))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,7 +18,11 @@ __all__ = ["edit_mjcf"]
 
 
 def edit_mjcf(
-    path: Path, actuators: bool, tendons: Mapping[str, Mapping[str, Any]], condim: int | None = None
+    path: Path,
+    actuators: bool,
+    tendons: Mapping[str, Mapping[str, Any]],
+    condim: int | None = None,
+    solimp: Sequence[float] | None = None,
 ) -> tuple[str, mujoco.MjModel]:
     """What Newton's importer is to read for a file, and MuJoCo's model of it.
 
@@ -30,6 +34,7 @@ def edit_mjcf(
         actuators: Whether the file's actuators are read.
         tendons: Fixed tendons to add by name: fields of ``FixedTendonCfg``.
         condim: Dimension of the contacts of all geoms; None as the file has it.
+        solimp: Impedance of the contacts of all geoms, five numbers; None as the file has it.
 
     Returns:
         The path, or XML with what is changed; and the model of the file, with the added tendons.
@@ -46,11 +51,14 @@ def edit_mjcf(
             model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
         except ValueError as error:
             raise RobotFileError(path, [f"fixed_tendons: {' '.join(str(error).split())}"]) from error
-    if condim is not None:
+    contacts = {"condim": None if condim is None else [condim], "solimp": solimp}
+    for name, values in contacts.items():
+        if values is None:
+            continue
         for geom in root.iter("geom"):  # those of default classes are among them
-            geom.set("condim", str(condim))
+            geom.set(name, " ".join(f"{value:.9g}" for value in values))
             changed.append(geom)
-        model.geom_condim[:] = condim
+        getattr(model, f"geom_{name}")[:] = values if len(values) > 1 else values[0]
     if not actuators:
         for section in root.findall("actuator"):
             root.remove(section)

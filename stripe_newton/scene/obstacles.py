@@ -252,7 +252,7 @@ class Obstacles(SensorBase):
         data.start, data.listed = wp.zeros(MAX_CELLS + 1, dtype=int), wp.zeros(self._room, dtype=int)
         data.low_end, data.high_end = wp.zeros(self._room, dtype=wp.vec4), wp.zeros(self._room, dtype=wp.vec4)
         data.grid, data.grid_shape = wp.zeros(3, dtype=float), wp.zeros(2, dtype=int)
-        data.root_pose = root_pose
+        data.root_pose, data.searched = root_pose, wp.empty(envs, dtype=wp.vec3)
         data.index = wp.full((envs, slots), value=-1, dtype=int)
         data.distance = wp.full((envs, slots), value=self.cfg.farthest, dtype=float)
         data.low, data.high = (wp.zeros((envs, slots), dtype=wp.vec4) for _ in range(2))
@@ -295,6 +295,7 @@ class Obstacles(SensorBase):
             if len(value):
                 wp.copy(array, wp.array(value, dtype=array.dtype, device="cpu"), count=len(value))
         self.capsules = capsules
+        data.searched.fill_(float("nan"))
         self.launch()
 
     # -- what is known of it

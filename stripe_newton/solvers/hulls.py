@@ -20,7 +20,7 @@ __all__ = ["Hull", "HullTables", "hull_numbers", "sides_of_pairs", "suits_hulls"
 
 _LEAST_FOR_GRAPH = 10
 """Vertices of a mesh from which on MuJoCo climbs its graph, rather than to look at all of them."""
-_MOST_EDGES = 2**16
+_MOST_EDGES = 2**18
 """Products of the numbers of edges of two hulls for which the kernel tries all pairs of them."""
 _MOST_SIDES = 40
 """Sides of two faces together, of which a thread holds the polygon that both share."""

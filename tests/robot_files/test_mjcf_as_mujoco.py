@@ -121,6 +121,17 @@ def test_contacts_of_another_dimension_than_the_file_says(tmp_path, condim):
     assert rows.keys() == {"option"}
 
 
+@pytest.mark.parametrize("solimp", [None, (0.8, 0.9, 0.01, 0.4, 3.0)])
+def test_contacts_of_another_impedance_than_the_file_says(tmp_path, solimp):
+    rest = '<default><default class="foot"><geom solimp="0.015 1 0.031"/></default></default>'
+    geoms = '<geom size="0.1" class="foot"/><geom size="0.1" solimp="0.5 0.6 0.02"/><geom size="0.1"/>'
+    body = f'<body name="a"><freejoint/>{INERTIAL}{geoms}</body>'
+    builder, model, _ = imported(tmp_path, body, rest, solimp=solimp)
+    compiled = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
+    expected = model.geom_solimp if solimp is None else [solimp] * 3
+    np.testing.assert_allclose(compiled.geom_solimp, expected, rtol=1e-6)
+
+
 def test_joints_that_a_tendon_loses_have_a_row(tmp_path):
     joints = '<joint name="a" axis="0 1 0"/><joint name="b" axis="1 0 0"/>'
     body = f'<body name="x">{joints}{INERTIAL}<body name="y"><joint name="c"/>{INERTIAL}</body></body>'

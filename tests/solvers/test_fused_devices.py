@@ -9,14 +9,20 @@ import torch
 import stripe_tasks  # noqa: F401 - registers the tasks
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs import RLEnv
+from tests.helpers.robot_files import robot_file
 
 FLAT, ROUGH = "Stripe-Velocity-Flat-Quadruped-v0", "Stripe-Velocity-Rough-Quadruped-v0"
-WALKS = [(FLAT, True), (FLAT, False), (ROUGH, False)]
+LIFT, LEGS = "Stripe-Lift-Cube-Panda-v0", "Stripe-Velocity-Rough-AnymalC-v0"
+ROBOTS = {LIFT: "panda", LEGS: "anymal_c"}
+"""Robots whose file a task needs: with hulls on a cube and the ground, and with cylinders on rough ground."""
+WALKS = [(FLAT, True), (FLAT, False), (ROUGH, False), (LIFT, False), (LEGS, False)]
 """Tasks, and whether they take the form for a hub with limbs."""
 
 
 def states(task: str, limbs: bool, num_envs: int, device: str, steps: int) -> torch.Tensor:
     """Joints and rewards of a task under random actions, shape ``(steps, num_envs, n)``, on the CPU."""
+    if task in ROBOTS:
+        robot_file(ROBOTS[task])
     cfg = load_cfg(task, "env")
     cfg.scene.num_envs, cfg.sim.device, cfg.seed = num_envs, device, 3
     cfg.sim.solver.fused_limbs = limbs

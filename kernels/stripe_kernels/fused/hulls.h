@@ -104,6 +104,8 @@ FN void grow(const Corners& corner, int sides, int a, int* q, real& largest, int
 FN void plane_hull(Hits& hits, real margin, const Geom& plane, const Geom& geom, const Hull& h) {
     const Vec n = column(plane.axes, 2), up = transposed(geom.axes) * n;
     const real height = dot(geom.pos - plane.pos, n);
+    const Vec center{h.center[0], h.center[1], h.center[2]}, half{h.half[0], h.half[1], h.half[2]};
+    if (!(height + dot(up, center) - dot(half, Vec{FABS(up.x), FABS(up.y), FABS(up.z)}) < margin)) return;
     int found[4] = {support(h, -1 * up)}, sides = 1, face = -1;
     if (!(height + dot(up, vertex_of(h, found[0])) < margin)) return;
     real least = 1;

@@ -290,6 +290,9 @@ class MjcfFileCfg(_ImporterCfg):
     condim: int | None = None
     """Dimension of the contacts of all its geoms: 1 without friction, 3 with sliding friction, 4 with torsional and 6
     with rolling friction too. Default: as the file says. PhysX has 3."""
+    solimp: tuple[float, ...] | None = None
+    """Impedance of the contacts of all its geoms, MuJoCo's five numbers. Default: as the file says. Feet that it makes
+    soft creep under load with pyramidal friction cones; ``(0.9, 0.95, 0.001, 0.5, 2.0)``, MuJoCo's default, is hard."""
     root_pose: tuple[float, ...] | None = None
     """Pose of the root body in the frame of the prim: position [m] and quaternion (x, y, z, w). Default: the file's in
     its world. With the identity the root body begins at ``init_state``."""
@@ -301,11 +304,14 @@ class MjcfFileCfg(_ImporterCfg):
         yield from super().problems()
         if self.condim not in (None, 1, 3, 4, 6):
             yield "condim", f"is {self.condim}, must be 1, 3, 4 or 6, or None for the file's"
+        if self.solimp is not None and len(self.solimp) != 5:
+            yield "solimp", f"has {len(self.solimp)} numbers, must have 5"
         if self.root_pose is not None and len(self.root_pose) != 7:
             yield "root_pose", f"has {len(self.root_pose)} numbers, must have 7: position, quaternion (x, y, z, w)"
 
     def importer_options(self) -> dict[str, object]:
-        own = {name: getattr(self, name) for name in ("ignore_names", "keyframe", "actuators", "condim", "root_pose")}
+        names = "ignore_names", "keyframe", "actuators", "condim", "solimp", "root_pose"
+        own = {name: getattr(self, name) for name in names}
         tendons = {name: tendon.to_dict() for name, tendon in self.fixed_tendons.items()}
         return {**super().importer_options(), **own, "fixed_tendons": tendons}
 
