@@ -197,13 +197,17 @@ def compile_modules(device: str, names: Sequence[str]) -> None:
     for name in names:
         python_module = importlib.import_module(name)
         leave_out_gradients()
-        own = [getattr(python_module, kernel).module for kernel in _OWN_MODULES.get(name, ())]
-        for module in (wp.get_module(name), *own):
-            for block_dim in (1,) if device == "cpu" else _BLOCK_DIMS.get(name, (256,)):
-                # Compiled and not loaded: loading would make a context on the GPU in each of the processes.
-                module.options["block_dim"] = block_dim
-                module.mark_modified()
-                wp.compile_aot_module(module, device)
+        block_dims = (1,) if device == "cpu" else _BLOCK_DIMS.get(name, (256,))
+        wanted = [(wp.get_module(name), device, block_dim) for block_dim in block_dims]
+        for kernel in _OWN_MODULES.get(name, ()):
+            module = getattr(python_module, kernel).module
+            # Also for the CPU: masses of a file are checked there, whatever the device of the simulation.
+            wanted += [(module, "cpu", 1)] + [(module, device, 256)] * (device != "cpu")
+        for module, where, block_dim in wanted:
+            # Compiled and not loaded: loading would make a context on the GPU in each of the processes.
+            module.options["block_dim"] = block_dim
+            module.mark_modified()
+            wp.compile_aot_module(module, where)
         print(f"compiled {name}", flush=True)
 
 
