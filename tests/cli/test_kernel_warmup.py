@@ -127,3 +127,13 @@ def test_what_is_compiled_for_which_device(monkeypatch):
         ("compute_body_inverses", "cuda:0", 256),
         ("compute_body_inverses", "cpu", 1),
     }
+
+
+def test_shares_are_compiled_in_processes_that_are_forked(tmp_path):
+    """One that fails, as there are no kernels in ``json``, does not hold the others up, and is told."""
+    env = os.environ | {"PYTHONPATH": PYTHONPATH, "WARP_CACHE_PATH": str(tmp_path)}
+    words = [sys.executable, "-m", "stripe_newton.cli.kernel_warmup", "cpu", "stripe_kernels.episode", "json"]
+    ran = subprocess.run([*words, "stripe_kernels.adam"], env=env, capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert sorted(ran.stdout.split()) == ["compiled", "compiled", "stripe_kernels.adam", "stripe_kernels.episode"]
+    assert len(list(tmp_path.rglob("*.o"))) == 2
