@@ -70,9 +70,10 @@ def load_configs(task: str, run: RunFolder | None, *, agent: bool = True, same_d
         trust(type(cfg).__module__)  # a run of a task may name code of the task's own package
     if run is not None:
         saved = run.read_params()
-        # Another machine may play a policy than trained it.
-        if not same_device:
-            _group(saved["env"], "sim").pop("device", None)
+        # Another machine may play a policy than trained it. What is no name of a device stays, and is an error.
+        sim = _group(saved["env"], "sim")
+        if not same_device and isinstance(sim.get("device"), str | None):
+            sim.pop("device", None)
         scenery = _group(saved["env"], "scene").get("scenery")
         if of_run == task and isinstance(scenery, str):
             configs.env.scene.scenery = scenery

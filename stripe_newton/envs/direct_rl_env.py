@@ -336,10 +336,11 @@ class DirectRLEnv(RecordingEnv):
         if self._action_noise_model is not None:
             action = self._action_noise_model(action.float())
         # A copy, as the hook may keep it or change it in place, and the tensor belongs to the caller.
-        self._action = action.float().clone() if action.is_floating_point() else action.clone()
-        if action.is_floating_point():
-            self._safety.make_finite(self._action)
-        self._pre_physics_step(self._action)
+        # It is no attribute, which would be saved with the state: replays of a recorded hook would not bind it anew.
+        own = action.float().clone() if action.is_floating_point() else action.clone()
+        if own.is_floating_point():
+            self._safety.make_finite(own)
+        self._pre_physics_step(own)
 
     def _collect_observations(self, values: dict[str, torch.Tensor]) -> Observations:
         if not self._hooks.observations.is_warp:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["HookPart", "PhysicsPart", "ResetPart", "hook_recorder", "records_on", "rehearse"]
 
 SKIPPED = frozenset({
-    "extras", "obs_buf", "_observed", "_action", "_given", "_plan", "_steps_before", "_recaptures", "_np_random",
+    "extras", "obs_buf", "_observed", "_given", "_plan", "_steps_before", "_recaptures", "_np_random",
     "_np_random_seed", "_observation_buffers", "_renderer", "_checked",
 })  # fmt: skip
 """Attributes of an environment that the framework sets in every step, and that are not state of hooks."""

@@ -53,6 +53,7 @@ class TorchGraph:
             Exception: what CUDA or the function raises if it does something that cannot be recorded. Torch can then
                 record and draw random numbers as before, but not record into this pool.
         """
+        wp.init()  # a function that calls torch alone may be the first to be recorded
         self._graph = torch.cuda.CUDAGraph()
         for generator in generators:
             self._graph.register_generator_state(generator)

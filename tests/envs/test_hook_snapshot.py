@@ -48,3 +48,18 @@ def test_observations_in_dicts_are_recorded(monkeypatch: pytest.MonkeyPatch):
     assert {"observations 'policy'[0]", "observations 'policy'[1]"} < names.keys()
     hook = next(h for h in recorded_cart.recorder_of(env).hooks if h.name.startswith("_get_observations"))
     assert hook.recorded
+
+
+def test_the_state_that_is_saved_is_that_of_hooks_that_run_as_they_are(monkeypatch: pytest.MonkeyPatch):
+    """A checkpoint after replays has the bits of one without, so that resumed trainings go on with the same ones."""
+    eager = recorded_cart.make(recorded_cart.WarpReset)
+    recorded_cart.run(eager, 30)
+    recorded_cart.record_on_cpu(monkeypatch)
+    env = recorded_cart.make(recorded_cart.WarpReset)
+    recorded_cart.run(env, 30)
+    assert all(hook.recorded for hook in recorded_cart.recorder_of(env).hooks)
+    expected, found = eager.get_state(), env.get_state()
+    assert found["buffers"].keys() == expected["buffers"].keys()
+    for part in ("arrays", "buffers"):
+        for name, value in expected[part].items():
+            assert torch.equal(found[part][name], value), name

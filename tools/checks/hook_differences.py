@@ -27,6 +27,7 @@ from typing import Any
 from unittest import mock
 
 import torch
+import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -53,6 +54,7 @@ BUSY = (
 
 def torch_facts(device: str) -> dict[str, Any]:
     """What torch does around a recording, with and without this project's own."""
+    wp.init()
     found: dict[str, Any] = {"torch": torch.__version__, "device": torch.cuda.get_device_name(device)}
     found["late stream, torch alone"] = _late(device, _plain_graph)
     found["late stream, TorchGraph"] = _late(device, lambda f, s: TorchGraph(f, s, free_memory=False))

@@ -29,8 +29,7 @@ class Program:
         """
         self._function, self._device = function, torch.device(device)
         if self._device.type == "cuda":
-            # `wp.stream_from_torch` needs it, and a function that calls torch alone may be the first to be recorded.
-            wp.init()
+            wp.init()  # `wp.stream_from_torch` needs it, and the function may call torch alone
             self._stream = torch.cuda.Stream(self._device)
         self._graph: TorchGraph | None = None
         self._ran_once = False
