@@ -586,6 +586,11 @@ class Simulation:
         if message:
             warnings.warn(message, stacklevel=2)
 
+    def forget_overflow(self) -> None:
+        """Forget what was dropped so far, as by steps that were only tried; the device has to be waited for before."""
+        for hook in self._hooks:
+            hook.report_overflow()
+
     # -- state
 
     @property

@@ -80,6 +80,7 @@ def _overflow_at_start(sim: Simulation) -> int:
     bits = _run(sim)
     for array, before in kept:
         wp.copy(array, before)
+    sim.forget_overflow()  # the solver's kernel may have told of it
     return bits
 
 

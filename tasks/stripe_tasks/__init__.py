@@ -126,17 +126,17 @@ TASKS = {
         "stripe_tasks.quadcopter:QuadcopterPPORunnerCfg",
     ),
     "Stripe-Reach-Panda-IK-Rel-v0": (
-        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachEnv",
         "stripe_tasks.manipulation.reach:PandaReachIKEnvCfg",
         "stripe_tasks.manipulation.reach:PandaReachPPORunnerCfg",
     ),
     "Stripe-Reach-Panda-OSC-v0": (
-        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachEnv",
         "stripe_tasks.manipulation.reach:PandaReachOSCEnvCfg",
         "stripe_tasks.manipulation.reach:PandaReachOSCPPORunnerCfg",
     ),
     "Stripe-Reach-Panda-v0": (
-        "stripe_tasks.reach:ReachEnv",
+        "stripe_tasks.manipulation.reach:PandaReachEnv",
         "stripe_tasks.manipulation.reach:PandaReachEnvCfg",
         "stripe_tasks.manipulation.reach:PandaReachPPORunnerCfg",
     ),

@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from stripe_newton.cli.kernel_lock import hold_cache
 from stripe_newton.file_lock import FileLock
 from tests.helpers.checkout import PYTHONPATH
@@ -31,15 +33,25 @@ def counted(*args, **kwargs):
 wp._src.build.build_cpu = counted
 print("ready", flush=True)
 sys.stdin.readline()
+{first}
 x = wp.zeros(1, device="cpu")
 wp.launch({name}, 1, [x], device="cpu")
 assert x.numpy()[0] == 1.0
 """
 
 
-def test_one_of_two_processes_compiles(tmp_path):
+AHEAD = """
+module = wp.get_module("__main__")
+module.options["block_dim"] = 1
+wp.compile_aot_module(module, "cpu")
+"""
+"""As kernels are compiled ahead for a GPU, into the cache and without loading."""
+
+
+@pytest.mark.parametrize("first", ["", AHEAD])
+def test_one_of_two_processes_compiles(tmp_path, first):
     program = tmp_path / "program.py"
-    program.write_text(PROGRAM.format(name="add_one"))
+    program.write_text(PROGRAM.format(name="add_one", first=first))
     command = [sys.executable, str(program), str(tmp_path / "cache")]
     environment = os.environ | {"PYTHONPATH": PYTHONPATH}
     pipe = subprocess.PIPE

@@ -199,6 +199,17 @@ def test_reach_runs_with_each_kind_of_action(form, actions):
     assert torch.isfinite(reward).all()
     if form:  # an action that asks for the present pose keeps it
         assert (env.scene["robot"].data.body_pos_w[:, hand] - before).norm(dim=1).max() < 0.03
+    pose = env.scene["robot"].data.body_pose_w[:, hand].clone()
+    pose[:, :3] -= env.scene.env_origins
+    # Within 2 cm and 0.2 rad of the commanded pose: the hand's own, and one shifted, two turned about the vertical.
+    pose[1, 0] += 0.03
+    for row, angle in ((2, 0.12), (3, 0.3)):
+        turn = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(pose[row, 3:].numpy())
+        pose[row, 3:] = torch.as_tensor(turn.as_quat(), dtype=torch.float32)
+    env.command_manager.get_command("ee_pose")[:] = pose
+    if form == "-OSC":
+        env.step(still)
+        assert env.success.tolist() == [True, False, True, False]
     env.close()
 
 

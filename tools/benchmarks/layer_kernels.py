@@ -59,10 +59,11 @@ def main() -> None:
             x, by_out, weight, bias = (
                 torch.randn(*shape, device=device).to(kind) for shape in ((m, k), (m, n), (n, k), (n,))
             )
-            x, weight, sums = torch.nn.functional.elu(x), weight / k**0.5, torch.zeros(k, device=device)
+            x, weight, sums = torch.nn.functional.elu(x), weight / k**0.5, torch.zeros(m, k, device=device)
+            parts = [(way, sums[: -(-m // way.rows)]) for way in ways]
             cases = {
                 f"{k} to {n}": [lambda w=w: w.layer(x, weight, bias) for w in ways],  # noqa: B023
-                f"gradient {n} to {k}": [lambda w=w: w.gradient(by_out, weight, x, sums) for w in ways],  # noqa: B023
+                f"gradient {n} to {k}": [lambda w=w, p=p: w.gradient(by_out, weight, x, p) for w, p in parts],  # noqa: B023
                 f"weights {k} to {n}": [lambda: by_out.t() @ x],  # noqa: B023
             }
             for name, functions in cases.items():

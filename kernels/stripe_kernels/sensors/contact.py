@@ -88,19 +88,34 @@ def largest_force(env: int, sensor: ContactSensorData, body: int) -> float:
 
 
 @wp.func
-def _update_times(env: int, body: int, elapsed: float, remainder: wp.array2d[float], sensor: ContactSensorData):
-    """Update the times in contact and in the air by the forces of the last measurement, ``elapsed`` [s] long.
+def _read_times(env: int, body: int, remainder: wp.array2d[float], sensor: ContactSensorData) -> wp.vec3:
+    """Times in the air and in contact, and what rounding cut off their last sum [s]."""
+    return wp.vec3(sensor.current_air_time[env, body], sensor.current_contact_time[env, body], remainder[env, body])
+
+
+@wp.func
+def _update_times(
+    env: int,
+    body: int,
+    net: wp.vec3,
+    times: wp.vec3,
+    elapsed: float,
+    remainder: wp.array2d[float],
+    sensor: ContactSensorData,
+):
+    """Update the times in contact and in the air by the force of the last measurement, ``elapsed`` [s] long.
+
+    ``times`` are those of :func:`_read_times`.
 
     Formula: compensated sums. A plain sum of float32 is 2 % wrong after hours, and stops growing after days. Here
     ``remainder`` keeps what rounding cut off the last sum, for the next one.
 
     Source: Kahan, "Further remarks on reducing truncation errors", 1965.
     """
-    air = sensor.current_air_time[env, body]
-    contact = sensor.current_contact_time[env, body]
-    touches = wp.length(sensor.net_forces_w[env, body]) > sensor.force_threshold
+    air, contact = times[0], times[1]
+    touches = wp.length(net) > sensor.force_threshold
     time = wp.where(touches, contact, air)  # the one that goes on; the other ends if it was not 0
-    step = wp.where(time > 0.0, elapsed + remainder[env, body], elapsed)
+    step = wp.where(time > 0.0, elapsed + times[2], elapsed)
     longer = time + step
     remainder[env, body] = step - (longer - time)
     if touches:
@@ -152,7 +167,8 @@ def begin_contacts(
         return
     # First the times: they are computed from the sums that are cleared below.
     if pending[env, body]:
-        _update_times(env, body, elapsed[0], remainder, sensor)
+        times = _read_times(env, body, remainder, sensor)
+        _update_times(env, body, sensor.net_forces_w[env, body], times, elapsed[0], remainder, sensor)
     pending[env, body] = track_times
     _shift_history(env, body, sensor)
     sensor.net_forces_w[env, body] = wp.vec3()
@@ -189,6 +205,8 @@ def measure_contacts(
     env, body = wp.tid()
     if not due[env]:
         return
+    # Read here, the times are there once the forces are summed: a load does not move ahead of a store by itself.
+    times = _read_times(env, body, remainder, sensor)
     _shift_history(env, body, sensor)
     table = env % geom_row.shape[0]
     net = wp.vec3()
@@ -205,7 +223,7 @@ def measure_contacts(
                     sensor.force_matrix_w[env, body, column] += force
     sensor.net_forces_w[env, body] = net
     if track_times:
-        _update_times(env, body, elapsed[0], remainder, sensor)
+        _update_times(env, body, net, times, elapsed[0], remainder, sensor)
 
 
 @wp.kernel(enable_backward=False)
@@ -218,7 +236,8 @@ def finish_contacts(
     """Update the times by the last measurement of a step; threads (environment, body)."""
     env, body = wp.tid()
     if pending[env, body]:
-        _update_times(env, body, elapsed[0], remainder, sensor)
+        times = _read_times(env, body, remainder, sensor)
+        _update_times(env, body, sensor.net_forces_w[env, body], times, elapsed[0], remainder, sensor)
         pending[env, body] = False
 
 

@@ -15,9 +15,10 @@ try:
 except ModuleNotFoundError:  # torch brings it where it can be of use
     triton = tl = None
 
-__all__ = ["elu_layer", "elu_layer_gradient"]
+__all__ = ["BLOCK_ROWS", "elu_layer", "elu_layer_gradient"]
 
-_ROWS = 128
+BLOCK_ROWS = 128
+"""Samples in a block, of which :func:`elu_layer_gradient` gives the sums."""
 _COLUMNS = 128
 
 
@@ -48,7 +49,20 @@ if triton is not None:
 
     @triton.jit
     def _gradient(
-        by_out, weight, result, by_in, sums, m, n, k, to_k, to_n, BM: tl.constexpr, BN: tl.constexpr, BK: tl.constexpr
+        by_out,
+        weight,
+        result,
+        by_in,
+        sums,
+        m,
+        n,
+        k,
+        to_block,
+        to_k,
+        to_n,
+        BM: tl.constexpr,
+        BN: tl.constexpr,
+        BK: tl.constexpr,
     ):
         """A block of ``(by_out @ weight) * slope(result)``, and its sums over the rows."""
         columns = tl.cdiv(n, BN)
@@ -70,16 +84,16 @@ if triton is not None:
         slope = tl.load(result + place, mask=inside, other=0.0).to(tl.float32)
         total = (total * tl.where(slope > 0.0, 1.0, slope + 1.0)).to(by_in.dtype.element_ty)
         tl.store(by_in + place, total, mask=inside)
-        tl.store(sums + block * n + rn, tl.sum(total.to(tl.float32), axis=0), mask=rn < n)
+        tl.store(sums + block * to_block + rn, tl.sum(total.to(tl.float32), axis=0), mask=rn < n)
 
 
 def _grid(rows: int, columns: int) -> tuple[int]:
-    return (triton.cdiv(rows, _ROWS) * triton.cdiv(columns, _COLUMNS),)
+    return (triton.cdiv(rows, BLOCK_ROWS) * triton.cdiv(columns, _COLUMNS),)
 
 
 def _settings(x: torch.Tensor) -> dict[str, int]:
     deep = 64 if x.dtype == torch.bfloat16 else 32
-    return {"BM": _ROWS, "BN": _COLUMNS, "BK": deep, "num_warps": 8, "num_stages": 3}
+    return {"BM": BLOCK_ROWS, "BN": _COLUMNS, "BK": deep, "num_warps": 8, "num_stages": 3}
 
 
 def elu_layer(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
@@ -108,17 +122,16 @@ def elu_layer_gradient(
         by_out: Gradient by the layer's output, contiguous, ``(m, k)``.
         weight: Weights of the layer, contiguous, ``(k, n)``.
         result: Results of the ELU, the layer's inputs, contiguous, ``(m, n)``.
-        sums: Takes the gradient's sums over the samples, float32, ``(n,)``.
+        sums: Takes the gradient's sums over the samples of each block, float32, rows contiguous, ``(blocks, n)``.
 
     Returns:
         Gradient by the arguments of the ELU, ``(m, n)``.
     """
     (m, n), k = result.shape, len(weight)
     by_in = torch.empty_like(result)
-    parts = torch.empty(triton.cdiv(m, _ROWS), n, device=result.device)
     if result.dtype == torch.float32:
         # In TF32 the tensor cores take both factors only with the summed index innermost.
         weight = weight.t().contiguous().t()
-    _gradient[_grid(m, n)](by_out, weight, result, by_in, parts, m, n, k, *weight.stride(), **_settings(result))
-    torch.sum(parts, dim=0, out=sums)
+    strides = (sums.stride(0), *weight.stride())
+    _gradient[_grid(m, n)](by_out, weight, result, by_in, sums, m, n, k, *strides, **_settings(result))
     return by_in

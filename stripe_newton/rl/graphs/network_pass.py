@@ -160,6 +160,10 @@ class EluPass(NetworkPass):
     def backward(self, gradient: torch.Tensor) -> None:
         by_output = gradient.to(self._kind)
         torch.sum(gradient, dim=0, out=self._gradients[-1][1])
+        widths = [x.shape[1] for x in self._inputs[1:]]
+        # Sums of all layers' gradients over blocks of samples, side by side, so that one kernel adds them up.
+        parts = gradient.new_empty(-(-len(gradient) // self._kernels.rows), sum(widths))
+        sums = parts.split(widths, dim=1)
         for index in reversed(range(len(self._layers))):
             by_weight, x = self._gradients[index][0], self._inputs[index]
             if self._kind == torch.float32:
@@ -167,6 +171,8 @@ class EluPass(NetworkPass):
             else:
                 by_weight.copy_(by_output.t() @ x)
             if index:
-                sums = self._gradients[index - 1][1]
-                by_output = self._kernels.gradient(by_output, self._parameters[index][0], x, sums)
+                by_output = self._kernels.gradient(by_output, self._parameters[index][0], x, sums[index - 1])
+        if widths:
+            biases = [by_bias for _, by_bias in self._gradients[:-1]]
+            torch._foreach_copy_(biases, list(parts.sum(dim=0).split(widths)))
         self._inputs = []

@@ -29,11 +29,11 @@ _ADAMS = torch.optim.Adam, torch.optim.AdamW
 
 
 class GraphPPO(PPO):
-    """PPO whose update is three CUDA graphs: returns, a minibatch, and the observation normalisers.
+    """PPO whose update is three CUDA graphs: returns, an epoch, and the observation normalisers.
 
     It computes what rsl_rl computes, in the same order. Learning rate, KL divergence and gradient norms stay on the
-    device, so the host never waits for it. Adam is torch's fused form. With several GPUs a minibatch is two graphs,
-    between which its gradients are averaged. Where a graph cannot hold the update (:attr:`why_no_update_graph`),
+    device, so the host never waits for it. With several GPUs a minibatch is two graphs, between which its gradients
+    are averaged. Where a graph cannot hold the update (:attr:`why_no_update_graph`),
     rsl_rl's own update runs.
 
     Reference:
@@ -101,17 +101,14 @@ class GraphPPO(PPO):
         if self.why_no_update_graph:
             return super().update()
         programs = self._programs
-        # The same permutation for all epochs, as rsl_rl's generator of minibatches has it.
-        indices = torch.randperm(len(self._picked) * self.num_mini_batches, device=self.device)
         programs["returns"].run()
-        for picked in indices.chunk(self.num_mini_batches) * self.num_learning_epochs:
-            self._picked.copy_(picked)
+        # The same permutation for all epochs, as rsl_rl's generator of minibatches has it.
+        self._indices.copy_(torch.randperm(len(self._indices), device=self.device))
+        for _ in range(self.num_learning_epochs):
             if self.is_multi_gpu:
-                programs["gradients"].run()
-                self._average_over_ranks()
-                programs["step"].run()
+                self._learn_epoch_with_ranks()
             else:
-                programs["minibatch"].run()
+                programs["epoch"].run()
         if self.is_multi_gpu:
             self._finish()
         else:
@@ -165,6 +162,7 @@ class GraphPPO(PPO):
     def _allocate(self, obs: TensorDict) -> None:
         storage, device = self.storage, self.device
         samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
+        self._indices = torch.zeros(samples * self.num_mini_batches, dtype=torch.int64, device=device)
         self._picked = torch.zeros(samples, dtype=torch.int64, device=device)
         self._last_obs = obs.clone()
         self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
@@ -181,7 +179,7 @@ class GraphPPO(PPO):
             # and within the normalisers' update.
             functions |= {"gradients": self._compute_gradients, "step": self._take_step}
         else:
-            functions |= {"minibatch": self._learn_minibatch, "finish": self._finish}
+            functions |= {"epoch": self._learn_epoch, "finish": self._finish}
         self._programs = {name: Program(function, device) for name, function in functions.items()}
 
     # -- parts of the update, each the function of a program
@@ -202,9 +200,19 @@ class GraphPPO(PPO):
             st.advantages.sub_(mean).div_(std + 1e-8)
         self._losses.zero_()
 
-    def _learn_minibatch(self) -> None:
-        self._compute_gradients()
-        self._take_step()
+    def _learn_epoch(self) -> None:
+        for picked in self._indices.chunk(self.num_mini_batches):
+            self._picked.copy_(picked)
+            self._compute_gradients()
+            self._take_step()
+
+    def _learn_epoch_with_ranks(self) -> None:
+        """The same in graphs for parts of a minibatch."""
+        for picked in self._indices.chunk(self.num_mini_batches):
+            self._picked.copy_(picked)
+            self._programs["gradients"].run()
+            self._average_over_ranks()
+            self._programs["step"].run()
 
     def _compute_gradients(self) -> None:
         """Losses, KL divergence and gradients of a minibatch."""

@@ -12,7 +12,9 @@ import torch
 from rsl_rl.utils.log_writer import LogWriter
 from rsl_rl.utils.utils import resolve_class
 from rsl_rl.utils.wandb_log_writer import WandbLogWriter
+from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.tensorboard import SummaryWriter
+from torch.utils.tensorboard.summary import scalar
 
 from stripe_newton.rl.errors import CheckpointWriteError
 
@@ -150,8 +152,9 @@ class RunLogWriter(LogWriter):
         try:
             if self.tensorboard is None:
                 self.tensorboard = SummaryWriter(self.log_dir, flush_secs=10)
-            for name, value in row.items():
-                self.tensorboard.add_scalar(name, value, iteration)
+            # One event: tensorboard's thread wakes up for each, and holds the interpreter while others wait.
+            values = [value for name, number in row.items() for value in scalar(name, number).value]
+            self.tensorboard._get_file_writer().add_summary(Summary(value=values), iteration)
         except OSError:
             # Its thread has ended, and what it had not written is lost. The next row opens another file of events.
             self.tensorboard = None

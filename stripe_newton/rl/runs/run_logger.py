@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import timedelta
 from typing import TextIO, TypedDict
 
@@ -63,6 +63,7 @@ class RunLogger(Logger):
     """rsl_rl's logger that prints one line in place of a block, counts iterations, and ends the loop when asked."""
 
     writer: LogWriter | None
+    device: str
 
     def __init__(
         self,
@@ -139,7 +140,7 @@ class RunLogger(Logger):
         check_losses(loss_dict, it, None if self.log_dir is None else RunFolder(self.log_dir))
         if self.read_std is not None:
             action_std = self.read_std()
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), self._on_host():
             times = collect_time, learn_time
             super().log(it, start_it, total_it, *times, loss_dict, learning_rate, action_std, rnd_weight, **layout)
         self.iterations_done = it + 1
@@ -159,6 +160,21 @@ class RunLogger(Logger):
             stop = self.stop_requested and not self.ahead
         if stop and it + 1 < total_it:
             raise StopTraining
+
+    @contextlib.contextmanager
+    def _on_host(self) -> Iterator[None]:
+        """Let rsl_rl average the environment's log on the host, if it is there.
+
+        On the device each of its values would wait for all that is queued there, such as the next rollout.
+        """
+        values = (value for info in self.ep_extras for value in info.values())
+        device = self.device
+        if not any(isinstance(value, torch.Tensor) and value.is_cuda for value in values):
+            self.device = "cpu"
+        try:
+            yield
+        finally:
+            self.device = device
 
     def _agree(self, row: dict[str, float]) -> tuple[dict[str, float], bool]:
         """The row of all ranks, and whether they stop after this iteration."""

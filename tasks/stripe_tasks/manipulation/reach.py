@@ -16,9 +16,13 @@ from stripe_newton.controllers import OperationalSpaceControllerCfg
 from stripe_newton.envs import mdp
 from stripe_newton.managers import SceneEntityCfg
 from stripe_tasks.published_robots import panda_cfg
-from stripe_tasks.reach import ActionsCfg, ReachEnvCfg, ReachPPORunnerCfg, ReachSceneCfg
+from stripe_tasks.reach import ActionsCfg, ReachEnv, ReachEnvCfg, ReachPPORunnerCfg, ReachSceneCfg
+from stripe_tasks.success import SuccessEnv, SuccessManagerCfg
+
+from . import terms
 
 __all__ = [
+    "PandaReachEnv",
     "PandaReachEnvCfg",
     "PandaReachIKEnvCfg",
     "PandaReachOSCEnvCfg",
@@ -35,9 +39,24 @@ _Ik = mdp.DifferentialInverseKinematicsActionCfg
 
 @configclass
 class PandaReachEnvCfg(ReachEnvCfg):
-    """Reach with the Panda: joint positions relative to the default pose."""
+    """Reach with the Panda: joint positions relative to the default pose.
+
+    An episode is a success where the hand is within 2 cm and 0.2 rad of the commanded pose at its end, 4 s after that
+    was drawn. The metrics of the command are means over time, with the ways from pose to pose.
+    """
 
     scene: ReachSceneCfg = ReachSceneCfg(num_envs=4096, env_spacing=2.5)
+    managers = {
+        "success": SuccessManagerCfg(
+            func=terms.hand_at_pose,
+            params={
+                "asset_cfg": SceneEntityCfg("robot", body_names=HAND),
+                "command_name": "ee_pose",
+                "distance": 0.02,
+                "angle": 0.2,
+            },
+        )
+    }
 
     def __post_init__(self) -> None:
         self.scene.robot = panda_cfg().replace(prim_path="{ENV_REGEX_NS}/Robot")
@@ -55,6 +74,12 @@ class PandaReachEnvCfg(ReachEnvCfg):
         self.actions.arm_action.joint_names = ARM
         self.events.reset_robot_joints.params["position_range"] = (0.5, 1.5)
         self.viewer.eye, self.viewer.lookat = (1.7, 1.4, 1.0), (0.3, 0.0, 0.3)
+
+
+class PandaReachEnv(ReachEnv, SuccessEnv):
+    """Reach: a manager-based environment that shows the commanded pose and tells whether it is reached."""
+
+    cfg: PandaReachEnvCfg
 
 
 @configclass

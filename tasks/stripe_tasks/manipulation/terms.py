@@ -8,6 +8,7 @@ fingers, ``point`` in the frame of the hand; ``h`` the handle, ``handle`` in the
 import warp as wp
 
 from stripe_kernels.data import ArticulationData, PoseCommandData
+from stripe_kernels.mdp.tracking import orientation_command_error, position_command_error
 from stripe_kernels.term_info import writes
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "approach_gripper_handle",
     "drawer_is_open",
     "grasp_handle",
+    "hand_at_pose",
     "multi_stage_open_drawer",
     "object_at_goal",
     "object_ee_distance",
@@ -38,6 +40,25 @@ def _point(env: int, asset: ArticulationData, body: int, point: wp.vec3) -> wp.v
 def _object_height(env: int, object: ArticulationData) -> float:
     """Height of an object above the origin of its environment [m]."""
     return wp.transform_get_translation(object.root_pose[env])[2] - object.env_origin[env][2]
+
+
+# -- reach
+
+
+@wp.func
+def hand_at_pose(
+    env: int,
+    reached: wp.array[int],
+    robot: ArticulationData,
+    command: PoseCommandData,
+    body_ids: wp.array[int],
+    distance: float,
+    angle: float,
+) -> None:
+    """Record whether a link is at the commanded pose: within a distance [m] and an angle [rad] of it."""
+    near = position_command_error(env, robot, command, body_ids) < distance
+    aligned = orientation_command_error(env, robot, command, body_ids) < angle
+    reached[env] = wp.where(near and aligned, 1, 0)
 
 
 # -- lift

@@ -215,7 +215,7 @@ class G1FlatPPORunnerCfg(VelocityPPORunnerCfg):
     max_iterations: int = 1500
 
     def __post_init__(self) -> None:
-        start_gently(self, 0.01)
+        start_gently(self, 0.005)
 
 
 @configclass
@@ -226,4 +226,4 @@ class G1RoughPPORunnerCfg(VelocityRoughPPORunnerCfg):
     max_iterations: int = 3000
 
     def __post_init__(self) -> None:
-        start_gently(self, 0.01)
+        start_gently(self, 0.005)
