@@ -253,6 +253,9 @@ def test_files_that_are_no_policies(tmp_path):
     later = next(p for p in model.metadata_props if p.key == "format_version")
     later.value = "99"
     onnx.save_model(model, str(tmp_path / "later.onnx"))
+    later.value = "1"
+    next(p for p in model.metadata_props if p.key == "observations").value = "[]"
+    onnx.save_model(model, str(tmp_path / "blind.onnx"))
     del model.metadata_props[:]
     onnx.save_model(model, str(tmp_path / "bare.onnx"))
     torch.save({"a": 1}, tmp_path / "other.pt")
@@ -262,6 +265,7 @@ def test_files_that_are_no_policies(tmp_path):
         ("text.onnx", "it is not an ONNX file"),
         ("bare.onnx", "has no metadata of a policy; was it written by 'stripe-newton export RUN'"),
         ("later.onnx", "has metadata of version 99, this package reads up to 1"),
+        ("blind.onnx", "has wrong metadata: observations: lack the group 'policy' of the network"),
         ("other.pt", "it contains no metadata.json"),
         ("bad.json", "has no metadata of a policy"),
     ):
