@@ -142,6 +142,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.limbs: bool | None = None
         self.newton_contacts_for: tuple[str, ...] = ()
         self._workspace: wp.array | None = None
+        self._reserved: list[wp.array] = []
+        """All workspaces, as recorded graphs have the addresses of those before."""
         self._fills_contacts = False
         self._contact_forces: ContactForces | None = None
         self._steps = 1
@@ -297,6 +299,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported:
             return
         self._workspace = None
+        self._reserved.clear()
         if self._fills_contacts:
             self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
         if self._contact_forces is not None:
@@ -584,15 +587,20 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         kernel = step_kernel(tables, options)
         self._shared.find()
         self._find_references()
-        if self._workspace is not None:  # recorded graphs have the addresses of these arrays
-            return kernel
-        size = kernel.layout.workspace_size if options.lanes > 1 else 0
-        self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
-        if self._divided.others:
+        is_first = self._workspace is None
+        self._reserve(kernel.layout.workspace_size if options.lanes > 1 else 0)
+        if is_first and self._divided.others:  # recorded graphs have the addresses of these arrays
             self._count = wp.zeros(data.nworld, dtype=int, device=device)
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
+
+    def _reserve(self, size: int) -> None:
+        """Have a workspace with ``size`` numbers for each world: another form of the kernel may need more."""
+        needed = size * int(self.mjw_data.nworld)
+        if self._workspace is None or self._workspace.size < needed:
+            self._workspace = wp.empty(needed, dtype=wp.float32, device=self.model.device)
+            self._reserved.append(self._workspace)
 
     @cached_property
     def _hulls(self) -> HullTables:

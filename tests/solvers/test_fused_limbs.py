@@ -160,6 +160,19 @@ def test_what_is_asked_for_later_takes_the_general_form():
     assert not solver.fused.layout.is_limbs
 
 
+def test_another_form_gets_the_memory_that_it_needs():
+    """The limbs' form needs none beside the state; recorded graphs keep what they have the address of."""
+    solver = SolverFused(walker_worlds("floating", 2), njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    sizes, first = [], []
+    for size in (0, 100, 60, 300):
+        solver._reserve(size)
+        sizes.append(solver._workspace.size)
+        first.append(solver._workspace.ptr)
+    assert sizes == [0, 200, 200, 600]
+    assert first[1] == first[2]
+    assert first[1] in [array.ptr for array in solver._reserved]
+
+
 def test_friction_loss_that_comes_later_is_not_lost():
     """A kernel without a place for it reports that rows did not fit; the next one has it."""
     model = walker_worlds("floating", 2)
