@@ -15,6 +15,7 @@ import importlib
 import importlib.metadata
 import os
 import platform
+import signal
 import subprocess
 import sys
 import time
@@ -54,7 +55,7 @@ _BLOCK_DIMS = {
 """Sizes of the blocks that a module is launched in on a GPU, each of which is compiled, if not Warp's own. Newton takes
 16 for articulations of few joints."""
 _MOST_WORKERS = 8
-"""Each imports Newton, so that more would gain nothing."""
+"""Most processes that compile: the largest module takes as long as the shares of so many."""
 
 
 _early: subprocess.Popen[bytes] | None = None
@@ -136,22 +137,32 @@ def warm_up(device: str, out: TextIO | None = None) -> bool:
 def _compile_all(device: str, shares: Sequence[Sequence[str]], out: TextIO) -> bool:
     """Compile shares of the modules, each in a process. Returns whether all ended well."""
     command = [sys.executable, "-m", "stripe_newton.cli.kernel_warmup", device]
+    words = [" ".join(share) for share in shares]
+    # Forked processes share the imports, which take as long as the compiling. Elsewhere a fork is not safe.
+    programs = [words] if sys.platform == "linux" else [[word] for word in words]
     workers = [
-        subprocess.Popen([*command, *share], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        for share in shares
+        subprocess.Popen(
+            [*command, *program],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            start_new_session=True,  # so that those that it forks can be ended with it
+        )
+        for program in programs
     ]
     try:
-        return _follow(workers, out)
+        return _follow(workers, len(shares), out)
     except BaseException:
         for worker in workers:
-            worker.kill()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(worker.pid, signal.SIGKILL)
         raise
 
 
-def _follow(workers: Sequence[subprocess.Popen[str]], out: TextIO) -> bool:
+def _follow(workers: Sequence[subprocess.Popen[str]], count: int, out: TextIO) -> bool:
     """Show how many modules are done until all workers have ended. Returns whether all ended well."""
     began, total, done = time.perf_counter(), len(MODULES), 0
-    title = f"compiling kernels in {len(workers)} processes, once for this machine"
+    title = f"compiling kernels in {count} processes, once for this machine"
     if not out.isatty():
         print(title, file=out, flush=True)
     for worker in workers:
@@ -187,6 +198,29 @@ def _architecture(device: str) -> str:
     return "cpu" if device == "cpu" else f"sm{wp.get_device(device).arch}"
 
 
+def compile_shares(device: str, shares: Sequence[Sequence[str]]) -> bool:
+    """Compile each share in a process of its own, forked when all is imported. Returns whether all ended well.
+
+    Warp is imported and not initialised when it forks: a CUDA driver that was initialised before would be of no use.
+    """
+    for name in (name for share in shares for name in share):
+        importlib.import_module(name)
+    forked = []
+    for share in shares[1:]:
+        process = os.fork()
+        if process == 0:
+            code = 1
+            try:
+                compile_modules(device, share)
+                code = 0
+            finally:
+                os._exit(code)
+        forked.append(process)
+    compile_modules(device, shares[0])
+    failed = [os.waitpid(process, 0)[1] for process in forked]
+    return not any(failed)
+
+
 def compile_modules(device: str, names: Sequence[str]) -> None:
     """Compile modules and print the name of each that is done: the part of one process."""
     import warp as wp  # here, as the parent process needs it not
@@ -197,21 +231,27 @@ def compile_modules(device: str, names: Sequence[str]) -> None:
     for name in names:
         python_module = importlib.import_module(name)
         leave_out_gradients()
-        own = [getattr(python_module, kernel).module for kernel in _OWN_MODULES.get(name, ())]
-        for module in (wp.get_module(name), *own):
-            for block_dim in (1,) if device == "cpu" else _BLOCK_DIMS.get(name, (256,)):
-                # Compiled and not loaded: loading would make a context on the GPU in each of the processes.
-                module.options["block_dim"] = block_dim
-                module.mark_modified()
-                wp.compile_aot_module(module, device)
+        block_dims = (1,) if device == "cpu" else _BLOCK_DIMS.get(name, (256,))
+        wanted = [(wp.get_module(name), device, block_dim) for block_dim in block_dims]
+        for kernel in _OWN_MODULES.get(name, ()):
+            module = getattr(python_module, kernel).module
+            # Also for the CPU: masses of a file are checked there, whatever the device of the simulation.
+            wanted += [(module, "cpu", 1)] + [(module, device, 256)] * (device != "cpu")
+        for module, where, block_dim in wanted:
+            # Compiled and not loaded: loading would make a context on the GPU in each of the processes.
+            module.options["block_dim"] = block_dim
+            module.mark_modified()
+            wp.compile_aot_module(module, where)
         print(f"compiled {name}", flush=True)
 
 
 def main(words: Sequence[str]) -> None:
-    """``--all DEVICE``: the whole warm-up, with its progress; ``DEVICE MODULE ...``: the part of one process."""
+    """``--all DEVICE``: the whole warm-up, with its progress; ``DEVICE SHARE ...``: shares, in a process each.
+
+    A share is the names of its modules with spaces between.
+    """
     if words[0] != "--all":
-        compile_modules(words[0], words[1:])
-        return
+        sys.exit(0 if compile_shares(words[0], [share.split() for share in words[1:]]) else 1)
     from .compile_log import CompileLog  # here, as the parts need neither
     from .end_signals import end_on_signals
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from mujoco_warp._src.types import BroadphaseType, ContactType
 
-from .contact_pairs import ContactPair, contact_pairs, listed_pairs
+from .contact_pairs import ContactPair, contact_pairs, is_of_hulls, listed_pairs
 from .pair_list import remove_geom_pairs
 from .static_triangles import StaticTriangles
 
@@ -21,6 +21,8 @@ __all__ = ["PairDivision"]
 
 _MOST_PAIRS = 4096
 """Pairs of geoms that the kernel looks at in each step; of more, MuJoCo Warp sorts the geoms along an axis."""
+_MOST_HULL_PAIRS = 1024
+"""Pairs of hulls that the kernel looks at; more, as of bodies in many convex parts, are left to MuJoCo Warp."""
 
 
 @dataclass
@@ -59,7 +61,8 @@ class PairDivision:
         made = cls(listed)
         if solver.static_triangles:
             made._group_meshes(solver)
-        rest = [pair for pair in made.pairs if not _finds(pair, solver.triangles)]
+        hulls = sum(is_of_hulls(pair.kind) for pair in made.pairs) <= _MOST_HULL_PAIRS
+        rest = [pair for pair in made.pairs if not _finds(pair, solver.triangles, hulls)]
         made.others = sorted({_types(cpu, pair) for pair in rest})
         if model.callback.contactfilter:
             made.others.append("what its contact filter adds")
@@ -68,7 +71,7 @@ class PairDivision:
         if is_listed and len(rest) < len(listed):
             left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
             remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
-        made.pairs = [pair for pair in made.pairs if _finds(pair, solver.triangles)]
+        made.pairs = [pair for pair in made.pairs if _finds(pair, solver.triangles, hulls)]
         return made
 
     def _group_meshes(self, solver: SolverFused) -> None:
@@ -79,8 +82,9 @@ class PairDivision:
         self.pairs = self.statics.pairs
 
 
-def _finds(pair: ContactPair, triangles: bool) -> bool:
-    return bool(pair.kind) and (triangles or not pair.kind.startswith("FIELD"))
+def _finds(pair: ContactPair, triangles: bool, hulls: bool) -> bool:
+    is_left = (pair.kind.startswith("FIELD") and not triangles) or (is_of_hulls(pair.kind) and not hulls)
+    return bool(pair.kind) and not is_left
 
 
 def _types(model: mujoco.MjModel, pair: ContactPair) -> str:

@@ -142,8 +142,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.limbs: bool | None = None
         self.newton_contacts_for: tuple[str, ...] = ()
         self._workspace: wp.array | None = None
-        self._reserved: list[wp.array] = []
-        """All workspaces, as recorded graphs have the addresses of those before."""
+        self._workspaces: list[wp.array] = []  # all that recorded graphs may have the addresses of
         self._fills_contacts = False
         self._contact_forces: ContactForces | None = None
         self._steps = 1
@@ -299,7 +298,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if self.unsupported:
             return
         self._workspace = None
-        self._reserved.clear()
         if self._fills_contacts:
             self.mjw_data.nacon.fill_(self.mjw_data.naconmax)
         if self._contact_forces is not None:
@@ -587,20 +585,15 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         kernel = step_kernel(tables, options)
         self._shared.find()
         self._find_references()
-        is_first = self._workspace is None
-        self._reserve(kernel.layout.workspace_size if options.lanes > 1 else 0)
-        if is_first and self._divided.others:  # recorded graphs have the addresses of these arrays
+        is_first, size = self._workspace is None, data.nworld * kernel.layout.workspace_size * (options.lanes > 1)
+        if self._workspace is None or self._workspace.size < size:  # of another form, which takes less
+            self._workspace = wp.empty(size, dtype=wp.float32, device=device)
+            self._workspaces.append(self._workspace)
+        if is_first and self._divided.others:
             self._count = wp.zeros(data.nworld, dtype=int, device=device)
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)
         return kernel
-
-    def _reserve(self, size: int) -> None:
-        """Have a workspace with ``size`` numbers for each world: another form of the kernel may need more."""
-        needed = size * int(self.mjw_data.nworld)
-        if self._workspace is None or self._workspace.size < needed:
-            self._workspace = wp.empty(needed, dtype=wp.float32, device=self.model.device)
-            self._reserved.append(self._workspace)
 
     @cached_property
     def _hulls(self) -> HullTables:

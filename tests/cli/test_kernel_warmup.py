@@ -98,3 +98,42 @@ def test_nothing_goes_on_after_the_command_has_ended(tmp_path):
         if not subprocess.run(["pgrep", "-g", str(command.pid)], capture_output=True, text=True).stdout:
             return
     pytest.fail("processes are left")
+
+
+def test_what_is_compiled_for_which_device(monkeypatch):
+    """On a GPU in the sizes of blocks that are launched; kernels that check a file's masses on the CPU, too."""
+    compiled = []
+
+    def compile_one(module: wp.Module, device: str) -> None:
+        compiled.append((module.name, device, module.options["block_dim"]))
+
+    monkeypatch.setattr(wp, "compile_aot_module", compile_one)
+    monkeypatch.setattr(wp.Module, "mark_modified", lambda module: None)
+    names = ["newton._src.sim.articulation", "newton._src.geometry.inertia"]
+    options = [wp.get_module(name).options for name in names]
+    before = [dict(o) for o in options]
+    try:
+        kernel_warmup.compile_modules("cuda:0", names)
+    finally:
+        for now, then in zip(options, before, strict=True):
+            now.update(then)
+    found = {(name.partition("_kernel_")[0], *rest) for name, *rest in compiled}
+    assert found == {
+        ("newton._src.sim.articulation", "cuda:0", 8),
+        ("newton._src.sim.articulation", "cuda:0", 16),
+        ("newton._src.geometry.inertia", "cuda:0", 256),
+        ("validate_and_correct_inertia", "cuda:0", 256),
+        ("validate_and_correct_inertia", "cpu", 1),
+        ("compute_body_inverses", "cuda:0", 256),
+        ("compute_body_inverses", "cpu", 1),
+    }
+
+
+def test_shares_are_compiled_in_processes_that_are_forked(tmp_path):
+    """One that fails, as there are no kernels in ``json``, does not hold the others up, and is told."""
+    env = os.environ | {"PYTHONPATH": PYTHONPATH, "WARP_CACHE_PATH": str(tmp_path)}
+    words = [sys.executable, "-m", "stripe_newton.cli.kernel_warmup", "cpu", "stripe_kernels.episode", "json"]
+    ran = subprocess.run([*words, "stripe_kernels.adam"], env=env, capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert sorted(ran.stdout.split()) == ["compiled", "compiled", "stripe_kernels.adam", "stripe_kernels.episode"]
+    assert len(list(tmp_path.rglob("*.o"))) == 2

@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import pytest
 
-from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers import SolverFused, pair_division
 from stripe_newton.solvers.contact_pairs import contact_pairs
 from stripe_newton.solvers.hulls import Hull, sides_of_pairs
 from tests.helpers.fused_step import STATE, Comparison, State, compare
@@ -190,6 +190,14 @@ def pile(worlds: int) -> SolverFused:
     q[:, :, :2] += rng.uniform(-0.02, 0.02, (worlds, 3, 2))
     model.joint_q.assign(q.ravel())
     return SolverFused(model, njmax=120, nconmax=30, kinematic_switchable_roots=False)
+
+
+def test_very_many_pairs_are_left_to_mujoco_warp(monkeypatch):
+    monkeypatch.setattr(pair_division, "_MOST_HULL_PAIRS", 6)
+    assert pile(1).one_launch  # two hulls with the ground, the box and each other: five pairs
+    monkeypatch.setattr(pair_division, "_MOST_HULL_PAIRS", 4)
+    left = "box and mesh, mesh and mesh, plane and mesh"
+    assert pile(1).describe() == f"the fused step, with MuJoCo Warp's collision detection for {left}"
 
 
 def test_a_pile_comes_to_rest_by_a_thread_and_by_lanes_alike():

@@ -21,6 +21,7 @@ struct Hull {
     int num_vertices, num_faces, num_edges, climbs;
     float center[3], half[3];  // the box along the axes around it
 };
+static_assert(sizeof(Hull) == 88, "as the record of hulls.py");
 
 // A hull that is scaled, turned by the rows of `axes` and moved, in the axes of another one.
 struct Polytope {

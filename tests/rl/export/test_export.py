@@ -57,7 +57,7 @@ class PictureEnv(FakeCartEnv):
 
 
 def agent_cfg(kind: str) -> FakeCartRunnerCfg:
-    agent = FakeCartRunnerCfg(clip_actions=0.4)
+    agent = FakeCartRunnerCfg(clip_actions=0.4, matmul_precision="highest")
     common = {
         "hidden_dims": (8,),
         "obs_normalization": kind != "camera",
