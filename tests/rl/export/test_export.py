@@ -57,7 +57,7 @@ class PictureEnv(FakeCartEnv):
 
 
 def agent_cfg(kind: str) -> FakeCartRunnerCfg:
-    agent = FakeCartRunnerCfg(clip_actions=0.4)
+    agent = FakeCartRunnerCfg(clip_actions=0.4, matmul_precision="highest")
     common = {
         "hidden_dims": (8,),
         "obs_normalization": kind != "camera",
@@ -108,6 +108,7 @@ def test_an_exported_policy_plays_as_the_network(kind, device, tmp_path):
         assert 0.0 <= result["largest_difference"] <= 1e-5
     assert found.metadata["check"]["largest_action"] > 0.05
     policy, mine = runner.get_inference_policy(), OnnxPolicy(found.onnx, runner.env)
+    torch.set_float32_matmul_precision("highest")  # the runner's own products round to TF32 on a GPU
     obs, ended = runner.env.reset(seed=5), 0
     policy.reset()
     with torch.inference_mode():

@@ -24,6 +24,7 @@ from stripe_newton.rl import (
     RslRlSymmetryCfg,
     RslRlVecEnvWrapper,
 )
+from stripe_newton.rl.graphs.loop import learn_in_graphs
 from stripe_newton.rl.graphs.ppo import update_normalizer_in_place
 from stripe_newton.rl.graphs.rollout import GraphRollout
 from tests.helpers.fake_env import FakeCartCfg, FakeCartEnv, FakeCartRunnerCfg
@@ -257,14 +258,15 @@ def test_graphs_compute_what_rsl_rl_does_and_wait_for_nothing(tmp_path):
     assert_same(theirs, ours, 5.0e-3)
     assert ours._rollout.recorded
     assert all(program.recorded for program in ours.alg._programs.values())
+    ours.logger.init_logging_writer()
     torch.cuda.synchronize()
     torch.cuda.set_sync_debug_mode("error")
     try:
-        obs = ours._rollout.collect()
-        ours.alg.compute_returns(obs)
-        ours.alg.update()
+        learn_in_graphs(ours, ours._rollout, 2, 4)  # with its log
     finally:
         torch.cuda.set_sync_debug_mode("default")
+        ours.logger.stop_logging_writer()
+    assert [row["iteration"] for row in rows(tmp_path / "graph")] == ["0", "1", "2", "3"]
     assert ours.learn(2)
 
 
