@@ -318,13 +318,6 @@ def _parameters_source() -> str:
         f"    FN_METHOD {kind} {n}() const {{ return ({kind})m.{n} + (long long)id * m.{n}_stride; }}"
         for n, kind in kinds.items()
     ]
-    fetched = (*PARAMETERS, "qacc_warmstart", "xfrc_applied")
-    methods.append("    FN_METHOD void fetch(int lane) const {")
-    methods += [
-        f"        fetch_row((const real*)m.{n} + (long long)id * m.{n}_stride, m.{n} ? m.{n}_stride : 0, lane);"
-        for n in fetched
-    ]
-    methods.append("    }")
     methods.append("    FN_METHOD real step_size() const { return m.dt > 0 ? (real)m.dt : timestep()[0]; }")
     body = [f"    const {_STRUCT}& m;", "    const int id, num_worlds;", *methods]
     return "\n".join(["namespace fused {", "struct Parameters {", *body, "};", "}", ""])

@@ -40,7 +40,6 @@ _PRELUDE = """
 #define __fdividef(a, b) ((a) / (b))
 #define __popc __builtin_popcount
 #define __shared__
-#define PREFETCH(address)
 #define rsqrtf(x) (1 / sqrtf(x))
 enum { EMULATED = %d };
 struct Index { int x; };

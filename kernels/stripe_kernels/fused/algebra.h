@@ -27,9 +27,6 @@ typedef float real;
 #endif
 
 #ifdef __CUDA_ARCH__
-#ifndef PREFETCH  // of a processor that stands for a GPU in tests
-#define PREFETCH(address) asm volatile("prefetch.global.L1 [%0];" ::"l"(address))
-#endif
 #if LIMBS  // else parameters, which a GPU has at hand as constants, are copied for functions that are not inlined
 #define FN static __device__ __forceinline__
 #else
@@ -208,16 +205,6 @@ FN void spatial_inertia(real* I, real mass, Vec moments, Mat R, Vec c) {
     I[7] = dot(a0, R.r1) - mass * c.x * c.y;
     I[8] = dot(a0, R.r2) - mass * c.x * c.z;
     I[9] = dot(a1, R.r2) - mass * c.y * c.z;
-}
-
-// Ask for a row of an array that has one for each world, `size` numbers, before it is needed: one number after another would
-// wait for the memory. Rows that all worlds share have the size 0.
-FN void fetch_row(const real* row, int size, int lane) {
-#ifdef __CUDA_ARCH__
-    if (size)
-        ROLLED for (int i = 32 * lane; i < size + 31; i += 32 * LANES)
-            PREFETCH(row + (i < size ? i : size - 1));
-#endif
 }
 
 }  // namespace fused

@@ -4,7 +4,6 @@
 namespace fused {
 
 FN void begin_steps(World& w, const Parameters& P, int lane) {
-    P.fetch(lane);
     read_state(w, P, lane);
     place_static_bodies(w, P, lane);
     gather_parameters(w, P, lane);

@@ -95,7 +95,6 @@ COLD int solve_spilled(World& w, int rows, int contacts, int lane) {
 }
 
 FN void begin_steps(World& w, const Parameters& P, int lane) {
-    P.fetch(lane);
     EACH(i, NV * LD) w.M[i] = 0;  // what degrees of freedom do not share stays so
     read_state(w, P, lane);
 }
