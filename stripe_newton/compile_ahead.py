@@ -54,3 +54,14 @@ def wait_for(kernel: wp.Kernel) -> None:
     compiling = _running.pop(kernel.module, None)
     if compiling is not None:
         wait([compiling])
+
+
+def _forget_threads() -> None:
+    """Forget what the process compiles that this one was forked from: its threads do not come along."""
+    global _pool
+    _pool = None
+    _running.clear()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_forget_threads)

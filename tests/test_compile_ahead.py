@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import os
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +72,27 @@ def test_an_error_is_that_of_the_launch(tmp_path):
     compile_ahead(kernel, 128, "cpu")
     with pytest.raises(Exception, match="unknown_function"):
         _launch(kernel)
+
+
+def test_a_forked_process_does_not_wait_for_threads_that_it_has_not(tmp_path, monkeypatch):
+    """It has a pool that believes in its threads, and what they compile would never end there."""
+    may_go_on = threading.Event()
+    monkeypatch.setattr(module_under_test, "_compile", lambda module, device: may_go_on.wait(10.0))
+    kernel = _kernel(tmp_path, "x[i] = 3.0")
+    compile_ahead(kernel, 128, "cpu")
+    child = os.fork()
+    if child == 0:
+        wait_for(kernel)
+        compile_ahead(kernel, 128, "cpu")
+        os._exit(7 if kernel.module in module_under_test._running else 8)
+    end, ended = time.monotonic() + 20.0, (0, 0)
+    while ended[0] == 0 and time.monotonic() < end:
+        ended = os.waitpid(child, os.WNOHANG)
+        time.sleep(0.01)
+    if ended[0] == 0:
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+    may_go_on.set()
+    wait_for(kernel)
+    assert os.waitstatus_to_exitcode(ended[1]) == 7
+    assert ended[0] == child

@@ -43,6 +43,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Module and line of help of each command."""
 
+_LONGEST_ARGUMENT = 4096
+"""Most characters of an argument, as of a path."""
 _SIMULATES = ("train", "play", "eval", "demo", "bench")
 """Commands that build the environment of a task, for which kernels are compiled on a machine's first start."""
 
@@ -101,6 +103,10 @@ def _is_user_error(error: Exception) -> bool:
 def _dispatch(args: list[str], is_program: bool = False) -> int:
     from .tasks import use_dialect  # here, as it imports gymnasium
 
+    for before, word in pairwise(["", *args]):
+        if len(word) > _LONGEST_ARGUMENT:  # a message about it would fill the terminal
+            given = f"{before} {word[:20]}...".strip() if before.startswith("-") else f"{word[:20]}..."
+            raise UserError(f"{given}: has {len(word)} characters, {_LONGEST_ARGUMENT} at most")
     args = use_dialect(args)
     if not args or args[0] in ("-h", "--help"):
         print(_usage())

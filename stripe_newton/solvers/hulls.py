@@ -167,7 +167,7 @@ def sides_of_pairs(model: mujoco.MjModel, pairs: Iterable[ContactPair]) -> int:
 
 
 def suits_hulls(model: mujoco.MjModel, kind: str, geom1: int, geom2: int, margin: float) -> bool:
-    """Whether the kernel finds the contacts of a pair of hulls, or of a plane and a hull.
+    """Whether the kernel finds the contacts of a pair of hulls, or of a plane or a sphere and a hull.
 
     Args:
         model: The compiled model.
@@ -177,7 +177,7 @@ def suits_hulls(model: mujoco.MjModel, kind: str, geom1: int, geom2: int, margin
         margin: Margin of the pair [m]. Hulls that do not overlap have no contacts.
     """
     second = _counts(model, geom2)
-    if kind == "PLANE_HULL" or not second.is_closed:
+    if kind in ("PLANE_HULL", "SPHERE_HULL") or not second.is_closed:
         return second.is_closed
     first = _counts(model, geom1)
     few = first.edges * second.edges <= _MOST_EDGES and first.sides + second.sides <= _MOST_SIDES

@@ -84,8 +84,13 @@ class LimbForm:
 
     @property
     def suits_gpu(self) -> bool:
-        """Whether it is faster on a GPU than the general form: a lane has the registers for few degrees of freedom."""
-        return len(self.limbs) > 1 and len(self.hub_dofs) + self.limb_dofs <= _MOST_COLUMNS
+        """Whether it is faster on a GPU than the general form.
+
+        A lane has the registers for few degrees of freedom, and its search for contacts on other grounds than planes
+        takes longer than that of all lanes together.
+        """
+        few = len(self.hub_dofs) + self.limb_dofs <= _MOST_COLUMNS
+        return few and len(self.limbs) > 1 and not self.other_grounds
 
     @property
     def world_size(self) -> int:

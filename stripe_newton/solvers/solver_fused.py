@@ -142,6 +142,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self.limbs: bool | None = None
         self.newton_contacts_for: tuple[str, ...] = ()
         self._workspace: wp.array | None = None
+        self._workspaces: list[wp.array] = []  # all that recorded graphs may have the addresses of
         self._fills_contacts = False
         self._contact_forces: ContactForces | None = None
         self._steps = 1
@@ -584,11 +585,11 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         kernel = step_kernel(tables, options)
         self._shared.find()
         self._find_references()
-        if self._workspace is not None:  # recorded graphs have the addresses of these arrays
-            return kernel
-        size = kernel.layout.workspace_size if options.lanes > 1 else 0
-        self._workspace = wp.empty(size * data.nworld, dtype=wp.float32, device=device)
-        if self._divided.others:
+        is_first, size = self._workspace is None, data.nworld * kernel.layout.workspace_size * (options.lanes > 1)
+        if self._workspace is None or self._workspace.size < size:  # of another form, which takes less
+            self._workspace = wp.empty(size, dtype=wp.float32, device=device)
+            self._workspaces.append(self._workspace)
+        if is_first and self._divided.others:
             self._count = wp.zeros(data.nworld, dtype=int, device=device)
             self._found = wp.zeros((data.nworld, contacts), dtype=int, device=device)
             self._given = wp.zeros((data.nworld, contacts, int(GIVEN_SIZE)), dtype=float, device=device)

@@ -65,6 +65,7 @@ def test_help_shows_fields_of_the_task(capsys):
         (["train", TASK, "--env.scene.num-envs", "abc"], "invalid literal for int()"),
         (["train", TASK, "--device", "cuda:77"], "there is no such device"),
         (["train", TASK, "--resume", "nowhere"], "nowhere: does not exist"),
+        (["train", TASK, "--runner", "x" * 5000], "--runner xxxxxxxxxxxxxxxxxxxx...: has 5000 characters, 4096 at"),
         (["train", TASK, "--resume", "."], "contains no checkpoint"),
         (["train", TASK, "--video-interval", "-1"], "must be at least 0"),
         (["train", TASK, "--agent.obs-groups.actor", "camera"], "the environment has policy, critic"),

@@ -91,7 +91,7 @@ def test_without_graphs_a_step_is_many_launches():
     """Counts of the same step kernel by kernel: they show that the counter of the test above counts."""
     counts = count_in_steady_state(make(graph=False), 10)
     assert counts["graph_launches"] == 0.0
-    assert counts["kernel_launches"] > 10.0
+    assert counts["kernel_launches"] >= 5.0
 
 
 @pytest.mark.parametrize("task", FORMS[:2])

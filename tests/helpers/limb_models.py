@@ -76,7 +76,7 @@ def walker(name: str, integrator: str = "implicitfast", replaced: tuple[str, str
     return mujoco.MjModel.from_xml_string(walker_xml(name, integrator, replaced))
 
 
-def walker_worlds(name: str, num_worlds: int, ground: str = PLANE) -> newton.Model:
+def walker_worlds(name: str, num_worlds: int, ground: str = PLANE, device: str = "cpu") -> newton.Model:
     """Worlds of a Newton model, which has planes and fields in no body."""
     one = newton.ModelBuilder()
     SolverFused.register_custom_attributes(one)
@@ -84,4 +84,4 @@ def walker_worlds(name: str, num_worlds: int, ground: str = PLANE) -> newton.Mod
     scene = newton.ModelBuilder()
     SolverFused.register_custom_attributes(scene)
     scene.replicate(one, num_worlds)
-    return scene.finalize(device="cpu")
+    return scene.finalize(device=device)

@@ -370,6 +370,8 @@ def test_errors_of_spawners(stage):
         cfg.func("/World/envs/env_.*/A", cfg)
     for cfg, field in (
         (SphereCfg(radius=-1.0), "radius"),
+        (UsdFileCfg(usd_path=__file__, source_prim_path="--"), "source_prim_path"),
+        (UsdFileCfg(usd_path=__file__, source_prim_path="Robot"), "source_prim_path"),
         (CapsuleCfg(radius=0.1, height=0.0), "height"),
         (SphereCfg(radius=1.0, mass_props=MassPropertiesCfg(mass=math.nan)), "mass_props.mass"),
         (SphereCfg(radius=1.0, physics_material=RigidBodyMaterialCfg(dynamic_friction=-1.0)), "dynamic_friction"),

@@ -15,7 +15,7 @@ FLAT, ROUGH = "Stripe-Velocity-Flat-Quadruped-v0", "Stripe-Velocity-Rough-Quadru
 LIFT, LEGS = "Stripe-Lift-Cube-Panda-v0", "Stripe-Velocity-Rough-AnymalC-v0"
 ROBOTS = {LIFT: "panda", LEGS: "anymal_c"}
 """Robots whose file a task needs: with hulls on a cube and the ground, and with cylinders on rough ground."""
-WALKS = [(FLAT, True), (FLAT, False), (ROUGH, False), (LIFT, False), (LEGS, False)]
+WALKS = [(FLAT, True), (FLAT, False), (ROUGH, True), (ROUGH, False), (LIFT, False), (LEGS, False)]
 """Tasks, and whether they take the form for a hub with limbs."""
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts of hulls in the fused step, with planes, boxes and each other, against those of MuJoCo's C."""
+"""Contacts of hulls in the fused step, with planes, balls, boxes and each other, against those of MuJoCo's C."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def points_of(name: str) -> np.ndarray:
 MESHES = ("block", "prism", "stone")
 PAIRS = {
     "plane": [("plane", name) for name in MESHES],
+    "ball": [("ball", name) for name in MESHES],
     "box": [("box", name) for name in MESHES],
     "hull": [("block", "prism"), ("prism", "stone"), ("stone", "block")],
 }
@@ -44,13 +45,13 @@ POSES = "any", "flat"
 
 @functools.cache
 def scene(margin: float = 0.0) -> mujoco.MjModel:
-    """A plane and four free bodies, of which the pairs may touch. Those with the plane have a margin."""
+    """A plane and five free bodies, of which the pairs may touch. Those with plane and ball have a margin."""
     meshes = [f"<mesh name='{n}' vertex='{' '.join(f'{x:.6f}' for x in points_of(n).ravel())}'/>" for n in MESHES]
     line = "<body><freejoint/><geom name='{}' {} contype='0' conaffinity='0'/></body>"
-    bodies = [line.format("box", "type='box' size='.08 .1 .05'")]
+    bodies = [line.format("box", "type='box' size='.08 .1 .05'"), line.format("ball", "type='sphere' size='.06'")]
     bodies += [line.format(n, f"type='mesh' mesh='{n}'") for n in MESHES]
     plane = "<geom name='plane' type='plane' size='0 0 1' contype='0' conaffinity='0'/>"
-    named = [(a, b, 0.01 if kind == "plane" else margin) for kind, pairs in PAIRS.items() for a, b in pairs]
+    named = [(a, b, 0.01 if kind in ("plane", "ball") else margin) for kind, pairs in PAIRS.items() for a, b in pairs]
     pairs = [f"<pair geom1='{a}' geom2='{b}' margin='{m}'/>" for a, b, m in named]
     return mujoco.MjModel.from_xml_string(
         "<mujoco><option timestep='0.005' integrator='implicitfast'/>"
@@ -63,12 +64,12 @@ def states_of(second: str, kind: str, count: int) -> list[State]:
     """States in which one pair touches; ``"flat"``: all but along each other's axes."""
     model, rng, states = scene(), np.random.default_rng(0), []
     data, turns = mujoco.MjData(model), np.array([[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5]])
-    bodies = {"box": 0, **{name: 1 + i for i, name in enumerate(MESHES)}}
+    bodies = {name: i for i, name in enumerate(("box", "ball", *MESHES))}
     while len(states) < count:
         mujoco.mj_resetData(model, data)
         data.qvel[:] = rng.normal(size=model.nv)
         q = data.qpos.reshape(-1, 7)
-        q[:, :3] = [[2.0 * i, 0.0, 5.0] for i in range(4)]
+        q[:, :3] = [[2.0 * i, 0.0, 5.0] for i in range(5)]
         pair = PAIRS[second][len(states) % 3]
         for name in set(pair) - {"plane"}:
             q[bodies[name], :3] = rng.uniform(-0.12, 0.12, 3) + (0.0, 0.0, 0.0 if second == "plane" else 9.0)
@@ -103,11 +104,12 @@ def test_contacts_are_those_of_mujoco(second, kind):
     """In nearly all states all contacts are; of two hulls MuJoCo sometimes ends in a face that is not the nearest."""
     found = compare(scene(), states=states_of(second, kind, 450))
     counts = np.bincount([len(contacts) for contacts in found.contacts], minlength=5)
-    assert counts[1:].min() >= 2
-    assert counts[4] > 25 or kind == "any"
+    assert counts[1:].min() >= 2 or second == "ball"
+    assert counts[4] > 25 or kind == "any" or second == "ball"
     error = differences(found)
-    assert np.median(error) < 1e-14
-    assert np.mean(error < ROUNDING) > (0.999 if second == "plane" else 0.97)
+    assert np.median(error) < (1e-12 if second == "ball" else 1e-14)
+    # MuJoCo ends for a ball whose centre is inside where it gains no more than 1e-6: points err by its square root.
+    assert np.mean(error < (5e-4 if second == "ball" else ROUNDING)) > (0.999 if second == "plane" else 0.97)
     assert np.median(found.error) < 1e-13
     # The normals of the others may be those of another face, but hardly any overlaps deeper.
     depths = [
@@ -135,10 +137,11 @@ def test_a_hull_that_flew_away_touches_nothing(place):
 
 
 def test_which_pairs_of_hulls_are_found():
-    """Those without a margin whose hulls are closed and not too large; with planes all closed ones."""
-    kinds = [pair.kind for pair in contact_pairs(scene())]
-    assert kinds == ["PLANE_HULL"] * 3 + ["BOX_HULL"] * 3 + ["HULL_HULL"] * 3
-    assert [pair.kind for pair in contact_pairs(scene(0.01))] == ["PLANE_HULL"] * 3 + [""] * 6
+    """Those without a margin whose hulls are closed and not too large; with planes and balls all closed ones."""
+    kinds = sorted(pair.kind for pair in contact_pairs(scene()))
+    assert kinds == ["BOX_HULL"] * 3 + ["HULL_HULL"] * 3 + ["PLANE_HULL"] * 3 + ["SPHERE_HULL"] * 3
+    kinds = sorted(pair.kind for pair in contact_pairs(scene(0.01)))
+    assert kinds == [""] * 6 + ["PLANE_HULL"] * 3 + ["SPHERE_HULL"] * 3
     assert sides_of_pairs(scene(), contact_pairs(scene())) == 12 + 4
     ball = np.random.default_rng(0).normal(size=(400, 3))
     vertex = " ".join(map(str, (ball / np.linalg.norm(ball, axis=1, keepdims=True)).ravel()))

@@ -57,16 +57,18 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
 }
 
 #if HAS_HULLS
-// The first geom of a pair of hulls, in the axes of the second one.
-FN Polytope first_polytope(const Hull* hulls, int p, const PairGeoms& g) {
+// The first geom of a pair of hulls, in the axes of the second one; of a ball the box around it and its margin.
+FN Polytope first_polytope(const Hull* hulls, const Parameters& P, int p, const PairGeoms& g) {
     const int number = contact_hull(2 * p);
     const Mat to_second = transposed(g.b.axes), from_first = transposed(g.a.axes);
     const Mat axes{from_first * to_second.r0, from_first * to_second.r1, from_first * to_second.r2};
-    return Polytope{hulls[number], number ? Vec{1, 1, 1} : g.a.size, axes, to_second * (g.a.pos - g.b.pos)};
+    const Vec ball = (g.a.size.x + margin_of(P, p)) * Vec{1, 1, 1};
+    const Vec scale = contact_kind(p) == SPHERE_HULL ? ball : number ? Vec{1, 1, 1} : g.a.size;
+    return Polytope{hulls[number], scale, axes, to_second * (g.a.pos - g.b.pos)};
 }
 
-// Contacts of hulls with planes, boxes and each other behind the first `count` ones, in the order of the pairs. All lanes look
-// at the hulls that are near, one pair after another. Returns the number of all contacts.
+// Contacts of hulls with planes, balls, boxes and each other behind the first `count` ones, in the order of the pairs. All
+// lanes look at the hulls that are near, one pair after another. Returns the number of all contacts.
 FN int collide_hulls(World& w, const Parameters& P, int count, int lane) {
     const Hull* hulls = (const Hull*)P.m.hulls;
     ROLLED for (int first = FIRST_HULL_PAIR; first < FIRST_SEARCHED_PAIR; first += LANES) {
@@ -74,23 +76,29 @@ FN int collide_hulls(World& w, const Parameters& P, int count, int lane) {
         const bool is_pair = p < FIRST_SEARCHED_PAIR && has_both(P, p);
         Hits hits;
         Overlap own;
-        hits.count = 0, own.dist = 0;
+        hits.count = 0, own.found = false;
         bool near = false;
         if (is_pair) {
             const PairGeoms g = geoms_of(w, P, p);
             const Hull& second = hulls[contact_hull(2 * p + 1)];
             if (contact_kind(p) == PLANE_HULL) plane_hull(hits, margin_of(P, p), g.a, g.b, second);
-            else near = are_near(first_polytope(hulls, p, g), second);
+            else near = are_near(first_polytope(hulls, P, p, g), second);
         }
         ROLLED for (unsigned votes = BALLOT(near); votes; votes &= votes - 1) {
-            const int k = first_lane(votes);
-            const Polytope a = first_polytope(hulls, first + k, geoms_of(w, P, first + k));
-            const Overlap overlap = overlap_of(a, hulls[contact_hull(2 * (first + k) + 1)], lane);
+            const int k = first_lane(votes), q = first + k;
+            const PairGeoms g = geoms_of(w, P, q);
+            const Polytope a = first_polytope(hulls, P, q, g);
+            const Hull& second = hulls[contact_hull(2 * q + 1)];
+            Overlap overlap;
+            if (contact_kind(q) == SPHERE_HULL) overlap = ball_overlap(a.pos, g.a.size.x, margin_of(P, q), second, lane);
+            else overlap = overlap_of(a, second, lane);
             if (k == lane) own = overlap;
         }
-        if (own.dist < 0) {
+        if (own.found) {
             const PairGeoms g = geoms_of(w, P, p);
-            hull_hits(hits, own, first_polytope(hulls, p, g), hulls[contact_hull(2 * p + 1)]);
+            const Polytope a = first_polytope(hulls, P, p, g);
+            if (contact_kind(p) != SPHERE_HULL) hull_hits(hits, own, a, hulls[contact_hull(2 * p + 1)]);
+            else add(hits, own.dist, a.pos + (g.a.size.x + (real)0.5 * own.dist) * own.normal, own.normal, Vec{0, 0, 0});
             for (int i = 0; i < hits.count; i++) {
                 Hit& h = hits.hit[i];
                 h.pos = g.b.pos + g.b.axes * h.pos, h.normal = g.b.axes * h.normal;

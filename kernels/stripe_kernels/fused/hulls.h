@@ -137,8 +137,9 @@ enum HullPart { HULL_VERTEX = 1, HULL_EDGE = 2, HULL_FACE = 3 };
 struct Overlap {
     HullPart kinds[2];
     int numbers[2];
-    real dist;  // 0 for none
+    real dist;
     Vec normal;
+    bool found;
 };
 
 // Whether the boxes around two polytopes overlap.
@@ -214,7 +215,7 @@ COLD Overlap overlap_of(Polytope a, const Hull& b, int lane) {
         if (height > best) best = height, number = (real)(a.hull.num_faces + f);
     }
     best_of_lanes(best, number, lane);
-    o.dist = 0;
+    o.found = false;
     if (!(best < 0)) return o;
     try_edges(a, b, edge, edges, lane);
     if (!(edge < 0) && edge > best) return o;
@@ -223,13 +224,60 @@ COLD Overlap overlap_of(Polytope a, const Hull& b, int lane) {
         const int *first = a.hull.edges + 4 * i, *second = b.edges + 4 * j;
         Vec n = cross(vertex_of(a, first[1]) - vertex_of(a, first[0]), vertex_of(b, second[1]) - vertex_of(b, second[0]));
         n = ((dot(n, normal_of(a, first[2]) + normal_of(a, first[3])) < 0 ? -1 : 1) / SQRT(dot(n, n))) * n;
-        return Overlap{{HULL_EDGE, HULL_EDGE}, {i, j}, edge, n};
+        return Overlap{{HULL_EDGE, HULL_EDGE}, {i, j}, edge, n, true};
     }
     const int f = (int)number;
     if (f < a.hull.num_faces)
-        return Overlap{{HULL_FACE, HULL_VERTEX}, {f, lowest(b, normal_of(a, f), height)}, best, normal_of(a, f)};
+        return Overlap{{HULL_FACE, HULL_VERTEX}, {f, lowest(b, normal_of(a, f), height)}, best, normal_of(a, f), true};
     const Vec n = normal_of(b, f - a.hull.num_faces);
-    return Overlap{{HULL_VERTEX, HULL_FACE}, {lowest(a, n, height), f - a.hull.num_faces}, best, -1 * n};
+    return Overlap{{HULL_VERTEX, HULL_FACE}, {lowest(a, n, height), f - a.hull.num_faces}, best, -1 * n, true};
+}
+
+// Point of an edge that is nearest to `p`.
+FN Vec closest_on_edge(const Hull& h, int e, Vec p) {
+    const Vec a = vertex_of(h, h.edges[4 * e]), ab = vertex_of(h, h.edges[4 * e + 1]) - a;
+    return a + clamped(dot(p - a, ab) / dot(ab, ab), 0, 1) * ab;
+}
+
+// Whether the perpendicular from a point onto a face meets it.
+FN bool is_above(const Hull& h, int face, Vec p) {
+    const Vec n = normal_of(h, face);
+    const int *list = h.faces + h.faces[face], sides = h.faces[face + 1] - h.faces[face];
+    for (int i = 0; i < sides; i++) {
+        const Vec a = vertex_of(h, list[i]), b = vertex_of(h, list[i + 1 < sides ? i + 1 : 0]);
+        if (dot(cross(n, b - a), p - a) < 0) return false;
+    }
+    return true;
+}
+
+// How a ball touches a hull, found by all lanes: along the normal of the nearest face from inside, from outside where the
+// hull is nearest to the centre.
+COLD Overlap ball_overlap(Vec center, real radius, real margin, const Hull& h, int lane) {
+    Overlap o;
+    real best = (real)-1e30, number = 0;
+    EACH(f, h.num_faces) {
+        const real height = dot(normal_of(h, f), center) - h.planes[4 * f + 3];
+        if (height > best) best = height, number = (real)f;
+    }
+    best_of_lanes(best, number, lane);
+    o.found = best < radius + margin, o.dist = best - radius, o.normal = -1 * normal_of(h, (int)number);
+    if (!o.found || best <= 0) return o;
+    best = (real)-1e30;
+    EACH(f, h.num_faces) {
+        const real height = dot(normal_of(h, f), center) - h.planes[4 * f + 3];
+        if (height > 0 && -height > best && is_above(h, f, center)) best = -height, number = (real)f;
+    }
+    EACH(e, h.num_edges) {
+        const Vec d = closest_on_edge(h, e, center) - center;
+        const real length = SQRT(dot(d, d));
+        if (-length > best) best = -length, number = (real)(h.num_faces + e);
+    }
+    best_of_lanes(best, number, lane);
+    const int n = (int)number;
+    o.found = -best < radius + margin, o.dist = -best - radius;
+    if (n < h.num_faces) o.normal = -1 * normal_of(h, n);
+    else o.normal = (-1 / best) * (closest_on_edge(h, n - h.num_faces, center) - center);
+    return o;
 }
 
 }  // namespace fused

@@ -133,6 +133,7 @@ FN void write_newton_joints(World& w, const Parameters& P, unsigned long long q,
     write_rows<NV>(r, [&](const World& o, int id, int i) {
         if (!moves_kinematic(o, P, id, dof_joint(i))) *in_newton(v, id, NEWTON_DOFS, newton_dof(i)) = newton_velocity(o, i);
     });
+    SYNC_WARP();  // the worlds' own lanes go on to change what others have read
 }
 // Joints of kinematic bodies, as the caller has placed them.
 FN void read_kinematic_joints(World& w, const Parameters& P, unsigned long long q, unsigned long long v, int lane) {

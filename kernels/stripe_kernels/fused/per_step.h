@@ -45,6 +45,7 @@ FN void note_efforts(World& w, const Parameters& P, Ask ask, int lane) {
             return ask(id, dof, q, newton_velocity(o, i));
         },
         [&](World&, int id, int i, real x) { *in_newton(P.m.computed_effort, id, NEWTON_DOFS, newton_dof(i)) = x; });
+    SYNC_WARP();
 }
 #endif
 

@@ -101,7 +101,12 @@ def read_policy_metadata(path: str | os.PathLike) -> PolicyMetadata:
         raise CheckpointError(f"{path}: has metadata of version {version}, this package reads up to {FORMAT_VERSION}")
     if wrong := list(mismatches(data, PolicyMetadata)):
         raise CheckpointError(f"{path}: has wrong metadata: {'; '.join(wrong[:3])}")
-    return cast(PolicyMetadata, data)
+    metadata = cast(PolicyMetadata, data)
+    described = {group["name"] for group in metadata["observations"]}
+    for name in (name for entry in metadata["network"]["inputs"] for name in entry["groups"]):
+        if name not in described:  # what the network reads could not be compared with an environment
+            raise CheckpointError(f"{path}: has wrong metadata: observations: lack the group '{name}' of the network")
+    return metadata
 
 
 def _read_onnx(path: Path) -> Plain:

@@ -186,7 +186,7 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
     path = Path(path)
     damage = damage_of(path)
     if damage is not None:
-        raise CheckpointError(f"{path}: {damage}")
+        raise CheckpointError(f"{path}: {damage}; a checkpoint is the file model_K.pt of a run")
     try:
         data = _load(path, device)
     except pickle.UnpicklingError as error:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar
 
-from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.input_files import why_no_file
@@ -174,6 +174,9 @@ class UsdFileCfg(RigidObjectSpawnerCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from _missing(self.usd_path, "usd_path")
+        given = self.source_prim_path
+        if given is not None and not (given.startswith("/") and Sdf.Path.IsValidPathString(given)):
+            yield "source_prim_path", f"is {given!r}, must be the path of a prim, such as '/Robot'"
         if self.names is not None and self.names.links:
             yield "names.links", "is set, but shapes of a USD file stay with their bodies; leave it empty"
 

@@ -57,7 +57,7 @@ class PictureEnv(FakeCartEnv):
 
 
 def agent_cfg(kind: str) -> FakeCartRunnerCfg:
-    agent = FakeCartRunnerCfg(clip_actions=0.4)
+    agent = FakeCartRunnerCfg(clip_actions=0.4, matmul_precision="highest")
     common = {
         "hidden_dims": (8,),
         "obs_normalization": kind != "camera",
@@ -108,6 +108,7 @@ def test_an_exported_policy_plays_as_the_network(kind, device, tmp_path):
         assert 0.0 <= result["largest_difference"] <= 1e-5
     assert found.metadata["check"]["largest_action"] > 0.05
     policy, mine = runner.get_inference_policy(), OnnxPolicy(found.onnx, runner.env)
+    torch.set_float32_matmul_precision("highest")  # the runner's own products round to TF32 on a GPU
     obs, ended = runner.env.reset(seed=5), 0
     policy.reset()
     with torch.inference_mode():
@@ -252,6 +253,9 @@ def test_files_that_are_no_policies(tmp_path):
     later = next(p for p in model.metadata_props if p.key == "format_version")
     later.value = "99"
     onnx.save_model(model, str(tmp_path / "later.onnx"))
+    later.value = "1"
+    next(p for p in model.metadata_props if p.key == "observations").value = "[]"
+    onnx.save_model(model, str(tmp_path / "blind.onnx"))
     del model.metadata_props[:]
     onnx.save_model(model, str(tmp_path / "bare.onnx"))
     torch.save({"a": 1}, tmp_path / "other.pt")
@@ -261,6 +265,7 @@ def test_files_that_are_no_policies(tmp_path):
         ("text.onnx", "it is not an ONNX file"),
         ("bare.onnx", "has no metadata of a policy; was it written by 'stripe-newton export RUN'"),
         ("later.onnx", "has metadata of version 99, this package reads up to 1"),
+        ("blind.onnx", "has wrong metadata: observations: lack the group 'policy' of the network"),
         ("other.pt", "it contains no metadata.json"),
         ("bad.json", "has no metadata of a policy"),
     ):
