@@ -49,21 +49,9 @@ if triton is not None:
 
     @triton.jit
     def _gradient(
-        by_out,
-        weight,
-        result,
-        by_in,
-        sums,
-        m,
-        n,
-        k,
-        to_block,
-        to_k,
-        to_n,
-        BM: tl.constexpr,
-        BN: tl.constexpr,
-        BK: tl.constexpr,
-    ):
+        by_out, weight, result, by_in, sums, m, n, k, to_block, to_k, to_n,
+        BM: tl.constexpr, BN: tl.constexpr, BK: tl.constexpr,
+    ):  # fmt: skip
         """A block of ``(by_out @ weight) * slope(result)``, and its sums over the rows."""
         columns = tl.cdiv(n, BN)
         block = tl.program_id(0) // columns
@@ -109,7 +97,8 @@ def elu_layer(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torc
     """
     (m, k), n = x.shape, len(weight)
     out = torch.empty(m, n, dtype=x.dtype, device=x.device)
-    _layer[_grid(m, n)](x, weight, bias, out, m, n, k, **_settings(x))
+    with torch.cuda.device_of(x):  # Triton launches on the current device
+        _layer[_grid(m, n)](x, weight, bias, out, m, n, k, **_settings(x))
     return out
 
 
@@ -133,5 +122,6 @@ def elu_layer_gradient(
         # In TF32 the tensor cores take both factors only with the summed index innermost.
         weight = weight.t().contiguous().t()
     strides = (sums.stride(0), *weight.stride())
-    _gradient[_grid(m, n)](by_out, weight, result, by_in, sums, m, n, k, *strides, **_settings(result))
+    with torch.cuda.device_of(result):
+        _gradient[_grid(m, n)](by_out, weight, result, by_in, sums, m, n, k, *strides, **_settings(result))
     return by_in
