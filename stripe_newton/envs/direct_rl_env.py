@@ -29,13 +29,23 @@ from .spaces import SpaceSpec, nested_mismatches, to_space
 __all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
 
 
+def _has_shape_of(own: SpaceSpec, value: SpaceSpec) -> bool:
+    """Whether a space is a ``Box`` of the same shape as another one, with whatever bounds, or equal to it."""
+    try:
+        one, other = to_space(own), to_space(value)
+    except (TypeError, ValueError):  # told elsewhere
+        return value == own
+    boxes = isinstance(one, spaces.Box) and isinstance(other, spaces.Box)
+    return one.shape == other.shape if boxes else one == other
+
+
 @configclass
 class DirectRLEnvCfg(RLEnvCfg):
     """Base config of direct environments; subclass it and add fields of your own."""
 
     FIXED_SPACES: ClassVar[tuple[str, ...]] = ()
-    """Names of spaces that hooks take as the class has them, so that any other is an error. Set it where kernels are
-    written for so many numbers: they would go beyond the end of a smaller space."""
+    """Names of spaces that hooks take in the shape that the class has, so that any other is an error. Set it where
+    kernels are written for so many numbers: they would go beyond the end of a smaller space."""
     observation_space: SpaceSpec = MISSING
     """Space of the group ``"policy"``, as :func:`to_space` reads it; a dict with the key ``"policy"`` names the spaces
     of all groups."""
@@ -64,7 +74,7 @@ class DirectRLEnvCfg(RLEnvCfg):
             yield "hooks_graph", f"is {self.hooks_graph!r}, must be 'auto', True or False"
         for name in self.FIXED_SPACES:
             own, value = type(self).__dataclass_fields__[name].default, getattr(self, name)
-            if own is not MISSING and value != own:
+            if own is not MISSING and not _has_shape_of(own, value):
                 yield name, f"is {value!r}, must be {own!r}, which the hooks of this task are written for"
         for name in ("observation_space", "action_space", "state_space"):
             value = getattr(self, name)

@@ -61,8 +61,16 @@ class PairDivision:
         made = cls(listed)
         if solver.static_triangles:
             made._group_meshes(solver)
-        hulls = sum(is_of_hulls(pair.kind) for pair in made.pairs) <= _MOST_HULL_PAIRS
-        rest = [pair for pair in made.pairs if not _finds(pair, solver.triangles, hulls)]
+        few_hulls = sum(is_of_hulls(pair.kind) for pair in made.pairs) <= _MOST_HULL_PAIRS
+        meshes = model.geom_dataid.numpy()
+        varied = set(np.flatnonzero((meshes != meshes[0]).any(axis=0)).tolist())  # the kernel has one mesh of each
+
+        def finds(pair: ContactPair) -> bool:
+            if is_of_hulls(pair.kind):
+                return few_hulls and not varied & {pair.geom1, pair.geom2}
+            return bool(pair.kind) and (solver.triangles or not pair.kind.startswith("FIELD"))
+
+        rest = [pair for pair in made.pairs if not finds(pair)]
         made.others = sorted({_types(cpu, pair) for pair in rest})
         if model.callback.contactfilter:
             made.others.append("what its contact filter adds")
@@ -71,7 +79,7 @@ class PairDivision:
         if is_listed and len(rest) < len(listed):
             left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
             remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
-        made.pairs = [pair for pair in made.pairs if _finds(pair, solver.triangles, hulls)]
+        made.pairs = [pair for pair in made.pairs if finds(pair)]
         return made
 
     def _group_meshes(self, solver: SolverFused) -> None:
@@ -80,11 +88,6 @@ class PairDivision:
         self.statics = StaticTriangles(solver.mj_model, solver.model, shapes, self.pairs, solver.stand_ins)
         self.hulls = sorted({_types(solver.mj_model, pair) for pair in self.statics.lacking})
         self.pairs = self.statics.pairs
-
-
-def _finds(pair: ContactPair, triangles: bool, hulls: bool) -> bool:
-    is_left = (pair.kind.startswith("FIELD") and not triangles) or (is_of_hulls(pair.kind) and not hulls)
-    return bool(pair.kind) and not is_left
 
 
 def _types(model: mujoco.MjModel, pair: ContactPair) -> str:

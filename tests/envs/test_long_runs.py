@@ -65,7 +65,8 @@ def test_steps_after_years_are_those_of_the_first_minute(env):
 @wp.kernel
 def pass_time(count: int, elapsed: float, remainder: wp.array2d[float], sensor: contact.ContactSensorData):
     for _ in range(count):
-        contact._update_times(0, 0, elapsed, remainder, sensor)
+        times = contact._read_times(0, 0, remainder, sensor)
+        contact._update_times(0, 0, sensor.net_forces_w[0, 0], times, elapsed, remainder, sensor)
 
 
 @pytest.mark.parametrize("touches", [True, False])
