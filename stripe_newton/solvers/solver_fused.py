@@ -404,11 +404,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         observables: Any = None,
     ) -> None:
         """Advance by one time step, as :meth:`newton.solvers.SolverMuJoCo.step`."""
-        if self.converts:
-            self._call = _Call(state_in, state_out, control, observables)
+        call = self._call = _Call(state_in, state_out, control, observables) if self.converts else None
         try:
-            if self._does_all(observables):
-                self._step_in_kernel(self._call, contacts, dt)
+            if call is not None and self._does_all(observables):
+                self._step_in_kernel(call, contacts, dt)
             else:
                 super().step(state_in, state_out, control, contacts, dt, observables=observables)
         finally:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -177,7 +177,7 @@ class StillLife:
     env_origin: wp.array | None = None
     state: newton.State | None = None
     num_envs: int = 1
-    markers: tuple[VisualizationMarkers, ...] = ()
+    markers: MutableSequence[VisualizationMarkers] = field(default_factory=list)
 
 
 def still_life(scene: Scene, device: wp.Device) -> StillLife:
