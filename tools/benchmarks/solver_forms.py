@@ -69,7 +69,7 @@ def row(task: str, num_envs: int, device: str, launches: int) -> str:
         solver.limbs = limbs
         solver._remake()
         if solver.fused.layout.is_limbs != limbs:
-            raise ValueError(f"{task}: its robot is no hub with limbs, or touches more than planes")
+            raise ValueError(f"{task}: its robot is no hub with limbs, or touches what the form has no routine for")
         times.append(least_time(solver, before, cfg.decimation, device, launches))
         speeds.append(solver.mjw_data.qvel.numpy().copy())
     rows, iterations = (getattr(solver.mjw_data, name).numpy().mean() for name in ("nefc", "solver_niter"))
