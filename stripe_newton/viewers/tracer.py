@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -12,6 +11,7 @@ from newton.sensors import SensorCamera
 
 from stripe_kernels.box_normals import fill_box_normals
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
+from stripe_newton.thread_pool import ThreadPool
 from stripe_newton.threads import available_cores
 
 from .camera_framing import camera_axes
@@ -73,7 +73,7 @@ class Tracer:
         still = np.zeros(len(scene.colors) if len(scene.scenery) else 0, dtype=np.int32)
         still[scene.scenery] = 1
         self._still = wp.array(still, dtype=wp.int32, device=self._device)
-        self._pool: ThreadPoolExecutor | None = None
+        self._pool = ThreadPool(_MOST_THREADS, "shade")
         self._frames_shaded = 0
         self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
         # Room for a third of the pixels; beyond that, pixels on edges stay as they are.
@@ -124,8 +124,7 @@ class Tracer:
             size = pixels
             shade(0)
         else:
-            self._pool = self._pool or ThreadPoolExecutor(parts, thread_name_prefix="shade")
-            list(self._pool.map(shade, range(0, pixels, size)))
+            list(self._pool.executor.map(shade, range(0, pixels, size)))
         self._frames_shaded += 1
 
     def _expose(self) -> float:

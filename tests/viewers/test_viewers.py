@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import threading
 from pathlib import Path
 
 import newton
@@ -15,6 +16,8 @@ import warp as wp
 from stripe_newton.configclass import ConfigError
 from stripe_newton.viewers import LiveViewer, SceneRenderer, VideoWriter, ViewerCfg, save_image
 from stripe_newton.viewers.camera_framing import Follower, camera_axes, frame_points
+from stripe_newton.viewers.tracer import _MOST_THREADS
+from tests.helpers.forked import run_forked
 from tests.helpers.viewed_scenes import light, sim_of
 
 ASSETS = Path(newton.__file__).parent / "examples" / "assets"
@@ -256,6 +259,17 @@ def test_threads_shade_the_same_picture(monkeypatch):
         renderer.render()  # the first picture is always one thread's
         pictures.append(renderer.render())
     np.testing.assert_array_equal(*pictures)
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # that it has threads
+def test_a_forked_process_shades_with_threads_of_its_own(monkeypatch):
+    monkeypatch.setattr("stripe_newton.viewers.tracer.available_cores", lambda: 3)
+    renderer = SceneRenderer(sim_of(box()), ViewerCfg(resolution=(97, 61)))
+    renderer.render()
+    picture, meet = renderer.render(), threading.Barrier(_MOST_THREADS)
+    pool = renderer._open_tracer._pool
+    list(pool.executor.map(lambda _: meet.wait(10.0), range(_MOST_THREADS)))  # all are there, and free again
+    assert run_forked(lambda: 7 if np.array_equal(renderer.render(), picture) else 8) == 7
 
 
 def test_no_floor_is_drawn_unless_it_is_asked_for():
