@@ -159,7 +159,7 @@ class Tracer:
         size = -(-count // parts)
 
         def shade(first: int) -> None:
-            some = pixels[first : first + size]
+            some = pixels[first : min(first + size, count)]  # Warp takes no end beyond the array's
             wp.launch(shade_pixels, some.size, [*args, some], device=self._device)
 
         if parts == 1 or self._frames_shaded == 0:  # the first one compiles and loads the kernel
