@@ -25,6 +25,8 @@ _HITS = {
     "PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4,
     "SPHERE_SPHERE": 1, "SPHERE_CAPSULE": 1, "SPHERE_BOX": 1, "CAPSULE_CAPSULE": 2, "CAPSULE_BOX": 2, "BOX_BOX": 8,
     "FIELD_SPHERE": 4, "FIELD_HIGH_END": 2, "FIELD_LOW_END": 2, "FIELD_AXIS": 2, "FIELD_BOX": 4, "FIELD_CYLINDER": 4,
+    "MESH_SPHERE": 4, "MESH_HIGH_END": 2, "MESH_LOW_END": 2, "MESH_AXIS": 2, "MESH_BOX": 4,
+    **{f"MESH_CORNER_{i}": 2 for i in range(8)},
 }  # fmt: skip
 """Routines of pairs that it has, and how many contacts each finds at most."""
 
@@ -186,7 +188,7 @@ def _reasons(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> Iterator[st
         if sum(_moves(model, int(model.geom_bodyid[g])) for g in (pair.geom1, pair.geom2)) != 1:
             yield "parts of it may touch each other"
         if pair.kind not in _HITS:
-            yield "it touches other things than primitives and height fields"
+            yield "it touches other things than primitives, height fields and static meshes"
         if pair.dim not in (1, 3):
             yield "contacts have torsional or rolling friction"
     hub, limbs = _divide(model)

@@ -4,8 +4,9 @@
 
 namespace fused {
 
-// A contact of a slot, from what collision detection found of the pair `p`, of which one geom moves.
-FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const Limb& L, int slot, int p, const Hit& hit) {
+// A contact of a slot, from what collision detection found of the pair `p`, of which one geom moves. `geom` is the first one:
+// meshes that do not move are together in pairs of one of them.
+FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const Limb& L, int slot, int p, int geom, const Hit& hit) {
     const int b1 = geom_body(contact_geom1(p)), b2 = geom_body(contact_geom2(p));
     const bool is_first = MORE_THAN_PLANES && !body_dofs(b2);  // the geom that moves
     const int b = is_first ? b1 : b2;
@@ -13,7 +14,7 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
     const Vec at = MORE_THAN_PLANES ? hit.pos + (origin_of(w, b1, b2) - origin_of(w, b)) : hit.pos;
     Material m;
     real friction[5];
-    mix(m, friction, P, p, contact_geom1(p));
+    mix(m, friction, P, p, geom_with_parameters(P, geom));
     const real pos = hit.dist - margin_of(P, p), mu = friction[0] * SQRT(1 / (real)IMPRATIO);
     const real weight = P.weight()[2 * b1] + P.weight()[2 * b2];
     const Impedance z = impedance(P, m.solref, m.solimp, pos);
@@ -43,7 +44,7 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
     for (int k = 0; k < 2; k++) o.friction[k] = slides ? 0 : friction[k];
     o.rows = slides ? 1 : 4;
 #if CONTACT_FORCES
-    o.pair = p, o.normal = n, o.tangent = t;
+    o.pair = p, o.geom = geom, o.normal = n, o.tangent = t;
 #endif
 }
 
@@ -67,23 +68,26 @@ FN bool are_far(const PairGeoms& g, real margin) {
 // Contacts of a slot. Returns their number.
 FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
     int count = 0;
-#if HAS_FIELDS
-    int geom = -1;  // over a field: its parts come one after another
+#if HAS_SEARCHES
+    int geom = -1;  // on searched ground: its parts come one after another
     bool near = false;
 #endif
     ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
         const int p = limb_pair(t);
         if (!has_both(P, p)) continue;
         Hits hits;
-#if HAS_FIELDS
+        int geoms[4];  // of meshes
+        bool on_mesh = false;
+#if HAS_SEARCHES
         if (p >= FIRST_SEARCHED_PAIR) {
             const int own = searched_geom(p - FIRST_SEARCHED_PAIR);
             if (own == geom && !near) continue;
             const PairGeoms g = geoms_of(w, P, p);
-            const OnField o = on_field(P, p, g);
+            const OnGround o = on_ground(g);
             if (own != geom) geom = own, near = is_near(o, P, p);
             if (!near) continue;
-            field_hits(hits, o, P, p, g.a.axes);
+            ground_hits(hits, geoms, o, P, p, g.a.axes);
+            on_mesh = HAS_MESHES && contact_kind(p) >= MESH_SPHERE;
         } else
 #endif
         {
@@ -96,7 +100,7 @@ FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, co
                 overflow |= OVERFLOW_CONTACTS;
                 break;
             }
-            set_contact(found[count], w, P, L, slot, p, hits.hit[i]);
+            set_contact(found[count], w, P, L, slot, p, on_mesh ? geoms[i] : contact_geom1(p), hits.hit[i]);
             rows += found[count].rows;
             count++;
         }
@@ -127,7 +131,7 @@ FN void write_contact_forces(const Parameters& P, const LimbContact (*found)[LIM
             if (place >= MAX_CONTACTS) break;
             const LimbContact& o = found[l][c];
             Vec f = contact_force(o);
-            P.force_geoms()[2 * place] = contact_geom1(o.pair), P.force_geoms()[2 * place + 1] = contact_geom2(o.pair);
+            P.force_geoms()[2 * place] = o.geom, P.force_geoms()[2 * place + 1] = contact_geom2(o.pair);
             store(P.contact_forces() + 3 * place, f.x * o.normal + f.y * o.tangent + f.z * cross(o.normal, o.tangent));
         }
     if (lane == 0 && all < MAX_CONTACTS) P.force_geoms()[2 * all] = P.force_geoms()[2 * all + 1] = -1;

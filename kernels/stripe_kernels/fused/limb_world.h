@@ -121,7 +121,7 @@ struct LimbContact {
     real D, friction[2];
     int rows;
 #if CONTACT_FORCES
-    int pair;
+    int pair, geom;  // and its first geom
     Vec normal, tangent;
 #endif
 };

@@ -184,6 +184,15 @@ FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch
 }
 #endif
 
+// The touch of a candidate of a part of any kind. `box` places the geom of a search that is one.
+template <class PlaceBox>
+FN bool mesh_touch(const Search& s, const Mesh& mesh, int candidate, PlaceBox box, Touch& hit, real& order) {
+#if SEARCHES_BOXES
+    if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box(), candidate, hit, order);
+#endif
+    return s.kind == AXIS_PART ? edge_touch(s, mesh.edges, candidate, hit, order) : face_touch(s, mesh.faces, candidate, hit, order);
+}
+
 // Whether a touch remains one beside the hits, see `remains`.
 FN bool remains_on_mesh(const Search& s, const Found* found, const Touch& hit, real& order) {
     if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
