@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from .contact_pairs import ContactPair
+from .contact_pairs import ContactPair, is_searched
 from .topology import dof_couplings, dofs_of_body, turned_size
 
 __all__ = ["LimbForm", "why_no_limbs"]
@@ -253,7 +253,16 @@ def _share_pairs(
             shares[limb].append(p)
     for p in of_hub:
         min(shares, key=lambda share: sum(_HITS.get(pairs[i].kind, 1) for i in share)).append(p)
-    return shares
+    if all(map(_is_plane, pairs)):
+        return shares
+    # Those of a geom, and its parts on a ground, one after another, so that it is placed once.
+    return [sorted(share, key=lambda p: (*_moving_first(model, pairs[p]), is_searched(pairs[p]), p)) for share in shares]
+
+
+def _moving_first(model: mujoco.MjModel, pair: ContactPair) -> tuple[int, int]:
+    """The geom of a pair that moves, then the other one."""
+    one, other = pair.geom1, pair.geom2
+    return (one, other) if _moves(model, int(model.geom_bodyid[one])) else (other, one)
 
 
 def _is_plane(pair: ContactPair) -> bool:

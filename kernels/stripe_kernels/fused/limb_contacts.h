@@ -11,7 +11,6 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
     const bool is_first = MORE_THAN_PLANES && !body_dofs(b2);  // the geom that moves
     const int b = is_first ? b1 : b2;
     const Vec n = hit.normal, t = tangent_of(n, hit.along), frame[3] = {n, t, cross(n, t)};
-    const Vec at = MORE_THAN_PLANES ? hit.pos + (origin_of(w, b1, b2) - origin_of(w, b)) : hit.pos;
     Material m;
     real friction[5];
     mix(m, friction, P, p, geom_with_parameters(P, geom));
@@ -31,7 +30,7 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
         }
         const int i = of_hub ? hub_dof(c) : limb_dof(slot * LD + d);
         Spatial s = of_hub ? hub_motion(w, c) : L.S[d];
-        Vec u = s.l + cross(s.a, at);
+        Vec u = s.l + cross(s.a, hit.pos);
         if (!is_moved_by(b, i)) u = Vec{0, 0, 0};
         if (is_first) u = -1 * u;
         for (int k = 0; k < 3; k++) {
@@ -48,52 +47,68 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
 #endif
 }
 
-// Geoms of a pair, relative to the point that their contacts are relative to.
-FN PairGeoms limb_pair_geoms(const World& w, const Parameters& P, int p) {
-    if (MORE_THAN_PLANES && contact_kind(p) > PLANE_CYLINDER) return geoms_of(w, P, p);
-    const int g = contact_geom2(p);
+// A geom that does not move, relative to the origin of the tree of the body `b`.
+FN Geom static_geom(const World& w, const Parameters& P, int g, int b) {
+    Geom o = geom_of(w, P, g);
+    o.pos = o.pos + (origin_of(w, geom_body(g)) - origin_of(w, b));
+    return o;
+}
+FN Geom plane_of(const World& w, int p) {
     const real* at = w.planes + 6 * pair_plane(p);
     const Vec normal = load(at + 3);
-    const Mat axes{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}};
-    return PairGeoms{Geom{load(at) - origin_of(w, geom_body(g)), axes, {0, 0, 0}}, geom_of(w, P, g)};
+    return Geom{load(at) - origin_of(w, geom_body(contact_geom2(p))), Mat{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}}, {0, 0, 0}};
 }
 
 // Whether balls around two primitives, whose radii are at most the sums of their sizes, do not touch.
-FN bool are_far(const PairGeoms& g, real margin) {
-    const Vec d = g.b.pos - g.a.pos, a = g.a.size, b = g.b.size;
-    const real reach = a.x + a.y + a.z + b.x + b.y + b.z + margin;
+FN bool are_far(const Geom& a, const Geom& b, real margin) {
+    const Vec d = b.pos - a.pos;
+    const real reach = a.size.x + a.size.y + a.size.z + b.size.x + b.size.y + b.size.z + margin;
     return dot(d, d) > reach * reach;
 }
 
-// Contacts of a slot. Returns their number.
+// Contacts of a slot. Returns their number. Pairs of a geom that moves come one after another, and so do its parts on a ground,
+// so that each geom is placed once.
 FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
-    int count = 0;
+    int count = 0, held = -1;
+    Geom own;
 #if HAS_SEARCHES
-    int geom = -1;  // on searched ground: its parts come one after another
+    OnGround ground;
+    int searched = -1;
     bool near = false;
 #endif
     ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
         const int p = limb_pair(t);
         if (!has_both(P, p)) continue;
+        const bool is_first = MORE_THAN_PLANES && !body_dofs(geom_body(contact_geom2(p)));  // the geom that moves
+        const int g = is_first ? contact_geom1(p) : contact_geom2(p), other = is_first ? contact_geom2(p) : contact_geom1(p);
+        if (!MORE_THAN_PLANES || g != held) {
+            held = g, own = geom_of(w, P, g);
+#if HAS_SEARCHES
+            searched = -1;
+#endif
+        }
         Hits hits;
         int geoms[4];  // of meshes
         bool on_mesh = false;
 #if HAS_SEARCHES
         if (p >= FIRST_SEARCHED_PAIR) {
-            const int own = searched_geom(p - FIRST_SEARCHED_PAIR);
-            if (own == geom && !near) continue;
-            const PairGeoms g = geoms_of(w, P, p);
-            const OnGround o = on_ground(g);
-            if (own != geom) geom = own, near = is_near(o, P, p);
+            const int k = searched_geom(p - FIRST_SEARCHED_PAIR);
+            if (k != searched) {
+                searched = k;
+                ground = on_ground(static_geom(w, P, other, geom_body(g)), own);
+                near = is_near(ground, P, p);
+            }
             if (!near) continue;
-            ground_hits(hits, geoms, o, P, p, g.a.axes);
+            ground_hits(hits, geoms, ground, P, p);
             on_mesh = HAS_MESHES && contact_kind(p) >= MESH_SPHERE;
         } else
 #endif
-        {
-            const PairGeoms g = limb_pair_geoms(w, P, p);
-            if (MORE_THAN_PLANES && contact_kind(p) > PLANE_CYLINDER && are_far(g, margin_of(P, p))) continue;
-            primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
+        if (!MORE_THAN_PLANES || contact_kind(p) <= PLANE_CYLINDER)
+            primitive_hits(hits, p, margin_of(P, p), plane_of(w, p), own);
+        else {
+            const Geom still = static_geom(w, P, other, geom_body(g));
+            if (are_far(still, own, margin_of(P, p))) continue;
+            primitive_hits(hits, p, margin_of(P, p), is_first ? own : still, is_first ? still : own);
         }
         ROLLED for (int i = 0; i < hits.count; i++) {
             if (count == LIMB_CONTACTS) {

@@ -10,9 +10,9 @@ struct OnGround {
     Vec at;    // where the geom is in the frame of the ground
     Geom geom;
 };
-FN OnGround on_ground(const PairGeoms& g) {
-    const Mat axes = transposed(g.a.axes);
-    return OnGround{axes, axes * (g.b.pos - g.a.pos), g.b};
+FN OnGround on_ground(const Geom& ground, const Geom& geom) {
+    const Mat axes = transposed(ground.axes);
+    return OnGround{axes, axes * (geom.pos - ground.pos), geom};
 }
 
 #if HAS_FIELDS
@@ -54,11 +54,11 @@ FN void prepare(Search& s, const OnGround& o, const Parameters& P, int p) {
 #endif
 }
 
-// The touch of a candidate, see touches.h.
-FN bool touch(const Search& s, const OnGround& o, const Parameters& P, int candidate, Touch& hit, real& order) {
+// The touch of a candidate, see touches.h and `face_touch`.
+FN bool touch(const Search& s, const OnGround& o, const Parameters& P, int candidate, bool far, Touch& hit, real& order) {
     const auto box = [&] { return box_in(o.axes, o.geom); };
 #if HAS_MESHES
-    if (is_on_mesh(s.pair)) return mesh_touch(s, mesh_of(P, s.pair), candidate, box, hit, order);
+    if (is_on_mesh(s.pair)) return mesh_touch(s, mesh_of(P, s.pair), candidate, box, far, hit, order);
     hit.geom = -1;
 #endif
 #if HAS_FIELDS
@@ -68,12 +68,26 @@ FN bool touch(const Search& s, const OnGround& o, const Parameters& P, int candi
 #endif
 }
 
+#if HAS_MESHES
+// Order of the nearest face that a ball's centre is in front of and that it does not touch. It is asked for only where the centre
+// is behind a face, as it seldom is.
+FN real order_of_outside(const Search& s, const OnGround& o, const Parameters& P) {
+    real least = (real)1e30;
+    ROLLED for (int c = 0; c < s.size; c++) {
+        Touch hit;
+        real order;
+        if (touch(s, o, P, c, true, hit, order) && hit.dist >= s.reach) least = smaller(least, order);
+    }
+    return least;
+}
+#endif
+
 // Hits of the part of the pair `p`, nearest first, and the geoms of the meshes. Most parts touch once or not at all, so that a
 // round computes the touches of all candidates again rather than keep them.
-FN void ground_hits(Hits& hits, int* geoms, const OnGround& o, const Parameters& P, int p, const Mat& to_world_axes) {
+FN void ground_hits(Hits& hits, int* geoms, const OnGround& o, const Parameters& P, int p) {
     Search s;
     Found found[4];
-    real outside = (real)1e30;  // order of the nearest face that only tells that a ball's centre is outside
+    const Mat to_world = transposed(o.axes);
     prepare(s, o, P, p);
     hits.count = 0;
     ROLLED while (s.size && !s.ended) {
@@ -83,26 +97,21 @@ FN void ground_hits(Hits& hits, int* geoms, const OnGround& o, const Parameters&
         ROLLED for (int c = 0; c < s.size; c++) {
             Touch hit;
             real order;
-            if (!touch(s, o, P, c, hit, order)) continue;
-#if HAS_MESHES
-            if (is_on_mesh(p) && s.kind == BALL_PART && hit.dist >= s.reach) {
-                outside = smaller(outside, order);
-                continue;
-            }
-#endif
+            if (!touch(s, o, P, c, false, hit, order)) continue;
             touches++;
             if (!remains(s, found, hit, order)) continue;
             if (s.best < 0 || order < s.order) best = hit;
             offer(s, order, c);
         }
-        if (taken(s) < 0 || (s.count == 0 && s.order >= outside)) break;
-        found[s.count].touch = best;
+        if (taken(s) < 0) break;
 #if HAS_MESHES
+        if (is_on_mesh(p) && s.kind == BALL_PART && s.count == 0 && best.dist < -s.radius && order_of_outside(s, o, P) <= s.order) break;
         geoms[s.count] = best.geom;
 #endif
+        found[s.count].touch = best;
         accept(s, s.count, best);
-        hits.hit[hits.count++] = Hit{best.dist, o.geom.pos + to_world_axes * (best.pos + ((real)0.5 * best.dist) * best.normal),
-                                     to_world_axes * best.normal, {0, 0, 0}};
+        hits.hit[hits.count++] = Hit{best.dist, o.geom.pos + to_world * (best.pos + ((real)0.5 * best.dist) * best.normal),
+                                     to_world * best.normal, {0, 0, 0}};
         if (touches == s.count) break;
     }
 }
