@@ -255,8 +255,12 @@ def _share_pairs(
         min(shares, key=lambda share: sum(_HITS.get(pairs[i].kind, 1) for i in share)).append(p)
     if all(map(_is_plane, pairs)):
         return shares
+
+    def order(p: int) -> tuple[int, int, bool, int]:
+        return (*_moving_first(model, pairs[p]), is_searched(pairs[p]), p)
+
     # Those of a geom, and its parts on a ground, one after another, so that it is placed once.
-    return [sorted(share, key=lambda p: (*_moving_first(model, pairs[p]), is_searched(pairs[p]), p)) for share in shares]
+    return [sorted(share, key=order) for share in shares]
 
 
 def _moving_first(model: mujoco.MjModel, pair: ContactPair) -> tuple[int, int]:

@@ -66,56 +66,114 @@ FN bool are_far(const Geom& a, const Geom& b, real margin) {
     return dot(d, d) > reach * reach;
 }
 
-// Contacts of a slot. Returns their number. Pairs of a geom that moves come one after another, and so do its parts on a ground,
-// so that each geom is placed once.
-FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
-    int count = 0, held = -1;
+// What a lane has found so far for the pairs of its limb: the geom that moves and its ground, which the pairs of it share.
+struct Held {
+    int geom;
     Geom own;
 #if HAS_SEARCHES
+    int searched;
+    bool near;
     OnGround ground;
-    int searched = -1;
-    bool near = false;
 #endif
-    ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
-        const int p = limb_pair(t);
-        if (!has_both(P, p)) continue;
-        const bool is_first = MORE_THAN_PLANES && !body_dofs(geom_body(contact_geom2(p)));  // the geom that moves
-        const int g = is_first ? contact_geom1(p) : contact_geom2(p), other = is_first ? contact_geom2(p) : contact_geom1(p);
-        if (!MORE_THAN_PLANES || g != held) {
-            held = g, own = geom_of(w, P, g);
+};
+// Hold the geom of the pair `p`. Returns the other one.
+FN int hold(Held& h, const World& w, const Parameters& P, int p) {
+    const bool is_first = MORE_THAN_PLANES && !body_dofs(geom_body(contact_geom2(p)));
+    const int g = is_first ? contact_geom1(p) : contact_geom2(p);
+    if (!MORE_THAN_PLANES || g != h.geom) {
+        h.geom = g, h.own = geom_of(w, P, g);
 #if HAS_SEARCHES
-            searched = -1;
+        h.searched = -1;
 #endif
-        }
+    }
+    return is_first ? contact_geom2(p) : contact_geom1(p);
+}
+#if HAS_SEARCHES
+// The same with its ground, if the pair has one that is searched.
+FN void hold_ground(Held& h, const World& w, const Parameters& P, int p) {
+    const int other = hold(h, w, P, p), k = searched_geom(p - FIRST_SEARCHED_PAIR);
+    if (k == h.searched) return;
+    h.searched = k;
+    h.ground = on_ground(static_geom(w, P, other, geom_body(h.geom)), h.own);
+    h.near = is_near(h.ground, P, p);
+}
+#endif
+
+// Hits of the pair `p` by its own lane. Returns false if all lanes are to search for them, and `alone` does not forbid it.
+FN bool pair_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, int p, bool alone) {
+    hits.count = 0;
+    if (!has_both(P, p)) return true;
+#if HAS_SEARCHES
+    if (p >= FIRST_SEARCHED_PAIR) {
+        hold_ground(h, w, P, p);
+        return !h.near || ground_hits(hits, geoms, h.ground, P, p, alone);
+    }
+#endif
+    const int other = hold(h, w, P, p);
+    if (!MORE_THAN_PLANES || contact_kind(p) <= PLANE_CYLINDER) {
+        primitive_hits(hits, p, margin_of(P, p), plane_of(w, p), h.own);
+        return true;
+    }
+    const Geom still = static_geom(w, P, other, geom_body(h.geom));
+    const bool is_first = other == contact_geom2(p);
+    if (are_far(still, h.own, margin_of(P, p))) return true;
+    primitive_hits(hits, p, margin_of(P, p), is_first ? h.own : still, is_first ? still : h.own);
+    return true;
+}
+
+#if WARP_SEARCHES
+// Hits of a pair of one lane of the warp that has left it to all: of the first such lane. Returns false if there is none.
+FN bool shared_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, const short* left, int& count, int& p) {
+    const unsigned votes = __ballot_sync(0xffffffffu, count > 0);
+    hits.count = 0;
+    if (!votes) return false;
+    const int lane = threadIdx.x % 32, from = __popc(~votes & (votes - 1));
+    Search s;
+    if (lane == from) {
+        p = left[--count];
+        hold_ground(h, w, P, p);
+        prepare(s, h.ground, P, p);
+    }
+    ground_hits_of_warp(hits, geoms, (const Mesh*)P.m.meshes, s, h.ground, lane, from);
+    return true;
+}
+#endif
+
+// Contacts of a slot. Returns their number. Pairs of a geom that moves come one after another, and so do its parts on a ground,
+// so that each geom is placed once. Parts on meshes with many candidates are left to all lanes of the warp.
+FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
+    int count = 0, t = limb_pair_start(slot);
+    const int end = limb_pair_start(slot + 1);
+    Held held;
+    held.geom = -1;
+#if WARP_SEARCHES
+    enum { MOST_LEFT = 8 };
+    short left[MOST_LEFT];
+    int num_left = 0;
+    const bool is_whole = (P.id / (32 / LANES) + 1) * (32 / LANES) <= P.num_worlds;  // no world of the warp is missing
+#endif
+    ROLLED for (;;) {
         Hits hits;
-        int geoms[4];  // of meshes
-        bool on_mesh = false;
-#if HAS_SEARCHES
-        if (p >= FIRST_SEARCHED_PAIR) {
-            const int k = searched_geom(p - FIRST_SEARCHED_PAIR);
-            if (k != searched) {
-                searched = k;
-                ground = on_ground(static_geom(w, P, other, geom_body(g)), own);
-                near = is_near(ground, P, p);
+        int geoms[4], p = 0;
+#if WARP_SEARCHES
+        if (any_in_warp(t < end)) {
+            hits.count = 0;
+            if (t < end) {
+                p = limb_pair(t++);
+                if (!pair_hits(hits, geoms, held, w, P, p, !is_whole || num_left == MOST_LEFT)) left[num_left++] = (short)p;
             }
-            if (!near) continue;
-            ground_hits(hits, geoms, ground, P, p);
-            on_mesh = HAS_MESHES && contact_kind(p) >= MESH_SPHERE;
-        } else
+        } else if (!shared_hits(hits, geoms, held, w, P, left, num_left, p)) break;
+#else
+        if (t == end) break;
+        p = limb_pair(t++);
+        pair_hits(hits, geoms, held, w, P, p, true);
 #endif
-        if (!MORE_THAN_PLANES || contact_kind(p) <= PLANE_CYLINDER)
-            primitive_hits(hits, p, margin_of(P, p), plane_of(w, p), own);
-        else {
-            const Geom still = static_geom(w, P, other, geom_body(g));
-            if (are_far(still, own, margin_of(P, p))) continue;
-            primitive_hits(hits, p, margin_of(P, p), is_first ? own : still, is_first ? still : own);
-        }
         ROLLED for (int i = 0; i < hits.count; i++) {
             if (count == LIMB_CONTACTS) {
                 overflow |= OVERFLOW_CONTACTS;
                 break;
             }
-            set_contact(found[count], w, P, L, slot, p, on_mesh ? geoms[i] : contact_geom1(p), hits.hit[i]);
+            set_contact(found[count], w, P, L, slot, p, is_on_mesh(p) ? geoms[i] : contact_geom1(p), hits.hit[i]);
             rows += found[count].rows;
             count++;
         }
