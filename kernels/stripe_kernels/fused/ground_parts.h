@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground parts: geoms on height fields and meshes, the parts of them that are searched for touches, which are near, and what
-// becomes of touches.
+// Ground parts: geoms on height fields and meshes, the parts of them that are searched for touches, and which
+// are near.
 
 #if HAS_SEARCHES
 namespace fused {
@@ -78,31 +78,6 @@ FN bool is_part_near_mesh(const Clearance& field, const Mat& axes, Vec at, const
     return clearance_at(field, at + axes * (geom.axes * local)) <= reach;
 }
 #endif
-
-// Whether a touch is still one beside the hits that there are, and then its order.
-FN bool remains(const Search& s, const Found* found, const Touch& hit, real& order) {
-    if (s.ended) return false;
-    if (!s.count) return true;
-#if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) return remains_on_mesh(s, found, hit, order);
-#endif
-    return s.kind == BALL_PART ? is_above_planes(s, found, hit.pos) : is_apart(s, found, hit.pos);
-}
-
-// Make a touch the next hit.
-FN void accept(Search& s, int number, const Touch& hit) {
-#if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) {
-        if (s.kind == BALL_PART) s.inside = hit.dist < -s.radius;
-        if (hit.dist >= s.reach) {  // it only told that the centre is outside
-            s.ended = true;
-            return;
-        }
-    }
-#endif
-    s.hit[s.count++] = number;
-    s.ended = s.inside || s.count == s.most;
-}
 
 }  // namespace fused
 #endif
