@@ -107,6 +107,7 @@ def configs_of_walk(run: str, flat: Path, args: argparse.Namespace) -> tuple[str
     command.heading_control_stiffness, command.ranges.ang_vel_z = 2.0, (-1.0, 1.0)
     view = cfg.viewer
     view.origin_type, view.eye, view.lookat, view.fov = "world", (-6.4, -6.6, 7.2), (-1.2, 0.6, 1.0), 48.0
+    cfg.complete()  # for a scenery it has other terms
     use_one_minibatch(configs.need_agent())
     return task, configs, checkpoint
 
