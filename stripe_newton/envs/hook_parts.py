@@ -28,7 +28,7 @@ __all__ = ["HookPart", "PhysicsPart", "ResetPart", "hook_recorder", "records_on"
 
 SKIPPED = frozenset({
     "extras", "obs_buf", "_observed", "_given", "_plan", "_steps_before", "_recaptures", "_np_random",
-    "_np_random_seed", "_observation_buffers", "_renderer", "_checked",
+    "_np_random_seed", "_observation_buffers", "_pictures", "_checked",
 })  # fmt: skip
 """Attributes of an environment that the framework sets in every step, and that are not state of hooks."""
 
