@@ -239,7 +239,7 @@ class DirectMARLEnv(DirectEnvBase):
         self.reward_buf[:] = torch.stack([*self.reward_dict.values()]).sum(dim=0)
 
     def _of_agents(self, hook: str, values: Mapping[str, object]) -> ByAgent:
-        """What a hook returned for each agent, shape ``(num_envs,)``."""
+        """Results of a hook for each agent, shape ``(num_envs,)``."""
         return {a: self._per_env(v, f"{hook}['{a}']") for a, v in of_all(self.agents, hook, values).items()}
 
     def _keep_final_observations(self) -> None:

@@ -257,7 +257,7 @@ class ResetPart:
         self._recorder.run(self.hook, number, self._padded if self._size_for(1) else None)
 
     def _size_for(self, number: int) -> int:
-        """Number with a graph that stands for others, at least as large; 0 if there is none.
+        """Number with a graph that covers smaller ones, at least as large; 0 if there is none.
 
         Only up to half of the environments: hooks may do other things where all are reset.
         """

@@ -327,7 +327,7 @@ class SteppedScene:
         raise NotImplementedError(f"{type(self).__name__} records no torch hooks")
 
     def _replays(self) -> bool:
-        """Whether the step that has begun launches graphs where there are any."""
+        """Whether the present step launches graphs, if there are any."""
         return True
 
     def settle_hooks(self) -> None:
@@ -462,7 +462,7 @@ class SteppedScene:
         raise NotImplementedError
 
     def _final_extras(self, values: dict[str, torch.Tensor]) -> Extras:
-        """Final observations of the episodes that ended, where the config asks for them."""
+        """Final observations of the episodes that ended, if the config enables them."""
         return {}
 
     def _rewards(self, values: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -516,7 +516,7 @@ class SteppedScene:
 
     @property
     def renderer(self) -> SceneRenderer | None:
-        """What :meth:`render` draws with, None before its first picture."""
+        """The renderer of :meth:`render`, None before its first picture."""
         return None if self._pictures is None else self._pictures.renderer
 
     def close(self, **kwargs: object) -> None:

@@ -265,14 +265,14 @@ class MuJoCoSolverCfg(SolverCfg):
     def _with_newton_contacts(
         self, model: newton.Model, observables: Sequence[str], reasons: Sequence[str], stand_ins: StandIns | None = None
     ) -> newton.solvers.SolverMuJoCo:
-        """Make the solver for contacts that Newton's collision detection finds, and tell it why."""
+        """Make the solver for contacts of Newton's collision detection, with the reasons for its description."""
         chosen = self.replace(use_mujoco_contacts=False)._make(model, observables, stand_ins)
         if isinstance(chosen, SolverFused):
             chosen.newton_contacts_for = tuple(reasons)
         return chosen
 
     def _configure_fused(self, solver: newton.solvers.SolverMuJoCo, meshes: bool) -> SolverFused | None:
-        """The solver if it is fused, told of which triangles it is to find contacts."""
+        """The solver with its options for triangles and limbs set, if it is fused; None if it is not."""
         if not isinstance(solver, SolverFused) or solver.unsupported:
             return None
         solver.triangles, solver.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
@@ -283,7 +283,7 @@ class MuJoCoSolverCfg(SolverCfg):
     def _make(
         self, model: newton.Model, observables: Sequence[str], stand_ins: StandIns | None = None
     ) -> newton.solvers.SolverMuJoCo:
-        """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
+        """Make the fused solver, or MuJoCo Warp's where that is configured or needed for the observables."""
         arguments = {**self._buffer_sizes(model), **self.arguments()}
         if self.fused is False:
             return newton.solvers.SolverMuJoCo(model, **arguments)

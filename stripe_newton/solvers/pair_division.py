@@ -83,7 +83,7 @@ class PairDivision:
         return made
 
     def _group_meshes(self, solver: SolverFused) -> None:
-        """Let pairs of static meshes stand for groups of them."""
+        """Replace pairs of static meshes by pairs of groups of them."""
         shapes = solver.mjc_geom_to_newton_shape.numpy()[0]
         self.statics = StaticTriangles(solver.mj_model, solver.model, shapes, self.pairs, solver.stand_ins)
         self.hull_kinds = sorted({_types(solver.mj_model, pair) for pair in self.statics.unsupported})
