@@ -330,7 +330,7 @@ class LabScene(SteppedScene):
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
         # of this step reads it.
         end = self.curriculum_manager.update_items()
-        log = Captured("log", context.log.finish, concurrent=True, fields=frozenset())
+        log = Captured("log", context.log.finish, beside=True, fields=frozenset())
         readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
         self._bodies_later = self._may_leave_bodies(readers)
         after_physics = [

@@ -93,9 +93,7 @@ class RecordingEnv(DirectEnvBase):
             return Eager(name, self._torch_reset, "torch hook")
         part = self._reset_part = ResetPart(self, self._recorder)
         method = type(self)._reset_idx
-        part.hook = self._recorder.add(
-            name, self._reset_listed, method, can_join_graph=False, as_variant=part.as_variant
-        )
+        part.hook = self._recorder.add(name, self._reset_listed, method, joins=False, as_variant=part.as_variant)
         return Eager(name, self._torch_reset, "torch hook", part=part)
 
     def _list_items(self) -> list[Item]:

@@ -138,7 +138,7 @@ class Safety:
         if not later:
             items.append(Captured("forward kinematics", self._sim.forward_masked))
         # It may run beside the items that follow: only the physics of the next step reads the solver's memory.
-        clear = Captured("solver memory cleared", self._clear_solver, concurrent=True, fields=frozenset())
+        clear = Captured("solver memory cleared", self._clear_solver, beside=True, fields=frozenset())
         return [*items, clear]
 
     def _clear_solver(self) -> None:

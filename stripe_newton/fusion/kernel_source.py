@@ -30,25 +30,25 @@ class ThreadLayout:
     """Thread layout of a launch: the environment, and the part of a section, that each thread computes.
 
     Without parts there is a thread for each environment. With parts the launch has the shape ``(parts, num_envs)``, so
-    that adjacent threads compute adjacent environments. In sections with ``coalesced`` adjacent threads compute parts
-    of one environment instead; these come last, and the launch is then one-dimensional.
+    that neighbouring threads are environments. In sections with ``neighbours`` neighbouring threads are parts of one
+    environment instead; these come last, and the launch is then one-dimensional.
     """
 
     parts: int
     """Number of parts of all sections; 0 if there are none."""
-    coalesced: int
-    """Number of parts that adjacent threads of one environment compute."""
+    neighbours: int
+    """Number of parts that are neighbouring threads."""
 
     @staticmethod
     def of(sections: Sequence[Section]) -> ThreadLayout:
         """The layout for some sections."""
-        return ThreadLayout(sum(s.parts for s in sections), sum(s.parts for s in sections if s.coalesced))
+        return ThreadLayout(sum(s.parts for s in sections), sum(s.parts for s in sections if s.neighbours))
 
     def dim(self, num_envs: int) -> tuple[int, ...]:
         """Dimensions of the launch."""
         if not self.parts:
             return (num_envs,)
-        return (self.parts * num_envs,) if self.coalesced else (self.parts, num_envs)
+        return (self.parts * num_envs,) if self.neighbours else (self.parts, num_envs)
 
     @property
     def block_dim(self) -> int:
@@ -61,9 +61,9 @@ class ThreadLayout:
         """Lines that compute the environment and the part of a thread."""
         if not self.parts:
             return ["env = wp.tid()"]
-        if not self.coalesced:
+        if not self.neighbours:
             return ["part, env = wp.tid()"]
-        apart, near = self.parts - self.coalesced, self.coalesced
+        apart, near = self.parts - self.neighbours, self.neighbours
         if not apart:
             return ["thread = wp.tid()", f"env = thread // {near}", f"part = {apart} + thread % {near}"]
         return [
@@ -100,7 +100,7 @@ def write_kernel(name: str, sections: Sequence[Section], scope: Scope, num_envs:
     Sections without parts run one after the other in the thread of an environment. Sections with parts run in threads
     of their own, at the same time. A kernel has sections of one of these two kinds.
     """
-    ordered = sorted(sections, key=lambda section: section.coalesced)
+    ordered = sorted(sections, key=lambda section: section.neighbours)
     layout, aliases = ThreadLayout.of(ordered), dict[str, object]()
     functions, calls, first = [], [], 0
     titles = _titles(ordered, scope)
@@ -112,7 +112,7 @@ def write_kernel(name: str, sections: Sequence[Section], scope: Scope, num_envs:
         first += section.parts
     arguments = scope.used(frozenset().union(*(s.uses for s in ordered)))[0]
     parameters = _parameters(arguments, scope, aliases)
-    if layout.coalesced:
+    if layout.neighbours:
         parameters = ", ".join(["num_envs: int", parameters])
     if not layout.parts:
         ahead = _prefetch(scope, arguments, ordered, aliases, num_envs)

@@ -30,7 +30,7 @@ class _Operation:
     name: str
     launch: Callable[[], None]
     fused: FusedKernel | None = None
-    concurrent: bool = False
+    beside: bool = False
 
 
 @dataclass
@@ -42,9 +42,9 @@ class _Segment:
     stage: str = ""
 
     @property
-    def can_join_graph(self) -> bool:
-        """Whether it can be a part of a graph now."""
-        return self.eager is None or (self.eager.part is not None and self.eager.part.can_join_graph)
+    def joins(self) -> bool:
+        """Whether it may be a part of a graph now."""
+        return self.eager is None or (self.eager.part is not None and self.eager.part.joins)
 
 
 @dataclass
@@ -54,15 +54,15 @@ class _Block:
     segments: list[_Segment]
     replay: Callable[[], None] | None = None
     after: list[Callable[[], None]] = field(default_factory=list)
-    """Functions that the host calls after each replay."""
+    """What the host does after each replay."""
 
     @property
     def is_graph(self) -> bool:
-        return self.segments[0].can_join_graph
+        return self.segments[0].joins
 
     @property
     def is_mixed(self) -> bool:
-        """Whether it contains host functions that can be captured."""
+        """Whether it holds the launches of host functions."""
         return self.is_graph and any(s.eager is not None for s in self.segments)
 
 
@@ -70,8 +70,8 @@ class Plan:
     """Runs the stages of a step in order. All kernels between two host functions are one CUDA graph.
 
     The first run launches kernel by kernel, which loads the kernels; then the graphs are recorded. On the CPU, and
-    without ``use_graph``, every run launches kernel by kernel. Host functions whose
-    ``part`` can be captured become parts of the adjacent graphs; call :meth:`recapture` when that changes.
+    without ``use_graph``, every run launches kernel by kernel. Host functions that may be recorded join the graphs
+    beside them while they say so; call :meth:`recapture` when they change their mind.
     """
 
     record_mixed: Callable[[Callable[[], None]], Callable[[], None]]
@@ -84,7 +84,7 @@ class Plan:
         """Whether runs replay CUDA graphs."""
         self._device = device
         self._side_streams: list[wp.Stream] = []
-        self._segments = _StageCompiler(name, scope, num_envs, device).compile(stages)
+        self._segments = _Cutter(name, scope, num_envs, device).cut(stages)
         self._recorded: list[_Block] = []
 
     @property
@@ -100,14 +100,14 @@ class Plan:
     @property
     def eager(self) -> list[tuple[str, str, str]]:
         """Stage, name and reason of each host function that is in no graph."""
-        alone = [(s.stage, s.eager) for s in self._segments if s.eager is not None and not s.can_join_graph]
-        return [(stage, e.name, (e.part.mode if e.part else "") or e.reason) for stage, e in alone]
+        alone = [(s.stage, s.eager) for s in self._segments if s.eager is not None and not s.joins]
+        return [(stage, e.name, (e.part.how if e.part else "") or e.reason) for stage, e in alone]
 
     def _blocks(self) -> list[_Block]:
-        """Blocks of the segments that can be one graph each."""
+        """The segments, with those together that may be one graph now."""
         blocks: list[_Block] = []
         for segment in self._segments:
-            if blocks and blocks[-1].is_graph and segment.can_join_graph:
+            if blocks and blocks[-1].is_graph and segment.joins:
                 blocks[-1].segments.append(segment)
             else:
                 blocks.append(_Block([segment]))
@@ -168,7 +168,7 @@ class Plan:
         """Launch the kernels of all stages on the current stream, so that a caller can record them in a CUDA graph.
 
         Returns:
-            Functions that the host must call after each replay of the caller's graph.
+            What the host does after each replay of the caller's graph.
 
         Raises:
             GraphCaptureError: if an item runs on the host; see :attr:`eager`.
@@ -191,16 +191,16 @@ class Plan:
         return after
 
     def _launch(self, operations: Sequence[_Operation]) -> None:
-        """Launch operations in order; concurrent ones get streams of their own."""
-        streams = list[wp.Stream]()
+        """Launch operations in order; those that may run ``beside`` others get streams of their own."""
+        beside = list[wp.Stream]()
         for operation in operations:
-            if operation.concurrent and self._device != "cpu":
-                streams.append(self._side_stream(len(streams)))
-                with wp.ScopedStream(streams[-1], sync_enter=True):
+            if operation.beside and self._device != "cpu":
+                beside.append(self._side_stream(len(beside)))
+                with wp.ScopedStream(beside[-1], sync_enter=True):
                     operation.launch()
             else:
                 operation.launch()
-        for stream in streams:  # all streams of a capture must join the one on which it began before it ends
+        for stream in beside:  # all streams of a capture must join the one on which it began before it ends
             wp.get_stream(self._device).wait_stream(stream)
 
     def _side_stream(self, index: int) -> wp.Stream:
@@ -221,7 +221,7 @@ class Plan:
             raise GraphCaptureError(self._why_not_recorded(block, error)) from error
 
     def _why_not_recorded(self, block: _Block, error: Exception) -> str:
-        """Error message that names the operation that cannot be recorded, found by recording each one separately."""
+        """The operation that cannot be recorded, with its error, found by recording each alone."""
         for operation in (o for s in block.segments for o in s.operations):
             try:
                 capture_graph(self._device, operation.launch)
@@ -243,8 +243,8 @@ class Plan:
             for item in stage.items:
                 terms = f"{item.name}: {', '.join(item.terms)}" if item.terms else item.name
                 if isinstance(item, Eager):
-                    mode = item.part.mode if item.part is not None else ""
-                    rows.append((stage.name, terms, mode or f"eager: {item.reason}"))
+                    how_now = item.part.how if item.part is not None else ""
+                    rows.append((stage.name, terms, how_now or f"eager: {item.reason}"))
                 elif isinstance(item, Captured):
                     rows.append((stage.name, terms, how))
                 elif item.body:
@@ -270,18 +270,18 @@ class Plan:
         return "\n".join(out)
 
 
-class _StageCompiler:
-    """Stage compiler: splits stages into segments at host functions, and fuses adjacent sections into kernels."""
+class _Cutter:
+    """Cuts stages into segments at the host functions, and fuses neighbouring sections that can be one kernel."""
 
     def __init__(self, name: str, scope: Scope, num_envs: int, device: str):
         self._name, self._scope, self._num_envs, self._device = name, scope, num_envs, device
         self._segments = [_Segment()]
-        self._pending: list[tuple[str, Section]] = []
-        """Stages and sections of the kernel under construction."""
-        self._concurrent: list[_Operation] = []
-        """Concurrent launches, which are placed after that kernel."""
+        self._waiting: list[tuple[str, Section]] = []
+        """Sections of the kernel under construction, with their stages."""
+        self._held: list[_Operation] = []
+        """Launches that may run beside others, to be placed behind that kernel."""
 
-    def compile(self, stages: Sequence[Stage]) -> list[_Segment]:
+    def cut(self, stages: Sequence[Stage]) -> list[_Segment]:
         for stage in stages:
             for item in stage.items:
                 if isinstance(item, Section):
@@ -297,33 +297,33 @@ class _StageCompiler:
     def _add_section(self, stage: str, section: Section) -> None:
         if not section.body:
             return
-        if self._pending and not _share_kernel(self._pending[-1], (stage, section)):
+        if self._waiting and not _share_kernel(self._waiting[-1], (stage, section)):
             self._flush()
-        self._pending.append((stage, section))
+        self._waiting.append((stage, section))
 
     def _add_captured(self, stage: str, item: Captured) -> None:
-        operation = _Operation((stage,), item.name, item.function, concurrent=item.concurrent)
-        if item.concurrent and self._pending:
-            # Later sections do not depend on it, so they can be fused with those before it: one launch less.
-            self._concurrent.append(operation)
+        operation = _Operation((stage,), item.name, item.function, beside=item.beside)
+        if item.beside and self._waiting:
+            # The sections after it need not wait for it, so they may join the kernel before it: one launch less.
+            self._held.append(operation)
             return
         self._flush()
         self._segments[-1].operations.append(operation)
 
     def _flush(self) -> None:
         """End the kernel under construction."""
-        if self._pending:
-            stages = tuple(dict.fromkeys(stage for stage, _ in self._pending))
+        if self._waiting:
+            stages = tuple(dict.fromkeys(stage for stage, _ in self._waiting))
             title = "_".join([self._name, *stages]).replace(" ", "_")
-            fused = fuse(title, [s for _, s in self._pending], self._scope, self._num_envs, self._device)
+            fused = fuse(title, [s for _, s in self._waiting], self._scope, self._num_envs, self._device)
             self._segments[-1].operations.append(_Operation(stages, title, fused.launch, fused))
-            self._pending.clear()
-        self._segments[-1].operations += self._concurrent
-        self._concurrent.clear()
+            self._waiting.clear()
+        self._segments[-1].operations += self._held
+        self._held.clear()
 
 
 def _share_kernel(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
-    """Whether two adjacent sections can be fused."""
+    """Whether two neighbouring sections may be in one kernel."""
     if before[1].parts and after[1].parts:
         # Parts of one stage do not depend on each other. Parts of the next stage may depend on any part of this one,
         # and the threads of a launch do not wait for each other.

@@ -28,7 +28,7 @@ class Flag:
 
 @dataclass(frozen=True)
 class Section:
-    """Source code of a Warp function that computes one environment. Adjacent sections are fused into one kernel.
+    """Source code of a Warp function that computes one environment. Neighbouring sections become one kernel.
 
     The body can use ``env`` and the names in its pieces of code. Its local variables are not visible to other sections.
     """
@@ -42,11 +42,11 @@ class Section:
     when: frozenset[Flag] = frozenset()
     """Flags that must all be set for it to run."""
     parts: int = 0
-    """Number of threads for each environment, whose index is ``part`` in the body; 0 for one thread. Parts must not
+    """Number of threads for each environment; the body uses their index, ``part``. 0 for one thread. Parts must not
     depend on each other, nor on other sections with parts in the same stage."""
-    coalesced: bool = False
-    """Whether adjacent threads compute parts of one environment rather than one part of adjacent environments. Use it
-    for parts that access adjacent memory, so that a GPU coalesces the accesses."""
+    neighbours: bool = False
+    """Whether neighbouring threads are parts of one environment rather than environments: for many parts that do the
+    same with neighbouring numbers, so that a GPU combines their memory accesses."""
 
     @property
     def uses_in_body(self) -> frozenset[str]:
@@ -74,27 +74,27 @@ class Captured:
     name: str
     function: Callable[[], None]
     terms: Sequence[str] = ()
-    concurrent: bool = False
-    """Whether later items of the same graph can run at the same time, as none of them uses its results."""
+    beside: bool = False
+    """Later items of the same graph may run at the same time, as none of them uses its results."""
     fields: frozenset[str] | None = None
     """Fields of structs that its kernels read or write; None if unknown, so that it may be any field."""
 
 
 class GraphPart(Protocol):
-    """Host function that can also be captured in a graph."""
+    """Host function that may also be recorded in a graph, with what the host does after each replay."""
 
     @property
-    def can_join_graph(self) -> bool:
-        """Whether it can be captured now."""
+    def joins(self) -> bool:
+        """Whether it may be recorded now."""
         ...
 
     @property
-    def mode(self) -> str:
-        """How it runs, for the description; empty for the default of host functions."""
+    def how(self) -> str:
+        """Way in which it runs, for the description; empty for that of any host function."""
         ...
 
     def launch(self) -> Sequence[Callable[[], None]]:
-        """Launch its kernels during capture; returns functions that the host must call after each replay."""
+        """Launch it within a recording, which runs nothing; returns what the host does after each replay."""
         ...
 
 
@@ -108,7 +108,7 @@ class Eager:
     """Reason why it cannot be captured, for the description."""
     terms: Sequence[str] = ()
     part: GraphPart | None = None
-    """The same function as a part of a graph, if it can be captured in some steps."""
+    """The same as a part of a graph, where it may be one in some steps."""
 
 
 Item = Section | Captured | Eager

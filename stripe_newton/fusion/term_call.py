@@ -39,11 +39,11 @@ class TermCall:
             given.append(code("{}[{}]", argument, span) if name in sliced else argument)
         return code(f"{{}}({', '.join(['{}'] * len(given))})", self.function, *given)
 
-    def differing_parameters(self, other: TermCall) -> list[tuple[Code, Code]] | None:
+    def tuned_apart(self, other: TermCall) -> list[tuple[Code, Code]] | None:
         """Pairs of parameters in which two calls differ; None if they differ in anything else."""
         if self.function != other.function or self.arguments.keys() != other.arguments.keys():
             return None
-        pairs = [(mine, other.arguments[name]) for name, mine in self.arguments.items()]
-        pairs = [(mine, its) for mine, its in pairs if mine != its]
-        tuned = all(isinstance(number, TunedNumber) for pair in pairs for number in pair)
-        return pairs if tuned else None
+        apart = [(mine, other.arguments[name]) for name, mine in self.arguments.items()]
+        apart = [(mine, its) for mine, its in apart if mine != its]
+        tuned = all(isinstance(number, TunedNumber) for pair in apart for number in pair)
+        return apart if tuned else None

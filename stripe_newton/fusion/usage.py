@@ -48,7 +48,7 @@ class Usage:
         return {name: value for name, value in fields.items() if name in used}
 
 
-_USAGES: WeakKeyDictionary[wp.Function, Usage] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[wp.Function, Usage] = WeakKeyDictionary()
 
 
 def usage_of(function: wp.Function) -> Usage:
@@ -56,15 +56,15 @@ def usage_of(function: wp.Function) -> Usage:
 
     Globals, closures and ``wp.static`` expressions are resolved as Warp resolves them.
     """
-    if function not in _USAGES:
-        _USAGES[function] = Usage()  # ends the recursion for a function that calls itself; Warp does not compile those
+    if function not in _KNOWN:
+        _KNOWN[function] = Usage()  # ends the recursion for a function that calls itself; Warp does not compile those
         # All overloads count, as Warp chooses one by the types of the arguments, which are not known here.
         overloads = {id(f): f for f in (function, *function.user_overloads.values(), *function.user_templates.values())}
-        _USAGES[function] = _merged([_read(f) for f in overloads.values()])
-    return _USAGES[function]
+        _KNOWN[function] = _united([_read(f) for f in overloads.values()])
+    return _KNOWN[function]
 
 
-def _merged(parts: Iterable[Usage]) -> Usage:
+def _united(parts: Iterable[Usage]) -> Usage:
     every = list(parts)
     return Usage(
         reads=frozenset().union(*(u.reads for u in every)),
@@ -98,11 +98,11 @@ class _Reader(ast.NodeVisitor):
     def __init__(self, function: wp.Function):
         python = inspect.unwrap(function.func)
         # As in Python, a variable of the closure hides a global of the same name.
-        self._globals = {**vars(builtins), **python.__globals__, **_closure(python)}
-        self._local_fields = {name: frozenset[str]() for name in python.__code__.co_varnames}
+        self._outside = {**vars(builtins), **python.__globals__, **_closure(python)}
+        self._local = {name: frozenset[str]() for name in python.__code__.co_varnames}
         """Fields that a local variable may stand for, as ``pose`` does after ``pose = robot.body_pose``."""
         self._arguments = set(function.input_types)
-        self._argument_aliases: dict[str, set[str]] = {name: {name} for name in self._arguments}
+        self._passed: dict[str, set[str]] = {name: {name} for name in self._arguments}
         """Arguments that a variable may stand for."""
         self._reads: set[str] = set()
         self._writes: set[str] = set()
@@ -121,23 +121,23 @@ class _Reader(ast.NodeVisitor):
         )
         # Arguments that a called function writes were attributed at the call, to the expressions passed there.
         inner = [Usage(u.reads, u.writes, frozenset(), u.calls, u.unresolved) for u in called]
-        return _merged([own, *inner])
+        return _united([own, *inner])
 
     # -- reads
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
         if self._external(node) is not None:
-            self._record_reference(node)
+            self._refer(node)
             return
         self._reads.add(node.attr)
         self.visit(node.value)
 
     def visit_Name(self, node: ast.Name) -> None:
         if isinstance(node.ctx, ast.Load):
-            self._record_reference(node)
+            self._refer(node)
 
-    def _record_reference(self, node: ast.expr) -> None:
-        """Record a function that is referenced. It is called, here or by the function that it is passed to."""
+    def _refer(self, node: ast.expr) -> None:
+        """Note a function that is mentioned. It is called, here or by the function that it is passed to."""
         thing = self._resolve(node)
         if isinstance(thing, wp.Function) and not thing.is_builtin():
             self._calls.add(thing)
@@ -165,13 +165,13 @@ class _Reader(ast.NodeVisitor):
                 self._store(element, value)
         elif isinstance(target, ast.Name):
             if value is not None:  # the order of statements is ignored: a variable stands for all of its values
-                self._local_fields[target.id] = self._local_fields.get(target.id, frozenset()) | self._fields(value)
-                self._argument_aliases.setdefault(target.id, set()).update(self._arguments_in(value))
+                self._local[target.id] = self._local.get(target.id, frozenset()) | self._fields(value)
+                self._passed.setdefault(target.id, set()).update(self._arguments_in(value))
         else:
-            self._record_write(target)
+            self._written(target)
             self._visit_indices(target)
 
-    def _record_write(self, target: ast.expr) -> None:
+    def _written(self, target: ast.expr) -> None:
         self._writes |= self._fields(target)
         self._writes_arguments |= self._arguments_in(target)
 
@@ -189,24 +189,24 @@ class _Reader(ast.NodeVisitor):
                 found.add(node.attr)
             node = node.value
         if isinstance(node, ast.Name):
-            found |= self._local_fields.get(node.id, frozenset())
+            found |= self._local.get(node.id, frozenset())
         return frozenset(found)
 
     def _arguments_in(self, node: ast.expr) -> set[str]:
         """Arguments to which an expression belongs, as an element, a slice or the whole."""
         while isinstance(node, ast.Subscript):
             node = node.value
-        return self._argument_aliases.get(node.id, set()) if isinstance(node, ast.Name) else set()
+        return self._passed.get(node.id, set()) if isinstance(node, ast.Name) else set()
 
     # -- calls
 
     def visit_Call(self, node: ast.Call) -> None:
         function = self._resolve(node.func)
         if _is_static(function):
-            self._evaluate_static(node)
+            self._evaluated(node)
             return
         if isinstance(node.func, ast.Call) and _is_static(self._resolve(node.func.func)):
-            function = self._evaluate_static(node.func)
+            function = self._evaluated(node.func)
         else:
             self.visit(node.func)
         for argument in (*node.args, *(k.value for k in node.keywords)):
@@ -216,19 +216,19 @@ class _Reader(ast.NodeVisitor):
             given = [*zip(names, node.args, strict=False), *((k.arg or "", k.value) for k in node.keywords)]
             written = usage_of(function).writes_arguments
             for argument in (value for name, value in given if name in written):
-                self._record_write(argument)
+                self._written(argument)
         elif self._is_builtin(node.func, function):
             # Of Warp's functions only these write to an array, which is their first argument.
             if node.args and _last_name(node.func).startswith(("atomic_", "tile_store", "tile_atomic_")):
-                self._record_write(node.args[0])
+                self._written(node.args[0])
         else:
             self._unresolved.append(ast.unparse(node.func))
 
-    def _evaluate_static(self, node: ast.Call) -> object:
+    def _evaluated(self, node: ast.Call) -> object:
         """Value of a ``wp.static`` expression. A function in it counts as called."""
         argument = node.args[0] if node.args else node.keywords[0].value
         try:
-            value = eval(compile(ast.Expression(argument), "<static>", "eval"), dict(self._globals))
+            value = eval(compile(ast.Expression(argument), "<static>", "eval"), dict(self._outside))
         except Exception:  # the expression may use things that only Warp's compiler knows, such as a loop counter
             self._unresolved.append(ast.unparse(node))
             return None
@@ -241,11 +241,11 @@ class _Reader(ast.NodeVisitor):
         root = node
         while isinstance(root, ast.Attribute):
             root = root.value
-        of_warp = isinstance(root, ast.Name) and root.id not in self._local_fields and self._globals.get(root.id) is wp
+        of_warp = isinstance(root, ast.Name) and root.id not in self._local and self._outside.get(root.id) is wp
         known = isinstance(function, (type, types.BuiltinFunctionType, wp.Function))
         known = known or wp.types.type_is_struct(function)
         # Some functions, such as wp.tid, exist in Warp's compiler only, and kernels may call them without "wp.".
-        bare = isinstance(root, ast.Name) and root.id not in self._local_fields and hasattr(wp, root.id)
+        bare = isinstance(root, ast.Name) and root.id not in self._local and hasattr(wp, root.id)
         return of_warp or known or bare
 
     # -- names
@@ -254,7 +254,7 @@ class _Reader(ast.NodeVisitor):
         """The first name of a dotted path, such as ``wp`` in ``wp.sin``, if it is not a local variable; else None."""
         while isinstance(node, ast.Attribute):
             node = node.value
-        outside = isinstance(node, ast.Name) and node.id not in self._local_fields and node.id in self._globals
+        outside = isinstance(node, ast.Name) and node.id not in self._local and node.id in self._outside
         return node if outside and isinstance(node, ast.Name) else None
 
     def _resolve(self, node: ast.expr) -> object:
@@ -263,11 +263,11 @@ class _Reader(ast.NodeVisitor):
         while isinstance(node, ast.Attribute):
             path.append(node.attr)
             node = node.value
-        if not isinstance(node, ast.Name) or node.id in self._local_fields:
+        if not isinstance(node, ast.Name) or node.id in self._local:
             return None
         if hasattr(node, "warp_func"):  # Warp has replaced a wp.static expression by its value already
             return node.warp_func
-        thing = self._globals.get(node.id)
+        thing = self._outside.get(node.id)
         for part in reversed(path):
             thing = getattr(thing, part, None)
         return thing

@@ -33,15 +33,14 @@ class ObservationManager(native.ObservationManager):
         use_warp_functions(cfg)
         before = len(context.problems)
         super().__init__(cfg, context)
-        self._plans = {(group, last): self._plan(group, last) for group in self._terms for last in (False, True)}
+        self._plans = {(group, again): self._plan(group, again) for group in self._terms for again in (False, True)}
         problems = context.problems[before:]
         del context.problems[before:]
         if problems:
             raise ConfigError(problems)
 
-    def _plan(self, group: str, replace_last: bool) -> Plan:
-        items = self._group_items(group, [], gather=False, replace_last=replace_last).items()
-        context = self.context
+    def _plan(self, group: str, again: bool) -> Plan:
+        items, context = self._group_items(group, [], gather=False, again=again).items(), self.context
         return Plan(self.path, [Stage(group, items)], context.scope, context.num_envs, context.device, False)
 
     def compute_group(self, group_name: str, update_history: bool = False) -> Group:

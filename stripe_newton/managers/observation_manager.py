@@ -133,9 +133,7 @@ class ObservationManager(ManagerBase):
         of the step, but for noise, which is drawn anew, and for modifiers, which go on from their state. Histories,
         statistics, random streams and states of terms stay as they are.
         """
-        with self._outside.computed(
-            "observations", partial(self.compute_items, replace_last=True), self.instance_states()
-        ):
+        with self._outside.computed("observations", partial(self.compute_items, again=True), self.instance_states()):
             return {group: self._copied(group, buffer) for group, buffer in self.buffers.items()}
 
     def _copied(self, group: str, buffer: wp.array | dict[str, wp.array]) -> torch.Tensor | dict[str, torch.Tensor]:
@@ -145,24 +143,22 @@ class ObservationManager(ManagerBase):
 
     # -- items
 
-    def compute_items(self, where_reset: bool = False, replace_last: bool = False) -> list[Item]:
+    def compute_items(self, where_reset: bool = False, again: bool = False) -> list[Item]:
         """Items that write all groups.
 
         Args:
             where_reset: Write them only where an episode just ended, before these environments are reset.
-            replace_last: Replace the last values in delays and histories, and leave the statistics of normalisation.
+            again: Replace the last values in delays and histories, and leave the statistics of normalisation.
         """
         # A term that several groups share is written with the first group that has it. So all groups are read before
         # their sections are made.
         shared: list[SharedObservation] = []
-        gather = not where_reset and not replace_last
-        groups = [self._group_items(group, shared, gather, replace_last) for group in self._terms]
+        gather = not where_reset and not again
+        groups = [self._group_items(group, shared, gather, again) for group in self._terms]
         items = [item for group in groups for item in group.items()]
         return only(items, self.context.is_reset) if where_reset else items
 
-    def _group_items(
-        self, group: str, shared: list[SharedObservation], gather: bool, replace_last: bool
-    ) -> _GroupItems:
+    def _group_items(self, group: str, shared: list[SharedObservation], gather: bool, again: bool) -> _GroupItems:
         """Items of one group. Wide terms join an equal one in ``shared``, or are added to it for later groups."""
         corrupt, made, parts = self._groups[group].enable_corruption, _GroupItems(group), 0
         for name, term in self._terms[group].items():
@@ -173,7 +169,7 @@ class ObservationManager(ManagerBase):
                 continue
             if term.values is not None:
                 made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
-            source = ObservationSource(self.context, term, corrupt, replace_last)
+            source = ObservationSource(self.context, term, corrupt, again)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):
                     made.shared.append(SharedObservation(group, name, term, source))

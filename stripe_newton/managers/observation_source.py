@@ -30,16 +30,16 @@ that goes through all parts of its environment waits for each of them, and uses 
 class ObservationSource:
     """Source code of one observation term."""
 
-    def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool, replace_last: bool = False):
+    def __init__(self, context: ManagerContext, term: ObservationTerm, corrupt: bool, again: bool = False):
         """Bind to a term.
 
         Args:
             context: The context of the managers.
             term: The term.
             corrupt: Whether the noise of the term is applied.
-            replace_last: Whether values replace the last ones in delays and histories, rather than follow them.
+            again: Whether values replace the last ones in delays and histories, rather than follow them.
         """
-        self._context, self._term, self._replace_last = context, term, replace_last
+        self._context, self._term, self._again = context, term, again
         # Noise and modifiers in torch have been applied before.
         self._corrupt = corrupt and term.processing is None
         self._modifiers = term.cfg.modifiers or () if term.processing is None else ()
@@ -89,7 +89,7 @@ class ObservationSource:
         each = [*self._modify(), *self._add_noise(streams), *self._clip(), *self._scale()]
         lines = block(code("for i in range({}, {}):", first, last), each) if each else []
         if cfg.delay_max_lag:
-            lines += delay_of(self._context, term.path, term.size, cfg).step(element, self._replace_last)
+            lines += delay_of(self._context, term.path, term.size, cfg).step(element, self._again)
         if term.history:
             lines += self._push(element)
         elif term.scratch:
@@ -141,7 +141,7 @@ class ObservationSource:
     def _push(self, element: Code) -> list[Code]:
         """Lines that append to the history, oldest first. The first observation of an episode fills all of it."""
         term, fresh = self._term, self._fresh()
-        before = "k" if self._replace_last else "(k + 1)"
+        before = "k" if self._again else "(k + 1)"
         older = code(f"{{}}[env, {{}} + {before} * {{}} + i]", term.target, term.first, term.size)
         move = code(
             "{}[env, {} + k * {} + i] = wp.where({}[env] != 0, {}, {})",

@@ -113,15 +113,15 @@ class Delay:
     filled: Code
     bounds: Code
 
-    def step(self, target: Code, replace_last: bool = False) -> list[Code]:
+    def step(self, target: Code, again: bool = False) -> list[Code]:
         """Lines that push each value ``i`` of ``target`` into the ring and replace it by the delayed one.
 
         Args:
             target: The value of index ``i``.
-            replace_last: Replace the last value that was pushed instead.
+            again: Replace the last value that was pushed instead.
         """
         ring, head, depth = self.ring, self.head, self.depth
-        advance = [] if replace_last else [code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth)]
+        advance = [] if again else [code("{head}[env] = ({head}[env] + 1) % {depth}", head=head, depth=depth)]
         return [
             *advance,
             code("past = ({}[env] - {}[env] + {}) % {}", head, self.lag, depth, depth),

@@ -31,7 +31,7 @@ class SharedObservation:
         """Add a term of another group if it computes the same values. Returns whether it does."""
         assert term.call is not None
         assert self._term.call is not None
-        tuned = self._term.call.differing_parameters(term.call)
+        tuned = self._term.call.tuned_apart(term.call)
         if tuned is None or source.parts != self._parts or term.size != self._term.size:
             return False
         call, process = source.part()
@@ -50,4 +50,4 @@ class SharedObservation:
     def section(self) -> Section:
         """The section of all these terms. Parts are neighbouring threads, as neighbouring rays read nearby memory."""
         body = [code("k = part"), self._call, *self._copies, *self._process]
-        return Section(self._title, body, self._terms, parts=self._parts, coalesced=True)
+        return Section(self._title, body, self._terms, parts=self._parts, neighbours=True)

@@ -46,7 +46,7 @@ def test_recorded_steps_are_those_of_the_hooks(eager, recording):
     assert first_difference(eager, run(env, 150)) == ""
     recorder = recorder_of(env)
     assert all(not h.reason for h in recorder.hooks), env.describe()
-    assert all(recorder.joined(h) for h in recorder.hooks if h.can_join_graph)
+    assert all(recorder.joined(h) for h in recorder.hooks if h.joins)
     assert sum(recorder.hooks[4].has_graph(n) for n in range(1, 7)) >= 2  # numbers of environments that are reset
     text = env.describe()
     assert "graph, torch" in text

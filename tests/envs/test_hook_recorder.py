@@ -264,7 +264,7 @@ def test_only_variants_that_come_often_are_recorded():
         env.sums = env.sums + env.input[: env.calls[0]].sum()
 
     world = World(hook, True, start)
-    world.hook.can_join_graph = False
+    world.hook.joins = False
     often = 1
     steps(world, HookRecorder.WARM + 1)
     for variant in range(2, 2 + HookRecorder.WINDOW):

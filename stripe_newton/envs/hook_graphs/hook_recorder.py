@@ -77,7 +77,7 @@ class HookRecorder:
         name: str,
         function: Callable[[], None],
         method: Callable[..., object],
-        can_join_graph: bool = True,
+        joins: bool = True,
         as_variant: Callable[[int], AbstractContextManager[None]] = lambda variant: nullcontext(),
     ) -> RecordedHook:
         """Add a hook, in the order in which a step runs them.
@@ -86,10 +86,10 @@ class HookRecorder:
             name: Its name.
             function: Runs it with what the framework does around it.
             method: The method of the class, for reasons.
-            can_join_graph: Whether its launches may be part of a larger graph.
+            joins: Whether its launches may be part of a larger graph.
             as_variant: Context in which ``function`` does for a variant what its graph is to do.
         """
-        self.hooks.append(RecordedHook(name, function, self.context, method, can_join_graph, as_variant))
+        self.hooks.append(RecordedHook(name, function, self.context, method, joins, as_variant))
         return self.hooks[-1]
 
     # -- a step
@@ -151,7 +151,7 @@ class HookRecorder:
         try:
             if not self._watches or hook.reason:
                 hook.run_eagerly()
-            elif not hook.can_join_graph:
+            elif not hook.joins:
                 self._run_variant(hook, variant, padded)
             elif hook.traces < hook.TRACES:
                 hook.trace()
@@ -252,7 +252,7 @@ class HookRecorder:
     @property
     def is_settled(self) -> bool:
         """Whether each hook is either recorded and compared, or eager for good."""
-        return self._stopped or all(h.reason or not h.can_join_graph or h in self._joined for h in self.hooks)
+        return self._stopped or all(h.reason or not h.joins or h in self._joined for h in self.hooks)
 
     # -- beginning and ending
 
@@ -266,7 +266,7 @@ class HookRecorder:
 
     @property
     def _all_traced(self) -> bool:
-        return all(h.reason or h.traces >= h.TRACES for h in self.hooks if h.can_join_graph)
+        return all(h.reason or h.traces >= h.TRACES for h in self.hooks if h.joins)
 
     def _make_homes(self) -> None:
         moved = set().union(*(h.moved for h in self.hooks))
@@ -281,7 +281,7 @@ class HookRecorder:
     def _note_joined(self) -> None:
         """Find out which hooks may be part of larger graphs, and say so if these are other ones than before."""
         ready = self.context.carried is not None
-        now = [h for h in self.hooks if ready and h.can_join_graph and h.recorded and not h.unchecked]
+        now = [h for h in self.hooks if ready and h.joins and h.recorded and not h.unchecked]
         if now != self._joined:
             self._joined = now
             self._changed()

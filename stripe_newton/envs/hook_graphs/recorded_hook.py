@@ -41,7 +41,7 @@ class RecordedHook:
         traces: Number of runs that were watched.
         unchecked: Number of replays that are still to be compared before it counts as recorded.
         moved: Paths that it binds anew.
-        can_join_graph: Whether its launches may be part of a larger graph.
+        joins: Whether its launches may be part of a larger graph.
         why_not_padded: Reason why no variant may stand for others; empty while one may.
         proofs: How often a variant has stood for another one and has been compared.
         extras_memory: Memory of the tensors that it adds to the extras when it is replayed.
@@ -58,7 +58,7 @@ class RecordedHook:
         function: Callable[[], None],
         context: RecordingContext,
         method: Callable[..., object] | None = None,
-        can_join_graph: bool = True,
+        joins: bool = True,
         as_variant: Callable[[int], AbstractContextManager[None]] = lambda variant: contextlib.nullcontext(),
     ):
         """Note what it runs.
@@ -68,10 +68,10 @@ class RecordedHook:
             function: Runs it with what the framework does around it.
             context: What it shares with the other hooks.
             method: The method of the class, for reasons.
-            can_join_graph: Whether its launches may be part of a larger graph.
+            joins: Whether its launches may be part of a larger graph.
             as_variant: Context in which ``function`` does for a variant what its graph is to do.
         """
-        self.name, self.can_join_graph = name, can_join_graph
+        self.name, self.joins = name, joins
         self._as_variant = as_variant
         self.reason = self.why_not_padded = ""
         self.traces, self.unchecked = 0, self.CHECKS
@@ -95,7 +95,7 @@ class RecordedHook:
             NotSteady: if they cannot.
         """
         # A hook of variants runs as it is in most steps. Those should wait no more often than the others.
-        with contextlib.nullcontext() if self.can_join_graph else NumbersOnDevice():
+        with contextlib.nullcontext() if self.joins else NumbersOnDevice():
             self._function()
         if self._context.carried is not None:
             self._context.carried.settle()
