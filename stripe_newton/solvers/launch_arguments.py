@@ -64,7 +64,7 @@ class ConvertedState:
 
 @dataclass
 class StepCall:
-    """What a call of ``step_many`` asks of the kernel; as it is by default that of ``step``."""
+    """Arguments of a call of ``step_many``; the defaults are those of ``step``."""
 
     steps: int = 1
     before: tuple[wp.array | None, wp.array] | None = None
@@ -168,6 +168,7 @@ class LaunchArguments:
         m.hulls = _address(self._hulls.array)
         m.workspace = _address(buffers.workspace)
         own = {"newton_body": solver.mjc_body_to_newton, "dof_ref": self._assumptions.references}
+        own |= dict(zip(("joint_X_p", "joint_X_c"), self._assumptions.anchors, strict=True))
         for name in NEWTON_MODEL:
             setattr(m, name, _address(own[name] if name in own else getattr(solver.model, name)))
         if buffers.bodies is not None:
