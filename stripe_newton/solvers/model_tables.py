@@ -199,7 +199,7 @@ class ModelTables:
     @property
     def contact_size(self) -> int:
         """Numbers of a contact, as in constraints.h."""
-        return 25 + self.has_meshes + (3 + 8 * -(-self.model.nv // 4) if self.elliptic else 0)
+        return 25 + self.has_meshes + (3 if self.elliptic else 0)
 
     def source(self, rows: int, contacts: int) -> str:
         """The constants as C++ source.

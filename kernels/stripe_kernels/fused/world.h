@@ -13,7 +13,8 @@ enum RowField {
     R_E,            // J a - reference acceleration; at first the stiffness' part of the reference
     R_JS,           // J s; at first the damping
     R_F,            // force
-    R_LOSS,         // friction loss
+    R_LOSS,         // friction loss; of a cone's rows their contact
+    R_CONTACT = R_LOSS,
     R_WEIGHT,       // in the Hessian
     R_KIND,
     // Lanes read Jacobians as fours. An odd number of them, so that few lanes that read a field share a bank of the shared
