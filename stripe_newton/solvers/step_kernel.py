@@ -135,8 +135,8 @@ class KernelOptions:
         return not self.per_step.isdisjoint(("drives", "solver_drives"))
 
     def in_registers(self, tables: ModelTables) -> bool:
-        """Whether matrices are factored in registers, a row in each lane."""
-        return tables.limbs is None and self.lanes > 1 and tables.model.nv <= self.lanes and not self.double
+        """Whether matrices are factored in registers, with one or two rows in each lane."""
+        return tables.limbs is None and self.lanes > 1 and tables.model.nv <= 2 * self.lanes and not self.double
 
 
 @dataclass(frozen=True)

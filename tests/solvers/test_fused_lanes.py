@@ -72,11 +72,23 @@ def test_tasks(task, lanes, limbs):
     env.close()
 
 
-@pytest.mark.parametrize(("lanes", "limbs"), [(4, True), (32, False)])
-def test_newton_state_of_worlds_that_share_a_warp(lanes, limbs):
-    """Eight worlds and three, of which some are pushed, by a body's wrench or by a free joint's."""
-    model, rng = walker_worlds("floating", 11), np.random.default_rng(4)
-    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+@pytest.mark.parametrize(
+    ("walker", "lanes", "limbs"),
+    [
+        ("floating", 4, True),
+        ("floating", 32, False),
+        ("many legs", 32, False),
+        pytest.param("many legs", 8, False, marks=pytest.mark.slow),
+    ],
+)
+def test_newton_state_of_worlds_that_share_a_warp(walker, lanes, limbs):
+    """Eight worlds and three, of which some are pushed, by a body's wrench or by a free joint's.
+
+    A lane has one row of the matrices or two, or, of the last, none: it has more degrees of freedom than twice the
+    lanes.
+    """
+    model, rng = walker_worlds(walker, 11), np.random.default_rng(4)
+    solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
     solver.limbs = limbs
     start, control = model.state(), model.control()
     for array in (start.joint_qd, control.joint_target_q, control.joint_target_qd):

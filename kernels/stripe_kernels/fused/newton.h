@@ -32,6 +32,15 @@ FN void update_rows(World& w, int rows, int lane) {
 
 // Solve A w.s = sign b, with b the field `right` and A = M + the sum of weight J' J of the rows.
 #if IN_REGISTERS
+enum { ROWS_OF_LANE = (NV + LANES - 1) / LANES };  // of the matrix, in the registers of a lane
+
+FN void load_fours(real* r, const real* from) {
+    UNROLLED for (int g = 0; g < NFOURS; g++) {
+        Four four = ((const Four*)from)[g];
+        UNROLLED for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
+    }
+}
+
 // Add D J to the row of A that a lane has.
 FN void add_product(real* r, const real* J, real D) {
     const Four* fours = (const Four*)J;
@@ -70,56 +79,60 @@ FN void add_surfaces(const World& w, real* r, int contacts, int own) {
 }
 #endif
 
-// A = L D L'. Lane i has row i of A in registers, of which what is left of the diagonal counts. Columns of L D are kept above
-// the diagonal of M, and the lanes read them as fours.
+// A = L D L'. Lane i has row i of A in registers, and row i + LANES where there are so many; what is left of the diagonal counts.
+// Columns of L D are kept above the diagonal of M, and the lanes read them as fours.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
-    const int own = lane < NV ? lane : 0;
-    const Four* fours = (const Four*)(w.M + own * LD);
-    real r[4 * NFOURS], y = sign * (w.*right)[own], inverse = 0;
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
+    int own[ROWS_OF_LANE];
+    real r[ROWS_OF_LANE][4 * NFOURS], y[ROWS_OF_LANE], inverse[ROWS_OF_LANE];
+    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
+        own[q] = lane + q * LANES < NV ? lane + q * LANES : 0;
+        y[q] = sign * (w.*right)[own[q]], inverse[q] = 0;
+        load_fours(r[q], w.M + own[q] * LD);
     }
-#pragma unroll 1
-    for (int k = 0; k < rows; k++) {
+    ROLLED for (int k = 0; k < rows; k++) {
         const real* J = row_of<FITS>(w, k);
         real weight = J[R_WEIGHT];
-        if (weight != 0) add_product(r, J, weight * J[own]);
+        if (weight != 0)
+            UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) add_product(r[q], J, weight * J[own[q]]);
     }
 #if ELLIPTIC_CONES
-    add_surfaces<FITS>(w, r, contacts, own);
+    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) add_surfaces<FITS>(w, r[q], contacts, own[q]);
 #endif
-#pragma unroll
-    for (int j = 0; j < NV; j++) {
-        bool below = lane > j && lane < NV;
-        if (below) w.M[j * LD + lane] = r[j];
-        real scale = __fdividef(1, larger(from_lane(r[j], j), (real)1e-30)), l = below ? r[j] * scale : 0;
-        if (lane == j) inverse = scale;
-        y -= l * from_lane(y, j);
+    UNROLLED for (int j = 0; j < NV; j++) {
+        // Rows above this one are done: of those in the registers of a lane, from q = j / LANES on others are left.
+        const int at = j / LANES, from = j % LANES;
+        real scale = __fdividef(1, larger(from_lane(r[at][j], from), (real)1e-30)), y_j = from_lane(y[at], from);
+        real l[ROWS_OF_LANE];
+        UNROLLED for (int q = at; q < ROWS_OF_LANE; q++) {
+            const int i = lane + q * LANES;
+            bool below = i > j && i < NV;
+            if (below) w.M[j * LD + i] = r[q][j];
+            l[q] = below ? r[q][j] * scale : 0;
+            if (i == j) inverse[q] = scale;
+            y[q] -= l[q] * y_j;
+        }
         SYNC();
-#pragma unroll
-        for (int g = (j + 1) / 4; g < NFOURS; g++) {
+        UNROLLED for (int g = (j + 1) / 4; g < NFOURS; g++) {
             Four four = ((const Four*)(w.M + j * LD))[g];
-#pragma unroll
-            for (int k = 0; k < 4; k++)
-                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= l * four.x[k];
+            UNROLLED for (int q = at; q < ROWS_OF_LANE; q++)
+                UNROLLED for (int k = 0; k < 4; k++)
+                    if (4 * g + k > j && 4 * g + k < NV) r[q][4 * g + k] -= l[q] * four.x[k];
         }
     }
-    // x = D^-1 y - L' x, with a row of L' in a lane.
-    y *= inverse;
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++) r[4 * g + k] = lane < 4 * g + k ? four.x[k] * inverse : 0;
+    // x = D^-1 y - L' x, with rows of L' in a lane.
+    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
+        load_fours(r[q], w.M + own[q] * LD);
+        y[q] *= inverse[q];
+        UNROLLED for (int k = 0; k < 4 * NFOURS; k++) r[q][k] = lane + q * LANES < k ? r[q][k] * inverse[q] : 0;
     }
-#pragma unroll
-    for (int j = NV - 1; j > 0; j--) y -= r[j] * from_lane(y, j);
-    if (lane < NV) w.s[lane] = y;
+    UNROLLED for (int j = NV - 1; j > 0; j--) {
+        const real x_j = from_lane(y[j / LANES], j % LANES);
+        UNROLLED for (int q = 0; q <= (j - 1) / LANES; q++) y[q] -= r[q][j] * x_j;
+    }
+    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++)
+        if (lane + q * LANES < NV) w.s[lane + q * LANES] = y[q];
     SYNC();
 }
 #else
