@@ -32,67 +32,16 @@ FN void update_rows(World& w, int rows, int lane) {
 
 // Solve A w.s = sign b, with b the field `right` and A = M + the sum of weight J' J of the rows.
 #if IN_REGISTERS
-// Add D J to the row of A that a lane has.
-FN void add_product(real* r, const real* J, real D) {
-    const Four* fours = (const Four*)J;
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++)
-            if (4 * g + k < NV) r[4 * g + k] += D * four.x[k];
-    }
-}
-
-#if ELLIPTIC_CONES
-// Add the Hessian of the contacts on the surfaces of their cones to the row of A that a lane has.
-template <bool FITS>
-FN void add_surfaces(const World& w, real* r, int contacts, int own) {
-#pragma unroll 1
-    for (int c = 0; c < contacts; c++) {
-        const real* C = contact_of<FITS>(w, c);
-        if (!is_cone(C) || C[C_CONE] == 0) continue;
-        const int first = (int)C[C_ROW], dim = (int)C[C_DIM];
-        const real* normal = row_of<FITS>(w, first);
-        real q = 0;
-        UNROLLED for (int i = 1; i < 6; i++) {
-            const real* o = row_of<FITS>(w, first + (i < dim ? i : 0));
-            q += i < dim ? o[R_JS] * o[own] : 0;
-        }
-        const real p = C[C_CONE] * (normal[own] - C[C_MU] * q), turned = C[C_MU] * p + C[C_CONE + 1] * q;
-        add_product(r, normal, p);
-#pragma unroll 1
-        for (int i = 1; i < dim; i++) {
-            const real* o = row_of<FITS>(w, first + i);
-            add_product(r, o, C[C_CONE + 1] * o[own] - o[R_JS] * turned);
-        }
-    }
-}
-#endif
-
 // A = L D L'. Lane i has row i of A in registers, of which what is left of the diagonal counts. Columns of L D are kept above
 // the diagonal of M, and the lanes read them as fours.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
     const int own = lane < NV ? lane : 0;
-    const Four* fours = (const Four*)(w.M + own * LD);
+    assemble<FITS>(w, rows, contacts, lane);
     real r[4 * NFOURS], y = sign * (w.*right)[own], inverse = 0;
 #pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
-    }
-#pragma unroll 1
-    for (int k = 0; k < rows; k++) {
-        const real* J = row_of<FITS>(w, k);
-        real weight = J[R_WEIGHT];
-        if (weight != 0) add_product(r, J, weight * J[own]);
-    }
-#if ELLIPTIC_CONES
-    add_surfaces<FITS>(w, r, contacts, own);
-#endif
+    for (int j = 0; j < NV; j++) r[j] = j == own ? w.s[j] : w.M[j * LD + own];
 #pragma unroll
     for (int j = 0; j < NV; j++) {
         bool below = lane > j && lane < NV;
@@ -110,6 +59,7 @@ ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV],
         }
     }
     // x = D^-1 y - L' x, with a row of L' in a lane.
+    const Four* fours = (const Four*)(w.M + own * LD);
     y *= inverse;
 #pragma unroll
     for (int g = 0; g < NFOURS; g++) {
