@@ -173,7 +173,7 @@ class ModelTables:
     @property
     def _geoms_size(self) -> int:
         """Numbers for the places of geoms."""
-        return 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
+        return (13 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 2) + _NEAR_SIZE
 
     @property
     def _listed_size(self) -> int:
@@ -260,6 +260,13 @@ class ModelTables:
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
+_SHAPES = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "BALL", mujoco.mjtGeom.mjGEOM_CAPSULE: "CAPSULE",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "CYLINDER", mujoco.mjtGeom.mjGEOM_BOX: "BOX",
+}  # fmt: skip
+"""Shapes of geoms that balls are put around."""
+_NEAR_SIZE = 32
+"""Numbers of four bytes of the list of pairs that may touch."""
 TOUCHES = 24
 """Touches of a world's searches that there is room for; where there are more, the searches are finished in parts."""
 _PATCH_SIZE = 14
@@ -297,6 +304,7 @@ def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, o
     return {
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
         **{name: i for i, name in enumerate(ROUTINES)},
+        **{f"{shape}_SHAPE": i + 1 for i, shape in enumerate(_SHAPES.values())},
         **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in ROUTINES},
         "SEARCHES_BOXES": int(any(p.kind in ("FIELD_BOX", "MESH_BOX") for p in pairs)),
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
@@ -386,6 +394,7 @@ def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[st
         "field_rows": model.hfield_nrow,
         "field_cols": model.hfield_ncol,
         "used_geom": used,
+        "geom_shape": [list(_SHAPES).index(t) + 1 if t in _SHAPES else 0 for t in model.geom_type[used].tolist()],
         "contact_geoms": [used.index(g) for p in pairs for g in (p.geom1, p.geom2)],
         "contact_geom1": [p.geom1 for p in pairs],
         "contact_geom2": [p.geom2 for p in pairs],

@@ -34,72 +34,19 @@ FN void update_rows(World& w, int rows, int lane) {
 #if IN_REGISTERS
 enum { ROWS_OF_LANE = (NV + LANES - 1) / LANES };  // of the matrix, in the registers of a lane
 
-FN void load_fours(real* r, const real* from) {
-    UNROLLED for (int g = 0; g < NFOURS; g++) {
-        Four four = ((const Four*)from)[g];
-        UNROLLED for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
-    }
-}
-
-// Add D J to the row of A that a lane has.
-FN void add_product(real* r, const real* J, real D) {
-    const Four* fours = (const Four*)J;
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++)
-            if (4 * g + k < NV) r[4 * g + k] += D * four.x[k];
-    }
-}
-
-#if ELLIPTIC_CONES
-// Add the Hessian of the contacts on the surfaces of their cones to the row of A that a lane has.
-template <bool FITS>
-FN void add_surfaces(const World& w, real* r, int contacts, int own) {
-#pragma unroll 1
-    for (int c = 0; c < contacts; c++) {
-        const real* C = contact_of<FITS>(w, c);
-        if (!is_cone(C) || C[C_CONE] == 0) continue;
-        const int first = (int)C[C_ROW], dim = (int)C[C_DIM];
-        const real* normal = row_of<FITS>(w, first);
-        real q = 0;
-        UNROLLED for (int i = 1; i < 6; i++) {
-            const real* o = row_of<FITS>(w, first + (i < dim ? i : 0));
-            q += i < dim ? o[R_JS] * o[own] : 0;
-        }
-        const real p = C[C_CONE] * (normal[own] - C[C_MU] * q), turned = C[C_MU] * p + C[C_CONE + 1] * q;
-        add_product(r, normal, p);
-#pragma unroll 1
-        for (int i = 1; i < dim; i++) {
-            const real* o = row_of<FITS>(w, first + i);
-            add_product(r, o, C[C_CONE + 1] * o[own] - o[R_JS] * turned);
-        }
-    }
-}
-#endif
-
 // A = L D L'. Lane i has row i of A in registers, and row i + LANES where there are so many; what is left of the diagonal counts.
 // Columns of L D are kept above the diagonal of M, and the lanes read them as fours.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
+    assemble<FITS>(w, rows, contacts, lane);
     int own[ROWS_OF_LANE];
     real r[ROWS_OF_LANE][4 * NFOURS], y[ROWS_OF_LANE], inverse[ROWS_OF_LANE];
     UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
         own[q] = lane + q * LANES < NV ? lane + q * LANES : 0;
         y[q] = sign * (w.*right)[own[q]], inverse[q] = 0;
-        load_fours(r[q], w.M + own[q] * LD);
+        UNROLLED for (int j = 0; j < NV; j++) r[q][j] = j == own[q] ? w.s[j] : w.M[j * LD + own[q]];
     }
-    ROLLED for (int k = 0; k < rows; k++) {
-        const real* J = row_of<FITS>(w, k);
-        real weight = J[R_WEIGHT];
-        if (weight != 0)
-            UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) add_product(r[q], J, weight * J[own[q]]);
-    }
-#if ELLIPTIC_CONES
-    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) add_surfaces<FITS>(w, r[q], contacts, own[q]);
-#endif
     UNROLLED for (int j = 0; j < NV; j++) {
         // Rows above this one are done: of those in the registers of a lane, from q = j / LANES on others are left.
         const int at = j / LANES, from = j % LANES;
@@ -123,9 +70,13 @@ ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV],
     }
     // x = D^-1 y - L' x, with rows of L' in a lane.
     UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
-        load_fours(r[q], w.M + own[q] * LD);
+        const Four* fours = (const Four*)(w.M + own[q] * LD);
         y[q] *= inverse[q];
-        UNROLLED for (int k = 0; k < 4 * NFOURS; k++) r[q][k] = lane + q * LANES < k ? r[q][k] * inverse[q] : 0;
+        UNROLLED for (int g = 0; g < NFOURS; g++) {
+            Four four = fours[g];
+            UNROLLED for (int k = 0; k < 4; k++)
+                r[q][4 * g + k] = lane + q * LANES < 4 * g + k ? four.x[k] * inverse[q] : 0;
+        }
     }
     UNROLLED for (int j = NV - 1; j > 0; j--) {
         const real x_j = from_lane(y[j / LANES], j % LANES);
