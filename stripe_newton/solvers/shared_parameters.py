@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterable, Mapping
 import newton
 import warp as wp
 
-__all__ = ["SharedParameters", "parameters_of_flags", "parameters_of_newton"]
+from .model_tables import PARAMETERS
+
+__all__ = ["SharedParameters", "parameter_arrays", "parameters_of_flags", "parameters_of_newton"]
 
 _WEIGHTS = frozenset({"weight", "dof_weight", "solref_limit", "bias"})
 """What follows from masses and armatures: inverse weights, stiffness of limits, damping of drives."""
@@ -65,6 +67,17 @@ _OF_FLAGS: dict[newton.ModelFlags, frozenset[str]] = {
     _FLAGS.ACTUATOR_PROPERTIES: _JOINTS,
 }
 """Parameters that follow from what Newton's flags name; any flag that is not here may mean all of them."""
+
+
+def parameter_arrays(solver: newton.solvers.SolverMuJoCo) -> dict[str, wp.array]:
+    """The arrays of MuJoCo Warp's model and data that the kernel reads parameters from, by their names in the kernel.
+
+    Args:
+        solver: The solver that owns the model.
+    """
+    owners = {"": solver.mjw_model, "opt": solver.mjw_model.opt, "data": solver.mjw_data}
+    paths = {name: path.rpartition(".") for name, path in PARAMETERS.items()}
+    return {name: getattr(owners[owner], field) for name, (owner, _, field) in paths.items()}
 
 
 def parameters_of_newton(names: Iterable[str]) -> frozenset[str]:
