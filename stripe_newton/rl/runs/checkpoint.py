@@ -28,7 +28,7 @@ __all__ = [
     "CheckpointData",
     "RngState",
     "damage_of",
-    "describe_room",
+    "describe_checkpoint_size",
     "from_bytes",
     "get_rng_state",
     "load_checkpoint",
@@ -47,7 +47,7 @@ CheckpointData = dict[str, Any]
 
 
 class _Needed(TypedDict):
-    """What every checkpoint has."""
+    """Keys that every checkpoint has."""
 
     iter: NonNegativeInt
 
@@ -99,8 +99,8 @@ def save_checkpoint(data: CheckpointData, path: str | os.PathLike) -> None:
             part.unlink(missing_ok=True)
 
 
-def describe_room(path: Path, data: CheckpointData, more: int) -> str:
-    """What the checkpoints of a run take, where that is much; empty where it is little.
+def describe_checkpoint_size(path: Path, data: CheckpointData, more: int) -> str:
+    """Line about the disk space of a run's checkpoints, if it is much; else empty.
 
     Args:
         path: A checkpoint that has been written.
