@@ -128,7 +128,7 @@ class Simulation:
     """Targets and efforts of the joints."""
     pipeline: newton.CollisionPipeline | None
     """Newton's collision detection; None where the solver finds contacts itself."""
-    contact_room: int | None
+    contact_capacity: int | None
     """Contacts of all environments that Newton's collision detection has room for; None for as many as it estimates."""
     contacts: newton.Contacts | None
     """Contacts that the pipeline finds or the solver exports; None if neither does."""
@@ -173,8 +173,8 @@ class Simulation:
         self.env_origin = None
         self._graphs: dict[int, wp.Graph] = {}
         self._finite: FiniteState | None = None
-        self.contact_room: int | None = None
-        self._forward_is_due = False
+        self.contact_capacity: int | None = None
+        self._forward_pending = False
 
     @property
     def physics_dt(self) -> float:
@@ -316,7 +316,7 @@ class Simulation:
         """Newton's collision detection, which by default goes through a list of all pairs that may touch."""
         many = isinstance(self.solver, SolverFused) and len(self.solver.hidden_shapes) > 0
         options = {"broad_phase": "sap"} if many else {}
-        return newton.CollisionPipeline(self.model, rigid_contact_max=self.contact_room, **options)
+        return newton.CollisionPipeline(self.model, rigid_contact_max=self.contact_capacity, **options)
 
     def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""
@@ -383,7 +383,7 @@ class Simulation:
             raise RuntimeError("the simulation is closed; make a new one")
         if self.turns_wrenches:
             self.flush()
-        self._forward_is_due = False  # the solver computes the bodies from the joints
+        self._forward_pending = False  # the solver computes the bodies from the joints
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
@@ -504,8 +504,8 @@ class Simulation:
 
         A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
         """
-        if self._forward_is_due:
-            self._forward_is_due = False
+        if self._forward_pending:
+            self._forward_pending = False
             self.forward_masked()
 
     def forward(self, env_mask: torch.Tensor | None = None) -> None:
@@ -521,9 +521,9 @@ class Simulation:
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
         newton.eval_fk(self.model, self._state.joint_q, self._state.joint_qd, self._state, mask=mask)
 
-    def forward_later(self) -> None:
+    def defer_forward(self) -> None:
         """Leave :meth:`forward_masked` to the next reader of :attr:`state`, or to the next step of the physics."""
-        self._forward_is_due = True
+        self._forward_pending = True
 
     def forward_masked(self) -> None:
         """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""

@@ -66,10 +66,11 @@ class KernelChoice:
             tolerance=float(self.solver.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,
-            given_contacts=bool(self.division.others),
+            given_contacts=bool(self.division.external_kinds),
             accelerations=self.buffers.bodies is not None,
             contacts=self.buffers.fills_contacts,
             contact_forces=self.buffers.contact_forces is not None,
+            kinematic_bodies=self._has_kinematic_bodies(),
             per_step=self.per_step,
         )
 
@@ -77,7 +78,7 @@ class KernelChoice:
     def beyond_limbs(self) -> str:
         """Features in use that the form for a hub with limbs does not have; empty if it has all."""
         features = {
-            "contacts of other collision detection": bool(self.division.others),
+            "contacts of other collision detection": bool(self.division.external_kinds),
             "contacts in MuJoCo Warp's arrays": self.buffers.fills_contacts,
             "accelerations of bodies": self.buffers.bodies is not None,
             "external wrenches": "wrenches" in self.per_step,
@@ -96,6 +97,11 @@ class KernelChoice:
             return limbs.slots
         few, many = _LANES
         return few if max(self.solver.mj_model.nbody, self.solver.mj_model.nv) <= few else many
+
+    def _has_kinematic_bodies(self) -> bool:
+        """Whether any body is kinematic: none may become it later, see ``why_unsupported``."""
+        flags = self.solver.model.body_flags
+        return flags is not None and bool(np.any(flags.numpy() & int(newton.BodyFlags.KINEMATIC)))
 
     def _limited_model(self) -> mujoco.MjModel:
         """The compiled model with the limits that MuJoCo Warp's has now: drives may have got some."""

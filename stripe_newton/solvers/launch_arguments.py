@@ -168,6 +168,7 @@ class LaunchArguments:
         m.hulls = _address(self._hulls.array)
         m.workspace = _address(buffers.workspace)
         own = {"newton_body": solver.mjc_body_to_newton, "dof_ref": self._assumptions.references}
+        own |= dict(zip(("joint_X_p", "joint_X_c"), self._assumptions.anchors, strict=True))
         for name in NEWTON_MODEL:
             setattr(m, name, _address(own[name] if name in own else getattr(solver.model, name)))
         if buffers.bodies is not None:

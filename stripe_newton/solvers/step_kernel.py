@@ -27,14 +27,15 @@ __all__ = [
 
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "hulls.h", "hull_contacts.h", "search.h", "heightfield.h", "meshes.h",
-    "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h",
-    "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "cones.h", "hessian.h", "newton.h",
-    "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
+    "search_hits.h", "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h",
+    "attachments.h", "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "cones.h", "hessian.h",
+    "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "contact_fields.h", "limb_world.h", "rows.h",
-    "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h",
-    "limb_parameters.h", "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
+    "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h", "geoms.h", "ground_parts.h",
+    "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
+    "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -124,6 +125,8 @@ class KernelOptions:
     """Accelerations of bodies and wrenches of their joints can be asked for; their code takes registers of a GPU."""
     contacts: bool = False
     """MuJoCo Warp's arrays of contacts and constraint forces can be filled."""
+    kinematic_bodies: bool = False
+    """Bodies of Newton's model may be kinematic: the caller moves their joints."""
     contact_forces: bool = False
     """Forces and geoms of contacts can be written."""
     per_step: frozenset[str] = frozenset()
@@ -292,6 +295,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define ACCELERATIONS {int(options.accelerations)}",
         f"#define CONTACTS {int(options.contacts)}",
         f"#define CONTACT_FORCES {int(options.contact_forces)}",
+        f"#define KINEMATIC_BODIES {int(options.kinematic_bodies)}",
         f"#define GIVEN_CONTACTS {int(options.given_contacts)}",
         *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),

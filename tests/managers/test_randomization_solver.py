@@ -139,7 +139,7 @@ def gravity(mode: str, size: float) -> EventTermCfg:
 def test_only_the_last_update_of_a_step_runs_beside_what_follows():
     terms = {"later": gravity("interval", 8.0), "first": gravity("reset", 9.0)}
     world = RandomizedWorld(CARTPOLE_CFG, terms, num_envs=2, ground=False)
-    assert [world.items(mode)[-1].beside for mode in ("reset", "interval")] == [False, True]
+    assert [world.items(mode)[-1].concurrent for mode in ("reset", "interval")] == [False, True]
     world.reset()
     np.testing.assert_array_equal(world.solver_model()["gravity"][:, 2], -9.0)
     for _ in range(3):  # the clock is drawn, then runs out

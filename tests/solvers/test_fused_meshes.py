@@ -9,7 +9,7 @@ import trimesh
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.sim.contact_room import contact_room
+from stripe_newton.sim.contact_capacity import contact_capacity
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.mesh_grid import MeshGrids, TriangleMesh
 from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
@@ -23,7 +23,7 @@ def contacts_of(model: newton.Model, frame: wp.transform) -> list[list[tuple[flo
     """Distance, point and normal of the contacts of each world, relative to the mesh."""
     solver = SolverFused(model, nconmax=20, njmax=100, kinematic_switchable_roots=False)
     solver.static_triangles = True
-    assert solver.lacks() == []
+    assert solver.missing_triangle_contacts() == []
     assert solver.one_launch
     solver.fill_contacts()
     state = model.state()
@@ -195,9 +195,9 @@ def test_cells_list_all_faces_that_are_near():
     grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], reach, "cpu")
     first, items, faces, _, _, edges, _, record = (a.numpy() for a in grids._arrays)
     # Edges at which it bends down: those at the five convex corners of its outline, and the outline itself, twice.
-    assert (len(faces) // 48, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
+    assert (len(faces) // 64, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
-    corners = faces.reshape(-1, 48)[:, :36].copy().view(np.float32).reshape(-1, 3, 3)
+    corners = faces.view(np.float32).reshape(-1, 4, 4)[:, 1:, :3]  # behind the normals
     for point in np.random.default_rng(4).uniform([-0.05, -0.05, -0.05], [2.05, 1.05, 2.05], size=(100, 3)):
         col, row, layer = np.floor((point - low) * scale).astype(int)
         cell = (layer * size[1] + row) * size[0] + col
@@ -264,6 +264,6 @@ def test_a_box_in_a_rough_corner_has_room_for_its_contacts() -> None:
     model = model_of(rough_corner(random), lambda b, body: b.add_shape_box(body, hx=half, hy=half, hz=half), poses,
                      wp.transform_identity())  # fmt: skip
     counts = [len(found) for found in contacts_of(model, wp.transform_identity())]
-    room, rows = contact_room(model, on_triangles=True)
+    room, rows = contact_capacity(model, on_triangles=True)
     assert 8 < max(counts) <= room
     assert rows >= 4 * room
