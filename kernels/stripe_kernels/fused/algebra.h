@@ -5,6 +5,7 @@
 typedef double real;
 #define SQRT sqrt
 #define RSQRT(x) (1 / sqrt(x))
+#define QUOTIENT(a, b) ((a) / (b))
 #define SINCOS(x, s, c) s = sin(x), c = cos(x)
 #define POW pow
 #define FABS fabs
@@ -14,9 +15,11 @@ typedef double real;
 typedef float real;
 #define SQRT sqrtf
 #ifdef __CUDA_ARCH__
+#define QUOTIENT __fdividef  // to 2 units in the last place
 #define RSQRT rsqrtf
 #define SINCOS(x, s, c) sincosf(x, &s, &c)
 #else
+#define QUOTIENT(a, b) ((a) / (b))
 #define RSQRT(x) (1 / sqrtf(x))
 #define SINCOS(x, s, c) s = sinf(x), c = cosf(x)
 #endif

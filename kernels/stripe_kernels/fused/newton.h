@@ -87,7 +87,7 @@ template <bool FITS>
 FN void add_surfaces(World& w, int contacts, int lane) {
     for (int c = 0; c < contacts; c++) {
         const real* C = contact_of<FITS>(w, c);
-        if (!is_cone(C) || C[C_CONE] == 0) continue;
+        if (C[C_CONE] == 0) continue;
         const int first = (int)C[C_ROW], dim = (int)C[C_DIM];
         EACH(i, NV) {
             real q = 0;
