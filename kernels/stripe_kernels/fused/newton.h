@@ -32,44 +32,45 @@ FN void update_rows(World& w, int rows, int lane) {
 
 // Solve A w.s = sign b, with b the field `right` and A = M + the sum of weight J' J of the rows.
 #if IN_REGISTERS
-// A = L D L'. Lane i has row i of A in registers, of which what is left of the diagonal counts. Columns of L D are kept above
-// the diagonal of M, and the lanes read them as fours.
+// A = L D L'. Lane i has row i of A in registers, of which the part up to the diagonal counts. Columns of L are kept above the
+// diagonal of M, and the lanes read them as fours. What a lane has beyond its own turn is of no use, and is not masked.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
-    const int own = lane < NV ? lane : 0;
+    const int own = lane < NV ? lane : 0, turn = lane < NV ? lane : -1;
     assemble<FITS>(w, rows, contacts, lane);
-    real r[4 * NFOURS], y = sign * (w.*right)[own], inverse = 0;
+    real r[4 * NFOURS], diagonal = w.s[own], y = sign * (w.*right)[own];
 #pragma unroll
-    for (int j = 0; j < NV; j++) r[j] = j == own ? w.s[j] : w.M[j * LD + own];
+    for (int j = 0; j < NV; j++) r[j] = w.M[j * LD + own];
 #pragma unroll
     for (int j = 0; j < NV; j++) {
-        bool below = lane > j && lane < NV;
-        if (below) w.M[j * LD + lane] = r[j];
-        real scale = __fdividef(1, larger(from_lane(r[j], j), (real)1e-30)), l = below ? r[j] * scale : 0;
-        if (lane == j) inverse = scale;
-        y -= l * from_lane(y, j);
+        const real scale = RECIPROCAL(larger(from_lane(diagonal, j), (real)1e-30)), l = r[j] * scale, yj = from_lane(y, j);
+        if (turn > j) w.M[j * LD + lane] = l;
+        w.s[j] = scale * yj;  // all lanes write the same
+        y -= l * yj, diagonal -= l * r[j];
         SYNC();
 #pragma unroll
         for (int g = (j + 1) / 4; g < NFOURS; g++) {
             Four four = ((const Four*)(w.M + j * LD))[g];
 #pragma unroll
             for (int k = 0; k < 4; k++)
-                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= l * four.x[k];
+                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= r[j] * four.x[k];
         }
     }
-    // x = D^-1 y - L' x, with a row of L' in a lane.
+    // x = D^-1 y - (L' - 1) x, with a row of L' in a lane.
     const Four* fours = (const Four*)(w.M + own * LD);
-    y *= inverse;
+    y = w.s[own];
 #pragma unroll
     for (int g = 0; g < NFOURS; g++) {
         Four four = fours[g];
 #pragma unroll
-        for (int k = 0; k < 4; k++) r[4 * g + k] = lane < 4 * g + k ? four.x[k] * inverse : 0;
+        for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
     }
 #pragma unroll
-    for (int j = NV - 1; j > 0; j--) y -= r[j] * from_lane(y, j);
-    if (lane < NV) w.s[lane] = y;
+    for (int j = NV - 1; j >= 0; j--) {
+        const real x = from_lane(y, j);
+        w.s[j] = x, y -= r[j] * x;
+    }
     SYNC();
 }
 #else
