@@ -17,7 +17,7 @@ FN void place_geoms(World& w, const Parameters& P, int lane) {
     EACH(i, NGEOMS) {
         Geom o = geom_of(w, P, used_geom(i));
         store(w.geoms + 12 * i, o.pos), store_matrix(w.geoms + 12 * i + 3, o.axes);
-        w.reach[i] = radius_of(geom_shape(i), o.size) + P.geom_margin()[used_geom(i)];
+        store(w.balls + 4 * i, o.pos), w.balls[4 * i + 3] = radius_of(geom_shape(i), o.size) + P.geom_margin()[used_geom(i)];
     }
     SYNC();
 }
@@ -63,16 +63,16 @@ FN int collide_pairs(World& w, const Parameters& P, int p, int count, int lane) 
 }
 
 #if GEOMS_PLACED
-// Whether the balls around two geoms touch, or that around the second one a plane. Pairs with parameters of their own have
-// other margins.
-FN bool may_touch(const World& w, const Parameters& P, int p) {
-    if (contact_rule(p) == OF_PAIR) return true;
-    const int a = contact_geoms(2 * p), b = contact_geoms(2 * p + 1);
-    const real reach = w.reach[a] + w.reach[b], *first = w.geoms + 12 * a;
-    const Vec offset = origin_of(w, geom_body(contact_geom2(p))) - origin_of(w, geom_body(contact_geom1(p)));
-    const Vec d = load(w.geoms + 12 * b) - load(first) + offset;
-    if (contact_kind(p) <= PLANE_CYLINDER)  // those of planes come first
-        return first[5] * d.x + first[8] * d.y + first[11] * d.z < reach;
+// Whether the balls around two geoms touch, or that around the second one a plane. `near_test` has of each pair the places of
+// its geoms among those that are used, in 12 bits each, and how they are compared.
+FN bool may_touch(const World& w, int p) {
+    const int test = near_test(p), a = test & 4095, b = test >> 12 & 4095;
+    if (test & ALWAYS_NEAR) return true;
+    const Four first = ((const Four*)w.balls)[a], second = ((const Four*)w.balls)[b];
+    Vec d{second.x[0] - first.x[0], second.x[1] - first.x[1], second.x[2] - first.x[2]};
+    const real reach = first.x[3] + second.x[3];
+    if (test & IN_TREES) d = d + (origin_of(w, geom_body(contact_geom2(p))) - origin_of(w, geom_body(contact_geom1(p))));
+    if (test & ON_PLANE) return dot(column(load_matrix(w.geoms + 12 * a + 3), 2), d) < reach;
     return reach > 0 && dot(d, d) < reach * reach;
 }
 
@@ -82,7 +82,7 @@ FN int collide_primitives(World& w, const Parameters& P, int lane) {
     int count = 0, listed = 0;
     ROLLED for (int first = 0; first < FIRST_HULL_PAIR; first += LANES) {
         const int p = first + lane;
-        const bool near = p < FIRST_HULL_PAIR && may_touch(w, P, p);
+        const bool near = p < FIRST_HULL_PAIR && may_touch(w, p);
         int before, all;
         RANK(near, before, all);
         if (near) w.near_pairs[listed + before] = (unsigned short)p;

@@ -31,16 +31,16 @@ FN void update_cone_row(World& w, real* o, int i) {
         const real u = k < dim ? row_of<FITS>(w, first + k)[R_E] : 0;
         square += u * u;
     }
-    const real T = SQRT(square);
+    const real inverse = RSQRT(larger(square, (real)1e-30)), T = square * inverse;
     const Zone zone = zone_at(mu, N, T);
     const bool quadratic = zone == ALL_ROWS;
     o[R_WEIGHT] = quadratic ? D : 0, o[R_F] = quadratic ? -D * o[R_E] : 0;
-    const real scale = zone == SURFACE ? D / (1 + mu * mu) : 0;
+    const real scale = zone == SURFACE ? QUOTIENT(D, 1 + mu * mu) : 0;
     if (zone == SURFACE) {
-        const real push = -scale * (N - mu * T), q = o[R_E] / T;
+        const real push = -scale * (N - mu * T), q = o[R_E] * inverse;
         o[R_F] = i == first ? push : -mu * push * q, o[R_JS] = q;
     }
-    if (i == first) C[C_CONE] = scale, C[C_CONE + 1] = zone == SURFACE ? scale * mu * (mu - N / T) : 0;
+    if (i == first) C[C_CONE] = scale, C[C_CONE + 1] = zone == SURFACE ? scale * mu * (mu - N * inverse) : 0;
 }
 
 // What the cost of a contact along the search direction needs: U U, U V and V V, where V is J s.
@@ -67,12 +67,13 @@ FN void add_cones(const World& w, int contacts, real step, real& slope, real& cu
         if (!is_cone(C)) continue;
         const real *normal = row_of<FITS>(w, (int)C[C_ROW]), mu = C[C_MU], D = normal[R_D], N1 = normal[R_JS];
         const real uu = C[C_CONE], uv = C[C_CONE + 1], vv = C[C_CONE + 2], N = normal[R_E] + step * N1;
-        const real along = uv + step * vv, T = SQRT(larger(uu + step * (uv + along), 0));
+        const real along = uv + step * vv, square = uu + step * (uv + along);
+        const real inverse = RSQRT(larger(square, (real)1e-30)), T = square * inverse;
         const Zone zone = zone_at(mu, N, T);
         if (zone == ALL_ROWS) slope += D * (N * N1 + along), curvature += D * (N1 * N1 + vv);
         if (zone == SURFACE) {
-            const real scale = D / (1 + mu * mu), push = N - mu * T, t = along / T, p = N1 - mu * t;
-            slope += scale * push * p, curvature += scale * (p * p - push * mu * (vv - t * t) / T);
+            const real scale = QUOTIENT(D, 1 + mu * mu), push = N - mu * T, t = along * inverse, p = N1 - mu * t;
+            slope += scale * push * p, curvature += scale * (p * p - push * mu * (vv - t * t) * inverse);
         }
     }
 }

@@ -186,6 +186,7 @@ FN void contact_rows(World& w, int count, int lane) {
         const real *C = contact_of<FITS>(w, c), *friction = C + C_FRICTION;
         int dim = (int)C[C_DIM], r = (int)C[C_ROW], size = rows_of(C);
         real R = C[C_R], mu = C[C_MU];
+        if (ELLIPTIC_CONES) contact_of<FITS>(w, c)[C_CONE] = 0;
         if (dim == 1) set_row(row_of<FITS>(w, r), INEQUALITY, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
         else if (!ELLIPTIC_CONES)
             ROLLED for (int i = 0; i < size; i++)

@@ -30,7 +30,7 @@ template <bool FITS>
 FN void add_surfaces(Tile& A, const World& w, int contacts, int a, int c) {
     ROLLED for (int i = 0; i < contacts; i++) {
         const real* C = contact_of<FITS>(w, i);
-        if (!is_cone(C) || C[C_CONE] == 0) continue;
+        if (C[C_CONE] == 0) continue;
         const int first = (int)C[C_ROW], dim = (int)C[C_DIM];
         const real scale = C[C_CONE], along = C[C_CONE + 1], mu = C[C_MU], *normal = row_of<FITS>(w, first);
         Some q{}, D = *(const Some*)(normal + a);

@@ -34,56 +34,51 @@ FN void update_rows(World& w, int rows, int lane) {
 #if IN_REGISTERS
 enum { ROWS_OF_LANE = (NV + LANES - 1) / LANES };  // of the matrix, in the registers of a lane
 
-// A = L D L'. Lane i has row i of A in registers, and row i + LANES where there are so many; what is left of the diagonal counts.
-// Columns of L D are kept above the diagonal of M, and the lanes read them as fours.
+// A = L D L'. Lane i has row i of A in registers, and row i + LANES where there are so many, of which the part up to the diagonal
+// counts. Columns of L are kept above the diagonal of M, and the lanes read them as fours. What a lane has beyond the turn of its
+// row is of no use, and is not masked.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
     assemble<FITS>(w, rows, contacts, lane);
-    int own[ROWS_OF_LANE];
-    real r[ROWS_OF_LANE][4 * NFOURS], y[ROWS_OF_LANE], inverse[ROWS_OF_LANE];
+    int own[ROWS_OF_LANE], turn[ROWS_OF_LANE];
+    real r[ROWS_OF_LANE][4 * NFOURS], diagonal[ROWS_OF_LANE], y[ROWS_OF_LANE];
     UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
-        own[q] = lane + q * LANES < NV ? lane + q * LANES : 0;
-        y[q] = sign * (w.*right)[own[q]], inverse[q] = 0;
-        UNROLLED for (int j = 0; j < NV; j++) r[q][j] = j == own[q] ? w.s[j] : w.M[j * LD + own[q]];
+        const int i = lane + q * LANES;
+        own[q] = i < NV ? i : 0, turn[q] = i < NV ? i : -1;
+        diagonal[q] = w.s[own[q]], y[q] = sign * (w.*right)[own[q]];
+        UNROLLED for (int j = 0; j < NV; j++) r[q][j] = w.M[j * LD + own[q]];
     }
     UNROLLED for (int j = 0; j < NV; j++) {
-        // Rows above this one are done: of those in the registers of a lane, from q = j / LANES on others are left.
-        const int at = j / LANES, from = j % LANES;
-        real scale = __fdividef(1, larger(from_lane(r[at][j], from), (real)1e-30)), y_j = from_lane(y[at], from);
-        real l[ROWS_OF_LANE];
+        const int at = j / LANES, from = j % LANES;  // which row of which lane has its turn; those before are done
+        const real scale = RECIPROCAL(larger(from_lane(diagonal[at], from), (real)1e-30)), yj = from_lane(y[at], from);
         UNROLLED for (int q = at; q < ROWS_OF_LANE; q++) {
-            const int i = lane + q * LANES;
-            bool below = i > j && i < NV;
-            if (below) w.M[j * LD + i] = r[q][j];
-            l[q] = below ? r[q][j] * scale : 0;
-            if (i == j) inverse[q] = scale;
-            y[q] -= l[q] * y_j;
+            const real l = r[q][j] * scale;
+            if (turn[q] > j) w.M[j * LD + turn[q]] = l;
+            y[q] -= l * yj, diagonal[q] -= l * r[q][j];
         }
+        w.s[j] = scale * yj;  // all lanes write the same
         SYNC();
         UNROLLED for (int g = (j + 1) / 4; g < NFOURS; g++) {
             Four four = ((const Four*)(w.M + j * LD))[g];
             UNROLLED for (int q = at; q < ROWS_OF_LANE; q++)
                 UNROLLED for (int k = 0; k < 4; k++)
-                    if (4 * g + k > j && 4 * g + k < NV) r[q][4 * g + k] -= l[q] * four.x[k];
+                    if (4 * g + k > j && 4 * g + k < NV) r[q][4 * g + k] -= r[q][j] * four.x[k];
         }
     }
-    // x = D^-1 y - L' x, with rows of L' in a lane.
+    // x = D^-1 y - (L' - 1) x, with rows of L' in a lane.
     UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
-        const Four* fours = (const Four*)(w.M + own[q] * LD);
-        y[q] *= inverse[q];
+        y[q] = w.s[own[q]];
         UNROLLED for (int g = 0; g < NFOURS; g++) {
-            Four four = fours[g];
-            UNROLLED for (int k = 0; k < 4; k++)
-                r[q][4 * g + k] = lane + q * LANES < 4 * g + k ? four.x[k] * inverse[q] : 0;
+            Four four = ((const Four*)(w.M + own[q] * LD))[g];
+            UNROLLED for (int k = 0; k < 4; k++) r[q][4 * g + k] = four.x[k];
         }
     }
-    UNROLLED for (int j = NV - 1; j > 0; j--) {
-        const real x_j = from_lane(y[j / LANES], j % LANES);
-        UNROLLED for (int q = 0; q <= (j - 1) / LANES; q++) y[q] -= r[q][j] * x_j;
+    UNROLLED for (int j = NV - 1; j >= 0; j--) {
+        const real x = from_lane(y[j / LANES], j % LANES);
+        w.s[j] = x;
+        UNROLLED for (int q = 0; q <= j / LANES; q++) y[q] -= r[q][j] * x;
     }
-    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++)
-        if (lane + q * LANES < NV) w.s[lane + q * LANES] = y[q];
     SYNC();
 }
 #else
@@ -101,7 +96,7 @@ template <bool FITS>
 FN void add_surfaces(World& w, int contacts, int lane) {
     for (int c = 0; c < contacts; c++) {
         const real* C = contact_of<FITS>(w, c);
-        if (!is_cone(C) || C[C_CONE] == 0) continue;
+        if (C[C_CONE] == 0) continue;
         const int first = (int)C[C_ROW], dim = (int)C[C_DIM];
         EACH(i, NV) {
             real q = 0;

@@ -68,8 +68,8 @@ struct World {
                 };
                 float turned[NTURNED];          // between steps: free joints and balls as Newton has them
                 struct {                        // from then on
+                    alignas(16) real balls[GEOMS_PLACED ? NGEOMS * 4 : 1];  // around geoms: position, and radius with margin
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
-                    real reach[GEOMS_PLACED ? NGEOMS : 1];       // radius of the ball around each, with its margin
                     unsigned short near_pairs[2 * LANES];        // that may touch
 #if HAS_SEARCHES
                     Search search[SEARCHES];    // for contacts with height fields and meshes
