@@ -80,7 +80,7 @@ def _overflow_at_start(sim: Simulation) -> int:
     bits = _run(sim)
     for array, before in kept:
         wp.copy(array, before)
-    sim.forget_overflow()  # the solver's kernel may have told of it
+    sim.discard_overflow()  # the solver's kernel may have reported it
     return bits
 
 

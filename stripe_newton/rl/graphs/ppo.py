@@ -131,7 +131,7 @@ class GraphPPO(PPO):
             self._adam.take_state()
             # The optimiser's settings may be other ones, and are recorded.
             for program in self._programs.values():
-                program.forget()
+                program.invalidate()
         return iteration
 
     # -- construction
