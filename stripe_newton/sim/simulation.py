@@ -112,7 +112,7 @@ class Simulation:
     recaptures: int = 0
     """Number of calls of :meth:`recapture`; an environment compares it, to record its own graph again."""
     roots_moved: bool = False
-    """Set it after moving the frame that a fixed base is fixed to; the solver is told before the next step."""
+    """Set it after moving the frame that a fixed base is fixed to; the solver is notified before the next step."""
 
     # -- there once it is built
 
@@ -573,7 +573,7 @@ class Simulation:
 
         Args:
             flags: Which properties; :func:`stripe_newton.sim.model_update.model_flags` finds them by name.
-            expected: Whether :meth:`expect_changes` was told of them: nothing then waits for the device to compare the
+            expected: Whether :meth:`expect_changes` knows of them: nothing then waits for the device to compare the
                 environments.
         """
         with wp.ScopedDevice(self.device):
