@@ -152,8 +152,8 @@ class GraphRollout:
         storage = self._algorithm.storage
         for _ in range(storage.num_transitions_per_env):
             if self._step.before():
-                self._program.forget()
-                self._end.forget()
+                self._program.invalidate()
+                self._end.invalidate()
             self._program.run()
             # Observations are handed out for hooks alone: within a rollout the graph reads them where they are.
             if self._env.step_hooks:
