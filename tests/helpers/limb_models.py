@@ -61,7 +61,7 @@ WALKERS = {
     # 36 degrees of freedom, more than the lanes of a warp.
     "many legs": (
         f"<body pos='0 0 .45'><freejoint/>{TRUNK}"
-        + "".join(LEG.format(n=f"{'lr'[i % 2]}{'' if i < 2 else i}", x=i // 2 * 0.12 - 0.2, y=0.1 - 0.2 * (i % 2), loss="")
+        + "".join(LEG.format(n=f"{'lr'[i % 2]}{i // 2 or ''}", x=i // 2 * 0.12 - 0.2, y=0.1 - 0.2 * (i % 2), loss="")
                   for i in range(10))
         + ARM.format(n="r", y=-0.15) + "</body>"
     ),
