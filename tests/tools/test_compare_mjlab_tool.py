@@ -194,6 +194,8 @@ def test_a_run_ends_before_mjlab_widens_its_commands(tmp_path):
 def test_a_peer_that_fails_is_an_error(tmp_path):
     with pytest.raises(SystemExit, match="cannot run /nowhere/python"):
         tool.Peer("/nowhere/python", None).ask("describe", {}, tmp_path / "a.json")
+    with pytest.raises(SystemExit, match="has no folder 'mjlab'"):
+        tool.Peer(None, str(tmp_path))
     request = {"num_envs": 2, "seed": 0, "device": "cpu", "randomize": True}
     (tmp_path / "mjlab").mkdir()
     (tmp_path / "mjlab" / "__init__.py").write_text("raise ImportError('a folder without tasks')")

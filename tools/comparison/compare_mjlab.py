@@ -63,7 +63,13 @@ class Peer:
     """mjlab in a process of its own."""
 
     def __init__(self, python: str | None, path: str | None):
-        """Take an interpreter, or a folder that goes first on the path of this one, or both."""
+        """Take an interpreter, or a folder that goes first on the path of this one, or both.
+
+        Raises:
+            SystemExit: If the folder has no mjlab; another one of the same interpreter would be taken instead.
+        """
+        if path and not (Path(path) / "mjlab").is_dir():
+            raise SystemExit(f"--mjlab-path {path}: has no folder 'mjlab', as 'pip install --target' makes it")
         # Nothing is drawn, and mjlab would otherwise fail to import where EGL is missing.
         self._python, env = python or sys.executable, {"MUJOCO_GL": "disabled", **os.environ}
         inherited = [] if python else [env["PYTHONPATH"]] if env.get("PYTHONPATH") else []
