@@ -132,7 +132,7 @@ def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray
     vertices, of_vertex, faces, of_face = _welded(meshes)
     geoms = np.array([mesh.geom for mesh in meshes], dtype=int)
     neighbours = _neighbours(faces)
-    is_open = np.bincount(of_face, (neighbours < 0).any(axis=1), len(meshes)) > 0
+    is_open = np.bincount(of_face, _has_open_edge(faces), len(meshes)) > 0
     solid = (~is_open & (_volumes(vertices, of_vertex, faces, of_face, len(meshes)) > 0.0))[of_face]
     made = np.zeros(len(faces), _FACE)
     made["geom"], made["is_solid"] = geoms[of_face], solid
@@ -218,6 +218,18 @@ def _neighbours(faces: np.ndarray) -> np.ndarray:
     place = np.minimum(np.searchsorted(keys, backward), max(len(keys) - 1, 0))
     found = (keys[place] == backward) & (times[place] == 1) & (times[np.searchsorted(keys, forward)] == 1)
     return np.where(found, first[place] // 3, -1).reshape(-1, 3) if len(keys) else np.zeros((0, 3), dtype=int)
+
+
+def _has_open_edge(faces: np.ndarray) -> np.ndarray:
+    """Whether a mesh ends at an edge of each face: more faces go along it in one direction than in the other.
+
+    There may be more than two: boxes that stand side by side in one mesh share their edges, and each is closed.
+    """
+    start, end = faces.reshape(-1).astype(np.int64), np.roll(faces, -1, axis=1).reshape(-1).astype(np.int64)
+    edges = np.minimum(start, end) * (int(faces.max(initial=-1)) + 1) + np.maximum(start, end)
+    _, edge = np.unique(edges, return_inverse=True)
+    balance = np.bincount(edge, np.where(start < end, 1.0, -1.0))
+    return (balance[edge] != 0.0).reshape(-1, 3).any(axis=1)
 
 
 def _sort_into_cells(

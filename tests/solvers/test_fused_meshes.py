@@ -240,6 +240,21 @@ def test_a_mesh_of_faces_that_are_seen_from_inside_is_not_solid():
     assert touch(mesh.faces[:, ::-1]) == pytest.approx(-1.0)  # away from it
 
 
+def test_boxes_that_share_edges_are_solid():
+    """As stairs are often made: boxes up to a common end, four of whose edges are those of all of them."""
+    boxes = [trimesh.creation.box(bounds=[(0.5 * k, 0.0, 0.0), (2.0, 1.0, 0.5 * (k + 1))]) for k in range(4)]
+    stairs = trimesh.util.concatenate(boxes)
+    points = np.array(
+        [(0.5 * k + x, y, 0.5 * (k + 1) - 0.02) for k in range(4) for x in (0.1, 0.25) for y in (0.3, 0.5)]
+    )
+    model = model_of(stairs, lambda b, body: b.add_shape_sphere(body, radius=0.01), random_poses(
+        np.random.default_rng(0), points), FRAMES[1])  # fmt: skip
+    for contacts in contacts_of(model, FRAMES[1]):  # their centres are 2 cm inside
+        ((dist, _, normal),) = contacts
+        assert dist == pytest.approx(-0.03, abs=1e-5)
+        np.testing.assert_allclose(normal, (0.0, 0.0, 1.0), atol=1e-3)
+
+
 def rough_corner(random: np.random.Generator, cells: int = 40, bumps: float = 0.008) -> trimesh.Trimesh:
     """The corner of a room, 1 m long, whose floor and two walls are cut finely and have bumps."""
     x = np.linspace(0.0, 1.0, cells + 1)
