@@ -127,6 +127,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         self._addresses: dict[bool, Any] = {}  # these first, as the constructor notifies
         self._shared = SharedParameters(self._parameter_arrays)
         self.has_stale_graphs, self._compares_worlds, self._has_references = False, True, True
+        self._has_kinematic_bodies = False
         self._fused: StepKernel | None = None
         self._division: PairDivision | None = None
         self._call: _Call | None = None
@@ -538,9 +539,13 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         Args:
             names: Names of attributes of ``newton.Model``.
         """
+        names = list(names)
         if self._shared.expect_changes(parameters_of_newton(names)):
             self._addresses.clear()
             self.has_stale_graphs = True
+        if "body_flags" in names and not self._has_kinematic_bodies:
+            self._has_kinematic_bodies = self.has_stale_graphs = True
+            self._remake()
 
     @contextmanager
     def changes_expected(self) -> Iterator[None]:
@@ -570,6 +575,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         )
         if tables.limbs is not None and self.limbs is None and device.is_cuda and not tables.limbs.suits_gpu:
             tables = replace(tables, limbs=None)
+        self._find_kinematic_bodies()
         options = KernelOptions(
             lanes=self._lanes(tables.limbs) if device.is_cuda else 1,
             tolerance=float(self.mjw_model.opt.tolerance.numpy()[0]),
@@ -579,6 +585,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             accelerations=self._kept_bodies is not None,
             contacts=self._fills_contacts,
             contact_forces=self._contact_forces is not None,
+            kinematic_bodies=self._has_kinematic_bodies,
             per_step=self._kinds,
         )
         kernel = step_kernel(tables, options)
@@ -623,6 +630,13 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._has_references = bool(np.any(references.numpy()))
         return self._has_references != had
 
+    def _find_kinematic_bodies(self) -> bool:
+        """Find out whether any body is kinematic, for which the kernel has code or not; return whether that is new."""
+        flags, had = self.model.body_flags, self._has_kinematic_bodies
+        if not had and flags is not None and not flags.device.is_capturing:
+            self._has_kinematic_bodies = bool(np.any(flags.numpy() & int(newton.BodyFlags.KINEMATIC)))
+        return self._has_kinematic_bodies != had
+
     @property
     def _references(self) -> wp.array | None:
         return getattr(getattr(self.model, "mujoco", None), "dof_ref", None)
@@ -658,6 +672,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self.has_stale_graphs = True
         joints = newton.ModelFlags.JOINT_DOF_PROPERTIES | newton.ModelFlags.JOINT_REFERENCE_POSE_PROPERTIES
         if compares and self._fused is not None and flags & joints and self._find_references():
+            self.has_stale_graphs = True
+        bodies = newton.ModelFlags.BODY_PROPERTIES
+        if compares and self._fused is not None and flags & bodies and self._find_kinematic_bodies():
+            self._remake()
             self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing

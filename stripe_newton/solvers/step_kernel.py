@@ -124,6 +124,8 @@ class KernelOptions:
     """Accelerations of bodies and wrenches of their joints can be asked for; their code takes registers of a GPU."""
     contacts: bool = False
     """MuJoCo Warp's arrays of contacts and constraint forces can be filled."""
+    kinematic_bodies: bool = False
+    """Bodies of Newton's model may be kinematic: the caller moves their joints."""
     contact_forces: bool = False
     """Forces and geoms of contacts can be written."""
     per_step: frozenset[str] = frozenset()
@@ -292,6 +294,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define ACCELERATIONS {int(options.accelerations)}",
         f"#define CONTACTS {int(options.contacts)}",
         f"#define CONTACT_FORCES {int(options.contact_forces)}",
+        f"#define KINEMATIC_BODIES {int(options.kinematic_bodies)}",
         f"#define GIVEN_CONTACTS {int(options.given_contacts)}",
         *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),

@@ -46,7 +46,7 @@ FN void read_state(World& w, const Parameters& P, int lane) {
 #endif
     SYNC_WARP();
 #if HAS_NEWTON
-    if (P.m.body_flags) find_kinematic(r, P);
+    if (KINEMATIC_BODIES) find_kinematic(r, P);
     if (P.m.body_f) find_pushed(r, P);
     else
 #endif

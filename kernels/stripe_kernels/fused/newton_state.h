@@ -52,21 +52,28 @@ FN bool is_kinematic(const Parameters& P, int id, int newton_body) {
     return ((const int*)P.m.body_flags)[(long long)id * NEWTON_BODIES + newton_body] & KINEMATIC;
 }
 FN bool moves_kinematic(const World& w, const Parameters& P, int id, int j) {
-    return w.has_kinematic && is_kinematic(P, id, newton_body(dof_body(joint_v(j))));
+    return KINEMATIC_BODIES && w.has_kinematic && is_kinematic(P, id, newton_body(dof_body(joint_v(j))));
 }
 
-// One joint, of which `q` and `v` are Newton's coordinates and velocities.
+FN Quat ball_rest(const Parameters& P, int n) { return P.m.joint_X_p ? anchor_in_child(P, n).q : Quat{1, 0, 0, 0}; }
+
+// One joint, of which `q` and `v` are Newton's coordinates and velocities. Anchors have no address if those of all free joints
+// and balls are at the bodies' origins, without a rotation.
 FN void read_newton_joint(World& w, const Parameters& P, int j, const float* q, const float* v) {
     real *own_q = w.q + joint_q(j), *own_v = w.v + joint_v(j);
     if (joint_type(j) == FREE) {
-        Pose in_parent = anchor_in_parent(P, newton_joint(j));
-        Pose pose = in_parent * load_pose(q) * inverse(anchor_in_child(P, newton_joint(j)));
-        Vec velocity = rotate(in_parent.q, load_newton(v)), turning = rotate(in_parent.q, load_newton(v + 3));
+        Pose pose = load_pose(q);
+        Vec velocity = load_newton(v), turning = load_newton(v + 3);
+        if (P.m.joint_X_p) {
+            const Pose in_parent = anchor_in_parent(P, newton_joint(j));
+            pose = in_parent * pose * inverse(anchor_in_child(P, newton_joint(j)));
+            velocity = rotate(in_parent.q, velocity), turning = rotate(in_parent.q, turning);
+        }
         store(own_q, pose.p), store_quat(own_q + 3, pose.q);
         store(own_v, velocity - cross(turning, rotate(pose.q, newton_com(P, j))));
         store(own_v + 3, rotate(conjugate(pose.q), turning));
     } else if (joint_type(j) == BALL) {
-        Quat rest = anchor_in_child(P, newton_joint(j)).q, moved = load_newton_quat(q);
+        Quat rest = ball_rest(P, newton_joint(j)), moved = load_newton_quat(q);
         store_quat(own_q, rest * moved * conjugate(rest));
         store(own_v, rotate(rest * conjugate(moved), load_newton(v)));
     } else
@@ -75,15 +82,18 @@ FN void read_newton_joint(World& w, const Parameters& P, int j, const float* q, 
 FN void write_newton_joint(const World& w, const Parameters& P, int j, float* q, float* v) {
     const real *own_q = w.q + joint_q(j), *own_v = w.v + joint_v(j);
     if (joint_type(j) == FREE) {
-        Pose in_parent = anchor_in_parent(P, newton_joint(j)), pose{load(own_q), load_quat(own_q + 3)};
-        Pose moved = inverse(in_parent) * pose * anchor_in_child(P, newton_joint(j));
+        Pose pose{load(own_q), load_quat(own_q + 3)};
         Vec turning = rotate(pose.q, load(own_v + 3));
         Vec velocity = load(own_v) + cross(turning, rotate(pose.q, newton_com(P, j)));
-        store_newton(q, moved.p), store_newton_quat(q + 3, moved.q);
-        store_newton(v, rotate(conjugate(in_parent.q), velocity));
-        store_newton(v + 3, rotate(conjugate(in_parent.q), turning));
+        if (P.m.joint_X_p) {
+            const Pose from_parent = inverse(anchor_in_parent(P, newton_joint(j)));
+            pose = from_parent * pose * anchor_in_child(P, newton_joint(j));
+            velocity = rotate(from_parent.q, velocity), turning = rotate(from_parent.q, turning);
+        }
+        store_newton(q, pose.p), store_newton_quat(q + 3, pose.q);
+        store_newton(v, velocity), store_newton(v + 3, turning);
     } else if (joint_type(j) == BALL) {
-        Quat rest = anchor_in_child(P, newton_joint(j)).q, moved = conjugate(rest) * load_quat(own_q);
+        Quat rest = ball_rest(P, newton_joint(j)), moved = conjugate(rest) * load_quat(own_q);
         store_newton_quat(q, moved * rest), store_newton(v, rotate(moved, load(own_v)));
     } else
         q[0] = own_q[0] - reference(P, P.id, newton_v(j)), v[0] = own_v[0];
@@ -137,7 +147,7 @@ FN void write_newton_joints(World& w, const Parameters& P, unsigned long long q,
 }
 // Joints of kinematic bodies, as the caller has placed them.
 FN void read_kinematic_joints(World& w, const Parameters& P, unsigned long long q, unsigned long long v, int lane) {
-    if (!w.has_kinematic) return;
+    if (!KINEMATIC_BODIES || !w.has_kinematic) return;
     EACH(j, NJ)
         if (moves_kinematic(w, P, P.id, j))
             read_newton_joint(w, P, j, in_newton(q, P.id, NEWTON_COORDS, newton_q(j)), in_newton(v, P.id, NEWTON_DOFS, newton_v(j)));
@@ -158,7 +168,7 @@ FN void read_ball_torques(World& w, const Parameters& P, int lane) {
     if (!P.m.joint_f) return;
     EACH(j, NJ) {
         if (joint_type(j) != BALL || moves_kinematic(w, P, P.id, j)) continue;
-        Quat rest = anchor_in_child(P, newton_joint(j)).q;
+        Quat rest = ball_rest(P, newton_joint(j));
         store(&APPLIED(w, P.id, joint_v(j)), rotate(conjugate(load_quat(w.q + joint_q(j))) * rest,
                                              load_newton(in_newton(P.m.joint_f, P.id, NEWTON_DOFS, newton_v(j)))));
     }
@@ -169,7 +179,7 @@ FN void read_body_forces(const World& w, const Parameters& P, int lane) {
     EACH(b, NB) {
         const int n = newton_body(b), j = body_joint(b);
         Vec f{0, 0, 0}, torque{0, 0, 0};
-        if (n >= 0 && !(w.has_kinematic && is_kinematic(P, P.id, n))) {
+        if (n >= 0 && !(KINEMATIC_BODIES && w.has_kinematic && is_kinematic(P, P.id, n))) {
             const float* given = in_newton(P.m.body_f, P.id, 6 * NEWTON_BODIES, 6 * n);
             f = load_newton(given), torque = load_newton(given + 3);
             if (P.m.joint_f && body_joints(b) && joint_type(j) == FREE) {
@@ -218,7 +228,7 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
             if (joint_type(j) == FREE && x != 0) o.is_pushed = 1;
         });
     SYNC_WARP();
-    if (w.has_kinematic)
+    if (KINEMATIC_BODIES && w.has_kinematic)
         EACH(i, NV)
             if (moves_kinematic(w, P, P.id, dof_joint(i))) APPLIED(w, P.id, i) = 0;
 #if LIMBS  // where no controls are given, those before go on
