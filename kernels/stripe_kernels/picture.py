@@ -364,13 +364,13 @@ def shade_pixels(
     casters: wp.array[wp.float32],
     detail: wp.array[wp.vec4f],
     picture: wp.array[wp.uint8],
-    first: int,
+    pixels: wp.array[wp.int32],
 ):
-    """Shade one ray through the middle of every pixel from the ``first`` on; one thread a pixel.
+    """Shade one ray through the middle of each listed pixel; one thread a listed pixel.
 
     ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
     """
-    pixel = first + wp.tid()
+    pixel = pixels[wp.tid()]
     x = pixel % look.width
     y = pixel // look.width
     direction = sample_direction(look, float(x) + 0.5, float(y) + 0.5)
@@ -422,16 +422,17 @@ def mark_edges(
     shape: wp.array[wp.uint32],
     normal: wp.array[wp.vec3f],
     still: wp.array[wp.int32],
+    pixels: wp.array[wp.int32],
     capacity: wp.int32,
     count: wp.array[wp.int32],
-    pixels: wp.array[wp.int32],
+    edges: wp.array[wp.int32],
     rays: wp.array2d[wp.vec3f],
 ):
-    """List the pixels whose neighbours show another surface, and write rays (camera frame) for each of them.
+    """List those of the listed pixels whose neighbours show another surface, with rays (camera frame) for each.
 
     ``count`` may exceed ``capacity``; pixels beyond it are not listed and keep the one sample they have.
     """
-    pixel = wp.tid()
+    pixel = pixels[wp.tid()]
     x = pixel % look.width
     y = pixel // look.width
     edge = wp.bool(False)
@@ -449,7 +450,7 @@ def mark_edges(
     slot = wp.atomic_add(count, 0, 1)
     if slot >= capacity:
         return
-    pixels[slot] = pixel
+    edges[slot] = pixel
     for sample in range(wp.static(SAMPLES)):
         offset = sample_offset(sample)
         u = (2.0 * (float(x) + offset[0]) / float(look.width) - 1.0) * look.tan_x

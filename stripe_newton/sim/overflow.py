@@ -29,9 +29,9 @@ class SolverOverflow(PhysicsHook):
         """Read the ``overflow`` of ``observables``, on the current device, after every physics step."""
         self._solver, self._observables = solver, observables
         self.seen = wp.zeros(1, dtype=wp.int32)
-        self._told = HostFlags(1, str(self.seen.device))
+        self._unread = HostFlags(1, str(self.seen.device))
         if isinstance(solver, SolverFused) and self.seen.device.is_cuda:  # on the CPU a step may be done again
-            solver.tell_overflow(self.seen, self._told.array)
+            solver.collect_overflow(self.seen, self._unread.array)
         solver.mjw_model.opt.warn_overflow = 0
 
     @property
@@ -39,16 +39,16 @@ class SolverOverflow(PhysicsHook):
         return False  # the bits of steps that are launched together are collected
 
     def launch_after_step(self) -> None:
-        if isinstance(self._solver, SolverFused) and self._solver.tells_overflow(self._observables):
+        if isinstance(self._solver, SolverFused) and self._solver.collects_overflow(self._observables):
             return
         bits = self._observables.overflow
-        wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[self.seen, self._told.array])
+        wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[self.seen, self._unread.array])
 
     def report_overflow(self) -> str:
-        bits = self._told[0]
+        bits = self._unread[0]
         if not bits:
             return ""
-        self._told[0] = 0
+        self._unread[0] = 0
         self.seen.zero_()
         return overflow_message(bits, self._solver)
 

@@ -11,10 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
+import mujoco
 import newton
+import numpy as np
+import torch
 import warp as wp
 
-__all__ = ["SharedParameters", "parameters_of_flags", "parameters_of_newton"]
+from .model_tables import PARAMETERS
+
+__all__ = [
+    "SharedParameters", "parameter_arrays", "parameters_of_flags", "parameters_of_newton", "places_of_springs",
+]  # fmt: skip
 
 _WEIGHTS = frozenset({"weight", "dof_weight", "solref_limit", "bias"})
 """What follows from masses and armatures: inverse weights, stiffness of limits, damping of drives."""
@@ -67,6 +74,26 @@ _OF_FLAGS: dict[newton.ModelFlags, frozenset[str]] = {
 """Parameters that follow from what Newton's flags name; any flag that is not here may mean all of them."""
 
 
+def parameter_arrays(solver: newton.solvers.SolverMuJoCo) -> dict[str, wp.array]:
+    """The arrays of MuJoCo Warp's model and data that the kernel reads parameters from, by their names in the kernel.
+
+    Args:
+        solver: The solver that owns the model.
+    """
+    owners = {"": solver.mjw_model, "opt": solver.mjw_model.opt, "data": solver.mjw_data}
+    paths = {name: path.rpartition(".") for name, path in PARAMETERS.items()}
+    return {name: getattr(owners[owner], field) for name, (owner, _, field) in paths.items()}
+
+
+def places_of_springs(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Places that the kernel reads in arrays with a number for each coordinate: those of hinges and slides.
+
+    Free bodies are at another place in each world, as their worlds lie side by side.
+    """
+    single = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    return dict.fromkeys(("qpos0", "spring"), model.jnt_qposadr[single])
+
+
 def parameters_of_newton(names: Iterable[str]) -> frozenset[str]:
     """Parameters that may change with arrays of Newton's model.
 
@@ -99,13 +126,18 @@ class SharedParameters:
         names: Their names, as in the source of the kernel.
     """
 
-    def __init__(self, arrays: Callable[[], Mapping[str, wp.array]]):
+    def __init__(
+        self,
+        arrays: Callable[[], Mapping[str, wp.array]],
+        places: Callable[[], Mapping[str, np.ndarray]] = dict,
+    ):
         """Know of none yet.
 
         Args:
             arrays: Returns the arrays of the parameters, whose first dimension is the world.
+            places: Returns which of a world's numbers are read, of arrays of which that is not all.
         """
-        self._arrays = arrays
+        self._arrays, self._places = arrays, places
         self._varying: frozenset[str] = frozenset()
         self.names: frozenset[str] = frozenset()
 
@@ -113,7 +145,8 @@ class SharedParameters:
         """Compare the worlds. It waits for the device, and so does nothing while a graph is recorded."""
         arrays = self._arrays()
         if not any(a.device.is_capturing for a in arrays.values()):
-            self.names = frozenset(n for n, a in arrays.items() if n in _ALL - self._varying and _is_shared(a))
+            places, asked = self._places(), _ALL - self._varying
+            self.names = frozenset(n for n, a in arrays.items() if n in asked and _is_shared(a, places.get(n)))
 
     def expect_changes(self, parameters: frozenset[str]) -> bool:
         """Share some parameters no more, as they may differ from now on.
@@ -132,13 +165,16 @@ class SharedParameters:
         Returns:
             Whether any are shared no more.
         """
-        arrays = self._arrays()
-        return self.expect_changes(frozenset(n for n in parameters & self.names if not _is_shared(arrays[n])))
+        arrays, places = self._arrays(), self._places()
+        asked = parameters & self.names
+        return self.expect_changes(frozenset(n for n in asked if not _is_shared(arrays[n], places.get(n))))
 
 
-def _is_shared(array: wp.array) -> bool:
-    """Whether an array has equal numbers for all worlds."""
+def _is_shared(array: wp.array, places: np.ndarray | None) -> bool:
+    """Whether an array has equal numbers for all worlds, at some places of their rows or at all."""
     if array.shape[0] < 2 or array.size == 0:
         return False
     rows = wp.to_torch(array).reshape(array.shape[0], -1)
+    if places is not None:
+        rows = rows[:, torch.as_tensor(places, device=rows.device, dtype=torch.long)]
     return bool((rows == rows[:1]).all())

@@ -37,7 +37,9 @@ class DisplayModel:
         colors: Linear RGB of each shape, shape (shape_count, 3).
         kinds: ``GeoType`` of each shape, shape (shape_count,).
         is_ground: Whether each shape is a plane or height field, shape (shape_count,).
+        is_visible: Whether each shape is drawn by Newton's sensor, shape (shape_count,).
         textured: Whether a shape carries a texture.
+        has_markers: Whether there are markers.
         scenery: Shapes that :class:`SceneryTracer` traces instead of Newton's sensor, shape (n,).
 
     Args:
@@ -93,6 +95,8 @@ class DisplayModel:
         self.sources = list(builder.shape_source)
         self.kinds = np.asarray(builder.shape_type, dtype=int)
         self.is_ground = np.isin(self.kinds, _GROUND_TYPES)
+        self.is_visible = (np.asarray(builder.shape_flags, dtype=int) & int(newton.ShapeFlags.VISIBLE)) != 0
+        self.has_markers = self._markers.first_body < builder.body_count
         if surround is not None:
             self.is_ground[surround] = True
         self.colors = np.array([newton.utils.color_srgb_to_linear(c) for c in builder.shape_color]).reshape(-1, 3)
@@ -155,6 +159,14 @@ class DisplayModel:
     def has_all_markers(self) -> bool:
         """Whether there is room for the markers of the simulation; if not, a new display model is needed."""
         return self._markers.fit()
+
+    def corners(self) -> np.ndarray:
+        """Corners of the box around each shape, without markers and an added floor [m], as of the last :meth:`update`.
+
+        Returns:
+            Points in the world frame, shape (shapes, 8, 3); not finite for shapes that are hidden or have no end.
+        """
+        return self._corners(self.body_q)
 
     def bounds(self, copy: int | None = None) -> np.ndarray:
         """Corners of the boxes around everything that a picture should show [m].

@@ -12,12 +12,14 @@ from newton.sensors import SensorCamera
 
 from stripe_kernels.box_normals import fill_box_normals
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
+from stripe_kernels.picture_parts import gather_rays, scatter_hits, trace_planes
 from stripe_newton.threads import available_cores
 
 from .camera_framing import camera_axes
 from .display_model import DisplayModel
 from .lighting import Lighting
 from .look import lit_look
+from .picture_parts import Part, PictureParts, View
 from .scenery_tracer import SceneryTracer
 from .viewer_cfg import ViewerCfg
 
@@ -25,6 +27,12 @@ __all__ = ["Tracer"]
 
 _MOST_THREADS = 8
 """Threads that shade a picture on the CPU."""
+
+_LEAST_FOR_THREAD = 16384
+"""Pixels from which on another thread helps."""
+
+_NO_SHAPE = 0xFFFFFFFF
+"""Index of the shape that a ray hit, if it hit none."""
 
 _TALLEST = 25.0
 """Height above the shown region up to which things cast their shadow into it [m]."""
@@ -42,7 +50,10 @@ _TILES = ((0.8, 0.1), (1.4, 0.25), (25.0, 1.0), (120.0, 5.0), (math.inf, 25.0))
 
 
 class Tracer:
-    """Buffers of a frame and the passes over them: shadow map, one ray per pixel, more rays on edges."""
+    """Buffers of a frame and the passes over them: shadow map, one ray per pixel, more rays on edges.
+
+    On the CPU a frame reuses what it can of the frame before, see :class:`PictureParts`. The picture stays the same.
+    """
 
     def __init__(self, scene: DisplayModel, cfg: ViewerCfg, lighting: Lighting):
         self._scene, self._cfg, self._lighting = scene, cfg, lighting
@@ -73,6 +84,10 @@ class Tracer:
         still = np.zeros(len(scene.colors) if len(scene.scenery) else 0, dtype=np.int32)
         still[scene.scenery] = 1
         self._still = wp.array(still, dtype=wp.int32, device=self._device)
+        self._all_pixels = wp.array(np.arange(pixels), dtype=wp.int32, device=self._device)
+        self._parts: PictureParts | None = None
+        if self._device.is_cpu and PictureParts.serves(scene):
+            self._use_parts(PictureParts(scene, (self._width, self._height), size))
         self._pool: ThreadPoolExecutor | None = None
         self._frames_shaded = 0
         self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
@@ -84,6 +99,16 @@ class Tracer:
             self._edge_rays = wp.empty((self._capacity * SAMPLES, 2), dtype=wp.vec3f, device=self._device)
             self._edge_images = self._images(self._capacity * SAMPLES)
 
+    def _use_parts(self, parts: PictureParts) -> None:
+        """Trace no more of the picture than the parts that need it."""
+        self._parts, index = parts, parts.planes
+        poses = self._scene.model.shape_transform.numpy()[index]
+        planes = wp.array(poses, dtype=wp.transformf, device=self._device)
+        self._planes = [planes, wp.array(index, dtype=wp.uint32, device=self._device)]
+        most = max(self._width * self._height, self._shadow_size**2)
+        self._some_rays = wp.empty((most, 2), dtype=wp.vec3f, device=self._device)
+        self._some_images = self._images(most)
+
     def set_fov(self, fov: float) -> None:
         """Set the vertical field of view [deg]. The exposure starts anew at the next frame."""
         self._tan_y = math.tan(0.5 * math.radians(fov))
@@ -94,38 +119,55 @@ class Tracer:
     def render(self, eye: np.ndarray, target: np.ndarray, reach: tuple[np.ndarray, float]) -> np.ndarray:
         """One frame, uint8 (height, width, 3)."""
         look = self._look(eye, target, *reach)
-        if self._shadow_size:
-            self._trace_shadows(look)
-        pose = _pose(eye, camera_axes(eye, target))
-        pixels = self._width * self._height
+        axes = camera_axes(eye, target)
+        pose, count = _pose(eye, axes), self._width * self._height
+        rays = self._rays.reshape((count, 2))
+        pixels, part = self._all_pixels, None
+        if self._parts is not None:
+            center = np.array([look.shadow_center[i] for i in range(3)])
+            view = View(eye, axes, (self._tan_x, self._tan_y), self._sun_axes, center, look.shadow_half)
+            part = self._parts.choose(view)
+            pixels = self._indices(part.pixels)
+        if self._shadow_size and pixels.size:
+            self._trace_shadows(look, part)
         # The sensor first: scenery overwrites a pixel where it is nearer.
-        self._trace(pose, self._rays, self._main, (self._height, self._width))
+        if part is None:
+            self._trace(pose, self._rays, self._main, (self._height, self._width))
+        elif pixels.size:
+            self._trace_part(pose, rays, part)
         if self.scenery is not None:
-            self.scenery.trace(look, self._rays.reshape((pixels, 2)), self._casters, self._main)
+            self.scenery.trace(look, rays, self._casters, self._main)
             look.exposure = self._exposure = self._expose()
-        shared = [self._colors, self._is_ground, self._casters]
-        surface = [self._main[k] for k in ("depth", "shape", "normal")]
-        args = [look, *surface, self._main["albedo"], *shared, self._main["detail"], self._picture]
-        self._shade(args, pixels)
-        if self._capacity:
-            self._smooth_edges(look, pose, surface, shared)
+        if pixels.size:
+            self._shade(look, pose, pixels)
         # A copy: on the CPU numpy() shares the memory that the next frame is written to.
         return np.array(self._picture.numpy()).reshape(self._height, self._width, 3)
 
-    def _shade(self, args: list[object], pixels: int) -> None:
-        """Shade all pixels, on the CPU in parts that threads compute beside each other: it is half of a picture."""
-        parts = 1 if self._device.is_cuda else min(available_cores(), _MOST_THREADS)
-        size = -(-pixels // parts)
+    def _shade(self, look: Look, pose: np.ndarray, pixels: wp.array) -> None:
+        """Shade listed pixels, and smooth the edges among them."""
+        shared = [self._colors, self._is_ground, self._casters]
+        surface = [self._main[k] for k in ("depth", "shape", "normal")]
+        args = [look, *surface, self._main["albedo"], *shared, self._main["detail"], self._picture]
+        self._share(args, pixels)
+        if self._capacity:
+            self._smooth_edges(look, pose, surface, shared, pixels)
+
+    def _share(self, args: list[object], pixels: wp.array) -> None:
+        """Shade listed pixels, on the CPU in parts that threads compute beside each other."""
+        count = pixels.size
+        parts = 1 if self._device.is_cuda else min(available_cores(), _MOST_THREADS, 1 + count // _LEAST_FOR_THREAD)
+        size = -(-count // parts)
 
         def shade(first: int) -> None:
-            wp.launch(shade_pixels, min(size, pixels - first), [*args, first], device=self._device)
+            some = pixels[first : first + size]
+            wp.launch(shade_pixels, some.size, [*args, some], device=self._device)
 
         if parts == 1 or self._frames_shaded == 0:  # the first one compiles and loads the kernel
-            size = pixels
+            size = count
             shade(0)
         else:
             self._pool = self._pool or ThreadPoolExecutor(parts, thread_name_prefix="shade")
-            list(self._pool.map(shade, range(0, pixels, size)))
+            list(self._pool.map(shade, range(0, count, size)))
         self._frames_shaded += 1
 
     def _expose(self) -> float:
@@ -140,10 +182,13 @@ class Tracer:
         self._frames += 1
         return self._exposure
 
-    def _smooth_edges(self, look: Look, pose: np.ndarray, surface: list[wp.array], shared: list[wp.array]) -> None:
+    def _smooth_edges(
+        self, look: Look, pose: np.ndarray, surface: list[wp.array], shared: list[wp.array], pixels: wp.array
+    ) -> None:
         self._edge_count.zero_()
-        args = [look, *surface[1:], self._still, self._capacity, self._edge_count, self._edge_pixels, self._edge_rays]
-        wp.launch(mark_edges, dim=self._width * self._height, inputs=args, device=self._device)
+        found = [self._edge_count, self._edge_pixels, self._edge_rays]
+        args = [look, *surface[1:], self._still, pixels, self._capacity, *found]
+        wp.launch(mark_edges, dim=pixels.size, inputs=args, device=self._device)
         # Reading the number waits for the device, and saves tracing rays for all the room that there is.
         count = min(int(self._edge_count.numpy()[0]), self._capacity)
         if count == 0:
@@ -157,7 +202,7 @@ class Tracer:
         args = [look, self._edge_pixels, *fine, *shared, images["detail"], self._picture]
         wp.launch(resolve_edges, dim=count, inputs=args, device=self._device)
 
-    def _trace_shadows(self, look: Look) -> None:
+    def _trace_shadows(self, look: Look, part: Part | None) -> None:
         """Trace the shadow map: distances along parallel rays from the sun over the region of ``look``."""
         size, half = self._shadow_size, look.shadow_half
         center = np.array([look.shadow_center[i] for i in range(3)])
@@ -166,14 +211,45 @@ class Tracer:
             self._shadow_half = half
             self._shadow_rays = wp.array(_parallel(size, half), dtype=wp.vec3f, device=self._device)
         images = self._shadow_images
-        self._trace(pose, self._shadow_rays, images, (size, size))
+        if part is None:
+            self._trace(pose, self._shadow_rays, images, (size, size))
+        else:
+            if not part.is_same_view:
+                images["shape"].fill_(_NO_SHAPE)
+            self._trace_listed(pose, self._shadow_rays.reshape((size * size, 2)), part.texels, images)
         args = [size, images["depth"], images["shape"], self._is_ground, self._casters]
         wp.launch(shadow_casters, dim=size * size, inputs=args, device=self._device)
+
+    def _trace_part(self, pose: np.ndarray, rays: wp.array, part: Part) -> None:
+        """Trace a part of the picture: by the sensor where shapes may be, elsewhere planes alone."""
+        self._trace_listed(pose, rays, part.traced, self._main)
+        if len(part.plain):
+            self._transform.assign(pose[None].astype(np.float32))
+            plain, images = self._indices(part.plain), [self._main[k] for k in ("depth", "shape", "normal")]
+            args = [self._transform, rays, plain, *self._planes, _FARTHEST, *images]
+            wp.launch(trace_planes, dim=plain.size, inputs=args, device=self._device)
+
+    def _trace_listed(self, pose: np.ndarray, rays: wp.array, pixels: np.ndarray, images: dict[str, wp.array]) -> None:
+        """Trace the listed ones of rays, shape (n, 2), into their places in images."""
+        count = len(pixels)
+        if count == 0:
+            return
+        index, listed = self._indices(pixels), self._some_rays[:count]
+        wp.launch(gather_rays, dim=count, inputs=[rays, index, listed], device=self._device)
+        some = {k: v[:count] if v.size else v for k, v in self._some_images.items()}
+        self._trace(pose, listed.reshape((1, count, 1, 2)), some, (1, count))
+        kinds = ("depth", "shape", "normal")
+        args = [index, *(some[k] for k in kinds), *(images[k] for k in kinds)]
+        wp.launch(scatter_hits, dim=count, inputs=args, device=self._device)
+
+    def _indices(self, values: np.ndarray) -> wp.array:
+        """An array of indices for kernels on the CPU, which shares the memory."""
+        return wp.array(values, dtype=wp.int32, device=self._device, copy=False)
 
     def _trace(self, pose: np.ndarray, rays: wp.array, images: dict[str, wp.array], size: tuple[int, int]) -> None:
         self._transform.assign(pose[None].astype(np.float32))
         if not self._scene.model.bvh_shape_count_enabled:  # nothing that the sensor could trace
-            images["shape"].fill_(0xFFFFFFFF)
+            images["shape"].fill_(_NO_SHAPE)
             return
         shaped = {k: v.reshape((1, *size)) for k, v in images.items() if v.size}
         self._sensor.update(

@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from stripe_newton.solvers import SolverFused, solver_fused, step_kernel
+from stripe_newton.solvers import SolverFused, step_kernel, step_launcher
 from stripe_newton.solvers.model_tables import ModelTables
 from stripe_newton.solvers.step_kernel import KernelOptions, Layout
 
@@ -145,7 +145,7 @@ class EmulatedStep:
 
     def __call__(self, steps: int) -> None:
         """Advance the worlds of the solver, in MuJoCo's arrays, as one launch does."""
-        given = self.solver._arguments(first=True, last=True)
+        given = self.solver.launcher.arguments(self.solver._call)
         m = self.struct(**{name: kind(getattr(given, name)) for name, kind in self.struct._fields_})
         worlds = self.solver.mjw_data.nworld
         size = -(-self.layout.spill_size // 4) * 4  # rows are read as fours, as in `Layout.workspace_size`
@@ -168,8 +168,8 @@ def emulate(solver: SolverFused, lanes: int) -> EmulatedStep:
         return step_kernel.step_kernel(tables, options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(solver_fused, "step_kernel", keep)
-        solver._remake()
+        patch.setattr(step_launcher, "step_kernel", keep)
+        solver.launcher.remake()
         assert solver.one_launch
     tables, options = made[-1]
     options = dataclasses.replace(options, lanes=lanes)

@@ -215,7 +215,10 @@ def test_a_pile_comes_to_rest_by_a_thread_and_by_lanes_alike():
             continue
         names = ("qpos", "qvel", "qacc_warmstart")
         before, results = {name: getattr(data, name).numpy().copy() for name in names}, []
-        for run in (lambda: solver.fused.launch(solver._arguments(True, True), data.nworld, "cpu"), lambda: lanes(1)):
+        for run in (
+            lambda: solver.fused.launch(solver.launcher.arguments(solver._call), data.nworld, "cpu"),
+            lambda: lanes(1),
+        ):
             for name, value in before.items():
                 getattr(data, name).assign(value)
             run()

@@ -12,7 +12,7 @@ import warp as wp
 import stripe_tasks  # noqa: F401 - registers the tasks
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.solvers import SolverFused
-from stripe_newton.solvers.solver_fused import _Call
+from stripe_newton.solvers.launch_arguments import ConvertedState, StepCall
 from tests.helpers.lane_emulator import emulate
 from tests.helpers.limb_models import walker_worlds
 from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
@@ -31,7 +31,7 @@ def both(solver: SolverFused, lanes: int, steps: int) -> tuple[dict[str, np.ndar
         if is_emulated:
             emulated(steps)
         else:
-            solver.fused.launch(solver._arguments(first=True, last=True), data.nworld, "cpu", steps)
+            solver.fused.launch(solver.launcher.arguments(solver._call), data.nworld, "cpu", steps)
         found.append({name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc")})
     return found[0], found[1]
 
@@ -90,15 +90,16 @@ def test_newton_state_of_worlds_that_share_a_warp(lanes, limbs):
     assert solver.fused.layout.is_limbs == limbs
     found = []
     for is_emulated in (False, True, False):
-        end, efforts = model.state(), wp.zeros(model.joint_dof_count, dtype=float, device="cpu")
+        end, observables = model.state(), solver.observables({"qfrc_actuator"})
+        efforts = observables.qfrc_actuator
         before = wp.zeros_like(start.joint_q), wp.zeros_like(start.joint_qd)
-        solver._call, solver._before = _Call(start, end, control, None, reads_state=True), before
-        solver._efforts = lambda call, array=efforts: array
+        converted = ConvertedState(start, end, control, observables, reads_state=True)
+        solver._call = StepCall(before=before, state=converted)
         warm.zero_()
         if is_emulated:
             emulated(3)
         else:
-            solver.fused.launch(solver._arguments(first=True, last=True), 11, "cpu", 3)
+            solver.fused.launch(solver.launcher.arguments(solver._call), 11, "cpu", 3)
         arrays = *before, end.joint_q, end.joint_qd, end.body_q, end.body_qd, efforts, warm, solver.mjw_data.qpos
         found.append([array.numpy().reshape(11, -1).copy() for array in arrays])
         if is_emulated:  # and once more without pushes

@@ -87,7 +87,7 @@ def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> 
     data = solver.mjw_data
     for name, value in before.items():
         getattr(data, name).assign(value)
-    solver.fused.launch(solver._arguments(first=True, last=True), data.nworld, "cpu", steps)
+    solver.fused.launch(solver.launcher.arguments(solver._call), data.nworld, "cpu", steps)
     return {name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc", "qfrc_actuator")}
 
 
@@ -104,7 +104,7 @@ def test_worlds_with_parameters_of_their_own(ground):
         scale = rng.uniform(0.8, 1.2, (12, *[1] * (rows.ndim - 1))).astype(np.float32)
         values = np.broadcast_to(rows, (12, *rows.shape[1:])) * scale
         setattr(solver.mjw_model, name, wp.array(values, dtype=array.dtype, device="cpu"))
-    solver._addresses.clear()
+    solver.launcher.clear_arguments()
     state, control = model.state(), model.control()
     for _ in range(160):  # until they lie
         control.joint_f.assign(rng.normal(size=model.joint_dof_count).astype(np.float32))
@@ -114,7 +114,7 @@ def test_worlds_with_parameters_of_their_own(ground):
     found = []
     for limbs in (False, True):
         solver.limbs = limbs
-        solver._remake()
+        solver.launcher.remake()
         one = launched(solver, before, 3)
         assert solver.fused.layout.is_limbs == limbs
         for name, value in before.items():
@@ -163,7 +163,7 @@ def test_what_is_asked_for_later_takes_the_general_form(device):
     solver.fill_contacts()
     layout = solver.fused.layout
     assert not layout.is_limbs
-    assert device == "cpu" or solver._workspace.size >= 8 * layout.spill_size > 0
+    assert device == "cpu" or solver.launcher.buffers.workspace.size >= 8 * layout.spill_size > 0
     solver.step(state, state, control, None, 0.005)
     assert np.isfinite(state.joint_q.numpy()).all()
 
@@ -191,12 +191,12 @@ def test_overflow_is_told_once():
     model = walker_worlds("floating", 3)
     solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
     state, observables = model.state(), solver.observables({"overflow"})
-    seen, told = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
-    solver.tell_overflow(seen, told)
+    seen, unread = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+    solver.collect_overflow(seen, unread)
     observables.overflow.fill_(8)  # of another step
     solver.step(state, state, model.control(), None, 0.005, observables=observables)
-    assert solver.tells_overflow(observables)
-    assert not [a for a in (observables.overflow, seen, told) if a.numpy().any()]
+    assert solver.collects_overflow(observables)
+    assert not [a for a in (observables.overflow, seen, unread) if a.numpy().any()]
     losses = model.joint_friction.numpy()
     losses[-1] = 0.3  # in the last world, for which the kernel has no place
     model.joint_friction.assign(losses)
@@ -206,8 +206,8 @@ def test_overflow_is_told_once():
         bits = observables.overflow.numpy()
         assert bits.astype(bool).tolist() == [False, False, True]
         assert seen.numpy()[0] == bits[2]
-        assert told.numpy()[0] == (bits[2] if is_new else 0)
-        told.zero_()
+        assert unread.numpy()[0] == (bits[2] if is_new else 0)
+        unread.zero_()
 
 
 def test_a_world_that_is_not_finite_stays_alone():

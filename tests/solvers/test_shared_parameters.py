@@ -10,7 +10,7 @@ import warp as wp
 
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.model_tables import PARAMETERS
-from stripe_newton.solvers.shared_parameters import parameters_of_flags, parameters_of_newton
+from stripe_newton.solvers.shared_parameters import parameter_arrays, parameters_of_flags, parameters_of_newton
 
 WORLDS = 3
 PENDULUM = """<mujoco><compiler angle="radian"/><option timestep="0.005"/><worldbody>
@@ -44,8 +44,8 @@ def test_what_all_worlds_have_is_read_once(model):
     model.body_mass.assign([1.0, 2.0, 3.0])
     solver = fused(model)
     velocities(solver, 1)
-    assert {"joint_axis", "range", "geom_size", "body_pos", "gravity"} <= solver._shared.names
-    assert not {"mass", "weight", "geom_xpos"} & solver._shared.names  # weights follow from masses
+    assert {"joint_axis", "range", "geom_size", "body_pos", "gravity"} <= solver.launcher.assumptions.shared.names
+    assert not {"mass", "weight", "geom_xpos"} & solver.launcher.assumptions.shared.names  # weights follow from masses
 
 
 def test_worlds_are_compared_again_after_a_notification(model):
@@ -81,7 +81,7 @@ def test_changes_that_were_told_are_not_compared(model, monkeypatch):
     before = velocities(solver)
     solver.expect_changes(["joint_damping"])
     compared = []
-    monkeypatch.setattr(solver._shared, "check", lambda parameters: compared.append(parameters))
+    monkeypatch.setattr(solver.launcher.assumptions.shared, "check", lambda parameters: compared.append(parameters))
     model.joint_damping.assign([0.1, 2.0, 0.1])
     with solver.changes_expected():
         solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_FORCE_PROPERTIES)
@@ -103,12 +103,12 @@ def test_what_follows_from_an_array_is_what_its_notification_changes(model, name
     from stripe_newton.sim.model_update import model_flags
 
     solver = fused(model)
-    arrays = solver._parameter_arrays()
+    arrays = parameter_arrays(solver)
     before = {n: a.numpy().copy() for n, a in arrays.items()}
     array = getattr(model, name)
     values = array.numpy()
     values[0] = values[0] * 1.5 + 0.25
     array.assign(values)
     solver.notify_model_changed(model_flags([name]))
-    changed = {n for n, a in solver._parameter_arrays().items() if not np.array_equal(a.numpy(), before[n])}
+    changed = {n for n, a in parameter_arrays(solver).items() if not np.array_equal(a.numpy(), before[n])}
     assert changed - {"geom_xpos", "geom_xmat"} <= parameters_of_newton([name])

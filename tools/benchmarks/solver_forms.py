@@ -23,6 +23,7 @@ import stripe_tasks  # noqa: F401  (registers the tasks)
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.envs.rl_env import RLEnv
 from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers.launch_arguments import StepCall
 
 _STATE = "qpos", "qvel", "qacc_warmstart"
 _WARM_UP = 30
@@ -67,7 +68,7 @@ def row(task: str, num_envs: int, device: str, launches: int) -> str:
     times, speeds = [], []
     for limbs in (False, True):
         solver.limbs = limbs
-        solver._remake()
+        solver.launcher.remake()
         if solver.fused.layout.is_limbs != limbs:
             raise ValueError(f"{task}: its robot is no hub with limbs, or touches what the form has no routine for")
         times.append(least_time(solver, before, cfg.decimation, device, launches))
@@ -82,7 +83,7 @@ def row(task: str, num_envs: int, device: str, launches: int) -> str:
 def least_time(solver: SolverFused, before: dict[str, wp.array], steps: int, device: str, launches: int) -> float:
     """Least time of a launch from the same states [s]."""
     data, best = solver.mjw_data, np.inf
-    arguments = solver._arguments(first=True, last=True)
+    arguments = solver.launcher.arguments(StepCall())
 
     def launch() -> None:
         solver.fused.launch(arguments, data.nworld, device, steps)

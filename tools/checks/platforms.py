@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -29,6 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--uv", default="uv", help="the program")
     parser.add_argument("--python", nargs="+", default=["3.10", "3.13"], help="versions of Python")
     args = parser.parse_args(argv)
+    if shutil.which(args.uv) is None:
+        parser.error(f"--uv: there is no program '{args.uv}'; 'pip install uv' installs it")
     failed = False
     for name, (platform, macos) in PLATFORMS.items():
         for version in args.python:

@@ -60,13 +60,13 @@ KINDS: dict[str, Modules] = {
 CURRICULUMS: dict[str, Modules] = {"Curriculums": (curriculums,)}
 """Terms that one thread runs for all environments."""
 OBJECTS: dict[str, Modules] = {
-    "Observations of objects": (objects.observations,),
-    "Rewards for objects": (objects.rewards,),
-    "Terminations by objects": (objects.terminations,),
-    "Events of objects": (objects.events,),
+    "Observations: objects": (objects.observations,),
+    "Rewards: objects": (objects.rewards,),
+    "Terminations: objects": (objects.terminations,),
+    "Events: objects": (objects.events,),
 }
 """Terms about the objects of a pool."""
-RAYS: dict[str, Modules] = {"Observations of rays": (scan,)}
+RAYS: dict[str, Modules] = {"Observations: height scan": (scan,)}
 """Terms about the hits of a sensor's rays."""
 
 
@@ -81,50 +81,52 @@ def observations_of(module: ModuleType) -> SimpleNamespace:
 
 
 OBSTACLES: dict[str, Modules] = {
-    "Observations of obstacles": (observations_of(obstacles),),
-    "Terminations by obstacles": (part(obstacles, "obstacle_too_close"),),
+    "Observations: obstacles": (observations_of(obstacles),),
+    "Terminations: obstacles": (part(obstacles, "obstacle_too_close"),),
 }
 """Terms of docs/specifications.md about collider slots."""
 CONTACTS: dict[str, Modules] = {
-    "Observations of contacts and IMUs": (observations_of(contact), imu),
-    "Rewards for contacts": (part(contact, "undesired_contacts", "desired_contacts", "contact_forces"), feet),
-    "Terminations by contacts": (part(contact, "illegal_contact"),),
+    "Observations: contacts and IMUs": (observations_of(contact), imu),
+    "Rewards: contacts": (part(contact, "undesired_contacts", "desired_contacts", "contact_forces"), feet),
+    "Terminations: contacts": (part(contact, "illegal_contact"),),
 }
 """Terms of docs/sensors.md."""
 RANDOMIZATION: dict[str, Modules] = {
-    "Events that randomise the model": (
+    "Events: randomisation of the model": (
         randomization_bodies,
         randomization_joints,
         part(randomization_encoder, "randomize_encoder_bias"),
         randomization_shapes,
         randomization_scene,
     ),
-    "Events that randomise cameras": (randomization_cameras,),
-    "Observations of encoders": (part(randomization_encoder, "joint_pos_biased", "joint_pos_rel_biased"),),
-    "Actions by encoders": (part(randomization_encoder, "apply_joint_position_biased"),),
+    "Events: randomisation of cameras": (randomization_cameras,),
+    "Observations: joint encoders": (part(randomization_encoder, "joint_pos_biased", "joint_pos_rel_biased"),),
+    "Actions: joint encoders": (part(randomization_encoder, "apply_joint_position_biased"),),
 }
 """Terms of docs/randomization.md."""
 GROUND: dict[str, Modules] = {
-    "Terminations by the ground": (part(terrain, "terrain_out_of_bounds", "root_height_over_ground_below_minimum"),),
-    "Events on the ground": (part(terrain, "reset_root_state_from_terrain", "reset_root_state_uniform_on_terrain"),),
-    "Curriculums on the ground": (part(terrain, "terrain_levels_vel", "terrain_levels_survival"),),
-    "Commands on the ground": (part(terrain, "resample_terrain_based_pose_2d"),),
+    "Terminations: terrain": (part(terrain, "terrain_out_of_bounds", "root_height_over_ground_below_minimum"),),
+    "Events: terrain": (part(terrain, "reset_root_state_from_terrain", "reset_root_state_uniform_on_terrain"),),
+    "Curriculums: terrain": (part(terrain, "terrain_levels_vel", "terrain_levels_survival"),),
+    "Commands: terrain": (part(terrain, "resample_terrain_based_pose_2d"),),
 }
 """Terms of docs/terrain.md."""
 MOTIONS: dict[str, Modules] = {
-    "Observations of motions": (observations_of(motion),),
-    "Rewards for motions": (part(motion, *(n for n in motion.__all__ if n.endswith("_error_exp"))),),
-    "Terminations by motions": (part(motion, *(n for n in motion.__all__ if n.startswith("bad_")), "motion_finished"),),
-    "Metrics of motions": (part(motion, *(n for n in motion.__all__ if n.endswith("_error"))),),
-    "Commands of motions": (part(motion, "resample_motion", "update_motion"),),
+    "Observations: motion tracking": (observations_of(motion),),
+    "Rewards: motion tracking": (part(motion, *(n for n in motion.__all__ if n.endswith("_error_exp"))),),
+    "Terminations: motion tracking": (
+        part(motion, *(n for n in motion.__all__ if n.startswith("bad_")), "motion_finished"),
+    ),
+    "Metrics: motion tracking": (part(motion, *(n for n in motion.__all__ if n.endswith("_error"))),),
+    "Commands: motion tracking": (part(motion, "resample_motion", "update_motion"),),
 }
 """Terms of docs/motions.md."""
-BODIES: dict[str, Modules] = {"Actions that move a body": (inverse_kinematics,)}
+BODIES: dict[str, Modules] = {"Actions: inverse kinematics": (inverse_kinematics,)}
 """Terms that read Jacobians as well as the state."""
-EXTRA_COLUMNS = {"Observations": "numbers"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
+EXTRA_COLUMNS = {"Observations": "values"} | dict.fromkeys(("Events", "Curriculums", "Commands", "Actions"), "writes")
 """Additional column of the tables, by the first word of a kind."""
-PLUMBING = {"env", "rng", "out", "action", "processed", "step", "memory", "peak", "return"}
-"""Arguments that are no parameters of a term: the managers pass them."""
+GIVEN = {"env", "rng", "out", "action", "processed", "step", "memory", "peak", "return"}
+"""Arguments that the managers pass, which are not parameters of a term."""
 COUNTS = {
     "joint_ids": "a joint",
     "body_ids": "a body",
@@ -209,18 +211,18 @@ def size(function: wp.Function) -> str:
 
 def extra_column(kind: str) -> str | None:
     """The column that tables of some kinds have beside the common ones."""
-    return EXTRA_COLUMNS.get(kind.split()[0])
+    return EXTRA_COLUMNS.get(kind.split(":")[0])
 
 
 def row(kind: str, function: wp.Function) -> str:
     """Row of a term in the table of its kind."""
     reads, writes = accesses(function)
-    parameters = {k for k, t in function.func.__annotations__.items() if k not in PLUMBING and not is_struct(t)}
+    parameters = {k for k, t in function.func.__annotations__.items() if k not in GIVEN and not is_struct(t)}
     summary = (inspect.getdoc(function.func) or "").split("\n\n")[0].replace("\n", " ")
     cells = [f"`{function.func.__name__}`", summary, section(function, "Formula"), code(reads), code(parameters)]
     column = extra_column(kind)
     if column is not None:
-        cells.append(size(function) if column == "numbers" else code(writes))
+        cells.append(size(function) if column == "values" else code(writes))
     cells.append(section(function, "Source"))
     return "| " + " | ".join(re.sub(r"``", "`", c).replace("|", "\\|") for c in cells) + " |"
 
@@ -230,7 +232,7 @@ def tables(kinds: dict[str, Modules]) -> list[str]:
     lines = []
     for kind, modules in kinds.items():
         column = extra_column(kind)
-        head = ["name", "what", "formula", "reads", "parameters", *([column] if column else []), "source"]
+        head = ["name", "description", "formula", "reads", "parameters", *([column] if column else []), "source"]
         lines += ["", f"## {kind}", "", "| " + " | ".join(head) + " |", "| --- " * len(head) + "|"]
         for module in modules:
             functions = [f for n, f in vars(module).items() if n in module.__all__ and isinstance(f, wp.Function)]
@@ -238,25 +240,31 @@ def tables(kinds: dict[str, Modules]) -> list[str]:
     return lines
 
 
+INTRODUCTION = Path(__file__).with_name("term_introduction.md")
+"""The text above the tables."""
+
+
+def contents() -> list[str]:
+    """Links to the sections, a line for each kind of term."""
+    others = CURRICULUMS | OBJECTS | RAYS | OBSTACLES | CONTACTS | RANDOMIZATION | GROUND | MOTIONS | BODIES
+    by_kind: dict[str, list[str]] = {}
+    for title in [*KINDS, *others]:
+        kind, _, subject = title.partition(": ")
+        anchor = title.lower().replace(":", "").replace(" ", "-")
+        by_kind.setdefault(kind, []).append(f"[{subject or 'general'}](#{anchor})")
+    return ["", "| kind | sections |", "|---|---|", *(f"| {k.lower()} | {', '.join(v)} |" for k, v in by_kind.items())]
+
+
 def page() -> str:
     """The whole page."""
-    lines = [
-        "# Terms",
-        "",
-        "Every term of `stripe_newton.envs.mdp`, as its docstring and its code in `stripe_kernels.mdp` say. `robot` is "
-        "an articulation, a subscript `_b` means its root's frame, `U(range)` a uniform draw, `c` a command, `a` an "
-        "action, `q`, `qd` and `tau` positions, velocities and efforts of joints, `*` a target. `parameter` is the "
-        "number that a curriculum changes, named by `term_name` (the weight of a reward) or `address` (the path of any "
-        "float that is tuned); `pool` is a pool of objects, `k` one of them. Linear velocities are those of the centre "
-        "of mass. `python tools/documentation/term_table.py` writes this page; a test compares it.",
-    ]
+    lines = [*INTRODUCTION.read_text(encoding="utf-8").splitlines(), *contents()]
     lines += tables(KINDS)
-    lines += ["", "The functions of commands and actions belong together as follows.", ""]
-    lines += ["| command | new command | every step | numbers |", "| --- | --- | --- | ---: |"]
+    lines += ["", "Configs of commands and actions use these functions as follows.", ""]
+    lines += ["| command | when a new command is due | every step | values |", "| --- | --- | --- | ---: |"]
     for name, command in mdp.COMMANDS.items():
         update = f"`{command.update.func.__name__}`" if command.update else ""
         lines.append(f"| `{name}` | `{command.resample.func.__name__}` | {update} | {command.size or '2 a joint'} |")
-    lines += ["", "| action | every step | before each physics step | when an episode starts |", "| --- " * 4 + "|"]
+    lines += ["", "| action | every step | before each physics step | at the start of an episode |", "| --- " * 4 + "|"]
     for name, action in mdp.ACTIONS.items():
         reset = f"`{action.reset.func.__name__}`" if action.reset else ""
         lines.append(f"| `{name}` | `{action.process.func.__name__}` | `{action.apply.func.__name__}` | {reset} |")

@@ -130,7 +130,7 @@ def resample_motion(
     velocity_range: wp.array[wp.vec2],
     joint_position_range: wp.vec2,
 ):
-    """Begin at a drawn frame of the motions: put the robot there, with noise; count the failure of the last episode.
+    """Start at a random frame of the motions: place the robot there, with noise; count a failure of the last episode.
 
     Formula: root ``p = ^p + U`` [m], ``q = Rz(U) Ry(U) Rx(U) ^q``, ``v = ^v + U``; joints
     ``q_i = clamp(^q_i + U(joint_position_range))`` to the soft limits, ``qd_i = ^qd_i``. The frame is drawn from the
@@ -158,7 +158,7 @@ def resample_motion(
 
 @wp.func
 def update_motion(env: int, command: MotionCommandData, step: wp.array[wp.int64]):
-    """Go on to the frame that the robot is to reach by the end of the next step; the last one of a motion stays.
+    """Advance to the frame that the robot should reach by the end of the next step; stop at the last frame.
 
     Formula: ``frame = min(start + n + 1, last)``, ``n`` the steps since the start; ``c = (^q, ^qd)`` of that frame.
 
@@ -350,7 +350,7 @@ def motion_global_body_angular_velocity_error_exp(
 
 @wp.func
 def bad_anchor_pos(env: int, command: MotionCommandData, robot: ArticulationData, threshold: float) -> bool:
-    """The anchor is far from the reference.
+    """Termination if the anchor is far from the reference.
 
     Formula: ``|^p_a - p_a| > threshold`` [m].
 
@@ -361,7 +361,7 @@ def bad_anchor_pos(env: int, command: MotionCommandData, robot: ArticulationData
 
 @wp.func
 def bad_anchor_pos_z_only(env: int, command: MotionCommandData, robot: ArticulationData, threshold: float) -> bool:
-    """The anchor is far above or below the reference.
+    """Termination if the anchor is far above or below the reference.
 
     Formula: ``|^p_a.z - p_a.z| > threshold`` [m].
 
@@ -372,7 +372,7 @@ def bad_anchor_pos_z_only(env: int, command: MotionCommandData, robot: Articulat
 
 @wp.func
 def bad_anchor_ori(env: int, command: MotionCommandData, robot: ArticulationData, threshold: float) -> bool:
-    """The anchor is tilted otherwise than the reference.
+    """Termination if the tilt of the anchor differs from the reference by more than a threshold.
 
     Formula: ``|(^R_a^T g).z - (R_a^T g).z| > threshold``, ``g`` the direction of gravity.
 
@@ -388,7 +388,7 @@ def bad_anchor_ori(env: int, command: MotionCommandData, robot: ArticulationData
 def bad_motion_body_pos(
     env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], threshold: float
 ) -> bool:
-    """A body is far from its relative reference.
+    """Termination if a body is far from its relative reference.
 
     Formula: any ``|p'_i - p_i| > threshold`` [m].
 
@@ -406,7 +406,7 @@ def bad_motion_body_pos(
 def bad_motion_body_pos_z_only(
     env: int, command: MotionCommandData, robot: ArticulationData, body_ids: wp.array[int], threshold: float
 ) -> bool:
-    """A body is far above or below its relative reference.
+    """Termination if a body is far above or below its relative reference.
 
     Formula: any ``|p'_i.z - p_i.z| > threshold`` [m].
 
@@ -423,7 +423,7 @@ def bad_motion_body_pos_z_only(
 
 @wp.func
 def motion_finished(env: int, command: MotionCommandData) -> bool:
-    """The motion has been tracked to its last frame.
+    """Termination if the last frame of the motion has been reached.
 
     Formula: ``frame >= last``.
 
