@@ -39,8 +39,6 @@ class KernelChoice:
     """Where Newton has joints, bodies and controls, if the kernel reads and writes its state."""
     per_step: frozenset[str]
     """Names of what each physics step may have to do, see :class:`.per_step.PerStep`."""
-    kinematic_bodies: bool
-    """Whether the caller moves the joints of some bodies."""
     limbs: bool | None
     """Whether to take the form for a hub with limbs where there is one; None for where it is faster."""
 
@@ -72,7 +70,7 @@ class KernelChoice:
             accelerations=self.buffers.bodies is not None,
             contacts=self.buffers.fills_contacts,
             contact_forces=self.buffers.contact_forces is not None,
-            kinematic_bodies=self.kinematic_bodies,
+            kinematic_bodies=self._has_kinematic_bodies(),
             per_step=self.per_step,
         )
 
@@ -99,6 +97,11 @@ class KernelChoice:
             return limbs.slots
         few, many = _LANES
         return few if max(self.solver.mj_model.nbody, self.solver.mj_model.nv) <= few else many
+
+    def _has_kinematic_bodies(self) -> bool:
+        """Whether any body is kinematic: none may become it later, see ``why_unsupported``."""
+        flags = self.solver.model.body_flags
+        return flags is not None and bool(np.any(flags.numpy() & int(newton.BodyFlags.KINEMATIC)))
 
     def _limited_model(self) -> mujoco.MjModel:
         """The compiled model with the limits that MuJoCo Warp's has now: drives may have got some."""

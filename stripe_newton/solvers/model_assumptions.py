@@ -3,8 +3,7 @@
 
 A launch reads parameters that all worlds share from the first world, no reference coordinates where all are zero, and
 no anchors of free joints and balls where all are at the bodies' origins. These are addresses in the launch arguments,
-so that graphs which were recorded with them must be recorded again when an assumption falls. The kernel itself has no
-code for kinematic bodies where there are none, and another one must be made if that changes.
+so that graphs which were recorded with them must be recorded again when an assumption falls.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from .shared_parameters import (
 __all__ = ["ModelAssumptions"]
 
 _AT_ORIGIN = np.array([0, 0, 0, 0, 0, 0, 1])
-_BODY_FLAGS = newton.ModelFlags.BODY_PROPERTIES
 _JOINT_FLAGS = newton.ModelFlags.JOINT_DOF_PROPERTIES | newton.ModelFlags.JOINT_REFERENCE_POSE_PROPERTIES
 
 
@@ -36,7 +34,6 @@ class ModelAssumptions:
 
     Attributes:
         shared: Parameters that are the same in all worlds.
-        has_kinematic_bodies: Whether the caller moves the joints of some bodies.
     """
 
     def __init__(self, solver: newton.solvers.SolverMuJoCo, model: newton.Model):
@@ -49,7 +46,6 @@ class ModelAssumptions:
         self._solver, self._model = solver, model
         self.shared = SharedParameters(lambda: parameter_arrays(solver), lambda: places_of_springs(solver.mj_model))
         self._compares_worlds, self._has_references, self._has_anchors = True, True, True
-        self.has_kinematic_bodies = False
 
     @property
     def references(self) -> wp.array | None:
@@ -72,13 +68,6 @@ class ModelAssumptions:
         self._find_references()
         self._find_anchors()
 
-    def find_kinematic_bodies(self) -> bool:
-        """Find out whether any body is kinematic; return whether that is new."""
-        flags, had = self._model.body_flags, self.has_kinematic_bodies
-        if flags is not None and not flags.device.is_capturing:
-            self.has_kinematic_bodies |= bool(np.any(flags.numpy() & int(newton.BodyFlags.KINEMATIC)))
-        return self.has_kinematic_bodies != had
-
     def expect_changes(self, names: Iterable[str]) -> bool:
         """Assume nothing more of what follows from some arrays of Newton's model.
 
@@ -87,10 +76,8 @@ class ModelAssumptions:
         """
         names = set(names)
         is_stale = self.shared.expect_changes(parameters_of_newton(names))
-        if self._has_anchors is False and names & {"joint_X_p", "joint_X_c"}:
+        if not self._has_anchors and names & {"joint_X_p", "joint_X_c"}:
             self._has_anchors = is_stale = True
-        if self.has_kinematic_bodies is False and "body_flags" in names:
-            self.has_kinematic_bodies = is_stale = True
         return is_stale
 
     @contextmanager
@@ -122,8 +109,6 @@ class ModelAssumptions:
             is_stale = self._find_references() or is_stale
         if has_kernel and flags & newton.ModelFlags.JOINT_PROPERTIES:
             is_stale = self._find_anchors() or is_stale
-        if has_kernel and flags & _BODY_FLAGS:
-            is_stale = self.find_kinematic_bodies() or is_stale
         return is_stale
 
     def _find_references(self) -> bool:

@@ -421,7 +421,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             names: Names of attributes of ``newton.Model``.
         """
         if self.launcher.assumptions.expect_changes(names):
-            self.launcher.renew()
+            self.launcher.clear_arguments()
             self.has_stale_graphs = True
 
     def changes_expected(self) -> AbstractContextManager[None]:
@@ -432,7 +432,6 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         super()._notify_model_changed(flags)
         self.launcher.clear_arguments()  # it may have replaced arrays
         if self.launcher.assumptions.check(flags, self.launcher.has_kernel):
-            self.launcher.renew()
             self.has_stale_graphs = True
         # A recording can read nothing back; what it changes are shapes of bodies, by events.
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing

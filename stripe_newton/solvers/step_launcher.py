@@ -54,7 +54,6 @@ class StepLauncher:
     def kernel(self) -> StepKernel:
         """The kernel, made if there is none."""
         if self._kernel is None:
-            self.assumptions.find_kinematic_bodies()
             choice = self.choice
             tables = choice.tables()
             options = choice.options(tables.limbs)
@@ -74,13 +73,7 @@ class StepLauncher:
     def choice(self) -> KernelChoice:
         """What the next kernel will be."""
         return KernelChoice(
-            self._solver,
-            self.division,
-            self.buffers,
-            self.newton_layout,
-            self.per_step,
-            self.assumptions.has_kinematic_bodies,
-            self._solver.limbs,
+            self._solver, self.division, self.buffers, self.newton_layout, self.per_step, self._solver.limbs
         )
 
     def remake(self) -> None:
@@ -149,12 +142,6 @@ class StepLauncher:
                 self._solver, kernel, self.buffers, self.assumptions, self._hulls, statics
             )
         return self._arguments.of(call, first, last)
-
-    def renew(self) -> None:
-        """Make what assumptions that fell were built into again: addresses, and where it must be the kernel."""
-        if self._kernel is not None and self._kernel.options.kinematic_bodies != self.assumptions.has_kinematic_bodies:
-            self.remake()
-        self.clear_arguments()
 
     def clear_arguments(self) -> None:
         """Look all addresses up again at the next launch: arrays may have been replaced."""

@@ -136,3 +136,31 @@ def test_reference_coordinates_that_come_later():
         found.append([array.numpy() for array in (state.joint_q, state.joint_qd, state.body_q)])
     for want, have in zip(*found, strict=True):
         np.testing.assert_allclose(have, want, atol=2e-5)
+
+
+def test_anchors_that_come_later():
+    """Where bodies have none of their own the kernel does not look at them, until it is told."""
+    found = []
+    for kind in (newton.solvers.SolverMuJoCo, SolverFused):
+        builder = newton.ModelBuilder()
+        SolverFused.register_custom_attributes(builder)
+        for _ in range(2):
+            builder.begin_world()
+            builder.add_articulation([builder.add_joint_free(add_link(builder))])
+            builder.end_world()
+        model = builder.finalize(device="cpu")
+        solver, state, control = kind(model, **ROOM), model.state(), model.control()
+        scramble(model, state, control)
+        solver.step(state, state, control, None, 0.002)
+        if isinstance(solver, SolverFused):
+            assert solver.launcher.assumptions.anchors == (None, None)
+        model.joint_X_p.assign(np.tile(np.array(frame(6), dtype=np.float32), (model.joint_count, 1)))
+        solver.notify_model_changed(newton.ModelFlags.JOINT_PROPERTIES)
+        if isinstance(solver, SolverFused):
+            assert solver.has_stale_graphs
+        for _ in range(3):
+            solver.step(state, state, control, None, 0.002)
+        found.append([array.numpy() for array in (state.joint_q, state.joint_qd, state.body_q)])
+    assert np.abs(found[0][1]).max() > 0.1
+    for want, have in zip(*found, strict=True):
+        np.testing.assert_allclose(have, want, atol=2e-5)
