@@ -14,7 +14,14 @@ import warp as wp
 from mujoco_warp import OverflowType
 
 import stripe_kernels
-from stripe_kernels.actuators import JointDrives, ask_solver_joint, drive_explicit_joint, feed_solver_joint
+from stripe_kernels.actuators import (
+    JointDrives,
+    ask_solver_joint,
+    drive_explicit_joint,
+    feed_solver_joint,
+    solver_drive,
+    solver_feed,
+)  # fmt: skip
 from stripe_newton.compile_ahead import compile_ahead, wait_for
 from stripe_newton.generated_files import write_generated
 
@@ -33,8 +40,9 @@ _SOURCES = (
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "contact_fields.h", "limb_world.h", "rows.h",
-    "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "newton_state.h", "per_step.h", "launch.h", "limb_frames.h",
-    "limb_parameters.h", "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "copies.h", "newton_state.h", "per_step.h", "launch.h",
+    "limb_state.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h", "limb_ground.h", "limb_contacts.h",
+    "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -340,7 +348,7 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
         [
             "import warp as wp",
             "from stripe_kernels.actuators import JointDrives, ask_solver_joint",
-            "from stripe_kernels.actuators import drive_explicit_joint, feed_solver_joint",
+            "from stripe_kernels.actuators import drive_explicit_joint, feed_solver_joint, solver_drive, solver_feed",
             "@wp.struct",
             "class Arguments:",
             *fields,
@@ -370,6 +378,7 @@ def _kernel(
     called = ["        drive_explicit_joint(0, 0, 0.0, 0.0, drives)"] if "drives" in per_step else []
     if "solver_drives" in per_step:
         called += ["        feed_solver_joint(0, 0, drives)", "        ask_solver_joint(0, 0, 0.0, 0.0, drives)"]
+        called += ["        solver_feed(False, 0, 0.0, 0.0, 0.0, 0.0)", f"        solver_drive(0{', 0.0' * 7})"]
     more, given = (", drives: JointDrives", ", drives") if called else ("", "")
     called = ["    if steps < 0:", *called] if called else []
     return [
@@ -420,9 +429,13 @@ def _steps(options: KernelOptions) -> list[str]:
     each = [f"    if (drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
     last = [f"        if (drives.law.data) fused::note_efforts(w, fused::fresh(P), {ask}, lane);"]
     has_solver_drives = "solver_drives" in options.per_step
+    begin = [*(first if has_solver_drives else []), _BEGIN]
+    if has_solver_drives:
+        rows_begin, rows_last = _rows_of_drives()
+        begin = ["#if ROWS_OF_DRIVES", *rows_begin, "#else", *begin, "#endif"]
+        last = ["#if ROWS_OF_DRIVES", *rows_last, "#else", *last, "#endif"]
     return [
-        *(first if has_solver_drives else []),
-        _BEGIN,
+        *begin,
         "for (int s = 0; s < steps; s++) {",
         *(each if "drives" in options.per_step else []),
         "#if HAS_NEWTON",
@@ -435,6 +448,25 @@ def _steps(options: KernelOptions) -> list[str]:
         "}",
         "fused::end_steps(w, fused::fresh(P), lane);",
     ]
+
+
+def _rows_of_drives() -> tuple[list[str], list[str]]:
+    """Source for drives whose rows are copied into the state: the begin of a launch, and of its last step."""
+    feed = f"{solver_feed.native_func}(drives.feeds_velocity, mode, kd, speed, effort, limit)"
+    ask = f"{solver_drive.native_func}(mode, kp, kd, target, speed, effort, q, v)"
+    numbers = [f"float {name}" for name in ("kd", "speed", "effort", "limit")]
+    asked = [f"float {name}" for name in ("kp", "kd", "target", "speed", "effort", "q", "v")]
+    begin = [
+        "fused::begin_steps(w, P,",
+        "    [&](const fused::Rows& r) { return fused::ask_efforts(r, P, drives); },",
+        "    [&] { fused::give_asked_efforts(w, P,",
+        f"        [&](int mode, {', '.join(numbers)}) {{ return {feed}; }}, lane); }}, lane);",
+    ]
+    last = [
+        "        if (drives.law.data) fused::note_asked_efforts(w, fused::fresh(P), drives,",
+        f"            [&](int mode, {', '.join(asked)}) {{ return {ask}; }}, lane);",
+    ]
+    return begin, last
 
 
 def _module(text: str) -> ModuleType:

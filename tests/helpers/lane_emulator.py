@@ -38,6 +38,8 @@ _PRELUDE = """
 #define __forceinline__ inline
 #define __noinline__ __attribute__((noinline))
 #define __fdividef(a, b) ((a) / (b))
+#define COPY_ASYNC(to, from) *(to) = *(from)
+#define AWAIT_COPIES()
 #define __popc __builtin_popcount
 #define __shared__
 #define rsqrtf(x) (1 / sqrtf(x))

@@ -3,10 +3,14 @@
 
 namespace fused {
 
-FN void begin_steps(World& w, const Parameters& P, int lane) {
-    read_state(w, P, lane);
+template <class Ask, class Drive>
+FN void begin_steps(World& w, const Parameters& P, Ask ask_drives, Drive drive, int lane) {
+    read_state(w, P, ask_drives, drive, lane);
     place_static_bodies(w, P, lane);
     gather_parameters(w, P, lane);
+}
+FN void begin_steps(World& w, const Parameters& P, int lane) {
+    begin_steps(w, P, [](const Rows&) { return false; }, [] {}, lane);
 }
 FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
 
