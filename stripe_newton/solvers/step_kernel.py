@@ -293,6 +293,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LIMBS {int(tables.limbs is not None)}",
+        f"#define LAST_PASS {int(tables.limbs is None)}",  # the form for limbs moves bodies once more
         *([] if tables.limbs else [f"#define LD {tables.row_of_matrix(options.in_registers(tables))}"]),
         f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
         f"#define TOUCHES {TOUCHES}",
@@ -426,7 +427,7 @@ def _steps(options: KernelOptions) -> list[str]:
     ask = f"[&](int id, int dof, float q, float v) {{ return {ask_solver_joint.native_func}(id, dof, q, v, drives); }}"
     # A launch may be without actuators.
     first = [f"if (drives.law.data) fused::give_efforts(w, P, {feed}, lane);"]
-    each = [f"    if (drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
+    each = [f"    if (left && drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
     last = [f"        if (drives.law.data) fused::note_efforts(w, fused::fresh(P), {ask}, lane);"]
     has_solver_drives = "solver_drives" in options.per_step
     begin = [*(first if has_solver_drives else []), _BEGIN]
@@ -436,15 +437,15 @@ def _steps(options: KernelOptions) -> list[str]:
         last = ["#if ROWS_OF_DRIVES", *rows_last, "#else", *last, "#endif"]
     return [
         *begin,
-        "for (int s = 0; s < steps; s++) {",
+        "for (int left = steps; left >= LAST_PASS; left--) {",
         *(each if "drives" in options.per_step else []),
         "#if HAS_NEWTON",
-        "    if (s == steps - 1) {",
+        "    if (left == 1) {",
         "        fused::begin_last_step(w, fused::fresh(P), lane);",
         *(last if has_solver_drives else []),
         "    }",
         "#endif",
-        f"    fused::step(w, P, {contacts}, {count}, s == steps - 1, lane);",
+        f"    fused::step(w, P, {contacts}, {count}, left, lane);",
         "}",
         "fused::end_steps(w, fused::fresh(P), lane);",
     ]

@@ -35,7 +35,9 @@ FN void report_overflow(const Parameters& P, int bits) {
 #endif
 }
 
+#if !LIMBS
 FN void write_newton_bodies(World& w, const Parameters& P, int lane);
+#endif
 
 #if !LIMBS  // else see limb_state.h
 // The state, controls and forces of a launch, into the world.

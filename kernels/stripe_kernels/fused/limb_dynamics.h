@@ -78,11 +78,15 @@ FN void move_hub(World& w, const Parameters& P) {
     SYNC();
 }
 
-// Poses, motions and velocities of a limb, from the hub outwards. For each link `see(d, link, frame, v, a)` is called, with the
-// last degree of freedom that moves it. Loops stay loops: the code is run through once in a step, so that fetching it takes
-// longer than what is saved by copies of it.
-template <class See>
-FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) {
+// How a limb moves: of each degree of freedom its motion, and velocity and acceleration, without that of the joints, of the
+// link that it moves.
+struct LimbMotion {
+    Spatial S[LD], v[LD], a[LD];
+};
+// Poses and motions of a limb, from the hub outwards. Loops stay loops: the code is run through once in a step, so that fetching
+// it takes longer than what is saved by copies of it.
+FN void move_limb(LimbMotion& o, World& w, const Parameters& P, int slot) {
+    for (int d = 0; d < LD; d++) o.S[d] = o.v[d] = o.a[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
     Frame f = frame_of(w, limb_parent(slot));
     Spatial v{{0, 0, 0}, {0, 0, 0}}, a{{0, 0, 0}, {0, 0, 0}};
     if (limb_link(slot) >= 0) v = load_spatial(w.hub + 12 * limb_link(slot)), a = load_spatial(w.hub + 12 * limb_link(slot) + 6);
@@ -95,13 +99,12 @@ FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) 
         Spatial s = joint_type(j) == SLIDE ? Spatial{{0, 0, 0}, axis} : Spatial{axis, cross(anchor, axis)};
         a = a + w.v[i] * cross_motion(v, s);
         v = v + w.v[i] * s;
-        S[d] = s;
+        o.S[d] = s, o.v[d] = v, o.a[d] = a;
         if (!ends_body(slot * LD + d)) continue;
         f.turn = normalized(f.turn);
         set_frame(w, link, f);
         ROLLED for (int t = weld_start(slot * LD + d); t < weld_start(slot * LD + d + 1); t++)
             set_frame(w, weld(t), hang(frame_of(w, body_parent(weld(t))), P, weld(t)));
-        see(d, link, f, v, a);
     }
 }
 
@@ -169,25 +172,26 @@ FN void set_rows(JointRows<N>& rows, int d, const DofParts& o) {
 
 // Mass matrix of a limb, but for armatures, and what its degrees of freedom need of force; `inertia` and `needed` become
 // those of all of it.
-FN void limb_forces(World& w, const Parameters& P, Limb& L, int slot, real* bias, real* inertia, Spatial& needed) {
+FN void limb_forces(World& w, const Parameters& P, Limb& L, const LimbMotion& motion, int slot, real* bias, real* inertia, Spatial& needed) {
     real X[LD * 10];
-    Spatial F[LD], S[LD];
+    Spatial F[LD];
     for (int k = 0; k < LD * 10; k++) X[k] = 0;
-    for (int d = 0; d < LD; d++) F[d] = S[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
-    move_limb(w, P, slot, S, [&](int d, int link, Frame f, Spatial v, Spatial a) {
-        const int at = slot * LD + d;
+    for (int d = 0; d < LD; d++) F[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
+    ROLLED for (int d = 0; d < limb_size(slot); d++) {
+        const int at = slot * LD + d, link = dof_body(limb_dof(at));
+        if (!ends_body(at)) continue;
         real I[10];
-        place_inertia(I, w.link[at], f);
+        place_inertia(I, w.link[at], frame_of(w, link));
         for (int k = 0; k < 10; k++) X[10 * d + k] = I[k];
-        F[d] = inertial_force(I, v, a);
-        if (w.link[at].special == 0) return;
+        F[d] = inertial_force(I, motion.v[d], motion.a[d]);
+        if (w.link[at].special == 0) continue;
         F[d] = F[d] + special_force(w, P, link);
         ROLLED for (int t = weld_start(at); t < weld_start(at + 1); t++) F[d] = F[d] + special_force(w, P, weld(t));
-    });
+    }
     for (int k = 0; k < 10; k++) inertia[k] = 0;
     needed = Spatial{{0, 0, 0}, {0, 0, 0}};
     const int attached = limb_parent(slot);
-    UNROLLED for (int d = 0; d < LD; d++) L.S[d] = S[d];
+    UNROLLED for (int d = 0; d < LD; d++) L.S[d] = motion.S[d];
     UNROLLED for (int d = LD - 1; d >= 0; d--) {
         for (int k = 0; k < 10; k++) inertia[k] += X[10 * d + k];
         needed = needed + F[d];
@@ -268,21 +272,17 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
 }
 
 #if HAS_NEWTON
-// Poses and velocities of all bodies as Newton has them. What is known of links is overwritten.
-FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
-    move_hub(w, P);
-    for (int l = 0; l < NL; l++) {
-        const int slot = slot_of(l, lane);
-        Spatial S[LD];
-        move_limb(w, P, slot, S, [&](int d, int link, Frame, Spatial v, Spatial) {
-            const int first = weld_start(slot * LD + d) - 1, last = weld_start(slot * LD + d + 1);
-            ROLLED for (int t = first; t < last; t++) {  // the link, and what is welded to it
-                const int b = t == first ? link : weld(t);
+// Poses and velocities of all bodies as Newton has them, once they have moved. What is known of links is overwritten.
+FN void write_newton_bodies(World& w, const Parameters& P, const LimbMotion* motion, int lane) {
+    for (int l = 0; l < NL; l++)
+        ROLLED for (int d = 0, at = slot_of(l, lane) * LD; d < limb_size(slot_of(l, lane)); d++, at++) {
+            if (!ends_body(at)) continue;
+            ROLLED for (int first = weld_start(at) - 1, t = first; t < weld_start(at + 1); t++) {  // the link, and its welds
+                const int b = t == first ? dof_body(limb_dof(at)) : weld(t);
                 const Frame f = frame_of(w, b);
-                keep_velocity(w.velocities + 6 * b, P, b, f.x, f.turn, v);
+                keep_velocity(w.velocities + 6 * b, P, b, f.x, f.turn, motion[l].v[d]);
             }
-        });
-    }
+        }
     const Spatial still{{0, 0, 0}, {0, 0, 0}};
     EACH(i, HUB_BODIES + NSTATIC) {
         int b = i < HUB_BODIES ? hub_body(i) : static_body(i - HUB_BODIES);

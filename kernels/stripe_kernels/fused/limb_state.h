@@ -115,7 +115,6 @@ FN void write_state(World& w, const Parameters& P, int lane) {
 #endif
         send_row(r, ROW_TO(qfrc_actuator, effort), NV);
 #if HAS_NEWTON
-    if (P.m.body_q) write_newton_bodies(w, P, lane);
     if (!P.m.joint_q_out) return;
     convert_turned(w, P, lane);
     if (NEWTON_IN_ORDER && !KINEMATIC_BODIES) {

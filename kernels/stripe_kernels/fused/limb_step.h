@@ -43,7 +43,14 @@ FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb,
     SYNC();
 }
 
-FN void step(World& w, const Parameters& P, const real*, int, bool last, int lane) {
+// One of the steps of a launch, of which `left` are left with this one. After them bodies are moved once more where somebody
+// reads them: by the same code, as fetching another copy of it would take longer than it runs.
+FN void step(World& w, const Parameters& P, const real*, int, int left, int lane) {
+#if HAS_NEWTON
+    if (left == 0 && !P.m.body_q) return;
+#else
+    if (left == 0) return;
+#endif
     together(P);
     lane = fresh(lane) % LANES;
     Hub H;
@@ -53,8 +60,17 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     real inertia[NL][10], bias[NL][LD];
     Spatial needed[NL];
     int rows = 0, overflow = 0;
+    LimbMotion motion[NL];
     move_hub(w, fresh(P));
-    for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
+    for (int l = 0; l < NL; l++) move_limb(motion[l], w, fresh(P), slot_of(l, lane));
+#if HAS_NEWTON
+    if (left == 0) {
+        SYNC();
+        write_newton_bodies(w, fresh(P), motion, lane);
+        return;
+    }
+#endif
+    for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], motion[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
     SYNC();
     rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, overflow);
     for (int l = 0; l < NL; l++) {
@@ -72,10 +88,10 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     const int iterations = constrained_acceleration(H, limb, contact, K, rows > 0);
     if (lane == 0) {
         if (overflows) report_overflow(P, overflows);
-        if (last) *P.nefc() = rows, *P.solver_niter() = iterations;
+        if (left == 1) *P.nefc() = rows, *P.solver_niter() = iterations;
     }
 #if CONTACT_FORCES
-    if (last && P.m.force_geoms) write_contact_forces(fresh(P), contact, K.contacts, lane);
+    if (left == 1 && P.m.force_geoms) write_contact_forces(fresh(P), contact, K.contacts, lane);
 #endif
     integrate(w, fresh(P), H, limb, lane);
 #if VELOCITY_LIMITS

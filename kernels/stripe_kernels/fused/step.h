@@ -100,9 +100,10 @@ FN void begin_steps(World& w, const Parameters& P, int lane) {
 }
 FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
 
-// One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch
+// One time step. `given` are contacts that the caller found, beside those that are found here. In the last of a launch, where one is `left`
 // results are written where somebody reads them.
-FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
+FN void step(World& w, const Parameters& P, const real* given, int given_count, int left, int lane) {
+    const bool last = left == 1;
     together(P);
     lane = fresh(lane) % LANES;
 #if HAS_NEWTON && NBALLS
