@@ -293,7 +293,6 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LIMBS {int(tables.limbs is not None)}",
-        f"#define LAST_PASS {int(tables.limbs is None)}",  # the form for limbs moves bodies once more
         *([] if tables.limbs else [f"#define LD {tables.row_of_matrix(options.in_registers(tables))}"]),
         f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
         f"#define TOUCHES {TOUCHES}",
@@ -437,7 +436,7 @@ def _steps(options: KernelOptions) -> list[str]:
         last = ["#if ROWS_OF_DRIVES", *rows_last, "#else", *last, "#endif"]
     return [
         *begin,
-        "for (int left = steps; left >= LAST_PASS; left--) {",
+        "for (int left = steps; left >= 0; left--) {",
         *(each if "drives" in options.per_step else []),
         "#if HAS_NEWTON",
         "    if (left == 1) {",

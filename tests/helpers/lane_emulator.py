@@ -98,7 +98,7 @@ static void lane_of_world() {
     fused::World& world = worlds_there[at];
     const fused::Parameters P{*arguments, first_world + at, num_worlds};
     fused::begin_steps(world, P, lane);
-    for (int left = steps; left >= LAST_PASS; left--) {
+    for (int left = steps; left >= 0; left--) {
 #if HAS_NEWTON
         if (left == 1) fused::begin_last_step(world, P, lane);
 #endif

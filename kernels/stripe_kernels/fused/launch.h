@@ -35,10 +35,6 @@ FN void report_overflow(const Parameters& P, int bits) {
 #endif
 }
 
-#if !LIMBS
-FN void write_newton_bodies(World& w, const Parameters& P, int lane);
-#endif
-
 #if !LIMBS  // else see limb_state.h
 // The state, controls and forces of a launch, into the world.
 FN void read_state(World& w, const Parameters& P, int lane) {
@@ -94,13 +90,25 @@ FN void write_state(World& w, const Parameters& P, int lane) {
     if (P.m.joint_q_out) {
         convert_turned(w, P, lane);
         write_newton_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
-        read_kinematic_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
-        SYNC();
     }
-    if (P.m.body_q) write_newton_bodies(w, P, lane);
 #endif
 }
 #endif
+
+// A launch goes through the code of a step once more, up to where bodies have moved, if somebody reads their poses: another copy
+// of that code would take longer to fetch than it runs. Returns whether this is it, and there is something to do.
+FN bool is_last_pass(World& w, const Parameters& P, int left, int lane) {
+#if HAS_NEWTON
+    if (KINEMATIC_BODIES && left == 0 && P.m.joint_q_out) {
+        SYNC();
+        read_kinematic_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
+        SYNC();
+    }
+    return left == 0 && P.m.body_q;
+#else
+    return false;
+#endif
+}
 
 #if HAS_NEWTON
 // Joints before the last step of a launch, from which accelerations follow.

@@ -121,10 +121,8 @@ FN void write_state(World& w, const Parameters& P, int lane) {
         convert_written_joints(w, P, lane);
         send_row(r, NEWTON_ROW_OF(P.m.joint_q_out, NEWTON_COORDS), r.first->q, NEWTON_COORDS, NQ);
         send_row(r, NEWTON_ROW_OF(P.m.joint_qd_out, NEWTON_DOFS), r.first->v, NEWTON_DOFS, NV);
-    } else {
+    } else
         write_newton_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
-        read_kinematic_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
-    }
 #endif
 }
 

@@ -43,14 +43,10 @@ FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb,
     SYNC();
 }
 
-// One of the steps of a launch, of which `left` are left with this one. After them bodies are moved once more where somebody
-// reads them: by the same code, as fetching another copy of it would take longer than it runs.
+// One of the steps of a launch, of which `left` are left with this one; see `is_last_pass`.
 FN void step(World& w, const Parameters& P, const real*, int, int left, int lane) {
-#if HAS_NEWTON
-    if (left == 0 && !P.m.body_q) return;
-#else
-    if (left == 0) return;
-#endif
+    const bool is_last = is_last_pass(w, P, left, lane);
+    if (left == 0 && !is_last) return;
     together(P);
     lane = fresh(lane) % LANES;
     Hub H;
@@ -64,7 +60,7 @@ FN void step(World& w, const Parameters& P, const real*, int, int left, int lane
     move_hub(w, fresh(P));
     for (int l = 0; l < NL; l++) move_limb(motion[l], w, fresh(P), slot_of(l, lane));
 #if HAS_NEWTON
-    if (left == 0) {
+    if (is_last) {
         SYNC();
         write_newton_bodies(w, fresh(P), motion, lane);
         return;
